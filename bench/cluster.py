@@ -58,10 +58,9 @@ def write_scenes(folder: Path) -> None:
 
 def alone(scenes: Path, out: Path, orbit: int) -> float:
     """The same dataset by one process; seconds."""
-    from gateway.runtime import kernel_cache
-    from gateway.wiring import warmup
+    from gateway.runtime.kernels.loading import ensure_compiled
 
-    kernel_cache.ensure_cached(warmup.FUNCTION_COUNTS)
+    ensure_compiled()
     from gateway.datasets.local_tasks import run_local
     from gateway.datasets.run import run
 

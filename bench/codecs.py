@@ -27,9 +27,9 @@ from gateway.render.form import read_form
 from gateway.render.multipart import FormReader
 from gateway.render.pipeline import posted_document
 from gateway.render.scenes import SceneStore
-from gateway.runtime import kernel_cache
+from gateway.runtime.kernels import parts
+from gateway.runtime.kernels.loading import ensure_compiled
 from gateway.runtime.process_tuning import freeze_gc, tune
-from gateway.wiring import warmup
 from renderers.depth_range import depth_in_millimetres
 from renderers.encode import png_gray16, png_rgb, tiff_float32
 from renderers.interface import Look, Output
@@ -114,8 +114,8 @@ def writers() -> list[Row]:
 
 def main() -> None:
     tune()  # as the server does
-    kernel_cache.ensure_cached(warmup.FUNCTION_COUNTS)
-    warmup.load_needed()
+    ensure_compiled()
+    parts.load_needed()
     freeze_gc()
     cv2.setNumThreads(1)
     rows = writers()

@@ -24,10 +24,10 @@ from bench import render_requests
 from bench.gateways import Answer, gateway, post
 from bench.raster import scenes, view
 from bench.table import Row, at_least, at_most, heading, show
-from gateway.runtime import kernel_cache
+from gateway.runtime.kernels import parts
+from gateway.runtime.kernels.loading import ensure_compiled
 from gateway.runtime.process_tuning import freeze_gc, tune
 from gateway.runtime.worker_pool import WorkerPool
-from gateway.wiring import warmup
 from renderers.drawlist import DrawList
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer
@@ -183,8 +183,8 @@ def overload() -> list[Row]:
 
 def main() -> None:
     tune()
-    kernel_cache.ensure_cached(warmup.FUNCTION_COUNTS)
-    warmup.load_needed()
+    ensure_compiled()
+    parts.load_needed()
     show([*scaling(), *event_loop(), *overload()])
 
 

@@ -107,10 +107,9 @@ def two_nodes(make: Callable[[], Any]) -> Any:
 
 
 def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
-    from gateway.runtime import kernel_cache
-    from gateway.wiring import warmup
+    from gateway.runtime.kernels.loading import ensure_compiled
 
-    kernel_cache.ensure_cached(warmup.FUNCTION_COUNTS)
+    ensure_compiled()
     from ray.cluster_utils import Cluster
 
     from gateway.client.manifest import Settings

@@ -143,12 +143,12 @@ async def tcp(name: str) -> tuple[int, Any]:
 
 async def live(rate: Rate, look: LookName, quality: str, scene: str, realism: str) -> tuple[int, Any]:
     """The whole camera: rendered, with noise, at the device's rate or as fast as it goes."""
-    from gateway.wiring.warmup import PARTS
+    from gateway.runtime.kernels.parts import PARTS
     from renderers.raster import CpuRenderer
     from renderers.raster.warmup import warmup
 
     warmup()
-    PARTS["stereo"]()
+    PARTS["stereo"].compile_or_load()
     config = StereoConfig(port=0, rate=rate, look=look, realism=frozenset(parse_realism(realism)))
     source, mover = {"table": _table, "demo": _demo}[scene]()
     service = StereoService(config, source, CpuRenderer(2), WorkerPool(2))

@@ -25,9 +25,9 @@ arguments = parser.parse_args()
 
 def gateway():
     """The application; called in every replica."""
-    from gateway.runtime import kernel_cache
+    from gateway.runtime.kernels import cache
 
-    kernel_cache.configure()  # before anything is imported that is compiled
+    cache.configure()  # before anything is imported that is compiled
     from gateway.app import create_app
     from gateway.settings import Settings
 

@@ -21,6 +21,7 @@ from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 from gateway import __version__
 from gateway import settings as settings_module
 from gateway.runtime import logs, process_tuning
+from gateway.runtime.kernels.loading import KERNELS
 from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.service_registry import ServiceRegistry
 from gateway.runtime.worker_pool import WorkerPool, usable_cpus
@@ -35,7 +36,7 @@ from gateway.server.start_gate import StartGate
 from gateway.settings import MIB, Settings
 from gateway.viewer.sources import IMAGE_NAMES
 from gateway.wiring import metrics
-from gateway.wiring.context import KERNELS, NO_TELEMETRY, Context
+from gateway.wiring.context import NO_TELEMETRY, Context
 from gateway.wiring.interface_names import NAMES, documentation_of, documentation_url
 from gateway.wiring.interfaces import enabled_interfaces
 from gateway.wiring.startup import start
@@ -164,7 +165,7 @@ def _add_middleware(context: Context) -> None:
         started=context.started,
         problem=lambda: context.not_started_reason,
         open_paths=health.MONITORING_PATHS | {"/"},
-        compiling=lambda: context.compiling,
+        progress=lambda: context.kernels.progress,
     )
     context.security.protect(app)
     app.add_middleware(error_handlers.HeadAsGet)

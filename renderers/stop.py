@@ -7,9 +7,7 @@ it.
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from contextvars import ContextVar
 from ctypes import addressof, c_int64
 from typing import Final, TypeVar
@@ -20,13 +18,16 @@ T = TypeVar("T")
 class StopFlag:
     """Flag that cancels a call with an error. Any thread may set it."""
 
-    __slots__ = ("_error", "_value", "_waits", "address")
+    __slots__ = ("_error", "_value", "address", "waits")
 
-    def __init__(self) -> None:
+    def __init__(self, *, waits: bool = True) -> None:
+        """
+        Args:
+            waits: False: calls raise KernelsPending instead of waiting for kernels that are being compiled.
+        """
+        self.waits = waits
         self._value = c_int64(0)
         self._error: Exception | None = None
-        self._waits: tuple[float, float | None] = (0.0, None)
-        """Seconds of the waits that have ended, and the start of the current one; one object, as threads read both."""
         self.address: Final = addressof(self._value)
         """Address of an int64 that is 0 until the flag is set. Valid while this object is alive."""
 
@@ -50,21 +51,6 @@ class StopFlag:
         if self._error is not None:
             # A new object: the traceback of ``_error`` would keep frames alive as long as the flag.
             raise type(self._error)(*self._error.args)
-
-    @property
-    def waited_seconds(self) -> float:
-        """Seconds inside ``waiting`` so far. Time limits leave them out."""
-        ended, start = self._waits
-        return ended if start is None else ended + time.monotonic() - start
-
-    @contextmanager
-    def waiting(self) -> Iterator[None]:
-        """Leave the time inside the block out of the call's time limit: it waits for work that is not its own."""
-        self._waits = self.waited_seconds, time.monotonic()
-        try:
-            yield
-        finally:
-            self._waits = self.waited_seconds, None
 
     def run(self, call: Callable[[], T]) -> T:
         """Call ``call`` with this flag as the current one, and return its result."""

@@ -36,12 +36,11 @@ HOW_TO_GET = {
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the kernels before processes that share the tests start: each would compile those that it needs."""
     if getattr(config.option, "numprocesses", None):  # None in those processes themselves
-        from gateway.runtime import kernel_cache
-        from gateway.wiring.warmup import FUNCTION_COUNTS
+        from gateway.runtime.kernels import cache, loading, parts
 
-        if not kernel_cache.are_cached(FUNCTION_COUNTS):
+        if not cache.are_cached(parts.PARTS):
             print("Compiling the kernels, once for all processes: a minute ...", flush=True)
-            kernel_cache.ensure_cached(FUNCTION_COUNTS)
+            loading.ensure_compiled()
 
 
 def pytest_collection_finish() -> None:

@@ -19,10 +19,11 @@ from fastapi import FastAPI
 import gateway.app
 import gateway.wiring.render
 import gateway.wiring.stereo
-from gateway.runtime import kernel_cache, logs
-from gateway.runtime.kernel_progress import KernelProgress
+from gateway.runtime import logs
+from gateway.runtime.kernels import cache, loading, parts
+from gateway.runtime.kernels.progress import KernelProgress
 from gateway.settings import Settings
-from gateway.wiring import interfaces, startup, warmup
+from gateway.wiring import interfaces, startup
 from gateway.wiring.context import Context
 from renderers.compiler import pending
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
@@ -51,9 +52,9 @@ class FakeService:
 
 @pytest.fixture(autouse=True)
 def _warm(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kernel_cache, "are_cached", lambda parts: True)
-    monkeypatch.setattr(warmup, "load_needed", lambda: None)
-    monkeypatch.setattr(warmup, "load_background", pending.finish)
+    monkeypatch.setattr(cache, "are_cached", lambda parts: True)
+    monkeypatch.setattr(parts, "load_needed", lambda: None)
+    monkeypatch.setattr(parts, "load_background", pending.finish)
 
 
 def use_interfaces(monkeypatch: pytest.MonkeyPatch, **setups: Callable[[Context], None]) -> None:
@@ -175,9 +176,9 @@ async def test_a_camera_at_a_missing_node_warns_before_the_first_stream(monkeypa
 
 async def test_without_kernels_requests_get_503_and_the_process_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken() -> None:
-        raise kernel_cache.KernelError("no compiler in /home/robot")
+        raise cache.KernelError("no compiler in /home/robot")
 
-    monkeypatch.setattr(warmup, "load_needed", broken)
+    monkeypatch.setattr(parts, "load_needed", broken)
     use_interfaces(monkeypatch, render=add_route)
     app = gateway.app.create_app(Settings())
     ended = asyncio.Event()
@@ -203,8 +204,8 @@ async def test_kernels_are_loaded_again_after_an_error_that_may_pass(monkeypatch
             raise errors.pop()
         loaded.append(True)
 
-    monkeypatch.setattr(startup, "START_RETRIES", (0.0,) * 4)
-    monkeypatch.setattr(warmup, "load_needed", load)
+    monkeypatch.setattr(loading, "START_RETRIES", (0.0,) * 4)
+    monkeypatch.setattr(parts, "load_needed", load)
     use_interfaces(monkeypatch, render=add_route)
     async with running() as client:
         assert (await client.get("/example")).status_code == 200
@@ -226,8 +227,8 @@ async def test_further_kernels_are_loaded_again_after_any_error(monkeypatch: pyt
         tried.set()
         await go_on.wait()
 
-    monkeypatch.setattr(warmup, "load_background", load)
-    monkeypatch.setattr(startup, "wait_before_retry", wait)
+    monkeypatch.setattr(parts, "load_background", load)
+    monkeypatch.setattr(loading, "wait_before_retry", wait)
     use_interfaces(monkeypatch, render=add_route)
     async with running() as client:
         assert (await client.get("/example")).status_code == 200
@@ -235,13 +236,12 @@ async def test_further_kernels_are_loaded_again_after_any_error(monkeypatch: pyt
         described = (await client.get("/readyz")).json()
         assert described["status"] == "degraded"
         assert "Too many open files" in described["interfaces"]["further_kernels"]["problem"]
-        with pytest.raises(kernel_cache.KernelsDelayed) as raised:
-            pending.wait_until_compiled("normals")
+        with pytest.raises(pending.KernelsDelayed) as raised:
+            pending.wait_for_kernel("renderers.shading.mikktspace.first")
         assert "/home" not in str(raised.value)
         error.clear()
         go_on.set()
-        await until(lambda: not pending.is_pending("formats"))
-        await asyncio.to_thread(pending.wait_until_compiled, "formats")
+        await until(lambda: not pending.any_pending())
         async with asyncio.timeout(SECONDS):
             while (await client.get("/readyz")).json()["status"] != "ready":  # noqa: ASYNC110 - no event
                 await asyncio.sleep(0)
@@ -253,9 +253,9 @@ async def test_cold_kernels_are_compiled_by_a_child_before_they_are_loaded(monke
     async def compile_missing(parts: Collection[str], progress: KernelProgress) -> None:
         order.append("compiled")
 
-    monkeypatch.setattr(kernel_cache, "are_cached", lambda parts: False)
-    monkeypatch.setattr(kernel_cache, "compile_missing", compile_missing)
-    monkeypatch.setattr(warmup, "load_needed", lambda: order.append("loaded"))
+    monkeypatch.setattr(cache, "are_cached", lambda parts: False)
+    monkeypatch.setattr(cache, "compile_missing", compile_missing)
+    monkeypatch.setattr(parts, "load_needed", lambda: order.append("loaded"))
     use_interfaces(monkeypatch, render=add_route)
     async with running() as client:
         await client.get("/example")
@@ -264,16 +264,17 @@ async def test_cold_kernels_are_compiled_by_a_child_before_they_are_loaded(monke
 
 async def test_while_it_compiles_log_health_and_responses_have_the_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     begun, go_on = asyncio.Event(), asyncio.Event()
-    percent = 100 * warmup.FUNCTION_COUNTS["shading"] // sum(warmup.FUNCTION_COUNTS[part] for part in warmup.NEEDED)
+    needed = parts.NEEDED
+    percent = 100 * needed["shading"].function_count // sum(part.function_count for part in needed.values())
 
-    async def compile_missing(parts: Collection[str], progress: KernelProgress) -> None:
-        assert set(progress.expected) == set(parts) == set(warmup.NEEDED)
+    async def compile_missing(names: Collection[str], progress: KernelProgress) -> None:
+        assert set(progress.expected) == set(names) == set(needed)
         progress.add_part("shading")
         begun.set()
         await go_on.wait()
 
-    monkeypatch.setattr(kernel_cache, "are_cached", lambda parts: False)
-    monkeypatch.setattr(kernel_cache, "compile_missing", compile_missing)
+    monkeypatch.setattr(cache, "are_cached", lambda parts: False)
+    monkeypatch.setattr(cache, "compile_missing", compile_missing)
     use_interfaces(monkeypatch, render=add_route)
     with structlog.testing.capture_logs() as lines:
         async with running() as client:
@@ -386,7 +387,7 @@ async def test_shutdown_during_the_start_answers_waiting_requests(monkeypatch: p
         asked.set()
         go_on.wait()
 
-    monkeypatch.setattr(warmup, "load_needed", compiling)
+    monkeypatch.setattr(parts, "load_needed", compiling)
     use_interfaces(monkeypatch, render=add_route)
     app = gateway.app.create_app(Settings())
     try:

@@ -10,7 +10,7 @@ READERS = {"read_bytes", "read_text", "imread", "load", "fdopen", "open"}
 ALLOWED = {
     "runtime/regular_files.py": "the module itself",
     "runtime/limited_process_child.py": "/proc/self/statm",
-    "runtime/kernel_cache.py": "the kernel cache's own lock",
+    "runtime/kernels/cache.py": "the kernel cache's own lock",
     "runtime/worker_reports.py": "files of our own processes",
     "cli/serve_workers.py": "the folder that it locks",
     "runtime/diagnostics.py": "/proc",

@@ -41,13 +41,12 @@ def _common(
 
 def warmup() -> None:
     """Compile the rendering kernels into the cache, so that the next start is fast."""
-    from gateway.runtime import kernel_cache
-    from gateway.runtime.kernel_progress import show_progress_on_stderr
-    from gateway.wiring import warmup as kernels
+    from gateway.runtime.kernels.cache import configure
+    from gateway.runtime.kernels.loading import ensure_compiled
     from renderers.compiler import cache_folder
 
-    folder = kernel_cache.configure()
-    kernel_cache.ensure_cached(kernels.FUNCTION_COUNTS, show_progress_on_stderr)
+    folder = configure()
+    ensure_compiled(show=True)
     typer.echo(f"The {cache_folder.count()} rendering kernels are in {folder}.")
 
 

@@ -24,11 +24,11 @@ def check(
 ) -> None:
     """Verify a dataset: manifest, hashes, sizes and types of the images, cameras, labels."""
     from gateway.datasets.check import check_dataset
-    from gateway.runtime import kernel_cache
+    from gateway.runtime.kernels.cache import configure
     from gateway.runtime.progress_bar import progress_bar
     from gateway.runtime.worker_pool import usable_cpus
 
-    kernel_cache.configure()
+    configure()
     with progress_bar("Checking", "samples", 1) as bar:
         report = check_dataset(
             folder, threads or usable_cpus(), lambda done, total: bar.update(done, done, total=total)

@@ -45,7 +45,6 @@ def _settings_and_machine() -> Iterator[Finding]:
     from gateway.runtime.worker_pool import usable_cpus
     from gateway.settings import Settings, SettingsError, load, unknown_environment
     from gateway.settings.option import flag_of
-    from gateway.wiring import warmup
 
     for sentence in unknown_environment():
         yield Finding("environment", Verdict.NOTE, sentence, "It changes nothing.", "correct the name, or unset it")
@@ -59,7 +58,7 @@ def _settings_and_machine() -> Iterator[Finding]:
         for name, label in SERVER_OF_SETTING.items()
         if (port := getattr(settings, name)) is not None
     }
-    yield from findings(settings.host, ports, settings.threads or usable_cpus(), warmup.PARTS)
+    yield from findings(settings.host, ports, settings.threads or usable_cpus())
 
 
 def _print_table(found: Iterable[Finding]) -> None:

@@ -144,13 +144,11 @@ def render(
     if rig is not None and look not in ("auto", "studio"):
         typer.echo(f"--rig lights the studio look only: --look {look} is rendered without it", err=True)
     from gateway.robots.joint_text import parse_joints
-    from gateway.runtime import kernel_cache
-    from gateway.runtime.kernel_progress import show_progress_on_stderr
-    from gateway.wiring import warmup
+    from gateway.runtime.kernels.loading import ensure_compiled
 
     joints = tuple(joint or ())
     parse_joints(joints)  # raises an error now instead of for each scene
-    kernel_cache.ensure_cached(warmup.FUNCTION_COUNTS, show_progress_on_stderr)
+    ensure_compiled(show=True)
     # The following imports load compiled kernels.
     from gateway.assets.light_rig_file import rig_digest
     from gateway.cli.render_dataset import render_dataset

@@ -76,10 +76,9 @@ def run_pickled_task(task: bytes) -> bytes:
     Args:
         task: a pickled ``Task``.
     """
-    from gateway.runtime import kernel_cache
-    from gateway.wiring import warmup
+    from gateway.runtime.kernels.loading import ensure_compiled
 
-    kernel_cache.ensure_cached(warmup.FUNCTION_COUNTS)
+    ensure_compiled()
     from gateway.datasets.worker import run_task
 
     return pickle.dumps(run_task(pickle.loads(task)))  # noqa: S301 - pickled by run_ray

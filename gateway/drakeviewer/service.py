@@ -18,12 +18,11 @@ from gateway.drakeviewer.messages import MessageError
 from gateway.drakeviewer.viewer import DrakeViewer
 from gateway.drakeviewer.wire import Message
 from gateway.runtime.arrival import arrival_time, set_arrival
-from gateway.runtime.kernel_cache import KernelError
 from gateway.runtime.scheduling import BACKGROUND_NICENESS
 from gateway.runtime.warning_list import WarningList, joined_warnings
-from gateway.runtime.worker_pool import WorkerPool
+from gateway.runtime.worker_pool import UnavailableErrors, WorkerPool
 from gateway.scene.live import LiveTree
-from renderers.compiler.pending import is_pending
+from renderers.compiler.pending import any_pending
 
 _log = structlog.get_logger("gateway.drakeviewer")
 
@@ -153,9 +152,9 @@ class DrakeViewerService:
     def _needs_thread(self, channel: str, message: Message) -> bool:
         """Return True if reading the message may take milliseconds.
 
-        Load messages may name files, and the kernels for meshes (``formats``) may not be compiled yet.
+        Load messages may name files, and kernels may not be compiled yet.
         """
-        return len(message) >= self._config.offload_bytes or self.viewer.is_load(channel) or is_pending("formats")
+        return len(message) >= self._config.offload_bytes or self.viewer.is_load(channel) or any_pending()
 
     def _enqueue(self, group: str, channel: str, message: Message, is_local: bool) -> None:
         """Add a message to the end of its group's queue, and remove an earlier one of its channel."""
@@ -218,7 +217,7 @@ class DrakeViewerService:
 
     def _report_error(self, channel: str, error: Exception) -> None:
         self.viewer.counters.undecodable += 1
-        if isinstance(error, (MessageError, KernelError)):
+        if isinstance(error, (MessageError, *UnavailableErrors)):
             self._report(channel, str(error))
         else:
             _log.error("A message could not be shown", channel=channel, exc_info=error)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of, i64_at, u8_at, u32_at
 from renderers.stop import current_stop
 
@@ -58,7 +57,6 @@ def decode_attributes(stream: NDArray[np.uint8], count: int, size: int) -> NDArr
         MeshoptError: The stream has another header, is truncated, or has bytes after its end.
     """
     _check_header(stream, ATTRIBUTES_HEADER)
-    wait_until_compiled("formats")
     elements = np.empty((count, size), np.uint8)
     stop = current_stop()
     status = _decode_attributes(
@@ -83,7 +81,6 @@ def decode_triangles(stream: NDArray[np.uint8], count: int) -> NDArray[np.uint32
         MeshoptError: As for ``decode_attributes``.
     """
     _check_header(stream, TRIANGLES_HEADER)
-    wait_until_compiled("formats")
     indices = np.empty(count, np.uint32)
     fifo = np.full((3, _FIFO), -1, np.int64)
     stop = current_stop()
@@ -99,7 +96,6 @@ def decode_triangles(stream: NDArray[np.uint8], count: int) -> NDArray[np.uint32
 def decode_indices(stream: NDArray[np.uint8], count: int) -> NDArray[np.uint32]:
     """Decode a stream of mode ``INDICES``: ``count`` vertex indices, as ``decode_triangles``."""
     _check_header(stream, INDICES_HEADER)
-    wait_until_compiled("formats")
     indices = np.empty(count, np.uint32)
     stop = current_stop()
     status = _decode_indices(

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of, f32_at, u16_at
 from renderers.stop import current_stop
 
@@ -39,7 +38,6 @@ def skin_vertices(
         weights: (N, K) float32.
         joint_matrices: (number of joints, 3, 4) float32.
     """
-    wait_until_compiled("formats")
     stop = current_stop()
     _skin_vertices(
         *(len(positions), joints.shape[1], address_of(positions, np.float32), address_of(normals, np.float32)),

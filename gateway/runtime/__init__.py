@@ -2,7 +2,7 @@
 
 - ``worker_pool``, ``scheduling``: work off the event loop.
 - ``process_tuning``: allocator, sockets, garbage collection.
-- ``kernel_cache``, ``kernel_progress``: compiled kernels.
+- ``kernels``: compiled kernels.
 - ``service_registry``: states of the interfaces.
 - ``metrics_registry``, ``logs``, ``recent_logs``: what the process reports.
 - ``limited_process``, ``regular_files``: files from strangers.

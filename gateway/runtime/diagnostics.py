@@ -7,12 +7,13 @@ import errno
 import platform
 import resource
 import socket
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from gateway.runtime import kernel_cache, process_tuning
+from gateway.runtime import process_tuning
 from gateway.runtime.installation import Finding, Verdict
 from gateway.runtime.instance_probe import RunningInstance, probe_instance
+from gateway.runtime.kernels import cache, parts
 from renderers.compiler import cache_folder
 
 _LCM_ADDRESS = ("239.255.76.67", 7667)
@@ -23,22 +24,19 @@ _RECEIVE_BUFFER_BYTES = 4_000_000
 """Receive buffer in bytes for bursts of 1 MB messages; with Linux' default of 212 992 they are lost."""
 
 
-def findings(
-    host: str, ports: Mapping[str, tuple[str, int]], threads: int, kernel_parts: Collection[str]
-) -> Iterator[Finding]:
+def findings(host: str, ports: Mapping[str, tuple[str, int]], threads: int) -> Iterator[Finding]:
     """Run all checks of the machine.
 
     Args:
         host: address on which the interfaces would listen.
         ports: interface and TCP port by the flag that chooses the port; 0 is any.
         threads: number of rendering threads.
-        kernel_parts: names of all parts that the kernel cache should contain.
     """
     yield Finding("Python", Verdict.OK, f"{platform.python_version()} on {platform.platform()}")
     yield _glib()
     yield Finding("threads", Verdict.OK, f"{threads} threads render")
     yield _open_files()
-    yield _kernels(kernel_parts)
+    yield _kernels()
     instances: list[RunningInstance] = []
     for flag, (name, port) in ports.items():
         yield _port(name, host, port, flag, instances)
@@ -64,9 +62,9 @@ def _open_files() -> Finding:
     return Finding("open files", Verdict.NOTE, detail, meaning, f"ulimit -Hn {_OPEN_FILES}, or systemd's LimitNOFILE")
 
 
-def _kernels(parts: Collection[str]) -> Finding:
-    folder = kernel_cache.configure()
-    if not (reason := cache_folder.missing(parts=parts)):
+def _kernels() -> Finding:
+    folder = cache.configure()
+    if not (reason := cache_folder.missing(parts=parts.PARTS)):
         return Finding("kernels", Verdict.OK, f"{cache_folder.count()} compiled, in {folder}")
     detail, duration = f"{reason}, in {folder}", "half a minute on two cores"
     remedy = "CACHE_DIR=FOLDER, one that can be written"

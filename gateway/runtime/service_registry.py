@@ -137,3 +137,9 @@ class ServiceRegistry:
             "status": self.verdict(),
             "interfaces": {name: entry.describe(details=details) for name, entry in self.entries.items()},
         }
+
+
+def one_line(error: BaseException) -> str:
+    """Return an exception as one line of text."""
+    text = " ".join(str(error).split())
+    return text if text and not isinstance(error, KeyError) else f"{type(error).__name__}: {text}"

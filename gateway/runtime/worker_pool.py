@@ -26,6 +26,7 @@ from functools import partial
 from typing import Any, Final, ParamSpec, TypeVar
 
 from gateway.runtime.scheduling import CAMERA_FIRST_NICENESS, raise_niceness, yield_to_event_loop
+from renderers.compiler.pending import KernelsDelayed, KernelsPending, is_compiling
 from renderers.stop import StopFlag
 
 P = ParamSpec("P")
@@ -35,8 +36,8 @@ MAX_RETRY_AFTER: Final = 60
 """Maximum Retry-After in seconds; longer estimates are not reliable."""
 STOPPING_SECONDS: Final = 0.5
 """Time in which a call whose stop flag was set ends."""
-_MIN_PAUSE_SECONDS: Final = 0.01
-"""Minimum time between two checks of the time limits: the time of a call stands still while it waits for kernels."""
+_POLL_SECONDS: Final = 0.1
+"""Time between two looks at kernels that are being compiled."""
 _SMOOTHING: Final = 0.1
 """Weight of the newest duration in the moving average behind ``Retry-After``."""
 
@@ -67,6 +68,16 @@ class CallerCancelled(Exception):  # noqa: N818 - as above
     """The call was ended because its caller was cancelled."""
 
 
+UnavailableErrors: Final = (QueueFull, PoolClosed, DeadlineExceeded, KernelsDelayed)
+"""Errors of ``WorkerPool.run`` for calls that it rejects or stops, and of kernels that could not be loaded yet."""
+
+
+async def until_compiled(*parts: str) -> None:
+    """Return once none of these parts of the kernels is being compiled."""
+    while any(is_compiling(part) for part in parts):  # noqa: ASYNC110 - other threads load them
+        await asyncio.sleep(_POLL_SECONDS)
+
+
 @dataclass(frozen=True, slots=True)
 class PoolStats:
     """Consistent snapshot of a pool."""
@@ -93,13 +104,9 @@ class _Call:
     nbytes: int
     future: Future[Any] = field(default_factory=Future)
     context: contextvars.Context = field(default_factory=contextvars.copy_context)
-    stop: StopFlag = field(default_factory=StopFlag)
+    stop: StopFlag = field(default_factory=lambda: StopFlag(waits=False))
     started: float = 0.0
     """Monotonic time at which the call began to run, seconds."""
-
-    def seconds(self, now: float) -> float:
-        """Return the time that counts towards the limit, at the monotonic time ``now``."""
-        return now - self.started - self.stop.waited_seconds
 
 
 class WorkerPool:
@@ -147,6 +154,8 @@ class WorkerPool:
         """Notified when there is a call to run, or the pool is closing."""
         self._waiting: deque[_Call] = deque()
         self._waiting_bytes = 0
+        self._deferred = 0
+        """Number of calls that wait for kernels."""
         self._running: set[_Call] = set()
         self._alive = 0
         """Threads that have not ended."""
@@ -170,7 +179,8 @@ class WorkerPool:
     ) -> T:
         """Call ``fn`` in a thread, with the caller's context variables, and return its result.
 
-        When the caller is cancelled, a waiting call is dropped, and a running one gets its stop flag set.
+        When the caller is cancelled, a waiting call is dropped, and a running one gets its stop flag set. A call that
+        needs kernels that are being compiled ends, and is repeated afterwards: it must not occupy a thread meanwhile.
 
         Args:
             nbytes: memory that the call keeps in use while it waits.
@@ -181,11 +191,24 @@ class WorkerPool:
             DeadlineExceeded: ``fn`` checked its stop flag (``renderers.stop``) after its time was over.
             Exception: raised by ``fn``.
         """
-        call = _Call(partial(fn, *args, **kwargs), nbytes)
+        function = partial(fn, *args, **kwargs)
+        while True:
+            try:
+                return await self._run(function, nbytes)
+            except KernelsPending as pending:
+                part = pending.part
+            self._deferred += 1
+            try:
+                await until_compiled(part)
+            finally:
+                self._deferred -= 1
+
+    async def _run(self, function: Callable[[], T], nbytes: int) -> T:
+        call = _Call(function, nbytes)
         with self._lock:
             if self._closing:
                 raise PoolClosed("the server is shutting down")
-            if len(self._running) + len(self._waiting) >= self.threads:
+            if len(self._running) + len(self._waiting) + self._deferred >= self.threads:
                 self._check_queue(nbytes)
             self._waiting.append(call)
             self._waiting_bytes += nbytes
@@ -241,7 +264,7 @@ class WorkerPool:
             QueueFull: it could not; counted as a rejected call.
         """
         with self._lock:
-            waiting = len(self._running) + len(self._waiting) + arriving - self.threads
+            waiting = len(self._running) + len(self._waiting) + self._deferred + arriving - self.threads
             if waiting >= self.max_waiting:
                 raise self._queue_full(waiting, arriving)
 
@@ -258,7 +281,7 @@ class WorkerPool:
                 done=self._done,
                 rejected=self._rejected,
                 abandoned=self._abandoned,
-                slow=sum([call.seconds(now) > slow_seconds for call in self._running]),
+                slow=sum([now - call.started > slow_seconds for call in self._running]),
                 timed_out=self._timed_out,
             )
 
@@ -293,7 +316,7 @@ class WorkerPool:
 
     def _queue_length(self) -> int:
         """Return the number of calls that no idle thread is about to take."""
-        return max(0, len(self._waiting) - (self.threads - len(self._running)))
+        return max(0, len(self._waiting) + self._deferred - (self.threads - len(self._running)))
 
     def _check_queue(self, nbytes: int) -> None:
         waiting = self._queue_length()
@@ -392,14 +415,14 @@ class WorkerPool:
         assert self.seconds is not None
         pause = self.seconds
         while not self._all_ended.wait(pause):
-            pause = max(_MIN_PAUSE_SECONDS, self._stop_late_calls(self.seconds))
+            pause = self._stop_late_calls(self.seconds)
 
     def _stop_late_calls(self, seconds: float) -> float:
         """Set the stop flags of calls that have run for ``seconds``; return the time until the next one is due."""
         now, pause = time.monotonic(), seconds
         with self._lock:
             for call in self._running:
-                left = seconds - call.seconds(now)
+                left = seconds - (now - call.started)
                 if left > 0.0:
                     pause = min(pause, left)
                 elif not call.stop.is_set:

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pending import wait_until_compiled
 from renderers.drawlist import Mesh
 from renderers.stop import check_stop, current_stop
 
@@ -192,7 +191,6 @@ def smooth_vertices(
     Args:
         crease_angle: Degrees, up to ``NO_CREASES``.
     """
-    wait_until_compiled("formats")
     stop = current_stop()
     smooth = _split_at_creases(positions, faces, math.cos(math.radians(crease_angle)), stop.address)
     stop.check()

@@ -9,7 +9,6 @@ from fastapi import APIRouter, Request, Response
 from starlette.requests import ClientDisconnect
 
 from gateway.gltf.export import ExportError
-from gateway.runtime.kernel_wait import parts_of_look, until_compiled
 from gateway.sceneapi.query import (
     CameraNotFoundError,
     QueryError,
@@ -73,8 +72,7 @@ def router(service: SceneApi) -> APIRouter:
             query = parse_query(dict(request.query_params), service.config)
         except QueryError as error:
             return _text_response(400, str(error))
-        parts = parts_of_look(query.look, query.samples) if query.type == "color" else ()
-        return await _uncacheable(service, request, lambda: service.image(query), parts)
+        return await _uncacheable(service, request, lambda: service.image(query))
 
     routes.add_api_route(
         "/scene",
@@ -146,29 +144,16 @@ async def _cacheable(service: SceneApi, request: Request, make: Callable[[], Sce
     return _response(result, {**headers, "ETag": service.etag(result.revision)})
 
 
-async def _uncacheable(
-    service: SceneApi, request: Request, make: Callable[[], SceneResponse], kernel_parts: tuple[str, ...] = ()
-) -> Response:
+async def _uncacheable(service: SceneApi, request: Request, make: Callable[[], SceneResponse]) -> Response:
     """Return the result of ``make``, which depends on more than the scene, so that clients must not cache it."""
-    result = await _run(service, request, make, kernel_parts)
+    result = await _run(service, request, make)
     return _response(result, {"Cache-Control": "no-store"}) if isinstance(result, SceneResponse) else result
 
 
-async def _run(
-    service: SceneApi, request: Request, make: Callable[[], SceneResponse], kernel_parts: tuple[str, ...] = ()
-) -> SceneResponse | Response:
-    """Call ``make`` in a worker thread; return its result or an error response.
-
-    Args:
-        kernel_parts: parts of the kernels that ``make`` needs and that may still be compiled in the background.
-    """
-
-    async def run() -> SceneResponse:
-        await until_compiled(*kernel_parts)
-        return await service.workers.run(make)
-
+async def _run(service: SceneApi, request: Request, make: Callable[[], SceneResponse]) -> SceneResponse | Response:
+    """Call ``make`` in a worker thread; return its result or an error response."""
     try:
-        return await while_connected(request, run())
+        return await while_connected(request, service.workers.run(make))
     except ClientDisconnect:
         return Response(status_code=CLIENT_GONE)
     except CameraNotFoundError as error:

@@ -8,8 +8,7 @@ from collections.abc import Callable, Collection
 from starlette.responses import HTMLResponse, PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from gateway.runtime.kernel_progress import KernelProgress
-from gateway.server.starting_page import starting_page
+from gateway.server.starting_page import Progress, starting_page
 
 
 class StartGate:
@@ -25,20 +24,20 @@ class StartGate:
         started: asyncio.Event,
         problem: Callable[[], str],
         open_paths: Collection[str],
-        compiling: Callable[[], KernelProgress | None] = lambda: None,
+        progress: Callable[[], Progress | None] = lambda: None,
     ) -> None:
         """
         Args:
             started: set when the interfaces have started, or when the start has failed.
             problem: returns why the gateway failed to start, or an empty string.
             open_paths: paths of requests that are served during the start.
-            compiling: returns the progress of compiling the kernels; None if they are not being compiled.
+            progress: returns the progress of what takes long, if anything does.
         """
         self._app = app
         self._started = started
         self._problem = problem
         self._open_paths = open_paths
-        self._compiling = compiling
+        self._progress = progress
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "lifespan" or scope["path"] in self._open_paths:
@@ -47,7 +46,7 @@ class StartGate:
         if not self._started.is_set():
             if scope["type"] == "http" and scope["method"] == "GET" and _accepts_html(scope):
                 headers = {"Retry-After": "1", "Cache-Control": "no-store"}
-                await HTMLResponse(starting_page(self._compiling()), 503, headers)(scope, receive, send)
+                await HTMLResponse(starting_page(self._progress()), 503, headers)(scope, receive, send)
                 return
             await self._started.wait()
         if scope["type"] == "http" and (problem := self._problem()):

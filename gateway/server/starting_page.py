@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
-
-from gateway.runtime.kernel_progress import KernelProgress
+from typing import Final, Protocol
 
 _PAGE: Final = """<!doctype html>
 <html lang="en">
@@ -45,7 +43,15 @@ _PAGE: Final = """<!doctype html>
 _NOTE: Final = "Kernels are compiled for this CPU at the first start and kept for later ones. The page opens by itself."
 
 
-def starting_page(progress: KernelProgress | None) -> str:
+class Progress(Protocol):
+    """Progress of a phase of the start. ``str`` describes it."""
+
+    @property
+    def fraction(self) -> float:
+        """0 to 1."""
+
+
+def starting_page(progress: Progress | None) -> str:
     """Return the page as HTML.
 
     Args:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from fastapi.responses import PlainTextResponse
 
-from gateway.runtime.kernel_cache import KernelsDelayed
-from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
+from gateway.runtime.worker_pool import DeadlineExceeded, QueueFull, UnavailableErrors
 
-UnavailableErrors = (QueueFull, PoolClosed, DeadlineExceeded, KernelsDelayed)
-"""Errors of ``WorkerPool.run`` for calls that it rejects or stops, and of kernels that could not be loaded yet."""
+__all__ = ["UnavailableErrors", "retry_after", "unavailable", "unavailable_message"]
 
 
 def retry_after(error: Exception) -> dict[str, str]:

@@ -15,8 +15,7 @@ from typing import Final, Protocol
 import structlog
 
 from gateway.runtime.arrival import set_arrival
-from gateway.runtime.kernel_cache import KernelError
-from gateway.runtime.worker_pool import WorkerPool
+from gateway.runtime.worker_pool import UnavailableErrors, WorkerPool
 from gateway.scene.clicks import Click
 from gateway.treeviewer import responses, wire
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, ClientQueue, Message, Publish, size_of
@@ -25,7 +24,7 @@ from gateway.treeviewer.delayed_responses import DelayedResponses, PendingRespon
 from gateway.treeviewer.page_commands import ClickReceiver, update_page
 from gateway.treeviewer.protocol import RequestRefused, TreeViewerProtocol, client_of, response_channel
 from gateway.treeviewer.responses import AnyResponse, Response
-from renderers.compiler.pending import is_pending
+from renderers.compiler.pending import any_pending
 
 _log = structlog.get_logger("gateway.treeviewer")
 
@@ -196,7 +195,7 @@ class Dispatcher:
         These are requests of many bytes, requests that open mesh files, decode images or draw text, and all requests
         while kernels are compiled.
         """
-        if is_pending("formats"):
+        if any_pending():
             return True
         limit = self._config.offload_bytes
         if len(message) > limit or (len(message) > limit // 4 and wire.is_binary(message)):
@@ -230,8 +229,8 @@ class Dispatcher:
         except wire.WireError as error:
             self._count_undecodable(channel, error)
             return
-        except Exception as error:  # one request must not end the transport  # noqa: BLE001
-            response = self._internal_error(channel, message, error)
+        except Exception:  # one request must not end the transport  # noqa: BLE001
+            response = self._internal_error(channel, message)
         self._respond(PendingResponse(channel, response, publish, wire.is_binary(message)))
 
     async def _handle_big(self, queue: ClientQueue, message: Message) -> None:
@@ -251,8 +250,10 @@ class Dispatcher:
         except wire.WireError as error:
             self._count_undecodable(queue.channel, error)
             return
-        except Exception as error:  # noqa: BLE001 - as in _handle
-            response = self._internal_error(queue.channel, message, error)
+        except UnavailableErrors as error:
+            response = responses.failed(wire.decode(message).utime, str(error))
+        except Exception:  # noqa: BLE001 - as in _handle
+            response = self._internal_error(queue.channel, message)
         self._respond(PendingResponse(queue.channel, response, queue.publish, wire.is_binary(message)))
 
     def _respond(self, pending: PendingResponse) -> None:
@@ -320,9 +321,8 @@ class Dispatcher:
             return
         _log.warning("An undecodable message was ignored", channel=channel, reason=str(error))
 
-    def _internal_error(self, channel: str, message: Message, error: Exception) -> Response:
+    def _internal_error(self, channel: str, message: Message) -> Response:
         """Count and log an unexpected exception, and return the response."""
         self.counters.internal_errors += 1
         _log.exception("A request could not be handled", channel=channel)
-        reason = str(error) if isinstance(error, KernelError) else "internal error; the viewer's log says more"
-        return responses.failed(wire.decode(message).utime, reason)
+        return responses.failed(wire.decode(message).utime, "internal error; the viewer's log says more")

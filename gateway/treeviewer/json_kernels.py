@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
-from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of, f64_at, i64_at, u8_at
 
 QUOTE, BACKSLASH, OPEN_BRACKET, CLOSE_BRACKET, COMMA = ord('"'), ord("\\"), ord("["), ord("]"), ord(",")
@@ -63,7 +62,6 @@ def find_arrays(text: NDArray[np.uint8], max_arrays: int, min_numbers: int) -> N
         (M, 6) int64: first byte, byte after the last, number of numbers, rows, columns, dimensions (1 or 2). An array
         of one dimension has 0 rows and NO_COLUMNS.
     """
-    wait_until_compiled("formats")
     table = np.empty((max_arrays, 6), np.int64)
     found = _find_arrays(address_of(text, np.uint8), len(text), address_of(table, np.int64), max_arrays, min_numbers)
     return table[:found]
@@ -83,7 +81,6 @@ def read_numbers(text: NDArray[np.uint8], begin: int, end: int, count: int) -> t
     Returns:
         (count,) float64 in the order of the text, and the position of the first byte that is not valid JSON or -1.
     """
-    wait_until_compiled("formats")
     numbers = np.empty(count, np.float64)
     powers_at, numbers_at = address_of(_POWERS_OF_TEN, np.float64), address_of(numbers, np.float64)
     error_at: int = _read_numbers(address_of(text, np.uint8), begin, end, powers_at, numbers_at, count)

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
-from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of, u8_at
 
 TRUNCATED: Final = -1
@@ -59,7 +58,6 @@ def count_values(message: NDArray[np.uint8], limit: int) -> int:
         message: (N,) uint8.
         limit: number of values at which counting may stop.
     """
-    wait_until_compiled("formats")
     count: int = _count_values(address_of(message, np.uint8), len(message), limit)
     return count
 

@@ -9,7 +9,6 @@ from typing import Final
 
 import structlog
 
-from gateway.runtime.kernel_wait import parts_of_look, until_compiled
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull, WorkerPool
 from gateway.scene.cameras import CameraSpec
 from gateway.scene.flatten import Flattener
@@ -94,8 +93,6 @@ class SceneImages:
             DeadlineExceeded: rendering took too long.
             PoolClosed: the gateway shuts down.
         """
-        look = self._look(request)
-        await until_compiled(*parts_of_look(look.name, look.samples))
         snapshot = self._tree.snapshot
         key = (request, snapshot.revision)
         data = await self._images.get(key, lambda: self._workers.run(self._render, request, snapshot))

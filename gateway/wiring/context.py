@@ -15,9 +15,9 @@ from fastapi.telemetry import TelemetryConfig
 from gateway.lcm.listener import ChannelListener
 from gateway.runtime import process_tuning
 from gateway.runtime.arrival import arrival_time
-from gateway.runtime.kernel_progress import KernelProgress
+from gateway.runtime.kernels.loading import KernelLoader
 from gateway.runtime.metrics_registry import Metrics
-from gateway.runtime.service_registry import Service, ServiceRegistry
+from gateway.runtime.service_registry import Service, ServiceRegistry, one_line
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
@@ -44,8 +44,6 @@ QUEUE_SHARE: Final = 0.9
 """Fraction of --shutdown-seconds after which calls that still wait for a thread get 503."""
 IDLE_SECONDS: Final = 10.0
 """Time without work after which the memory of earlier frames and scenes is returned to the system."""
-KERNELS: Final = "kernels"
-"""Name of the compiled kernels in the service registry."""
 NO_TELEMETRY: TelemetryConfig = {"tracing": False, "metrics": False, "logs": False, "auto_configure": False}
 """Switches off FastAPI's telemetry, which would configure exporters from the environment."""
 
@@ -70,6 +68,7 @@ class Context:
     """View settings of the live tree's page, as set by clients: background, grid and so on."""
     labels: LabelTable = field(default_factory=LabelTable)
     """Labels of the live tree's paths."""
+    kernels: KernelLoader = field(init=False)
     flattener: Flattener = field(init=False)
     """Draw lists of the live tree, shared so that an unchanged tree is flattened once."""
     oldest_arrivals: list[Callable[[], int | None]] = field(default_factory=list)
@@ -90,8 +89,6 @@ class Context:
     on_render: Callable[[RenderRecord], None] = lambda record: None
     """Called after each request of the render endpoint."""
 
-    compiling: KernelProgress | None = None
-    """Progress of compiling the kernels that the start needs; None if they are not being compiled."""
     started: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when requests are accepted, or when the start has failed."""
     not_started_reason: str = ""
@@ -116,6 +113,7 @@ class Context:
 
     def __post_init__(self) -> None:
         self.flattener = Flattener(self.labels)
+        self.kernels = KernelLoader(self.registry, self.exit_stack, bar=self.reports is None)
 
     @property
     def renderer(self) -> Renderer:
@@ -265,9 +263,3 @@ class Context:
         self._queue_closer.cancel()
         await self._close_workers(max(0.0, self._deadline - asyncio.get_running_loop().time()))
         self.exit_stack.close()
-
-
-def one_line(error: BaseException) -> str:
-    """Return an exception as one line of text."""
-    text = " ".join(str(error).split())
-    return text if text and not isinstance(error, KeyError) else f"{type(error).__name__}: {text}"

@@ -11,12 +11,38 @@ from typing import Any, Final
 from numba.core import sigutils
 
 from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.pending import wait_for_kernel
 
-KERNELS: Final[list[Any]] = []
+
+class Kernel:
+    """A compiled function. Its other attributes are those of Numba's dispatcher."""
+
+    def __init__(self, dispatcher: Any, signature: str) -> None:
+        self.dispatcher = dispatcher
+        self.name = f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__name__}"
+        """Full name."""
+        self._signature = signature
+
+    def __call__(self, *args: Any) -> Any:
+        wait_for_kernel(self.name)
+        return self.dispatcher(*args)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.dispatcher, name)
+
+    def compile(self) -> None:
+        """Compile the kernel, or load it from the cache."""
+        # Without the return type, as at a first call: the cache would have another key with it.
+        normalize: Any = sigutils.normalize_signature
+        arguments, _ = normalize(self._signature)
+        self.dispatcher.compile(tuple(arguments))
+
+
+KERNELS: Final[list[Kernel]] = []
 """All kernels of the modules imported so far."""
 
 
-def kernel(signature: str, *, releases_gil: bool = True) -> Callable[[Callable[..., Any]], Any]:
+def kernel(signature: str, *, releases_gil: bool = True) -> Callable[[Callable[..., Any]], Kernel]:
     """Decorate a function that Python calls; ``device_function`` is for functions that kernels call.
 
     Args:
@@ -25,24 +51,16 @@ def kernel(signature: str, *, releases_gil: bool = True) -> Callable[[Callable[.
         releases_gil: False for kernels that take microseconds: taking the GIL again may take longer than they do.
     """
 
-    def decorate(function: Callable[..., Any]) -> Any:
-        dispatcher: Any = cached_njit(nogil=releases_gil, fastmath=False, error_model="numpy")(function)
-        dispatcher.scenegate_signature = signature
-        KERNELS.append(dispatcher)
-        return dispatcher
+    def decorate(function: Callable[..., Any]) -> Kernel:
+        dispatcher = cached_njit(nogil=releases_gil, fastmath=False, error_model="numpy")(function)
+        compiled = Kernel(dispatcher, signature)
+        KERNELS.append(compiled)
+        return compiled
 
     return decorate
 
 
-def compile_kernel(dispatcher: Any) -> None:
-    """Compile a kernel, or load it from the cache."""
-    # Without the return type, as at a first call: the cache would have another key with it.
-    normalize: Any = sigutils.normalize_signature
-    arguments, _ = normalize(dispatcher.scenegate_signature)
-    dispatcher.compile(tuple(arguments))
-
-
 def compile_all() -> None:
     """Compile, or load, all kernels of the modules imported so far."""
-    for dispatcher in KERNELS:
-        compile_kernel(dispatcher)
+    for each in KERNELS:
+        each.compile()

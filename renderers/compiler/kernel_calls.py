@@ -13,17 +13,19 @@ from typing import Any, Final
 from llvmlite import ir
 from numba import extending, types
 
-from renderers.compiler.jit import compile_kernel
+from renderers.compiler.jit import Kernel
+from renderers.compiler.pending import wait_for_kernel
 
 intrinsic: Any = extending.intrinsic
 _I32, _I64 = ir.IntType(32), ir.IntType(64)
 
 
 @cache
-def kernel_address(dispatcher: Any) -> int:
+def kernel_address(kernel: Kernel) -> int:
     """Return the address of a kernel's machine code, for ``call_kernel``; it is never freed."""
-    compile_kernel(dispatcher)
-    (result,) = dispatcher.overloads.values()
+    wait_for_kernel(kernel.name)
+    kernel.compile()
+    (result,) = kernel.overloads.values()
     address: int = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
     return address
 

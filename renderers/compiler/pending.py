@@ -1,31 +1,60 @@
-"""Parts of the kernels that are compiled in the background while the server already runs.
+"""Kernels that are compiled in the background, in parts, while the server already runs.
 
-The server announces the parts that are not compiled yet; a worker thread that needs one waits for it. In other programs
-no part is ever pending: Numba compiles a kernel at its first call.
+The server announces the parts that are not compiled yet; a kernel of such a part waits when it is called. In other
+programs no part is ever pending: Numba compiles a kernel at its first call.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Final
 
 from renderers.stop import current_stop
 
-_POLL_SECONDS: Final = 0.1
-"""Time between two checks of the stop flag."""
 _changed: Final = threading.Condition()
-_thread: Final = threading.local()
-_pending: Final[dict[str, Exception | None]] = {}
-"""By part, None while it is being compiled or loaded, or the error of that."""
+_pending: Final[dict[str, _Part]] = {}
+
+
+class KernelsPending(Exception):  # noqa: N818 - an expected outcome, not a fault
+    """A call under a ``StopFlag`` that does not wait needs kernels that are being compiled: call it again later."""
+
+    def __init__(self, part: str) -> None:
+        super().__init__(part)
+        self.part = part
+
+
+class KernelsDelayed(Exception):  # noqa: N818 - as above
+    """Kernels of the background are not loaded yet, because of an error. Clients get the message: it has no reason."""
+
+    def __init__(self, retry_after: int) -> None:
+        super().__init__(retry_after)
+        self.retry_after = retry_after
+        """Seconds until loading is tried again."""
+
+    def __str__(self) -> str:
+        return "kernels that this needs could not be loaded, which is tried again; the server's log has the reason"
+
+
+class _Part:
+    """A part that is being compiled or loaded, or has failed to be."""
+
+    def __init__(self, has_kernel: Callable[[str], bool]) -> None:
+        self.has_kernel = has_kernel
+        self.retry_after: int | None = None
+        """Seconds until loading is tried again after an error; None: no error."""
 
 
 @contextmanager
-def announced(parts: tuple[str, ...]) -> Iterator[None]:
-    """Announce that parts are being compiled. At the end none of them is pending, compiled or not."""
+def announced(parts: Mapping[str, Callable[[str], bool]]) -> Iterator[None]:
+    """Announce that parts are being compiled. At the end none of them is pending, compiled or not.
+
+    Args:
+        parts: for each part, a function that returns True for the full names of its kernels.
+    """
     with _changed:
-        _pending.update(dict.fromkeys(parts))
+        _pending.update({part: _Part(has_kernel) for part, has_kernel in parts.items()})
     try:
         yield
     finally:
@@ -42,53 +71,50 @@ def finish(part: str) -> None:
         _changed.notify_all()
 
 
-def fail(error: Exception | None) -> None:
-    """Announce that the pending parts could not be loaded. Calls that need them raise a copy of the error.
+def fail(retry_after: int | None) -> None:
+    """Announce that the pending parts could not be loaded. Calls that need them raise KernelsDelayed.
 
     Args:
-        error: None: loading them is tried again, and calls wait.
+        retry_after: seconds until loading is tried again; None: it is tried now, and calls wait.
     """
     with _changed:
-        for part in _pending:
-            _pending[part] = error
+        for part in _pending.values():
+            part.retry_after = retry_after
         _changed.notify_all()
 
 
-@contextmanager
-def loading() -> Iterator[None]:
-    """Let the calling thread use pending parts, since it is the one that loads them."""
-    _thread.is_loading = True
-    try:
-        yield
-    finally:
-        _thread.is_loading = False
-
-
 def is_pending(part: str) -> bool:
-    """Return whether a call that needs a part would wait."""
+    """Return True for a part that is not loaded yet."""
     return part in _pending
 
 
+def any_pending() -> bool:
+    """Return True while kernels of any part are not loaded: calls may wait, and must not be made on an event loop."""
+    return bool(_pending)
+
+
 def is_compiling(part: str) -> bool:
-    """Return whether a part is pending and loading it has not failed."""
-    return part in _pending and _pending[part] is None
+    """Return True for a part that is not loaded yet, unless loading it has failed."""
+    state = _pending.get(part)
+    return state is not None and state.retry_after is None
 
 
-def wait_until_compiled(part: str) -> None:
-    """Return once a part is compiled, at once if it is not pending. The wait is not part of the call's time limit.
+def wait_for_kernel(name: str) -> None:
+    """Return once a kernel can be called, at once if its part is not pending.
+
+    Args:
+        name: full name of the kernel.
 
     Raises:
-        Exception: the part could not be compiled, or the current ``StopFlag`` was set. The message says so.
+        KernelsPending: the current ``StopFlag`` does not wait.
+        KernelsDelayed: the part could not be loaded.
     """
-    if not _pending or getattr(_thread, "is_loading", False):
-        return
-    stop = current_stop()
-    with stop.waiting(), _changed:
-        while part in _pending:
-            if (error := _pending[part]) is not None:
-                raise type(error)(*error.args)
-            try:
-                stop.check()
-            except Exception as stopped:  # noqa: BLE001 - raised again
-                raise type(stopped)(f"{stopped}, waiting for kernels that are being compiled") from None
-            _changed.wait(_POLL_SECONDS)
+    for part, state in tuple(_pending.items()):
+        if state.has_kernel(name):
+            if not current_stop().waits and state.retry_after is None:
+                raise KernelsPending(part)
+            with _changed:
+                _changed.wait_for(lambda part=part: not is_compiling(part))  # type: ignore[misc]
+                failed = _pending.get(part)
+            if failed is not None and failed.retry_after is not None:
+                raise KernelsDelayed(failed.retry_after)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.compiler.kernel_calls import YIELD_ADDRESS, kernel_address
-from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of
 from renderers.compiler.simd import LANES
 from renderers.interface import Frame
@@ -179,7 +178,6 @@ class FrameJob:
         frame = self._frame
         frame["depth"], frame["label"], frame["instance"], frame["normal"] = addresses
         if addresses[3]:
-            wait_until_compiled("normals")
             frame["normals_kernel"] = _normals_address()
         self._task["has_outputs"] = any(addresses)
         self._keep.append(images)

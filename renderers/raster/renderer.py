@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from renderers.cache import WeakCache
 from renderers.camera import Camera
-from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import DrawList, InstanceSet, Material, Mesh
 from renderers.interface import VTK_LOOKS, Frame, Look, LookName, Output
@@ -232,10 +231,6 @@ class CpuRenderer:
         and the studio look need further rasterizations.
         """
         scene, camera, look = call.scene, call.camera, call.look
-        if look.name == "studio":
-            wait_until_compiled("studio")
-        if look.samples != 1:
-            wait_until_compiled("antialiasing")
         has_geometry = any(call.addresses[1:])
         if has_geometry and (look.name == "studio" or look.samples != 1):
             self._draw_geometry(call)

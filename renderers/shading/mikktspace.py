@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pending import wait_until_compiled
 from renderers.drawlist import Mesh, Topology
 from renderers.stop import check_stop, current_stop
 
@@ -32,7 +31,6 @@ def with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
     A mesh that has tangents, or has no texture coordinates or triangles, is returned unchanged. A mesh without normals
     gets those of its faces.
     """
-    wait_until_compiled("normals")
     if mesh.tangents is not None or mesh.topology is not Topology.TRIANGLES:
         return mesh
     if mesh.normals is None:

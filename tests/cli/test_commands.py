@@ -19,14 +19,15 @@ from gateway.client.manifest import FailureRecord
 from gateway.datasets import check as dataset_check
 from gateway.lcm import replay
 from gateway.lcm.event_log import EventLogError
-from gateway.runtime import kernel_cache, logs
+from gateway.runtime import logs
+from gateway.runtime.kernels import cache
 from tests.support.waiting import SECONDS
 
 
 @pytest.fixture(autouse=True)
 def _process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(logs, "configure", lambda *_: None)
-    monkeypatch.setattr(kernel_cache, "configure", lambda: Path("kernels"))
+    monkeypatch.setattr(cache, "configure", lambda: Path("kernels"))
     monkeypatch.setattr("signal.signal", lambda *_: None)
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 
 import pytest
 
 from gateway.cli import doctor
 from gateway.runtime import diagnostics
 from gateway.runtime.installation import Finding, Verdict
-from gateway.wiring import warmup
 
 OK = Finding("an ok row", Verdict.OK, "fine")
 NOTE = Finding("a note", Verdict.NOTE, "a [strange] thing", "Something is slow.", "do this")
@@ -34,10 +33,10 @@ def test_each_finding_is_shown_with_its_meaning_and_remedy(
     good: bool,
     summary: str,
 ) -> None:
-    asked: list[tuple[str, Ports, int, Collection[str]]] = []
+    asked: list[tuple[str, Ports, int]] = []
 
-    def findings(host: str, ports: Ports, threads: int, parts: Collection[str]) -> Iterator[Finding]:
-        asked.append((host, ports, threads, parts))
+    def findings(host: str, ports: Ports, threads: int) -> Iterator[Finding]:
+        asked.append((host, ports, threads))
         yield from rows
 
     monkeypatch.setattr(doctor, "installation_findings", lambda: iter(()))
@@ -45,7 +44,7 @@ def test_each_finding_is_shown_with_its_meaning_and_remedy(
     for name, value in (("HTTP_PORT", "1"), ("GRPC_PORT", "2"), ("TCPQ_PORT", "off"), ("THREADS", "5")):
         monkeypatch.setenv(f"SCENEGATE_{name}", value)
     assert doctor.print_findings() == good
-    assert asked == [("127.0.0.1", {"--http-port": ("HTTP", 1), "--grpc-port": ("gRPC", 2)}, 5, warmup.PARTS)]
+    assert asked == [("127.0.0.1", {"--http-port": ("HTTP", 1), "--grpc-port": ("gRPC", 2)}, 5)]
     lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     assert lines[-1] == summary
     for row in rows:

@@ -9,7 +9,7 @@ from typer.testing import CliRunner, Result
 
 from gateway.cli.commands import app
 from gateway.cli.render import _parse_color, _parse_types
-from gateway.runtime import kernel_cache
+from gateway.runtime.kernels import loading
 
 
 def test_types_are_in_a_fixed_order() -> None:
@@ -40,10 +40,10 @@ def render(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> Result:
     class KernelsNeeded(Exception):
         pass
 
-    def stop(*_: object) -> None:
+    def stop(**_: object) -> None:
         raise KernelsNeeded
 
-    monkeypatch.setattr(kernel_cache, "ensure_cached", stop)
+    monkeypatch.setattr(loading, "ensure_compiled", stop)
     return CliRunner().invoke(app, ["render", *arguments])
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.wiring import warmup
+from gateway.runtime.kernels import parts
 from tests.support.waiting import SECONDS
 
 pytestmark = pytest.mark.slow
@@ -19,11 +19,11 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 PROGRAM = """
 import json, sys
-from gateway.wiring import warmup
+from gateway.runtime.kernels import parts
 from renderers.compiler import pending
-from gateway.runtime import kernel_cache as kernels
+from gateway.runtime.kernels import cache, loading
 
-kernels.ensure_cached(warmup.FUNCTION_COUNTS)
+loading.ensure_compiled()
 from numba.core import event
 
 compiled = []
@@ -36,10 +36,10 @@ class Note(event.Listener):
         pass
 
 event.register("numba:compile", Note())
-warmup.load_needed()
-with pending.announced(tuple(warmup.BACKGROUND)):
-    for part in warmup.BACKGROUND:
-        warmup.load_background(part)
+parts.load_needed()
+with pending.announced({name: part.has_kernel for name, part in parts.BACKGROUND.items()}):
+    for part in parts.BACKGROUND:
+        parts.load_background(part)
 from fastapi.testclient import TestClient
 from gateway.app import create_app
 from gateway.settings import Settings
@@ -71,15 +71,15 @@ def test_serving_compiles_nothing() -> None:
 ELSEWHERE = """
 import json
 import gateway
-from gateway.wiring import warmup
+from gateway.runtime.kernels import parts
 from renderers.compiler import pending
-from gateway.runtime import kernel_cache as kernels
+from gateway.runtime.kernels import cache, loading
 
-cached = kernels.are_cached()
-warmup.load_needed()
-with pending.announced(tuple(warmup.BACKGROUND)):
-    for part in warmup.BACKGROUND:
-        warmup.load_background(part)
+cached = cache.are_cached()
+parts.load_needed()
+with pending.announced({name: part.has_kernel for name, part in parts.BACKGROUND.items()}):
+    for part in parts.BACKGROUND:
+        parts.load_background(part)
 from renderers.compiler import cache_folder as kernel_cache
 from renderers.compiler.cache_locator import CACHED, folder_of
 from renderers.compiler.jit import KERNELS
@@ -120,7 +120,7 @@ def test_a_copy_of_the_sources_at_another_place_loads_the_same_kernels(tmp_path:
     assert said["misses"] == 0
     assert said["hits"] >= len(said["loaded"]) > 0
     assert set(said["loaded"]) == {1}
-    assert sorted(said["parts"]) == sorted(warmup.PARTS)
+    assert sorted(said["parts"]) == sorted(parts.PARTS)
     assert said["listed"] == said["defined"]  # every kernel, each by one part
 
 
@@ -129,11 +129,11 @@ def test_a_cache_that_lost_a_kernel_is_not_complete_and_the_server_does_not_comp
     program = """
 import json, shutil, sys
 from pathlib import Path
-from gateway.wiring import warmup
-from gateway.runtime import kernel_cache as kernels
+from gateway.runtime.kernels import parts
+from gateway.runtime.kernels import cache, loading
 from renderers.compiler import cache_folder as kernel_cache
 
-kernels.ensure_cached(warmup.FUNCTION_COUNTS)
+loading.ensure_compiled()
 here = kernel_cache.folder()
 copy = Path(sys.argv[1])
 shutil.copytree(here, copy / here.name)
@@ -146,9 +146,9 @@ for file in lost.iterdir():
 before = kernel_cache.missing()
 kernel_cache.missing = lambda path=None: ""  # as if nobody had looked
 try:
-    warmup.load_needed()
+    parts.load_needed()
     error = ""
-except kernels.KernelError as failure:
+except cache.KernelError as failure:
     error = str(failure)
 manifest = (copy / here.name / "complete.json").exists()
 print(json.dumps({"before": before, "error": error, "lost": lost.name, "manifest": manifest}))

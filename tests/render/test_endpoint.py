@@ -15,10 +15,10 @@ from structlog.testing import capture_logs
 
 from gateway.render.config import LookChoice, RenderConfig
 from gateway.render.form import LOOK_FIELD
-from gateway.runtime.kernel_cache import KernelsDelayed
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.scene.geometry import Box, Part
 from gateway.scene.tree import Node, TreeEdit
+from renderers.compiler.pending import KernelsDelayed
 from renderers.drawlist import ImageError, Instance, Material
 from renderers.interface import Output
 from renderers.light_rig import Rig

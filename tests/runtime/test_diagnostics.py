@@ -23,7 +23,7 @@ PARTS = ("needed", "background")
 def finding(subject: str, http_port: int | None = None) -> Finding:
     """Return one row."""
     ports = {"--http-port": ("HTTP", http_port)} if http_port is not None else {}
-    return next(row for row in findings("127.0.0.1", ports, 3, PARTS) if row.subject == subject)
+    return next(row for row in findings("127.0.0.1", ports, 3) if row.subject == subject)
 
 
 def is_note(row: Finding, detail: str, remedy: str, verdict: Verdict = Verdict.NOTE) -> None:
@@ -69,6 +69,7 @@ def test_few_open_files_are_a_note(monkeypatch: pytest.MonkeyPatch, hard: int, v
 def test_kernels_are_complete_when_every_part_is_listed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listed: tuple[str, ...], verdict: Verdict, detail: str
 ) -> None:
+    monkeypatch.setattr("gateway.runtime.kernels.parts.PARTS", PARTS)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     cache_folder.root.cache_clear()
     try:

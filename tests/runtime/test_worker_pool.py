@@ -219,25 +219,35 @@ async def test_deadline_excludes_waiting_time() -> None:
     assert await workers.close()
 
 
-async def test_deadline_excludes_waiting_for_kernels() -> None:
-    workers, started, go_on = WorkerPool(2, seconds=0.2), threading.Event(), threading.Event()
+def draw_normals() -> str:
+    pending.wait_for_kernel("normals.first")
+    return "drawn"
 
-    def draw() -> str:
-        started.set()
-        pending.wait_until_compiled("normals")
-        assert go_on.wait(SECONDS)
-        check_stop()
-        return "drawn"
 
-    with pending.announced(("normals",)):
-        drawing = asyncio.create_task(workers.run(draw))
-        assert await asyncio.to_thread(started.wait, SECONDS)
+async def test_a_call_waits_for_kernels_without_a_thread_and_beyond_its_deadline() -> None:
+    workers = WorkerPool(1, seconds=0.2)
+    with pending.announced({"normals": lambda name: name.startswith("normals.")}):
+        drawing = asyncio.create_task(workers.run(draw_normals))
         with pytest.raises(DeadlineExceeded):
-            await workers.run(Endless())  # which started later
-        assert workers.stats.slow == 0
-        go_on.set()
+            await workers.run(Endless())
+        assert await workers.run(lambda: 7) == 7
+        assert not drawing.done()
         pending.finish("normals")
-    assert await drawing == "drawn"
+        assert await drawing == "drawn"
+    assert workers.stats.timed_out == 1
+    assert await workers.close()
+
+
+async def test_calls_that_wait_for_kernels_count_as_waiting() -> None:
+    workers = WorkerPool(1, max_waiting=2)
+    with pending.announced({"normals": lambda name: name.startswith("normals.")}):
+        drawings = [asyncio.create_task(workers.run(draw_normals)) for _ in range(3)]
+        await until(lambda: workers.stats.done == 3 and workers.stats.waiting == 2)
+        with pytest.raises(QueueFull):
+            await workers.run(draw_normals)
+        pending.finish("normals")
+        assert await asyncio.gather(*drawings) == ["drawn"] * 3
+    assert await workers.run(draw_normals) == "drawn"
     assert await workers.close()
 
 

@@ -5,7 +5,7 @@ import io
 import json
 import math
 import threading
-from collections.abc import MutableMapping
+from collections.abc import Callable, MutableMapping
 from typing import Any
 
 import cv2
@@ -27,8 +27,8 @@ from gateway.sceneapi.routes import router
 from gateway.sceneapi.service import SceneApi
 from renderers.camera import Camera
 from renderers.compiler import pending
-from renderers.drawlist import ImageError, Material
-from renderers.interface import Output
+from renderers.drawlist import DrawList, ImageError, Material
+from renderers.interface import Frame, Look, Output
 from tests.sceneapi.conftest import SPOT, World
 from tests.support.endless import EndlessRenderer
 from tests.support.waiting import until
@@ -332,14 +332,27 @@ async def test_single_clipping_plane_adjusts_the_other(world: World, query: str,
     assert (camera.near, camera.far) == pytest.approx((near, far))
 
 
-async def test_an_image_waits_for_its_kernels_without_a_worker_thread(world: World) -> None:
-    with pending.announced(("studio", "antialiasing")):
+def waits_for_studio(render: Callable[..., Frame]) -> Callable[..., Frame]:
+    """Return a function that renders with kernels of the part ``studio`` in the look of this name."""
+
+    def waiting(scene: DrawList, camera: Camera, outputs: Output, look: Look) -> Frame:
+        if look.name == "studio" and Output.COLOR in outputs:
+            pending.wait_for_kernel("studio.shade")
+        return render(scene, camera, outputs, look)
+
+    return waiting
+
+
+async def test_an_image_waits_for_its_kernels_without_a_worker_thread(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(world.renderer, "render", waits_for_studio(world.renderer.render))
+    with pending.announced({"studio": lambda name: name.startswith("studio.")}):
         studio = asyncio.ensure_future(world.client.get(f"/scene/render?{SMALL}"))
         for query in ("look=plain", "type=depth"):
             assert (await world.client.get(f"/scene/render?{SMALL}&{query}")).status_code == 200
         assert [look.name for *_, look in world.renderer.calls][:1] == ["plain"]
         assert len(world.renderer.calls) == 2
-        pending.finish("antialiasing")
         assert not studio.done()
         pending.finish("studio")
         assert (await studio).status_code == 200

@@ -9,7 +9,7 @@ import pytest
 from fastapi import FastAPI
 from fastapi.responses import PlainTextResponse
 
-from gateway.runtime.kernel_progress import KernelProgress
+from gateway.runtime.kernels.progress import KernelProgress
 from gateway.server.start_gate import StartGate
 
 BROWSER = {"Accept": "text/html,application/xhtml+xml,*/*;q=0.8"}
@@ -23,7 +23,7 @@ def gate(started: asyncio.Event, problem: str = "", compiling: KernelProgress | 
         return PlainTextResponse(name)
 
     layer = StartGate(
-        app, started=started, problem=lambda: problem, open_paths={"/things/open"}, compiling=lambda: compiling
+        app, started=started, problem=lambda: problem, open_paths={"/things/open"}, progress=lambda: compiling
     )
     return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=layer), base_url="http://test")
 

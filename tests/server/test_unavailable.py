@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.runtime.kernel_cache import KernelsDelayed
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.server.unavailable import UnavailableErrors, unavailable
+from renderers.compiler.pending import KernelsDelayed
 
 
 @pytest.mark.parametrize(

@@ -14,13 +14,13 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.generated import image_interface_pb2 as pb
+from gateway.runtime.kernels.parts import PARTS
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.clock import Clock
 from gateway.stereo.imaging.scene_motion import SceneState
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.frame_scheduler import SceneSource
-from gateway.wiring.warmup import PARTS
 from renderers.drawlist import DrawList
 from renderers.interface import Renderer
 from renderers.raster import CpuRenderer
@@ -73,7 +73,7 @@ class Camera:
 
 @pytest.fixture(scope="session")
 def renderer() -> CpuRenderer:
-    PARTS["stereo"]()
+    PARTS["stereo"].compile_or_load()
     warmup()
     return CpuRenderer(2)
 

@@ -12,7 +12,6 @@ import pytest
 from structlog.testing import capture_logs
 
 from gateway.runtime.arrival import arrival_time, set_arrival
-from gateway.runtime.kernel_cache import KernelsDelayed
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node
@@ -94,7 +93,7 @@ async def test_a_small_request_is_answered_at_once(world: World) -> None:
 
 async def test_requests_do_not_wait_for_kernels_on_the_event_loop() -> None:
     world = World()
-    with pending.announced(("formats",)):
+    with pending.announced({"formats": lambda name: True}):
         assert world.receive(ONE_BOX) == size_of(ONE_BOX)
         await until(lambda: world.statuses)
     assert (world.statuses, world.pool.calls) == ([0], 1)
@@ -103,8 +102,8 @@ async def test_requests_do_not_wait_for_kernels_on_the_event_loop() -> None:
 async def test_requests_fail_with_the_reason_where_kernels_could_not_be_compiled() -> None:
     world = World()
     cloud = {"type": "pointcloud", "points": [[0.25, 0.5, 0.75]] * 1000}
-    with pending.announced(("formats",)):
-        pending.fail(KernelsDelayed(4))
+    with pending.announced({"formats": lambda name: True}):
+        pending.fail(4)
         world.receive(message({"setgeometry": [{"path": ["a"], "geometry": cloud}]}))
         await until(lambda: world.published)
     ((_, body),) = world.published

@@ -132,8 +132,22 @@ async def test_concurrent_requests_share_one_rendering_per_revision(world: World
     assert world.renderer.looks == [Look("studio", world.config.background, 4, Rig(exposure=0.5))] * 2
 
 
-async def test_an_image_waits_for_its_kernels_without_a_worker_thread(world: World) -> None:
-    with pending.announced(("studio",)):
+def waits_for_studio(render: Callable[..., Frame]) -> Callable[..., Frame]:
+    """Return a function that renders with kernels of the part ``studio`` in the look of this name."""
+
+    def waiting(scene: DrawList, camera: Camera, outputs: Output, look: Look) -> Frame:
+        if look.name == "studio" and Output.COLOR in outputs:
+            pending.wait_for_kernel("studio.shade")
+        return render(scene, camera, outputs, look)
+
+    return waiting
+
+
+async def test_an_image_waits_for_its_kernels_without_a_worker_thread(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(world.renderer, "render", waits_for_studio(world.renderer.render))
+    with pending.announced({"studio": lambda name: name.startswith("studio.")}):
         studio = asyncio.ensure_future(world.http.get("/view/frame.jpg?width=64&height=48"))
         for width in (64, 65):
             plain = await world.http.get(f"/view/frame.jpg?width={width}&height=48&look=plain")

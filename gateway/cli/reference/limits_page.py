@@ -67,7 +67,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
         ("MAX_FILE_BYTES", "MAX_PIXELS", "MIN_FOCAL_FACTOR", "MAX_FOCAL_FACTOR", "MIN_ROTATION_NORM"),
     ),
     ("Faults for test rigs", "gateway.stereo.routes.fault_routes", ("MAX_BODY",)),
-    ("Kernels that could not be loaded", "gateway.wiring.startup", ("MAX_RETRY_SECONDS",)),
+    ("Kernels that could not be loaded", "gateway.runtime.kernels.loading", ("MAX_RETRY_SECONDS",)),
     ("Processes of --workers", "gateway.runtime.supervised_process", ("READY_SECONDS",)),
     ("Processes of --workers that hang at the end", "gateway.runtime.supervisor", ("KILL_SECONDS",)),
     ("Memory of finished images", "gateway.wiring.context", ("IDLE_SECONDS",)),

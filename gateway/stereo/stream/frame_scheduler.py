@@ -12,8 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.runtime.kernel_wait import until_compiled
-from gateway.runtime.worker_pool import QueueFull, WorkerPool
+from gateway.runtime.worker_pool import QueueFull, WorkerPool, until_compiled
 from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND, Clock
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import ALTERNATE_GAP_NS, StreamSettings, read_settings
@@ -36,7 +35,7 @@ MAX_SETTLING: Final = 30_000_000
 """Maximum age of a frame that waits for messages that arrived before it and are still being read, nanoseconds."""
 _POLL_SECONDS: Final = 0.002
 _KERNEL_PARTS: Final = ("stereo", "normals")
-"""Parts of the kernels (``gateway.wiring.warmup``) that images and depth need."""
+"""Parts of the kernels (``gateway.runtime.kernels.parts``) that images and depth need."""
 
 
 class FrameScheduler:

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 
 from renderers.compiler.jit import kernel
-from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
 
@@ -63,7 +62,6 @@ def apply_filters(depth: DepthImages, filters: Filters, focal_times_baseline: fl
         focal_times_baseline: focal length at this resolution times baseline, pixels times metres.
         divisor: width of the camera images divided by that of these images; converts ``seg``.
     """
-    wait_until_compiled("stereo")
     unit = DISPARITY_SCALE
     min_units = max(int(np.ceil(focal_times_baseline / filters.maxdepth / unit - 1e-9)), 1)
     max_units = min(int(np.floor(focal_times_baseline / filters.mindepth / unit + 1e-9)), _MAX_UNITS)
@@ -117,7 +115,6 @@ def fill_holes(depth: DepthImages, max_step: int) -> None:
         depth: images to change.
         max_step: maximum difference of the disparities on a hole's border, pixels.
     """
-    wait_until_compiled("stereo")
     disparity = depth.disparity
     label_count, labels = cv2.connectedComponents((disparity == 0).view(np.uint8), connectivity=4, ltype=cv2.CV_32S)
     # Arrays by label: size of the hole, and lowest and highest disparity on its border. Valid pixels have label 0.

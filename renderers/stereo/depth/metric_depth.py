@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
-from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 
@@ -43,7 +42,6 @@ def align_depth(depth: NDArray[np.uint16], k: Intrinsics, camera: ColorCamera) -
         k: intrinsics of ``depth``, whose camera has the left optical frame.
         camera: colour camera.
     """
-    wait_until_compiled("stereo")
     target = camera.intrinsics
     X_color_left = np.linalg.inv(camera.X_left_color)
     matrix = target.matrix @ X_color_left[:3, :3] @ np.linalg.inv(k.matrix)

@@ -30,7 +30,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
-from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo.depth import matcher_statistics as statistics
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.downscale import grey_levels
@@ -123,7 +122,6 @@ def measured_images(
         right: (H, W) uint16, right image, likewise.
         model: parameters of the errors.
     """
-    wait_until_compiled("stereo")
     exact = _sixteenths(true_disparity)
     nearest, farthest = window_range(exact)
     levels, right_levels = grey_levels(left), grey_levels(right)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
-from renderers.compiler.pending import wait_until_compiled
 
 
 class ImageKind(IntEnum):
@@ -89,7 +88,6 @@ def classify(
         farthest: (H, W) uint16, likewise.
         noise_sigma: standard deviation of the image noise, grey levels, above 0.
     """
-    wait_until_compiled("stereo")
     classes = np.empty(left.shape, np.uint8)
     _classify(
         left, right, disparity, nearest, farthest, float(noise_sigma), _TEXTURE_STEPS, _DISAGREEMENT_STEPS, classes

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
-from renderers.compiler.pending import wait_until_compiled
 
 PRIOR_SHIFT: Final = 0.2
 """Standard deviation of the shift before the images are compared, pixels: that of a matcher's errors. It decides how
@@ -68,7 +67,6 @@ def residual_shift(
         noise_sigma: standard deviation of the image noise, grey levels.
         expected: (H, W) float32, shift of windows without texture, pixels; None: 0.
     """
-    wait_until_compiled("stereo")
     # Both images have the noise. Gradients have units of 1/32 level per pixel.
     prior = 2.0 * (noise_sigma**2 + ROUNDING_NOISE**2) * (32.0 / PRIOR_SHIFT) ** 2
     shift = np.empty(left.shape, np.float32)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
-from renderers.compiler.pending import wait_until_compiled
 
 OCCLUSION_STEP: Final = 1.0
 """Disparity difference in pixels from which a nearer surface in the right image occludes a point: the tolerance of the
@@ -41,7 +40,6 @@ def true_disparity(
         (H, W) float32: ``focal_times_baseline / depth`` in pixels. 0: background, out of range, occluded in the right
         image, or outside it (left edge of the field of view).
     """
-    wait_until_compiled("stereo")
     disparity = np.empty(depth_left.shape, np.float32)
     min_depth, max_depth = np.float32(limits.min_depth), np.float32(limits.max_depth)
     _true_disparity(depth_left, depth_right, np.float32(focal_times_baseline), min_depth, max_depth, disparity)

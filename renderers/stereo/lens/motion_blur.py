@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
-from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo.sensor.exposure import DISPLAY_GAMMA
 
 _ROTATION_TOLERANCE: Final = 1e-6
@@ -54,7 +53,6 @@ def write_mean_light(image: NDArray[np.uint8], column: int, row: int, others: Se
         row: upper row of the rectangle.
         others: (h, w, 3) uint8 each, C-contiguous: other images of the rectangle; at least one, at most 64.
     """
-    wait_until_compiled("stereo")
     light_of_level, level_of_light = _light_tables()
     sums = np.zeros(others[0].shape, np.uint32)
     for other in others:

@@ -12,7 +12,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo.lens import optics_kernels as kernels
 from renderers.stereo.light.key_light import FACTOR_ONE
 from renderers.stereo.light.projector import FULL_LIGHT
@@ -82,7 +81,6 @@ def light_on_sensor(
         lens: blur and vignetting.
         color: return RGB; otherwise grey, by the weights of Rec. 601.
     """
-    wait_until_compiled("stereo")
     height, width = rendered.shape[:2]
     dots = _NO_DOTS if scene_light.dots is None else scene_light.dots
     factors = _NO_FACTORS if scene_light.factors is None else scene_light.factors

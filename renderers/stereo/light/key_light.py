@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.compiler.pending import wait_until_compiled
 from renderers.light_rig import STUDIO
 from renderers.shading.studio.shadows import light_camera, metres_per_pixel
 from renderers.stereo.light import key_light_kernels as kernels
@@ -78,7 +77,6 @@ def light_factors(
         shadow_depth: (S, S) float32 depth seen by the light, metres, +inf: nothing.
         light: camera of ``shadow_depth``, by ``shadow_camera``.
     """
-    wait_until_compiled("stereo")
     factors = np.empty(depth.shape, np.uint8)
     X_light_camera = light.X_camera_world @ camera.X_world_camera
     to_light = -X_light_camera[2, :3]  # one direction for all points: the light is far away

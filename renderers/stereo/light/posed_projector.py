@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
-from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo.light.projector import MAX_FADE, REFERENCE_DEPTH, SHADOW_BIAS, pattern_at
 
 _MIN_HEADLIGHT: Final = 0.2
@@ -55,7 +54,6 @@ def add_dots(
         soft: realistic dots (``projector_pattern``).
         right: speckle as the right camera sees it.
     """
-    wait_until_compiled("stereo")
     camera = surfaces.camera
     X_projector_camera = np.ascontiguousarray((projector.X_camera_world @ camera.X_world_camera)[:3])
     pattern, cells_per_pixel = pattern_at(projector.fx, soft=soft, right=right)

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from renderers.cache import WeakCache
 from renderers.compiler.jit import kernel
-from renderers.compiler.pending import wait_until_compiled
 from renderers.drawlist import Image, Instance
 from renderers.stereo.light.projector_pattern import TEXELS_PER_CELL, soft_pattern_levels
 
@@ -96,7 +95,6 @@ def projected_dots(
             full-resolution image's, for metering.
         returned: (H, W) int32 instances and (I,) float32 ``returned_shares`` of them; None: they return all light.
     """
-    wait_until_compiled("stereo")
     pattern, cells_per_pixel = pattern_at(focal_length, soft=soft, right=right, finest=point_samples)
     light = np.empty(depth.shape, np.uint16)
     ids, shares = returned or _ALL_RETURNED

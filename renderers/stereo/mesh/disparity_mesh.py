@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo.depth.downscale import block_means
 from renderers.stereo.mesh import mesh_kernels as kernels
 from renderers.stereo.mesh import ply
@@ -60,7 +59,6 @@ def disparity_mesh(
         left: (H', W') or (H', W', 3) uint8 left image, required if textured. Each point gets the mean of the pixels
             that its bin covers.
     """
-    wait_until_compiled("stereo")
     height, width = disparity.shape
     bin_size = smallest_bin_size(width, height, options.max_points)
     bins = (-(-height // bin_size), -(-width // bin_size))

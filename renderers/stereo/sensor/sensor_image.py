@@ -12,7 +12,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo.sensor import sensor_kernels as kernels
 from renderers.stereo.sensor.exposure import BRACKETS, LIGHT_WHITE, Exposure, noise_sigma
 from renderers.stereo.sensor.fixed_pattern import GAIN_UNIT, OFFSET_UNIT, FixedPattern
@@ -51,7 +50,6 @@ def image_from_light(
         pattern: fixed pattern of the sensor; None: all pixels are alike.
         noise_factor: factor of the noise's standard deviation; 0 disables noise, but not the fixed pattern.
     """
-    wait_until_compiled("stereo")
     image = np.empty(light.shape, np.uint8)
     # Steps along the square root of the light, as in the light image.
     saturated_root = (exposure.saturation / exposure.light) ** 0.5

@@ -1,4 +1,4 @@
-"""Calls wait for kernels that are compiled in the background."""
+"""Kernels wait until they are compiled in the background."""
 
 from __future__ import annotations
 
@@ -8,22 +8,23 @@ from collections.abc import Iterator
 import pytest
 
 from renderers.compiler import pending
+from renderers.compiler.jit import Kernel
 from renderers.stop import StopFlag
 from tests.support.waiting import SECONDS
 
 
 @pytest.fixture(autouse=True)
 def two_parts() -> Iterator[None]:
-    with pending.announced(("a", "b")):
+    with pending.announced({"a": lambda name: name.startswith("a."), "b": lambda name: name.startswith("b.")}):
         yield
 
 
-def wait_in_thread(part: str) -> tuple[threading.Thread, list[object]]:
+def wait_in_thread(name: str) -> tuple[threading.Thread, list[object]]:
     results: list[object] = []
 
     def wait() -> None:
         try:
-            pending.wait_until_compiled(part)
+            pending.wait_for_kernel(name)
             results.append("compiled")
         except Exception as error:  # noqa: BLE001 - what the caller gets
             results.append(error)
@@ -33,10 +34,10 @@ def wait_in_thread(part: str) -> tuple[threading.Thread, list[object]]:
     return thread, results
 
 
-def test_a_call_waits_for_its_own_part_only() -> None:
-    thread, results = wait_in_thread("a")
+def test_a_kernel_waits_for_its_own_part_only() -> None:
+    thread, results = wait_in_thread("a.first")
     pending.finish("b")
-    pending.wait_until_compiled("b")
+    pending.wait_for_kernel("b.first")
     assert thread.is_alive()
     assert not results
     pending.finish("a")
@@ -44,40 +45,42 @@ def test_a_call_waits_for_its_own_part_only() -> None:
     assert results == ["compiled"]
 
 
-def test_a_part_that_was_never_announced_is_not_waited_for() -> None:
-    pending.wait_until_compiled("c")
+def test_kernels_of_parts_that_were_never_announced_do_not_wait() -> None:
+    pending.wait_for_kernel("c.first")
 
 
-def test_the_thread_that_loads_does_not_wait() -> None:
-    with pending.loading():
-        pending.wait_until_compiled("a")
-    thread, _ = wait_in_thread("a")
+def test_calls_wait_under_the_name_of_the_kernel() -> None:
+    def square(x: float) -> float:
+        return x * x
+
+    class Dispatcher:
+        py_func = square
+
+        def __call__(self, x: float) -> float:
+            return x * x
+
+    square.__module__ = "a"
+    kernel = Kernel(Dispatcher(), "float64(float64)")
+    with pytest.raises(pending.KernelsPending):
+        StopFlag(waits=False).run(lambda: kernel(3.0))
     pending.finish("a")
-    thread.join(SECONDS)
-    assert not thread.is_alive()
+    assert kernel(3.0) == 9.0
 
 
-def test_calls_fail_where_compiling_failed() -> None:
-    thread, results = wait_in_thread("a")
+def test_kernels_fail_where_compiling_failed() -> None:
+    thread, results = wait_in_thread("a.first")
     pending.finish("b")
-    pending.fail(RuntimeError("no disk"))
+    pending.fail(4)
     thread.join(SECONDS)
-    assert [str(error) for error in results] == ["no disk"]
-    with pytest.raises(RuntimeError, match="no disk"):
-        pending.wait_until_compiled("a")
-    pending.wait_until_compiled("b")
-
-
-def test_a_call_that_waits_can_be_stopped() -> None:
-    flag = StopFlag()
-    flag.set(TimeoutError("the deadline"))
-    with pytest.raises(TimeoutError, match="the deadline, waiting for kernels that are being compiled"):
-        flag.run(lambda: pending.wait_until_compiled("a"))
+    assert [(type(error), getattr(error, "retry_after", 0)) for error in results] == [(pending.KernelsDelayed, 4)]
+    with pytest.raises(pending.KernelsDelayed, match="could not be loaded, which is tried again"):
+        StopFlag(waits=False).run(lambda: pending.wait_for_kernel("a.first"))
+    pending.wait_for_kernel("b.first")
 
 
 def test_at_the_end_no_part_is_pending() -> None:
-    with pending.announced(("c", "d")):
-        thread, results = wait_in_thread("c")
+    with pending.announced({"c": lambda name: name.startswith("c."), "d": lambda name: False}):
+        thread, results = wait_in_thread("c.first")
         pending.finish("d")
         assert pending.is_pending("c")
     thread.join(SECONDS)

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.compiler.jit import KERNELS, compile_kernel
+from renderers.compiler.jit import KERNELS
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.downscale import fine_means
 from renderers.stereo.depth.filters import Filters, apply_filters, fill_holes
@@ -73,7 +73,7 @@ def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
     assert len(kernels) == 22
     for kernel in kernels:
         assert kernel.signatures, f"{kernel.py_func.__name__} was not called"
-        compile_kernel(kernel)
+        kernel.compile()
         assert len(kernel.signatures) == 1, kernel.py_func.__name__
 
 

@@ -314,7 +314,7 @@ async def test_a_clock_that_is_set_back_does_not_stop_depth(start: Start) -> Non
 async def test_no_frame_is_captured_while_kernels_are_compiled(renderer: CpuRenderer) -> None:
     """Their time is not part of a frame's time limit."""
     scene, config = table(), StereoConfig(port=0, model=SMALL)
-    with pending.announced(("stereo",)):
+    with pending.announced({"stereo": lambda name: False}):
         async with running(renderer, config, seen(lambda: (scene, 1)), None) as camera:
             first = asyncio.ensure_future(camera.stream(left_enabled=True).read())
             await until(lambda: len(camera.service.hub) == 1)

@@ -24,7 +24,7 @@ class KernelProgress:
     """Progress of compiling, counted in functions. Used by one thread."""
 
     expected: Mapping[str, int]
-    """Number of functions to compile, by part of the kernels (``warmup.FUNCTION_COUNTS``)."""
+    """Number of functions to compile, by part of the kernels (``Part.function_count``)."""
     compiled: dict[str, int] = field(default_factory=dict)
     """Number of functions compiled so far, by part; at most the expected one."""
     waiting: bool = False

@@ -16,9 +16,9 @@ from typing import Any
 import pytest
 import uvloop
 
-from gateway.runtime import kernel_cache as kernels
-from gateway.runtime.kernel_progress import KernelProgress
-from gateway.wiring import warmup
+from gateway.runtime.kernels import cache as kernels
+from gateway.runtime.kernels import parts
+from gateway.runtime.kernels.progress import KernelProgress
 from renderers.compiler import cache_folder
 from renderers.compiler.jit import KERNELS
 from tests.support.locks import refuse_locks
@@ -171,7 +171,7 @@ def test_the_digest_depends_on_contents_and_not_on_paths(tmp_path: Path, monkeyp
 
 def test_a_changed_kernel_of_the_gateway_changes_the_digest(monkeypatch: pytest.MonkeyPatch) -> None:
     """Otherwise a new version of Scenegate would run the machine code of an old one."""
-    warmup.BACKGROUND["formats"]()
+    parts.PARTS["formats"].compile_or_load()
     files = {Path(k.py_func.__code__.co_filename) for k in KERNELS if k.py_func.__module__.startswith("gateway.")}
     assert len(files) > 3
     read_bytes = Path.read_bytes
@@ -365,7 +365,7 @@ def test_compiling_is_refused_while_kernels_are_loaded(cache: Path) -> None:
     fresh = _fresh()
     with kernels.forbid_compiling():
         with pytest.raises(
-            kernels.KernelError, match=r"^the kernel tests.runtime.test_kernel_cache._fresh.*fresh could not be"
+            kernels.KernelError, match=r"^the kernel tests.runtime.kernels.test_cache._fresh.*fresh could not be"
         ):
             fresh(1)
         with pytest.raises(kernels.KernelError):

@@ -8,19 +8,21 @@ from pathlib import Path
 import pytest
 
 from gateway.runtime import process_tuning
-from gateway.runtime.kernel_cache import KernelError
-from gateway.wiring import warmup
-from renderers.compiler.jit import KERNELS
+from gateway.runtime.kernels import child
+from gateway.runtime.kernels.cache import KernelError
+from gateway.runtime.kernels.parts import PARTS, Part
+from renderers.compiler.jit import KERNELS, Kernel
 
 
 def test_parts_are_compiled_until_the_queue_is_empty(monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[str] = []
-    monkeypatch.setattr(warmup, "PARTS", {name: lambda name=name: done.append(name) for name in "abc"})
+    monkeypatch.setattr(Part, "compile_or_load", lambda part: done.append(part.names[0]))
+    monkeypatch.setattr(child, "PARTS", {name: Part(1, (name,)) for name in "abc"})
     monkeypatch.setattr(process_tuning, "pause_gc", lambda: None)  # it stops the garbage collector
     queue, queue_input = os.pipe()
     os.write(queue_input, bytes((2, 0)))
     os.close(queue_input)
-    warmup.compile_parts(queue, ("a", "b", "c"))
+    child.compile_parts(queue, ("a", "b", "c"))
     os.close(queue)
     assert done == ["c", "a"]
 
@@ -41,18 +43,18 @@ def test_the_folders_of_a_part_are_those_compiled_for_it(tmp_path: Path, monkeyp
     monkeypatch.setattr("renderers.compiler.cache_locator.CACHED", functions)
     monkeypatch.setattr("renderers.compiler.cache_locator.folder_of", lambda function: function.folder)
     reported: set[int] = set()
-    assert warmup._take_new_folders(reported) == ["a"]  # noqa: SLF001
+    assert child._take_new_folders(reported) == ["a"]  # noqa: SLF001
     functions.append(Function(tmp_path / "c"))
-    assert warmup._take_new_folders(reported) == ["c"]  # noqa: SLF001
+    assert child._take_new_folders(reported) == ["c"]  # noqa: SLF001
     functions.append(Function(tmp_path / "d", kept=False))
     with pytest.raises(KernelError, match="Numba has not stored d in the cache"):
-        warmup._take_new_folders(reported)  # noqa: SLF001
+        child._take_new_folders(reported)  # noqa: SLF001
 
 
 def test_every_kernel_is_in_one_part(monkeypatch: pytest.MonkeyPatch) -> None:
     compiled: list[object] = []
-    monkeypatch.setattr("renderers.compiler.jit.compile_kernel", compiled.append)
-    for compile_part in warmup.PARTS.values():
-        compile_part()
+    monkeypatch.setattr(Kernel, "compile", lambda kernel: compiled.append(kernel))
+    for part in PARTS.values():
+        part.compile_or_load()
     assert len(compiled) == len(set(map(id, compiled)))
     assert set(map(id, compiled)) == set(map(id, KERNELS))

@@ -13,13 +13,13 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator, Mapping
-from contextlib import AbstractContextManager, asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any
 
 from gateway.runtime.file_lock import Lock, try_lock
-from gateway.runtime.kernel_progress import KernelProgress
+from gateway.runtime.kernels.progress import KernelProgress
 from gateway.runtime.worker_pool import usable_cpus
 from renderers.compiler import cache_folder
 
@@ -44,18 +44,6 @@ class KernelLoadError(KernelError):
     """A kernel could not be loaded from the cache, which should have it: it is damaged, or could not be read."""
 
 
-class KernelsDelayed(KernelError):  # noqa: N818 - an expected outcome, not a fault
-    """Kernels of the background are not loaded yet, because of an error. Clients get the message: it has no reason."""
-
-    def __init__(self, retry_after: int) -> None:
-        super().__init__(retry_after)
-        self.retry_after = retry_after
-        """Seconds until loading is tried again."""
-
-    def __str__(self) -> str:
-        return "kernels that this needs could not be loaded, which is tried again; the server's log has the reason"
-
-
 def configure() -> Path:
     """Set the cache folder of this process and its children, and return the folder of this version's kernels.
 
@@ -73,28 +61,6 @@ def are_cached(parts: Collection[str] | None = None) -> bool:
     """
     configure()
     return not cache_folder.missing(parts=parts)
-
-
-def ensure_cached(
-    parts: Mapping[str, int],
-    show: Callable[[KernelProgress], AbstractContextManager[None]] = lambda progress: contextlib.nullcontext(),
-) -> None:
-    """Compile the parts that are not cached. Processes of a machine do this one after the other.
-
-    Call it before any kernel is imported, and not in a running event loop.
-
-    Args:
-        parts: approximate number of functions of each part (``warmup.FUNCTION_COUNTS``), the scale of the progress.
-        show: context manager that shows the progress.
-
-    Raises:
-        KernelError: the kernels could not be compiled, or the cache cannot be written.
-    """
-    if are_cached(parts):
-        return
-    progress = KernelProgress(parts)
-    with show(progress):
-        asyncio.run(compile_missing(parts, progress))
 
 
 async def compile_missing(parts: Collection[str], progress: KernelProgress, on_cached: OnCached = _ignore) -> None:
@@ -140,10 +106,10 @@ async def _exclusive(progress: KernelProgress) -> AsyncIterator[None]:
 async def compile_in_children(parts: Collection[str], progress: KernelProgress, on_cached: OnCached = _ignore) -> None:
     """Compile parts in child processes, at most one per processor, and list them in the cache's manifest.
 
-    The children, ``python -P -m gateway.wiring.warmup FD PART ..``, read the index of their next part from a pipe.
+    The children (``child``) read the index of their next part from a pipe.
 
     Args:
-        parts: names in ``warmup.PARTS``; at most 255.
+        parts: names in ``parts.PARTS``; at most 255.
         progress: updated with every compiled function.
         on_cached: awaited with each part that is compiled.
 
@@ -186,7 +152,7 @@ async def _compile_in_child(
         compiled: cache folders of the kernels, by part; extended here.
     """
     child = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-P", "-m", "gateway.wiring.warmup", str(queue), *parts),
+        *(sys.executable, "-P", "-m", "gateway.runtime.kernels.child", str(queue), *parts),
         # Import the same modules as this process; the current folder may be a clone of another version.
         env={**os.environ, "NUMBA_CACHE_DIR": str(cache_folder.root()), "PYTHONPATH": os.pathsep.join(sys.path)},
         pass_fds=(queue,),

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from gateway.runtime.kernel_progress import KernelProgress, show_progress, show_progress_on_stderr
+from gateway.runtime.kernels.progress import KernelProgress, show_progress, show_progress_on_stderr
 
 
 class Terminal(io.StringIO):
@@ -34,7 +34,7 @@ def test_progress_counts_functions() -> None:
 
 def test_the_remaining_time_follows_from_the_time_since_the_first_function(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
-    monkeypatch.setattr("gateway.runtime.kernel_progress.time.monotonic", lambda: now)
+    monkeypatch.setattr("gateway.runtime.kernels.progress.time.monotonic", lambda: now)
     progress = KernelProgress({"shading": 4})
     now = 110.0
     progress.add_function("shading")

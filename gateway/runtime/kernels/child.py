@@ -1,0 +1,64 @@
+"""The child process that compiles kernels into the cache: ``python -m gateway.runtime.kernels.child FD PART ...``."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from functools import partial
+from typing import Any
+
+from gateway.runtime import process_tuning
+from gateway.runtime.kernels import cache
+from gateway.runtime.kernels.parts import BACKGROUND, PARTS
+
+
+def compile_parts(queue: int, names: tuple[str, ...]) -> None:
+    """Compile parts until none is left. Report each compiled function and part on stdout, as JSON lines.
+
+    Args:
+        queue: file descriptor of a pipe with one byte for each part to compile, its index in ``names``. Several
+            processes read from it.
+        names: parts of ``PARTS``.
+
+    Raises:
+        KernelError: Numba has not stored a kernel in the cache.
+    """
+    cache.configure()
+    if set(names) <= set(BACKGROUND):
+        os.nice(10)  # the server already runs
+    process_tuning.pause_gc()  # compiling makes millions of objects that live until the end
+    reported: set[int] = set()
+    while index := os.read(queue, 1):
+        part = names[index[0]]
+        with cache.report_compiled_functions(partial(_report, part=part)):
+            PARTS[part].compile_or_load()
+        _report(part=part, kernels=_take_new_folders(reported))
+
+
+def _report(**fields: Any) -> None:
+    sys.stdout.write(json.dumps(fields) + "\n")
+    sys.stdout.flush()
+
+
+def _take_new_folders(reported: set[int]) -> list[str]:
+    """Return the names of the cache folders of the kernels that were compiled since the last call.
+
+    Args:
+        reported: ids of the kernels of earlier calls; extended here.
+    """
+    from renderers.compiler.cache_locator import CACHED, folder_of
+
+    folders: list[str] = []
+    for dispatcher in CACHED:
+        if dispatcher.signatures and id(dispatcher) not in reported:
+            reported.add(id(dispatcher))
+            path = folder_of(dispatcher)
+            if not any(path.glob("*.nbi")):
+                raise cache.KernelError(f"Numba has not stored {path.name} in the cache")
+            folders.append(path.name)
+    return folders
+
+
+if __name__ == "__main__":
+    compile_parts(int(sys.argv[1]), tuple(sys.argv[2:]))

@@ -1,0 +1,155 @@
+"""Compiles kernels that are not cached, and loads them: for a command, or while a server starts."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from contextlib import ExitStack, nullcontext
+from typing import Final
+
+import structlog
+
+from gateway.runtime.kernels import cache, parts
+from gateway.runtime.kernels.progress import KernelProgress, show_progress, show_progress_on_stderr
+from gateway.runtime.service_registry import ServiceRegistry, one_line
+from renderers.compiler import pending
+
+_log = structlog.get_logger("gateway")
+
+KERNELS: Final = "kernels"
+"""Name of the needed kernels in the service registry."""
+FURTHER_KERNELS: Final = "further_kernels"
+"""Name of the background kernels in the service registry. The entry exists only after an error."""
+START_RETRIES: Final = (1.0, 2.0, 4.0, 8.0)
+"""Delays before further attempts to load the needed kernels after a transient error, seconds."""
+PASSING_ERRORS: Final = (OSError, MemoryError, cache.KernelLoadError)
+"""Transient errors, such as a lack of file descriptors or memory. A failed compilation is final."""
+MAX_RETRY_SECONDS: Final = 300.0
+"""Maximum delay between attempts to load the background kernels. Their number is not limited."""
+
+
+def ensure_compiled(*, show: bool = False) -> None:
+    """Compile the kernels that are not cached. Processes of a machine do this one after the other.
+
+    Call it before any kernel is imported, and not in a running event loop.
+
+    Args:
+        show: show the progress on stderr.
+
+    Raises:
+        KernelError: the kernels could not be compiled, or the cache cannot be written.
+    """
+    if cache.are_cached(parts.PARTS):
+        return
+    progress = KernelProgress({name: part.function_count for name, part in parts.PARTS.items()})
+    with show_progress_on_stderr(progress) if show else nullcontext():
+        asyncio.run(cache.compile_missing(parts.PARTS, progress))
+
+
+class KernelLoader:
+    """Loads the kernels of a server, compiled by child processes first where they are not cached."""
+
+    def __init__(self, registry: ServiceRegistry, exit_stack: ExitStack, *, bar: bool = True) -> None:
+        """
+        Args:
+            registry: shows state and progress.
+            exit_stack: closed when the server ends.
+            bar: show the progress as a bar if stderr is a terminal.
+        """
+        self.progress: KernelProgress | None = None
+        """Progress of compiling the kernels that the start needs; None if they are not being compiled."""
+        self._registry = registry
+        self._exit_stack = exit_stack
+        self._bar = bar
+
+    async def load_needed(self) -> None:
+        """Load the kernels that the default settings need, again after errors that may pass.
+
+        Raises:
+            KernelError: the kernels could not be compiled or loaded.
+        """
+        for seconds in START_RETRIES:
+            try:
+                return await self._load_needed_once()
+            except PASSING_ERRORS as error:
+                problem = self._registry.entries[KERNELS].problem = one_line(error)
+                _log.warning("The rendering kernels are not loaded yet", reason=problem, retry_seconds=seconds)
+                await asyncio.sleep(seconds)
+        return await self._load_needed_once()
+
+    async def load_background(self) -> None:
+        """Load the other kernels, again after any error, until all are loaded. Calls that need them wait.
+
+        After an error, the calls fail until the next attempt.
+        """
+        seconds = 1.0
+        while True:
+            try:
+                await _load_pending_parts()
+                break
+            except Exception as error:  # noqa: BLE001 - the server serves what needs none of these kernels
+                problem = one_line(error)
+            self._registry.fail(FURTHER_KERNELS, problem)
+            pending.fail(math.ceil(seconds))
+            _log.error("Further kernels are not loaded; requests for them fail", reason=problem, retry_seconds=seconds)
+            await wait_before_retry(seconds)
+            seconds = min(2.0 * seconds, MAX_RETRY_SECONDS)
+            pending.fail(None)
+        if FURTHER_KERNELS in self._registry.entries:
+            self._registry.ready(FURTHER_KERNELS)
+            _log.info("The further kernels are loaded")
+
+    async def _load_needed_once(self) -> None:
+        if not await asyncio.to_thread(cache.are_cached, parts.NEEDED):
+            await self._compile_needed()
+        announced = {name: part.has_kernel for name, part in parts.BACKGROUND.items()}
+        self._exit_stack.enter_context(pending.announced(announced))
+        begin = time.perf_counter()
+        await asyncio.to_thread(parts.load_needed)
+        _log.info("The rendering kernels are loaded", seconds=round(time.perf_counter() - begin, 1))
+        self._exit_stack.enter_context(cache.report_compiled_kernels(_log_compiled_kernel))
+        self._registry.ready(KERNELS)
+
+    async def _compile_needed(self) -> None:
+        """Compile the kernels. The log or a terminal, ``/readyz`` and the starting page show the progress."""
+        progress = self.progress = KernelProgress({name: part.function_count for name, part in parts.NEEDED.items()})
+        entry = self._registry.entries[KERNELS]
+        entry.progress = progress.describe
+        _log.info(
+            "Compiling the rendering kernels into the cache, once: 15 seconds on two idle cores ...",
+            folder=str(cache.configure()),
+        )
+        try:
+            with show_progress(progress, _log.info, bar=self._bar):
+                await cache.compile_missing(parts.NEEDED, progress)
+        finally:
+            self.progress = None
+            entry.progress = None
+        _log.info("The rendering kernels are compiled", seconds=progress.seconds)
+
+
+async def wait_before_retry(seconds: float) -> None:
+    """Wait before the next attempt to load kernels of the background."""
+    await asyncio.sleep(seconds)
+
+
+async def _load_pending_parts() -> None:
+    """Load the parts of the background that are not loaded, compiled first if necessary."""
+    names = [name for name in parts.BACKGROUND if pending.is_pending(name)]
+    if await asyncio.to_thread(cache.are_cached, names):
+        for name in names:
+            await _load_background_part(name)
+        return
+    progress = KernelProgress({name: parts.BACKGROUND[name].function_count for name in names})
+    _log.info("Compiling further kernels in the background; requests for them wait")
+    await cache.compile_missing(names, progress, _load_background_part)
+    _log.info("The further kernels are compiled", seconds=progress.seconds)
+
+
+async def _load_background_part(name: str) -> None:
+    await asyncio.to_thread(parts.load_background, name)
+
+
+def _log_compiled_kernel(kernel: str) -> None:
+    _log.error("A kernel is compiled in the serving process and blocks every interface", kernel=kernel)

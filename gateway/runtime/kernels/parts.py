@@ -1,0 +1,113 @@
+"""The compiled kernels of all rooms, in parts.
+
+Child processes compile parts into the kernel cache, and the server loads them. It is ready when it has loaded the parts
+that the default settings need. The others follow in the background; a call that needs one of them waits
+(``renderers.compiler.pending``). Each child compiles several parts, since it spends seconds on imports and on functions
+that the parts share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from pkgutil import walk_packages
+from typing import Final
+
+from gateway.runtime.kernels import cache
+from renderers.compiler import pending
+
+
+def _is_in(kernel: str, names: tuple[str, ...]) -> bool:
+    """Return True if a kernel has one of these names, or is in a module or package with one of them."""
+    return any(kernel == name or kernel.startswith(f"{name}.") for name in names)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Kernels that are compiled together."""
+
+    function_count: int
+    """Number of functions that Numba compiles: the scale of the progress bar. A little too large, so that the bar is
+    not full while LLVM still works."""
+    names: tuple[str, ...]
+    """Full names of the kernels, or of modules or packages with them."""
+    excluding: tuple[str, ...] = ()
+    """Names as above, of kernels that are left out."""
+    modules: tuple[str, ...] = ()
+    """Modules and packages that define the kernels, besides those of the rasterizer."""
+
+    def has_kernel(self, name: str) -> bool:
+        """Return True for the full name of a kernel of this part."""
+        return _is_in(name, self.names) and not _is_in(name, self.excluding)
+
+    def compile_or_load(self) -> None:
+        """Compile the kernels, or load them from the cache."""
+        for module in ("renderers.depth_range", "renderers.fxaa", "renderers.raster", *self.modules):
+            package = import_module(module)
+            for each in walk_packages(getattr(package, "__path__", ()), f"{module}."):
+                import_module(each.name)
+        from renderers.compiler.jit import KERNELS
+
+        for kernel in KERNELS:
+            if self.has_kernel(kernel.name):
+                kernel.compile()
+
+
+_STUDIO: Final = ("renderers.shading.studio",)
+_ANTIALIASING: Final = ("renderers.raster.msaa",)
+_NORMALS: Final = ("renderers.raster.resolve.resolve_normals", "renderers.shading.mikktspace")
+_SETUP: Final = ("renderers.raster.setup",)
+_FORMATS: Final = (
+    "gateway.gltf.meshopt_kernels",
+    "gateway.gltf.skinning",
+    "gateway.scene.crease_normals",
+    "gateway.treeviewer.json_kernels",
+    "gateway.treeviewer.msgpack_kernels",
+)
+
+NEEDED: Final[Mapping[str, Part]] = {
+    "shading": Part(125, ("renderers.shading",), excluding=(*_STUDIO, *_NORMALS)),
+    "raster": Part(
+        95,
+        ("renderers",),
+        excluding=("renderers.shading", "renderers.stereo", *_STUDIO, *_ANTIALIASING, *_NORMALS, *_SETUP),
+    ),
+    "setup": Part(55, _SETUP),
+}
+"""Parts that the default settings need; the longest first, so that the children end at about the same time."""
+BACKGROUND: Final[Mapping[str, Part]] = {
+    "studio": Part(135, _STUDIO),
+    "stereo": Part(60, ("renderers.stereo",), modules=("renderers.stereo",)),
+    "normals": Part(35, _NORMALS),
+    "antialiasing": Part(55, _ANTIALIASING),
+    "formats": Part(20, _FORMATS, modules=_FORMATS),
+}
+"""Parts that are compiled after the server is ready, longest first: the look of ``/scene/render`` is."""
+PARTS: Final[Mapping[str, Part]] = {**NEEDED, **BACKGROUND}
+
+
+def load_needed() -> None:
+    """Load the parts that the default settings need from the cache. This blocks.
+
+    Raises:
+        KernelError: a kernel is not in the cache.
+    """
+    cache.configure()
+    import cv2
+
+    # One thread per call: many threads call OpenCV at once with small images, and its idle threads spin.
+    cv2.setNumThreads(1)
+    with cache.forbid_compiling():
+        for part in NEEDED.values():
+            part.compile_or_load()
+        from renderers.raster.warmup import render_first_images
+
+        render_first_images()
+
+
+def load_background(part: str) -> None:
+    """Load a background part from the cache, and end the wait for it. This blocks. Raises as ``load_needed``."""
+    with cache.forbid_compiling():
+        BACKGROUND[part].compile_or_load()
+    pending.finish(part)
