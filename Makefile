@@ -114,7 +114,7 @@ mutants: $(VENV)/.installed-dev ## measure how many small faults the tests notic
 		--with cosmic-ray==$(COSMIC_RAY) python bench/mutants.py $(ARGS)
 
 docs: $(VENV)/.installed-dev ## write the pages of docs/ that are generated from the source
-	$(BIN)/python -m gateway.cli.reference docs
+	$(BIN)/python -m tools.docs_pages docs
 
 # zensical does not count griffe's warnings, which are about docstrings.
 docs-site: $(SITE_VENV)/.installed ## build the documentation site into out/site; a warning is an error
@@ -144,7 +144,7 @@ lock: $(VENV)/.tools ## resolve the locks again (ARGS="--upgrade" for newer vers
 
 clean: ## remove what the recipes made
 	rm -rf $(VENV) $(SITE_VENV) .venv-lowest out/site out/site.log .cache .ci-cache .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
-	find gateway renderers tests bench examples -name __pycache__ -type d -prune -exec rm -rf {} +
+	find gateway renderers tests bench examples tools -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.made:
 	@test -n "$(PYTHON)" || { echo "No Python found; Scenegate needs 3.11 to 3.14 (make PYTHON=/path/to/python3)."; exit 1; }

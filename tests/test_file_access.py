@@ -18,8 +18,6 @@ ALLOWED = {
     "lcm/liblcm_transport.py": "/dev/null",
     "state/database.py": "checks by itself that the file is regular, since it writes it",
     "viewer/routes.py": "the page, a part of this package",
-    "cli/reference/grpc_page.py": "files of this package",
-    "cli/reference/lcm_page.py": "files of this package",
     "stereo/pair_files.py": "np.load of an open regular file",
     "testing/gateway.py": "its own log",
     "datasets/files.py": "folders, and files that it writes",

@@ -67,7 +67,7 @@ def test_releases_in_a_clone(clone: Path) -> None:
     for page in ("README.md", "CHANGELOG.md", "docs/README.md", "CONTRIBUTING.md"):
         assert UNTRUE_AFTERWARDS.findall((clone / page).read_text()) == [], page
     assert "pip install scenegate" in (clone / "README.md").read_text()
-    run(clone, sys.executable, "-m", "gateway.cli.reference", "docs")
+    run(clone, sys.executable, "-m", "tools.docs_pages", "docs")
     assert run(clone, "git", "status", "--porcelain") == "", "generated pages have changed"
     tests = ("tests/packaging/test_release_files.py", "tests/docs/test_pages.py")
     run(clone, sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests, "-m", "not slow")

@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-_PROTOS: Final = Path(__file__).parents[3] / "protos"
+_PROTOS: Final = Path(__file__).parents[2] / "protos"
 _FILE: Final = "image_interface.proto"
 _MESSAGES, _ENUMS_OF_MESSAGE, _FIELDS, _VALUES, _SERVICES, _METHODS = 4, 4, 2, 2, 6, 2
 """Field numbers in protobuf's descriptors. The path to a comment has them, each followed by an index."""

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from gateway.cli.reference import commands_page, grpc_page, http_page, lcm_page, limits_page, settings_page
-from gateway.cli.reference.openapi_text import curl, field_rows, type_text, wrapped
 from tests.conftest import DemoGateway
 from tests.support import clients
+from tools.docs_pages import commands_page, grpc_page, http_page, lcm_page, limits_page, settings_page
+from tools.docs_pages.openapi_text import curl, field_rows, type_text, wrapped
 
 DOCS = Path(__file__).parents[3] / "docs"
 

@@ -1,4 +1,4 @@
-"""Pages of docs/ that are written from the source: ``python -m gateway.cli.reference docs`` writes them all.
+"""Pages of docs/ that are written from the source: ``python -m tools.docs_pages docs`` writes them all.
 
 - ``settings_page``: settings and their flags; ``limits_page``: limits with their reasons.
 - ``commands_page``: the command line; ``http_page``, ``openapi_text``: the HTTP interface.

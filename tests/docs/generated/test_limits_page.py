@@ -6,7 +6,7 @@ import ast
 
 import pytest
 
-from gateway.cli.reference.limits_page import _docstrings, _number, _row
+from tools.docs_pages.limits_page import _docstrings, _number, _row
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from itertools import groupby
 from typing import Any, Final
 
-from gateway.cli.reference.openapi_text import ENDLESS, URL, curl, example_of, field_rows, row, type_text, wrapped
+from tools.docs_pages.openapi_text import ENDLESS, URL, curl, example_of, field_rows, row, type_text, wrapped
 
 _HEAD: Final = """# HTTP
 

@@ -1,11 +1,11 @@
-"""``python -m gateway.cli.reference FOLDER``: write the generated pages into FOLDER, which is docs/."""
+"""``python -m tools.docs_pages FOLDER``: write the generated pages into FOLDER, which is docs/."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
 
-from gateway.cli.reference import commands_page, grpc_page, http_page, lcm_page, limits_page, settings_page
+from tools.docs_pages import commands_page, grpc_page, http_page, lcm_page, limits_page, settings_page
 
 if __name__ == "__main__":
     docs = Path(sys.argv[1])
