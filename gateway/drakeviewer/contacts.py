@@ -45,11 +45,11 @@ ContactParts = dict[Path, tuple[Part, ...]]
 """Parts by path in the live tree. A path has all contacts between two bodies."""
 
 
-def read_contacts(contacts: Contacts, problems: list[str]) -> ContactParts:
+def read_contacts(contacts: Contacts, warnings: list[str]) -> ContactParts:
     """Return the arrows and surfaces of a message. A surface without a force or moment to show is left out.
 
     Args:
-        problems: list to which the reason is added if a contact surface is damaged. Its arrows are shown.
+        warnings: list to which the reason is added if a contact surface is damaged. Its arrows are shown.
     """
     parts: dict[Path, list[Part]] = {}
     count = len(contacts.points)
@@ -71,7 +71,7 @@ def read_contacts(contacts: Contacts, problems: list[str]) -> ContactParts:
             try:
                 parts[path] += _pressure_surface(surface)
             except MessageError as error:
-                problems.append(str(error))
+                warnings.append(str(error))
     return {path: tuple(of_path) for path, of_path in parts.items()}
 
 

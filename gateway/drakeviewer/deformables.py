@@ -18,13 +18,13 @@ Deformables = dict[Path, tuple[Part, ...]]
 """Parts of each body, by its path in the live tree."""
 
 
-def read_deformables(link: Link, family: str, limits: Limits, problems: list[str]) -> Deformables:
+def read_deformables(link: Link, family: str, limits: Limits, warnings: list[str]) -> Deformables:
     """Return the bodies of a message. A body without drawable triangles has no parts.
 
     Args:
         link: the message; each of its geometries is a body.
         family: family of the channel.
-        problems: list to which the reason is added if a mesh is damaged or beyond a limit. That body has no parts.
+        warnings: list to which the reason is added if a mesh is damaged or beyond a limit. That body has no parts.
 
     Raises:
         MessageError: A name is beyond a limit.
@@ -41,7 +41,7 @@ def read_deformables(link: Link, family: str, limits: Limits, problems: list[str
         try:
             surface = surface_of(geometry.floats, limits)
         except MessageError as error:
-            problems.append(str(error))
+            warnings.append(str(error))
             continue
         if surface is not None:
             part = Part(surface, material(color_of(geometry)), transform_of(geometry), "mesh_data")

@@ -20,11 +20,11 @@ MAX_DISTANCE: Final = 1e15
 """Points farther away, metres, are not drawn: their coordinates would overflow in the renderer."""
 
 
-def read_cloud(cloud: Cloud, problems: list[str]) -> tuple[Part, ...]:
+def read_cloud(cloud: Cloud, warnings: list[str]) -> tuple[Part, ...]:
     """Return the points that can be drawn, with their colours (the field ``rgb``) if there are any.
 
     Args:
-        problems: list to which the reason is added if the colours cannot be read.
+        warnings: list to which the reason is added if the colours cannot be read.
 
     Raises:
         MessageError: The cloud has no x, y or z, or its data is too short.
@@ -42,7 +42,7 @@ def read_cloud(cloud: Cloud, problems: list[str]) -> tuple[Part, ...]:
         try:
             channels["rgb"] = _colors(cloud, fields["rgb"])
         except MessageError as error:
-            problems.append(f"{error}, so the points are white")
+            warnings.append(f"{error}, so the points are white")
     if not (points.min() > -MAX_DISTANCE and points.max() < MAX_DISTANCE):  # false for NaN, too
         with np.errstate(invalid="ignore"):
             drawable = (np.abs(points) < MAX_DISTANCE).all(axis=1)

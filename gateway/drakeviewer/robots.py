@@ -39,7 +39,7 @@ class LoadedRobots:
     """Subtree of each family, to be placed at ``(ROOT, family)``."""
     paths: Mapping[LinkKey, Path]
     """Path of each link in the live tree."""
-    problems: tuple[str, ...]
+    warnings: tuple[str, ...]
     """Reasons why geometries are not shown."""
 
 
@@ -52,7 +52,7 @@ def read_robots(links: tuple[Link, ...], family: str, files: MeshFiles, limits: 
     Raises:
         MessageError: A name has too many elements.
     """
-    problems: list[str] = []
+    warnings: list[str] = []
     trees: dict[str, TreeEdit] = {family: TreeEdit(Node())}
     paths: dict[LinkKey, Path] = {}
     origins = {link.key: _family_and_key(link.key, family) for link in links}
@@ -65,8 +65,8 @@ def read_robots(links: tuple[Link, ...], family: str, files: MeshFiles, limits: 
         path = paths_by_family[own_family][key]
         paths[link.key] = (ROOT, own_family, *path)
         tree = trees.setdefault(own_family, TreeEdit(Node()))
-        tree.set_parts(path, read_geometries(link.geometries, files, limits, problems))
-    return LoadedRobots({name: tree.commit() for name, tree in trees.items()}, paths, tuple(problems))
+        tree.set_parts(path, read_geometries(link.geometries, files, limits, warnings))
+    return LoadedRobots({name: tree.commit() for name, tree in trees.items()}, paths, tuple(warnings))
 
 
 def _family_and_key(key: LinkKey, family: str) -> tuple[str, LinkKey]:

@@ -22,19 +22,19 @@ from gateway.scene.transforms import from_pose
 
 
 def read_geometries(
-    geometries: Iterable[Geometry], files: MeshFiles, limits: Limits, problems: list[str]
+    geometries: Iterable[Geometry], files: MeshFiles, limits: Limits, warnings: list[str]
 ) -> tuple[Part, ...]:
     """Return the parts of a link's geometries, in the link's frame.
 
     Args:
-        problems: list to which the reason is added if a geometry cannot be shown. That geometry is left out.
+        warnings: list to which the reason is added if a geometry cannot be shown. That geometry is left out.
     """
     parts: list[Part] = []
     for geometry in geometries:
         try:
-            parts += _parts_of(geometry, files, limits, problems)
+            parts += _parts_of(geometry, files, limits, warnings)
         except (MessageError, MeshFileError) as error:
-            problems.append(str(error))
+            warnings.append(str(error))
     return tuple(parts)
 
 
@@ -49,11 +49,11 @@ def transform_of(geometry: Geometry) -> NDArray[np.float64]:
     return from_pose(geometry.position, geometry.quaternion)
 
 
-def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits, problems: list[str]) -> tuple[Part, ...]:
+def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits, warnings: list[str]) -> tuple[Part, ...]:
     if not all(map(math.isfinite, (*geometry.position, *geometry.quaternion))):
         raise MessageError("the pose of a geometry is not finite")
     if geometry.type == GeometryType.MESH and geometry.text:
-        return _mesh_file(geometry, files, problems)
+        return _mesh_file(geometry, files, warnings)
     shape: Shape | None
     kind = "mesh_data"
     if geometry.type == GeometryType.MESH:
@@ -74,13 +74,13 @@ def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits, problems: li
     return (Part(shape, material(color_of(geometry)), transform_of(geometry), kind),)
 
 
-def _mesh_file(geometry: Geometry, files: MeshFiles, problems: list[str]) -> tuple[Part, ...]:
+def _mesh_file(geometry: Geometry, files: MeshFiles, warnings: list[str]) -> tuple[Part, ...]:
     """Load a mesh file, or a mesh in JSON. The geometry's colour is for meshes without materials, as in Drake."""
     scale = _scale_of(geometry.floats.tolist())
     if geometry.text.startswith("{"):
-        loaded = memory_mesh(geometry.text, scale, files, problems)
+        loaded = memory_mesh(geometry.text, scale, files, warnings)
     else:
-        loaded = files.load(geometry.text, scale, problems)
+        loaded = files.load(geometry.text, scale, warnings)
     X_link_geometry = transform_of(geometry)
     own_color = material(color_of(geometry))
     return tuple(

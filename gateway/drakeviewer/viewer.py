@@ -192,7 +192,7 @@ class DrakeViewer:
             return None
         links = wire.decode_load_robot(data, limits)
         loaded = read_robots(links, family, files, limits)
-        problems = self._refuse_if_strict(loaded.problems)
+        warnings = self._refuse_if_strict(loaded.warnings)
         has_files = any(geometry.text for link in links for geometry in link.geometries)
 
         def apply(edit: TreeEdit) -> Sequence[str]:
@@ -202,9 +202,9 @@ class DrakeViewer:
             self._robots(family).load(loaded, edit)
             for other in [name for name in loads if _kind_and_family(name) == (LOAD, family)]:
                 del loads[other]
-            loads[channel] = (data, has_files or bool(problems))
+            loads[channel] = (data, has_files or bool(warnings))
             self.counters.loads += 1
-            return problems
+            return warnings
 
         return apply
 
@@ -214,20 +214,20 @@ class DrakeViewer:
         not_finite = self._refuse_if_strict(_not_finite(draw))
 
         def apply(edit: TreeEdit) -> Sequence[str]:
-            problem = robots.draw(draw, edit)
-            if not problem:
+            warning = robots.draw(draw, edit)
+            if not warning:
                 if draw.seconds < robots.seconds - RESTART_SECONDS:
                     self._clear_simulation(edit, self._state.shown)
                 self._state.seconds = robots.seconds = draw.seconds
-            return (problem,) if problem else not_finite
+            return (warning,) if warning else not_finite
 
         return apply
 
     def _read_deformable(self, channel: str, family: str, message: wire.Message) -> Edit | None:
         limits = self._config.limits
-        problems: list[str] = []
-        bodies = read_deformables(wire.decode_link_data(message, limits), family, limits, problems)
-        self._refuse_if_strict(problems)
+        warnings: list[str] = []
+        bodies = read_deformables(wire.decode_link_data(message, limits), family, limits, warnings)
+        self._refuse_if_strict(warnings)
         shown = self._state.deformables.setdefault(channel, DeformableChannel(family))
         if not bodies and not shown.shown:
             return None
@@ -235,23 +235,23 @@ class DrakeViewer:
         def apply(edit: TreeEdit) -> Sequence[str]:
             self._reserve_nodes(channel, bodies)
             shown.apply(bodies, edit)
-            return problems
+            return warnings
 
         return apply
 
     def _read_contacts(self, message: wire.Message) -> Edit | None:
-        problems: list[str] = []
-        parts = read_contacts(wire.decode_contacts(message, self._config.limits), problems)
+        warnings: list[str] = []
+        parts = read_contacts(wire.decode_contacts(message, self._config.limits), warnings)
         shown = self._state.contacts
-        if not parts and not shown.shown and not problems:
+        if not parts and not shown.shown and not warnings:
             return None
-        return self._simulation_edit(CONTACT_RESULTS, lambda edit: shown.apply(parts, edit), problems)
+        return self._simulation_edit(CONTACT_RESULTS, lambda edit: shown.apply(parts, edit), warnings)
 
     def _read_cloud(self, channel: str, message: wire.Message) -> Edit:
-        problems: list[str] = []
-        parts = read_cloud(wire.decode_point_cloud(message, self._config.limits), problems)
+        warnings: list[str] = []
+        parts = read_cloud(wire.decode_point_cloud(message, self._config.limits), warnings)
         path = _channel_path(CLOUD_GROUP, channel, POINT_CLOUD)
-        return self._simulation_edit(channel, lambda edit: edit.set_parts(path, parts), problems)
+        return self._simulation_edit(channel, lambda edit: edit.set_parts(path, parts), warnings)
 
     def _read_frames(self, channel: str, message: wire.Message) -> Edit:
         shown = self._state.frames.get(channel) or FrameChannel(_channel_path(FRAME_GROUP, channel, FRAMES))
@@ -266,15 +266,15 @@ class DrakeViewer:
 
         return self._simulation_edit(channel, apply, _not_finite(draw))
 
-    def _simulation_edit(self, channel: str, apply: Callable[[TreeEdit], object], problems: Sequence[str]) -> Edit:
+    def _simulation_edit(self, channel: str, apply: Callable[[TreeEdit], object], warnings: Sequence[str]) -> Edit:
         """Return the edit of a message of contacts, point clouds or frames, and count it for ``_clear_simulation``."""
-        self._refuse_if_strict(problems)
+        self._refuse_if_strict(warnings)
 
         def edit_and_count(edit: TreeEdit) -> Sequence[str]:
             apply(edit)
             self._state.shown += 1
             self._state.shown_at[channel] = self._state.shown
-            return problems
+            return warnings
 
         return edit_and_count
 
@@ -309,11 +309,11 @@ class DrakeViewer:
             raise MessageError(f"the nodes of all channels would be {total}, the limit is {self._config.nodes}")
         nodes[source] = count
 
-    def _refuse_if_strict(self, problems: Sequence[str]) -> Sequence[str]:
-        """Return the problems; raise MessageError if there are any and ``config.strict`` refuses them."""
-        if problems and self._config.strict:
-            raise MessageError(strict_refusal(problems))
-        return problems
+    def _refuse_if_strict(self, warnings: Sequence[str]) -> Sequence[str]:
+        """Return the warnings; raise MessageError if there are any and ``config.strict`` refuses them."""
+        if warnings and self._config.strict:
+            raise MessageError(strict_refusal(warnings))
+        return warnings
 
     def _robots(self, family: str) -> RobotChannels:
         return self._state.robots.setdefault(family, RobotChannels(family))
