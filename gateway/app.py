@@ -23,8 +23,9 @@ from gateway import settings as settings_module
 from gateway.runtime import logs, process_tuning
 from gateway.runtime.kernels.loading import KERNELS
 from gateway.runtime.metrics_registry import Metrics
+from gateway.runtime.scheduling import usable_cpus
 from gateway.runtime.service_registry import ServiceRegistry
-from gateway.runtime.worker_pool import WorkerPool, usable_cpus
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.server import error_handlers, health, openapi
 from gateway.server.docs_page import docs_page
 from gateway.server.early_response import EarlyResponse

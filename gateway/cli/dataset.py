@@ -25,7 +25,7 @@ def check(
     """Verify a dataset: manifest, hashes, sizes and types of the images, cameras, labels."""
     from gateway.datasets.check import check_dataset
     from gateway.runtime.kernels.cache import configure
-    from gateway.runtime.worker_pool import usable_cpus
+    from gateway.runtime.scheduling import usable_cpus
     from scenegate.cli.progress_bar import progress_bar
 
     configure()

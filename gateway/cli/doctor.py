@@ -42,7 +42,7 @@ def all_findings() -> Iterator[Finding]:
 
 def _settings_and_machine() -> Iterator[Finding]:
     from gateway.runtime.diagnostics import findings
-    from gateway.runtime.worker_pool import usable_cpus
+    from gateway.runtime.scheduling import usable_cpus
     from gateway.settings import Settings, SettingsError, load, unknown_environment
     from gateway.settings.option import flag_of
 

@@ -157,7 +157,7 @@ def render(
     from gateway.datasets.job import make_job
     from gateway.datasets.sources import find_sources
     from gateway.datasets.views import View
-    from gateway.runtime.worker_pool import usable_cpus
+    from gateway.runtime.scheduling import usable_cpus
     from gateway.scene.cameras import OrbitCamera
     from scenegate.datasets.manifest import Settings
 

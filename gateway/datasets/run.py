@@ -14,7 +14,7 @@ from gateway.datasets.files import locked, remove_temporary_files, temporary_nam
 from gateway.datasets.job import Job, Result, Task
 from gateway.datasets.journal import Journal
 from gateway.datasets.resume import existing_dataset, valid_samples
-from gateway.runtime.worker_pool import usable_cpus
+from gateway.runtime.scheduling import usable_cpus
 from renderers.compiler import cache_folder
 from scenegate.datasets import manifest
 from scenegate.datasets.manifest import FailureRecord

@@ -17,9 +17,10 @@ from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.messages import MessageError
 from gateway.drakeviewer.viewer import DrakeViewer
 from gateway.drakeviewer.wire import Message
+from gateway.runtime.pool_errors import UnavailableErrors
 from gateway.runtime.scheduling import BACKGROUND_NICENESS
 from gateway.runtime.warning_list import WarningList
-from gateway.runtime.worker_pool import UnavailableErrors, WorkerPool
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from renderers.compiler.pending import any_pending
 from scenegate.lcm.arrival import arrival_time, set_arrival

@@ -18,7 +18,7 @@ from gateway.render.form import RenderRequest, read_form
 from gateway.render.multipart import Form, FormReader, body_too_large
 from gateway.render.pipeline import EncodedImage
 from gateway.render.service import Admission, RenderService
-from gateway.runtime.worker_pool import DeadlineExceeded
+from gateway.runtime.pool_errors import DeadlineExceeded
 from gateway.server.disconnect import CLIENT_GONE, while_connected
 from gateway.server.unavailable import UnavailableErrors, retry_after, unavailable_message
 

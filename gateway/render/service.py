@@ -15,7 +15,8 @@ from gateway.render.failures import FailureStore
 from gateway.render.form import RenderRequest
 from gateway.render.pipeline import Backdrop, EncodedImage, Pipeline
 from gateway.render.scenes import SceneStore
-from gateway.runtime.worker_pool import QueueFull, WorkerPool
+from gateway.runtime.pool_errors import QueueFull
+from gateway.runtime.worker_pool import WorkerPool
 from renderers.interface import Renderer
 
 _log = structlog.get_logger("gateway.render")

@@ -1,4 +1,4 @@
-"""CPU priority of threads that compute, below that of the event loop. Linux only; elsewhere without effect."""
+"""CPUs of this process; priority of threads that compute, below that of the event loop (on Linux only)."""
 
 from __future__ import annotations
 
@@ -63,3 +63,8 @@ def _set_slice(nanoseconds: int) -> None:
     niceness = os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
     attr = _SCHED_ATTR.pack(_SCHED_ATTR.size, os.SCHED_OTHER, 0, niceness, 0, nanoseconds, 0, 0)
     ctypes.CDLL(None).syscall(ctypes.c_long(number), ctypes.c_long(0), attr, ctypes.c_long(0))
+
+
+def usable_cpus() -> int:
+    """Return the number of CPUs that this process may run on, within a container's CPU set."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

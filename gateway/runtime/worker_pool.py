@@ -14,7 +14,6 @@ from __future__ import annotations
 import asyncio
 import contextvars
 import math
-import os
 import threading
 import time
 import traceback
@@ -25,8 +24,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, ParamSpec, TypeVar
 
-from gateway.runtime.scheduling import CAMERA_FIRST_NICENESS, raise_niceness, yield_to_event_loop
-from renderers.compiler.pending import KernelsDelayed, KernelsPending, is_compiling
+from gateway.runtime.pool_errors import CallerCancelled, DeadlineExceeded, PoolClosed, QueueFull
+from gateway.runtime.scheduling import CAMERA_FIRST_NICENESS, raise_niceness, usable_cpus, yield_to_event_loop
+from renderers.compiler.pending import KernelsPending, is_compiling
 from renderers.stop import StopFlag
 
 P = ParamSpec("P")
@@ -40,36 +40,6 @@ _POLL_SECONDS: Final = 0.1
 """Time between two looks at kernels that are being compiled."""
 _SMOOTHING: Final = 0.1
 """Weight of the newest duration in the moving average behind ``Retry-After``."""
-
-
-def usable_cpus() -> int:
-    """Return the number of CPUs that this process may run on, within a container's CPU set."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-class QueueFull(Exception):  # noqa: N818 - an expected outcome, not a fault
-    """The queue is full."""
-
-    def __init__(self, reason: str, retry_after: int) -> None:
-        super().__init__(f"{reason}; try again in {retry_after} s")
-        self.retry_after = retry_after
-        """Estimated seconds until a place is free, at least 1."""
-
-
-class PoolClosed(Exception):  # noqa: N818 - as above
-    """The pool is shutting down: the call was not accepted, or was ended."""
-
-
-class DeadlineExceeded(Exception):  # noqa: N818 - as above
-    """The call was ended at its deadline."""
-
-
-class CallerCancelled(Exception):  # noqa: N818 - as above
-    """The call was ended because its caller was cancelled."""
-
-
-UnavailableErrors: Final = (QueueFull, PoolClosed, DeadlineExceeded, KernelsDelayed)
-"""Errors of ``WorkerPool.run`` for calls that it rejects or stops, and of kernels that could not be loaded yet."""
 
 
 async def until_compiled(*parts: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi.responses import PlainTextResponse
 
-from gateway.runtime.worker_pool import DeadlineExceeded, QueueFull, UnavailableErrors
+from gateway.runtime.pool_errors import DeadlineExceeded, QueueFull, UnavailableErrors
 
 __all__ = ["UnavailableErrors", "retry_after", "unavailable", "unavailable_message"]
 

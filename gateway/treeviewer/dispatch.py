@@ -14,7 +14,8 @@ from typing import Final, Protocol
 
 import structlog
 
-from gateway.runtime.worker_pool import UnavailableErrors, WorkerPool
+from gateway.runtime.pool_errors import UnavailableErrors
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.clicks import Click
 from gateway.treeviewer import responses, wire
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, ClientQueue, Message, Publish, size_of

@@ -9,7 +9,8 @@ from typing import Final
 
 import structlog
 
-from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull, WorkerPool
+from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.cameras import CameraSpec
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable

@@ -10,7 +10,7 @@ import structlog
 
 from gateway.assets.scene_file import SceneFile
 from gateway.robots.scene_files import SceneOptions, read_scene
-from gateway.runtime.worker_pool import CallerCancelled
+from gateway.runtime.pool_errors import CallerCancelled
 from gateway.settings import Settings
 from renderers.stop import StopFlag
 

@@ -130,7 +130,7 @@ def test_a_checked_dataset(
         )
 
     monkeypatch.setattr(dataset_check, "check_dataset", check_dataset)
-    monkeypatch.setattr("gateway.runtime.worker_pool.usable_cpus", lambda: 7)
+    monkeypatch.setattr("gateway.runtime.scheduling.usable_cpus", lambda: 7)
     result = invoke("dataset", "check", str(tmp_path))
     assert result.exit_code == code
     assert result.stdout == f"{tmp_path}: 4 samples of 2 scenes, 8 images, 1.2 MB, {problems} problems\n"

@@ -15,7 +15,7 @@ from structlog.testing import capture_logs
 
 from gateway.render.config import LookChoice, RenderConfig
 from gateway.render.form import LOOK_FIELD
-from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
+from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.scene.geometry import Box, Part
 from gateway.scene.tree import Node, TreeEdit
 from renderers.compiler.pending import KernelsDelayed

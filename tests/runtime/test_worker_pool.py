@@ -13,8 +13,9 @@ from functools import partial
 
 import pytest
 
+from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.runtime.scheduling import CAMERA_FIRST_NICENESS
-from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull, WorkerPool
+from gateway.runtime.worker_pool import WorkerPool
 from renderers.compiler import pending
 from renderers.raster.frame_threads import FrameThreads
 from renderers.stop import check_stop

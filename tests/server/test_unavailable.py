@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
+from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.server.unavailable import UnavailableErrors, unavailable
 from renderers.compiler.pending import KernelsDelayed
 

@@ -14,7 +14,8 @@ import pytest
 from fastapi import FastAPI
 from PIL import Image as Pillow
 
-from gateway.runtime.worker_pool import DeadlineExceeded, QueueFull, WorkerPool
+from gateway.runtime.pool_errors import DeadlineExceeded, QueueFull
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.cameras import parse_camera
 from gateway.scene.flatten import Flattener
 from gateway.scene.geometry import Box, Part, PointCloud

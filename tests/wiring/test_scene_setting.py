@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from gateway.runtime.worker_pool import CallerCancelled
+from gateway.runtime.pool_errors import CallerCancelled
 from gateway.settings import Settings
 from gateway.wiring import scene_setting
 from renderers.stop import check_stop

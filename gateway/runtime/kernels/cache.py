@@ -20,7 +20,7 @@ from typing import Any
 
 from gateway.runtime.file_lock import Lock, try_lock
 from gateway.runtime.kernels.progress import KernelProgress
-from gateway.runtime.worker_pool import usable_cpus
+from gateway.runtime.scheduling import usable_cpus
 from renderers.compiler import cache_folder
 
 _MAX_CHILDREN = 3

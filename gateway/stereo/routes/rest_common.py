@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, ParamSpec
 from fastapi import Query, Request
 from fastapi.responses import JSONResponse
 
-from gateway.runtime.worker_pool import DeadlineExceeded
+from gateway.runtime.pool_errors import DeadlineExceeded
 from gateway.server.openapi import Responses, example
 from gateway.server.unavailable import UnavailableErrors, retry_after
 from gateway.stereo.service import StereoService

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import structlog
 
-from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
+from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.stereo.device.camera_config import Rate
 from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.imaging.rendered_images import MeteredExposure

@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.runtime.worker_pool import QueueFull, WorkerPool, until_compiled
+from gateway.runtime.pool_errors import QueueFull
+from gateway.runtime.worker_pool import WorkerPool, until_compiled
 from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND, Clock
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import ALTERNATE_GAP_NS, StreamSettings, read_settings

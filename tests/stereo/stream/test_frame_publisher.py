@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from structlog.testing import capture_logs
 
-from gateway.runtime.worker_pool import QueueFull
+from gateway.runtime.pool_errors import QueueFull
 from gateway.stereo.stream.frame_publisher import FramePublisher, FramesInFlight
 from gateway.stereo.stream.set_kind import SetKind
 from tests.support.waiting import until

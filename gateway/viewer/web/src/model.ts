@@ -74,7 +74,7 @@ export class Model {
   /** This page's settings of removed nodes by path: a node that is published again gets them back. */
   private readonly removedPageState = new Map<string, Pick<TreeNode, "shown" | "ownOpacity" | "cloud">>();
 
-  /** Apply an update; unitScale from revision 0 replaces the scene. */
+  /** Apply an update; one from revision 0 replaces the scene. */
   apply(update: SceneUpdate): ModelChange {
     const change: ModelChange = { added: [], removed: [], changed: new Set(), moved: new Set() };
     if (update.from === 0) this.clear(change);
