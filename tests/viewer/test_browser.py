@@ -860,9 +860,20 @@ def test_camera_projection_and_grid_are_kept(view: tuple[View, Publisher]) -> No
     shown.page.mouse.up()
     shown.until(lambda: shown.page.evaluate(STILL), "the camera stands still")
     before = shown.page.evaluate(camera)
+
+    def eye() -> list[float]:
+        return [float(x) for x in shown.page.url.partition("#eye=")[2].partition(";")[0].split(",") if x]
+
+    shown.until(lambda: eye() == pytest.approx(before[:3]), "the camera is in the address")
     reload()
     shown.wait_for_node("far")
     assert shown.page.evaluate(camera) == pytest.approx(before)
+    shown.page.evaluate("location.hash = 'eye=1,-5,2;target=1,0,2;up=0,0,1;fovy=45'")
+    view_eye = "scenegate.stage.view.eye"
+    shown.until(lambda: shown.page.evaluate(view_eye) == pytest.approx([1.0, -5.0, 2.0]), "a link is followed")
+    shown.page.evaluate("location.hash = 'eye=1,-5;target=nowhere'")
+    shown.page.keyboard.press("h")
+    shown.until(lambda: "#" not in shown.page.url, "the home view has no camera in its address")
     assert shown.page.evaluate(orthographic)
     assert not shown.page.evaluate("scenegate.stage.grid.visible")
     shown.open_display_menu()

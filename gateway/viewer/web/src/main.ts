@@ -17,6 +17,7 @@ const viewer = new Viewer(session, panels, holder, (click) => connection.click(c
 const { stage } = viewer;
 const attach = (element: Element | null) => element?.append(holder);
 render(h(App, { viewer, attach }), document.querySelector("#app") as Element);
+viewer.followAddress();
 
 function receive(message: Message): void {
   switch (message.kind) {

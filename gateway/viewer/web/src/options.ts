@@ -46,19 +46,19 @@ export const options = {
   theme: new Option("theme", THEMES, matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"),
 };
 
-/** Store a value for the next visit, or until the tab is closed. */
-export function keep(name: string, value: string, storage: "localStorage" | "sessionStorage" = "localStorage"): void {
+/** Store a value for the next visit. */
+export function keep(name: string, value: string): void {
   try {
-    globalThis[storage].setItem(PREFIX + name, value);
+    localStorage.setItem(PREFIX + name, value);
   } catch {
     // The browser does not allow storage: the setting lasts as long as the page.
   }
 }
 
 /** Return a value that was stored by `keep`. */
-export function kept(name: string, storage: "localStorage" | "sessionStorage" = "localStorage"): string | null {
+export function kept(name: string): string | null {
   try {
-    return globalThis[storage].getItem(PREFIX + name);
+    return localStorage.getItem(PREFIX + name);
   } catch {
     return null;
   }

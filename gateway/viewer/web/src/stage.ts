@@ -18,6 +18,7 @@ import {
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { LinearImage } from "./blending";
+import type { CameraView } from "./camera";
 import { CLOUD_LAYER, CloudProgress } from "./cloudprogress";
 import { frame } from "./framing";
 import { Lights } from "./lights";
@@ -43,15 +44,6 @@ const Z_UP = new Vector3(0, 0, 1);
 const DEFAULT_BOX = new Box3(new Vector3(-1, -1, 0), new Vector3(1, 1, 1));
 type Vector = [number, number, number];
 
-/** A camera in the world, metres. */
-export interface CameraView {
-  eye: Vector;
-  target: Vector;
-  up: Vector;
-  /** Half the height of the orthographic view, metres. Default: as high as the perspective view at the target. */
-  halfHeight?: number;
-}
-
 export type Button = "left" | "middle" | "right";
 /** Buttons by their number in MouseEvent.button. */
 const BUTTONS: readonly Button[] = ["left", "middle", "right"];
@@ -74,6 +66,8 @@ export interface StageCallbacks {
   isTranslucent(): boolean;
   /** Called after an image was drawn. */
   drawn(): void;
+  /** Called when the camera moved. */
+  moved(): void;
   /** Called after `origin` has changed. */
   originMoved(): void;
 }
@@ -149,7 +143,10 @@ export class Stage {
     const controls = new OrbitControls(this.camera, this.canvas);
     controls.zoomToCursor = true;
     controls.listenToKeyEvents(this.canvas);
-    controls.addEventListener("change", () => this.redraw());
+    controls.addEventListener("change", () => {
+      this.redraw();
+      this.callbacks.moved();
+    });
     controls.addEventListener("start", () => (this.placements += 1));
     return controls;
   }
@@ -215,7 +212,8 @@ export class Stage {
   /** The camera in the world. */
   get view(): CameraView {
     const [eye, target] = [this.camera.position, this.controls.target].map((at) => at.clone().add(this.origin).toArray()) as [Vector, Vector];
-    return { eye, target, up: this.camera.up.toArray(), halfHeight: this.halfHeight / this.orthographic.zoom };
+    const halfHeight = this.halfHeight / this.orthographic.zoom;
+    return { eye, target, up: this.camera.up.toArray(), halfHeight, orthographic: this.camera === this.orthographic };
   }
 
   /** Place the camera in the world. */
@@ -243,6 +241,7 @@ export class Stage {
     this.halfHeight = halfHeight;
     this.resize();
     this.controls.update();
+    this.callbacks.moved();
     this.framedDistance = this.controls.getDistance();
     this.scaleGrid(halfHeight);
     this.redraw();

@@ -1,26 +1,25 @@
 // The 3D view of a session: applies its updates, follows its options, and does what the page's controls ask for.
 
 import { effect, signal } from "@preact/signals";
-import type { Box3, Color, Vector3 } from "three";
+import type { Box3, Color } from "three";
+import { cameraText, parseCamera } from "./camera";
 import { Clicks } from "./clicks";
 import { Drawing } from "./drawing";
 import { Frustum } from "./frustum";
 import { Materials } from "./materials";
 import type { TreeNode } from "./model";
-import { keep, kept, type Option, options } from "./options";
+import { type Option, options } from "./options";
 import type { Panels } from "./panels";
 import type { Click, PageSettings, SceneUpdate } from "./protocol";
 import type { Session } from "./session";
-import { type CameraView, type Direction, Stage } from "./stage";
+import { type Direction, Stage } from "./stage";
 import { backgroundColors, colorsOn } from "./theme";
 
 /** Time in which the home view follows the nodes that are added. */
 const FRAMING_MS = 2000;
 
-/** The camera, and the home camera that a client had set, are kept until the tab is closed, unless it is the home view. */
-interface KeptView extends CameraView {
-  home: string;
-}
+/** Time for which the camera stands still before its text is put into the address, ms: browsers limit the changes. */
+const ADDRESS_MS = 300;
 
 export class Viewer {
   readonly stage: Stage;
@@ -35,6 +34,7 @@ export class Viewer {
   private framed: number;
   /** JSON of the last home camera that a client has set. */
   private lastHome = "";
+  private addressTimer = 0;
 
   constructor(
     readonly session: Session,
@@ -47,6 +47,7 @@ export class Viewer {
       imageUrl: () => `view/frame.jpg?${this.imageQuery()}`,
       isTranslucent: () => this.materials.areTranslucent,
       drawn: () => this.materials.disposeUnused(),
+      moved: () => this.cameraMoved(),
       originMoved: () => this.placeAll(),
     });
     const { stage } = this;
@@ -60,7 +61,6 @@ export class Viewer {
     stage.onTap((x, y, button) => this.tap(x, y, button));
     this.followOptions();
     this.followGraphicsDevice();
-    this.keepCamera();
   }
 
   /** Follow the display options and the selection. */
@@ -104,24 +104,34 @@ export class Viewer {
     });
   }
 
-  private keepCamera(): void {
+  /** Take the camera from the address, now and when a link is followed. Called when the view has its size. */
+  followAddress(): void {
     const { stage } = this;
-    const view = JSON.parse(kept("view", "sessionStorage") ?? "null") as KeptView | null;
-    if (view) {
-      this.lastHome = view.home;
+    stage.resize(); // the text of an orthographic camera has a width
+    const place = () => {
+      const text = new URLSearchParams(`camera=${location.hash.slice(1)}`).get("camera"); // some programs escape `;`
+      const view = parseCamera(text ?? "", stage.perspective.aspect);
+      if (!view) return;
       this.framingEnds = 0;
+      if (view.orthographic) options.orthographic.shown.value = "on";
       stage.placeCamera(view);
-    }
+    };
+    addEventListener("hashchange", place);
+    place();
     // In a window of another shape, for instance on a phone that is turned, the home view stays framed.
     addEventListener("resize", () => {
       if (stage.placements !== this.framed) return;
       stage.resize();
       this.look("home");
     });
-    addEventListener("pagehide", () => {
-      const moved = stage.placements !== this.framed;
-      keep("view", JSON.stringify(moved ? { ...stage.view, home: this.lastHome } : null), "sessionStorage");
-    });
+  }
+
+  private cameraMoved(): void {
+    clearTimeout(this.addressTimer);
+    this.addressTimer = setTimeout(() => {
+      const isHome = this.stage.placements === this.framed;
+      history.replaceState(null, "", isHome ? location.pathname + location.search : `#${this.cameraText()}`);
+    }, ADDRESS_MS);
   }
 
   apply(update: SceneUpdate): void {
@@ -147,9 +157,9 @@ export class Viewer {
     this.settings.value = next;
     this.clicks.setPaths(next.clickable);
     const home = JSON.stringify(next.home);
-    if (!next.home || home === this.lastHome) return;
+    const isNew = home !== this.lastHome && !(this.lastHome === "" && this.framingEnds === 0); // a link has its own camera
     this.lastHome = home;
-    this.look("home");
+    if (next.home && isNew) this.look("home");
   }
 
   private placeAll(): void {
@@ -220,15 +230,7 @@ export class Viewer {
 
   /** Return this view's camera in the gateway's syntax. */
   private cameraText(): string {
-    const { camera, perspective, orthographic, origin, controls } = this.stage;
-    const text = (v: Vector3) =>
-      v
-        .toArray()
-        .map((x) => x.toFixed(5))
-        .join(",");
-    const at = (v: Vector3) => text(v.clone().add(origin));
-    const size = camera === perspective ? `fovy=${perspective.fov}` : `xmag=${(orthographic.right / orthographic.zoom).toPrecision(9)}`;
-    return `eye=${at(camera.position)};target=${at(controls.target)};up=${text(camera.up)};${size}`;
+    return cameraText(this.stage.view, this.stage.perspective.fov, this.stage.perspective.aspect);
   }
 
   /** Return this view as parameters of `/scene.glb`. */

@@ -1,0 +1,26 @@
+import { expect, it } from "vitest";
+import { cameraText, parseCamera } from "../src/camera";
+
+const VIEW = { eye: [500000.125, 0, -2.5], target: [0, 1, 0], up: [0, 0, 1] } as const;
+
+it("writes and reads a perspective camera", () => {
+  const text = cameraText({ ...VIEW, eye: [...VIEW.eye], target: [...VIEW.target], up: [...VIEW.up] }, 45, 1.5);
+  expect(text).toBe("eye=500000.125,0,-2.5;target=0,1,0;up=0,0,1;fovy=45");
+  expect(parseCamera(text, 1.5)).toEqual({ eye: [500000.125, 0, -2.5], target: [0, 1, 0], up: [0, 0, 1] });
+});
+
+it("writes and reads an orthographic camera", () => {
+  const view = { eye: [0, -9, 0], target: [0, 0, 0], up: [0, 0, 1], halfHeight: 2, orthographic: true } as const;
+  const text = cameraText({ ...view, eye: [...view.eye], target: [...view.target], up: [...view.up] }, 45, 1.5);
+  expect(text).toBe("eye=0,-9,0;target=0,0,0;up=0,0,1;xmag=3");
+  expect(parseCamera(text, 0.5)).toMatchObject({ halfHeight: 6, orthographic: true });
+});
+
+it.each(["", "fit", "eye=1,2;target=0,0,0", "eye=1,2,x;target=0,0,0", "eye=1,2,3;target=1,2,3", "eye=1e99,2,3;target=0,0,0"])("refuses %s", (text) =>
+  expect(parseCamera(text, 1)).toBeNull(),
+);
+
+it("has an up direction of its own", () => {
+  expect(parseCamera("eye=1,2,3;target=0,0,0", 1)?.up).toEqual([0, 0, 1]);
+  expect(parseCamera("eye=1,2,3;target=0,0,0;up=0,0,0", 1)).toBeNull();
+});
