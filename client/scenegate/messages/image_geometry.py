@@ -75,7 +75,7 @@ class Heightmap(Geometry):
 
 @dataclass(frozen=True, slots=True)
 class Text(Geometry):
-    """Text on a rectangle that is centred on the origin. The font has ASCII and the degree sign."""
+    """Text on a rectangle that is centred on the origin. Characters that no font of the viewer has appear as boxes."""
 
     kind = "text"
     text: str
