@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +28,6 @@ from gateway.datasets.scenes import LoadedScene, load_scene
 from gateway.datasets.sources import Source
 from gateway.datasets.views import View
 from gateway.datasets.worker import Worker
-from renderers.stop import check_stop
 from scenegate.datasets import manifest
 from scenegate.datasets.dataset import NO_LABEL, Dataset
 from tests.datasets.conftest import SETTINGS, Draw, contents, job_of
@@ -153,10 +152,10 @@ def test_hashing_stops_with_the_run(scenes: Path, tmp_path: Path, draw: Draw, mo
     draw(job)
     waiting = threading.Event()
 
-    def endless(path: Path) -> str:
+    def endless(path: Path, check: Callable[[], object]) -> str:
         waiting.set()
         while True:
-            check_stop()
+            check()
             threading.Event().wait(0.01)  # short: between two checks
 
     class Interrupted(ThreadPoolExecutor):

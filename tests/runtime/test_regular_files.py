@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from renderers.stop import StopFlag
+from renderers.stop import StopFlag, check_stop
 from scenegate.regular_files import (
     open_regular,
     read_file_or_pipe,
@@ -92,7 +92,7 @@ def test_a_pipe_without_writer_is_left_at_the_stop_flag(pipe: Path) -> None:
     flag = StopFlag()
     threading.Timer(0.05, flag.set, (TimeoutError("late"),)).start()
     with pytest.raises(TimeoutError, match="late"):
-        flag.run(lambda: read_file_or_pipe(pipe))
+        flag.run(lambda: read_file_or_pipe(pipe, check=check_stop))
 
 
 def test_the_stop_flag_ends_hashing(tmp_path: Path) -> None:
@@ -100,4 +100,4 @@ def test_the_stop_flag_ends_hashing(tmp_path: Path) -> None:
     flag = StopFlag()
     flag.set(TimeoutError("late"))
     with pytest.raises(TimeoutError, match="late"):
-        flag.run(lambda: sha256_of(tmp_path / "file"))
+        flag.run(lambda: sha256_of(tmp_path / "file", check_stop))
