@@ -97,10 +97,10 @@ class LiveTree:
 
     def _commit(self, edit: TreeEdit) -> None:
         """Append the result of an edit, and call the listeners."""
-        root = edit.commit()
+        base, root = edit.base, edit.commit()
         if not edit.changed:
             return
-        self._append(merged(edit.base, root, self.snapshot.root), edit.replaced_bytes)
+        self._append(merged(base, root, self.snapshot.root), edit.replaced_bytes)
         for listener in tuple(self._listeners):
             listener(self.snapshot)
 

@@ -172,7 +172,7 @@ class TreeEdit:
         self._owner: object | None = object()
         self._root = root
         self.base = root
-        """The tree before the first edit."""
+        """The tree before the first edit; the result after ``commit``."""
         self.changed = False
         """True after the first edit."""
         self.replaced_bytes = 0
@@ -278,7 +278,7 @@ class TreeEdit:
 
     def commit(self) -> Node:
         """Return the root of the edited tree, which is immutable from now on. Further edits raise RuntimeError."""
-        self._owner = None
+        self._owner, self.base = None, self._root  # an edit keeps no old tree alive
         return self._root
 
     def _begin_change(self) -> object:
