@@ -8,7 +8,7 @@ are the vertices in the optical frame, ``d`` is the pixel's ray. These weights a
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from renderers.shading.layout import (
     V_NORMAL,
     V_UV0,
 )
-from renderers.shading.vec3 import cross, dot, minus, times, transform_directions, transform_points
+from renderers.shading.vec3 import cross, dot, minus, select3, times, transform_directions, transform_points
 
 _LINES: Final = int(Topology.LINES)
 _TRIANGLES: Final = int(Topology.TRIANGLES)
@@ -57,7 +57,7 @@ def _vertex_indices(segment, primitive):
 
 @inlined
 def _line_weights(p, q):
-    """Return the rows of the weights of a line from p to q, and its determinant, as ``_set_up_eight`` uses them.
+    """Return the rows of the weights of a line from p to q, and its determinant, as ``_weight_rows`` returns them.
 
     The points of the line are p + t e with e = q - p. All of them project onto one line of the image, whose direction
     is s = e.xy p.z - p.xy e.z. The pixel shows the point whose projection has the same component along s as the ray.
@@ -121,6 +121,103 @@ def _to_f32x3(values):
     return vec.to_f32(values[0]), vec.to_f32(values[1]), vec.to_f32(values[2])
 
 
+class Weights(NamedTuple):
+    """Weights of the three vertices in eight spans, three f32x8 each."""
+
+    first: Any
+    """At the first pixel."""
+    step: Any
+    """Change per pixel of the span."""
+    column: Any
+    """Change per column of the image. Not ``step``, which is 0 in spans of a single pixel."""
+    row: Any
+    """Change per row of the image."""
+
+
+class Rays(NamedTuple):
+    """Rays (x, y, 1) through the pixels at both ends of eight spans, f64x8 each."""
+
+    first_x: Any
+    last_x: Any
+    y: Any
+
+
+@inlined
+def _rays(job, y, first_column, step_count):
+    """Return the RAYS of spans in row ``y``.
+
+    Args:
+        first_column: i32x8.
+        step_count: f64x8, number of pixels after the first one.
+    """
+    pixel_width, pixel_height = vec.f64(1.0 / job.fx), vec.f64(1.0 / job.fy)  # in the plane z = 1
+    first_x = (vec.to_f64(first_column) + vec.f64(0.5 - job.cx)) * pixel_width
+    return Rays(first_x=first_x, last_x=first_x + step_count * pixel_width, y=vec.f64(y + 0.5 - job.cy) * pixel_height)
+
+
+@inlined
+def _weight_rows(topology, p0, p1, p2, rays):
+    """Return the rows whose products with a ray are the weights of the vertices, their determinant, and their sign.
+
+    The point's depth is the determinant divided by the sum of the weights. The sign makes the weights positive.
+
+    Args:
+        p0, p1, p2: vertices in the optical frame, three f64x8 each.
+    """
+    zero, one = vec.f64(0.0), vec.f64(1.0)
+    if topology == _TRIANGLES:
+        rows = cross(p1, p2), cross(p2, p0), cross(p0, p1)
+        # Negative where the side is visible on which the vertices run counter-clockwise: the front, or the back if the
+        # transform mirrors.
+        determinant = dot(p0, rows[0])
+        sign = vec.select(determinant < zero, zero - one, one)
+    else:
+        rows, determinant = _line_weights(p0, p1)
+        # Positive in front of the camera.
+        weight_sum = _dot_ray(rows[0], rays.first_x, rays.y) + _dot_ray(rows[1], rays.first_x, rays.y)
+        sign = vec.select(weight_sum < zero, zero - one, one)
+    return rows, determinant, sign
+
+
+@inlined
+def _weights_at(rows, sign, ray_x, ray_y):
+    """Return the weights at a ray, three f64x8.
+
+    Coverage is exact to 1/256 pixel, so that pixel centres may be a little outside of the triangle. Negative weights at
+    the ends of a span become 0: nothing is extrapolated.
+    """
+    zero = vec.f64(0.0)
+    return (
+        vec.maximum(sign * _dot_ray(rows[0], ray_x, ray_y), zero),
+        vec.maximum(sign * _dot_ray(rows[1], ray_x, ray_y), zero),
+        vec.maximum(sign * _dot_ray(rows[2], ray_x, ray_y), zero),
+    )
+
+
+@inlined
+def _scaled_weights(rows, sign, rays, step_count, job):
+    """Return the WEIGHTS, and the factor, f64x8, by which they are scaled.
+
+    Scaled to the sum 1 at the first pixel, the weights fit float32. Any positive factor is valid, since the sums are
+    divided by the sum of the weights.
+    """
+    zero, one, infinity = vec.f64(0.0), vec.f64(1.0), vec.f64(math.inf)
+    b, e = _weights_at(rows, sign, rays.first_x, rays.y), _weights_at(rows, sign, rays.last_x, rays.y)
+    first_sum, last_sum = b[0] + b[1] + b[2], e[0] + e[1] + e[2]
+    is_usable = (first_sum > zero) & (first_sum < infinity) & (last_sum > zero) & (last_sum < infinity)
+    scale = vec.select(is_usable, one / first_sum, zero)
+    step_scale = scale / vec.maximum(step_count, one)
+    third = vec.f64(1.0 / 3.0)  # weights that are not usable: the centroid
+    x_scale, y_scale = scale * sign * vec.f64(1.0 / job.fx), scale * sign * vec.f64(1.0 / job.fy)
+    weights = Weights(
+        first=_to_f32x3(select3(is_usable, times(b, scale), (third, third, third))),
+        step=_to_f32x3(select3(is_usable, times(minus(e, b), step_scale), (zero, zero, zero))),
+        column=_to_f32x3((rows[0][0] * x_scale, rows[1][0] * x_scale, rows[2][0] * x_scale)),
+        row=_to_f32x3((rows[0][1] * y_scale, rows[1][1] * y_scale, rows[2][1] * y_scale)),
+    )
+    return weights, scale
+
+
 @device_function
 def _set_up_eight(segment, span, count, at):
     """Fill SPANS with at most eight spans from ``span`` on.
@@ -132,10 +229,8 @@ def _set_up_eight(segment, span, count, at):
     Returns:
         True if the normal is constant along each span.
     """
-    X_camera_mesh, matrices, job, material = segment.X_camera_mesh, segment.matrices, segment.job, segment.material
-    spans, starts, attributes = segment.spans, segment.starts, segment.attributes
-    vertices, y = segment.instance.vertices, segment.y
-    zero, one = vec.f64(0.0), vec.f64(1.0)
+    X_camera_mesh, job, material = segment.X_camera_mesh, segment.job, segment.material
+    starts, spans, attributes = segment.starts, segment.spans, segment.attributes
     # Lanes beyond the last span repeat it: the ids there belong to other instances.
     lane = vec.minimum(vec.iota(), vec.i32(count - 1))
     primitive_id = vec.permute(vec.load(segment.ids, span), lane)
@@ -143,130 +238,129 @@ def _set_up_eight(segment, span, count, at):
     step_count = vec.to_f64(vec.permute(vec.load(starts, span + 1), lane) - first_column - vec.i32(1))
     if segment.columns != 0:
         first_column = vec.gather(i32_at(segment.columns), first_column)
-    i0, i1, i2 = _vertex_indices(segment, primitive_id - vec.i32(segment.first_id))
-    vertex_values = vec.i32(V_COLUMNS)
-    a, b, c = (
-        vec.load_octets(vertices, i0 * vertex_values),
-        vec.load_octets(vertices, i1 * vertex_values),
-        vec.load_octets(vertices, i2 * vertex_values),
-    )
+    indices = _vertex_indices(segment, primitive_id - vec.i32(segment.first_id))
+    a, b, c = _load_vertices(segment.instance.vertices, indices)
     p0, p1, p2 = (
         transform_points(X_camera_mesh, a),
         transform_points(X_camera_mesh, b),
         transform_points(X_camera_mesh, c),
     )
-    pixel_width, pixel_height = vec.f64(1.0 / job.fx), vec.f64(1.0 / job.fy)  # in the plane z = 1
-    ray_x = (vec.to_f64(first_column) + vec.f64(0.5 - job.cx)) * pixel_width
-    ray_y = vec.f64(y + 0.5 - job.cy) * pixel_height
-    # The product of each row with the ray is a vertex's weight. The point's depth is the determinant divided by the
-    # sum of the weights.
-    if segment.instance.topology == _TRIANGLES:
-        rows = cross(p1, p2), cross(p2, p0), cross(p0, p1)
-        # Negative where the side is visible on which the vertices run counter-clockwise: the front, or the back if the
-        # transform mirrors.
-        determinant = dot(p0, rows[0])
-        sign = vec.select(determinant < zero, zero - one, one)
-    else:
-        rows, determinant = _line_weights(p0, p1)
-        # Positive in front of the camera.
-        weight_sum = _dot_ray(rows[0], ray_x, ray_y) + _dot_ray(rows[1], ray_x, ray_y)
-        sign = vec.select(weight_sum < zero, zero - one, one)
-    # Coverage is exact to 1/256 pixel, so that pixel centres may be a little outside of the triangle. Negative weights
-    # at the ends of a span become 0: nothing is extrapolated. b are the weights at the first pixel, e at the last.
-    end_x = ray_x + step_count * pixel_width
-    b0 = vec.maximum(sign * _dot_ray(rows[0], ray_x, ray_y), zero)
-    b1 = vec.maximum(sign * _dot_ray(rows[1], ray_x, ray_y), zero)
-    b2 = vec.maximum(sign * _dot_ray(rows[2], ray_x, ray_y), zero)
-    e0 = vec.maximum(sign * _dot_ray(rows[0], end_x, ray_y), zero)
-    e1 = vec.maximum(sign * _dot_ray(rows[1], end_x, ray_y), zero)
-    e2 = vec.maximum(sign * _dot_ray(rows[2], end_x, ray_y), zero)
-    first_sum, last_sum = b0 + b1 + b2, e0 + e1 + e2
-    infinity = vec.f64(math.inf)
-    is_usable = (first_sum > zero) & (first_sum < infinity) & (last_sum > zero) & (last_sum < infinity)
-    # Scaled to the sum 1 at the first pixel, the weights fit float32. Any positive factor is valid, since the sums are
-    # divided by the sum of the weights.
-    scale = vec.select(is_usable, one / first_sum, zero)
-    step_scale = scale / vec.maximum(step_count, one)
-    third = vec.f64(1.0 / 3.0)  # weights that are not usable: the centroid
-    weights = _to_f32x3(
-        (
-            vec.select(is_usable, b0 * scale, third),
-            vec.select(is_usable, b1 * scale, third),
-            vec.select(is_usable, b2 * scale, third),
-        )
-    )
-    weight_steps = _to_f32x3(
-        (
-            vec.select(is_usable, (e0 - b0) * step_scale, zero),
-            vec.select(is_usable, (e1 - b1) * step_scale, zero),
-            vec.select(is_usable, (e2 - b2) * step_scale, zero),
-        )
-    )
-    mirror = vec.f32(matrices.mirror)
-    facing = vec.select(determinant > zero, -mirror, mirror)
+    rays = _rays(job, segment.y, first_column, step_count)
+    rows, determinant, sign = _weight_rows(segment.instance.topology, p0, p1, p2, rays)
+    weights, scale = _scaled_weights(rows, sign, rays, step_count, job)
+    mirror = vec.f32(segment.matrices.mirror)
+    facing = vec.select(determinant > vec.f64(0.0), -mirror, mirror)
     vec.store(spans.begin, at, vec.to_f32(first_column))
     vec.store(spans.facing, at, facing)
-    vec.store(spans.weight_sum, at, weights[0] + weights[1] + weights[2])
-    vec.store(spans.weight_sum, SPAN_STRIDE + at, weight_steps[0] + weight_steps[1] + weight_steps[2])
-    zero_f32, k, is_constant = vec.f32(0.0), V_NORMAL, True
+    _store_sums(spans.weight_sum, 0, at, weights.first, weights.step)
+    is_constant = True
     if attributes & HAS_NORMALS:
-        is_same = (a[k] == b[k]) & (a[k + 1] == b[k + 1]) & (a[k + 2] == b[k + 2])
-        is_same = is_same & (a[k] == c[k]) & (a[k + 1] == c[k + 1]) & (a[k + 2] == c[k + 2])
-        is_constant = vec.movemask(is_same) == 255
-        normal, normal_step = (a[k], a[k + 1], a[k + 2]), (zero_f32, zero_f32, zero_f32)
-        if not is_constant:
-            normal, normal_step = _weighted_sum3(weights, a, b, c, k), _weighted_sum3(weight_steps, a, b, c, k)
-        _store3(spans.normal, 0, at, times(transform_directions(matrices.normal, normal), facing))
-        _store3(spans.normal, 3, at, times(transform_directions(matrices.normal, normal_step), facing))
+        is_constant = _store_normals(segment, at, weights, a, b, c, facing)
     if not attributes & HAS_NORMALS or material.has_surface != 0:
-        plane_normal = cross(minus(p1, p0), minus(p2, p0))
-        length = vec.sqrt(dot(plane_normal, plane_normal))
-        has_length = (length > zero) & (length < infinity)
-        # The negative sign of the determinant turns the normal towards the camera.
-        normal_scale = vec.select(has_length, (zero - sign) / vec.select(has_length, length, one), zero)
-        flat_normal = _to_f32x3(times(plane_normal, normal_scale))
-        if not attributes & HAS_NORMALS:
-            _store3(spans.normal, 0, at, flat_normal)
-            _store3(spans.normal, 3, at, (zero_f32, zero_f32, zero_f32))
-        _store3(spans.flat_normal, 0, at, flat_normal)
+        _store_flat_normals(segment, at, p0, p1, p2, sign)
     if attributes & HAS_UV0:
-        _store_weighted_sums(spans.uv, 0, 2, at, weights, weight_steps, a, b, c, V_UV0)
+        _store_weighted_sums(spans.uv, 0, 2, at, weights.first, weights.step, a, b, c, V_UV0)
     if material.has_surface != 0:
         vec.store(spans.depth, at, vec.to_f32(vec.absolute(determinant) * scale))
-    column_steps = row_steps = weights  # the same type; replaced where they are used
     if material.has_gradients != 0:
-        # Changes of the weights per column and per row of the image. Not ``weight_steps``, which are 0 in spans of a
-        # single pixel.
-        x_scale, y_scale = scale * sign * pixel_width, scale * sign * pixel_height
-        column_steps = _to_f32x3((rows[0][0] * x_scale, rows[1][0] * x_scale, rows[2][0] * x_scale))
-        row_steps = _to_f32x3((rows[0][1] * y_scale, rows[1][1] * y_scale, rows[2][1] * y_scale))
-        vec.store(spans.weight_sum_gradient, at, column_steps[0] + column_steps[1] + column_steps[2])
-        vec.store(spans.weight_sum_gradient, SPAN_STRIDE + at, row_steps[0] + row_steps[1] + row_steps[2])
+        _store_sums(spans.weight_sum_gradient, 0, at, weights.column, weights.row)
         if attributes & HAS_UV0:
-            _store_weighted_sums(spans.uv_gradient, 0, 2, at, column_steps, row_steps, a, b, c, V_UV0)
+            _store_weighted_sums(spans.uv_gradient, 0, 2, at, weights.column, weights.row, a, b, c, V_UV0)
     if attributes & HAS_COLORS:
-        colors, color_values = segment.instance.colors, vec.i32(4)
-        u = vec.load_quads(colors, i0 * color_values)
-        v = vec.load_quads(colors, i1 * color_values)
-        w = vec.load_quads(colors, i2 * color_values)
-        _store_weighted_sums(spans.color, 0, 4, at, weights, weight_steps, u, v, w, 0)
+        u, v, w = _load_colors(segment.instance.colors, indices)
+        _store_weighted_sums(spans.color, 0, 4, at, weights.first, weights.step, u, v, w, 0)
     if attributes & (HAS_UV1 | HAS_TANGENTS):
-        extras, extra_values = segment.instance.extras, vec.i32(E_COLUMNS)
-        d = vec.load_octets(extras, i0 * extra_values)
-        e = vec.load_octets(extras, i1 * extra_values)
-        f = vec.load_octets(extras, i2 * extra_values)
-        if attributes & HAS_UV1:
-            _store_weighted_sums(spans.uv, 4, 2, at, weights, weight_steps, d, e, f, E_UV1)
-            if material.has_gradients != 0:
-                _store_weighted_sums(spans.uv_gradient, 4, 2, at, column_steps, row_steps, d, e, f, E_UV1)
-        if attributes & HAS_TANGENTS:
-            tangent = transform_directions(matrices.tangent, _weighted_sum3(weights, d, e, f, E_TANGENT))
-            tangent_step = transform_directions(matrices.tangent, _weighted_sum3(weight_steps, d, e, f, E_TANGENT))
-            _store3(spans.tangent, 0, at, tangent)
-            vec.store(spans.tangent, 3 * SPAN_STRIDE + at, _weighted_sum(weights, d[_SIGN], e[_SIGN], f[_SIGN]))
-            _store3(spans.tangent, 4, at, tangent_step)
-            vec.store(spans.tangent, 7 * SPAN_STRIDE + at, _weighted_sum(weight_steps, d[_SIGN], e[_SIGN], f[_SIGN]))
+        _store_extras(segment, at, weights, indices)
     return is_constant
+
+
+@inlined
+def _load_vertices(vertices, indices):
+    """Return the values of three vertices of eight primitives, V_COLUMNS f32x8 each."""
+    columns = vec.i32(V_COLUMNS)
+    return (
+        vec.load_octets(vertices, indices[0] * columns),
+        vec.load_octets(vertices, indices[1] * columns),
+        vec.load_octets(vertices, indices[2] * columns),
+    )
+
+
+@inlined
+def _load_colors(colors, indices):
+    """Return the colours of three vertices of eight primitives, four f32x8 each."""
+    columns = vec.i32(4)
+    return (
+        vec.load_quads(colors, indices[0] * columns),
+        vec.load_quads(colors, indices[1] * columns),
+        vec.load_quads(colors, indices[2] * columns),
+    )
+
+
+@inlined
+def _store_sums(rows, row, at, weights, weight_steps):
+    """Store the sum of weights in a row of SPANS, and that of their changes in the next one."""
+    vec.store(rows, row * SPAN_STRIDE + at, weights[0] + weights[1] + weights[2])
+    vec.store(rows, (row + 1) * SPAN_STRIDE + at, weight_steps[0] + weight_steps[1] + weight_steps[2])
+
+
+@inlined
+def _store_normals(segment, at, weights, a, b, c, facing):
+    """Store the normals of vertices; return True if they are constant along each span.
+
+    Args:
+        a, b, c: vertices.
+        facing: f32x8, as SPANS.facing.
+    """
+    spans, matrix, zero, k = segment.spans, segment.matrices.normal, vec.f32(0.0), V_NORMAL
+    is_same = (a[k] == b[k]) & (a[k + 1] == b[k + 1]) & (a[k + 2] == b[k + 2])
+    is_same = is_same & (a[k] == c[k]) & (a[k + 1] == c[k + 1]) & (a[k + 2] == c[k + 2])
+    is_constant = vec.movemask(is_same) == 255
+    normal, step = (a[k], a[k + 1], a[k + 2]), (zero, zero, zero)
+    if not is_constant:
+        normal, step = _weighted_sum3(weights.first, a, b, c, k), _weighted_sum3(weights.step, a, b, c, k)
+    _store3(spans.normal, 0, at, times(transform_directions(matrix, normal), facing))
+    _store3(spans.normal, 3, at, times(transform_directions(matrix, step), facing))
+    return is_constant
+
+
+@inlined
+def _store_flat_normals(segment, at, p0, p1, p2, sign):
+    """Store the unit normals of triangles, also as those of vertices where a mesh has none.
+
+    Args:
+        p0, p1, p2: vertices in the optical frame.
+        sign: f64x8, of ``_weight_rows``.
+    """
+    spans, zero, one = segment.spans, vec.f64(0.0), vec.f64(1.0)
+    plane_normal = cross(minus(p1, p0), minus(p2, p0))
+    length = vec.sqrt(dot(plane_normal, plane_normal))
+    has_length = (length > zero) & (length < vec.f64(math.inf))
+    # The negative sign of the determinant turns the normal towards the camera.
+    scale = vec.select(has_length, (zero - sign) / vec.select(has_length, length, one), zero)
+    normal = _to_f32x3(times(plane_normal, scale))
+    if not segment.attributes & HAS_NORMALS:
+        _store3(spans.normal, 0, at, normal)
+        _store3(spans.normal, 3, at, (vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)))
+    _store3(spans.flat_normal, 0, at, normal)
+
+
+@inlined
+def _store_extras(segment, at, weights, indices):
+    """Store the second set of texture coordinates, and tangents."""
+    spans, matrix, extras = segment.spans, segment.matrices.tangent, segment.instance.extras
+    columns = vec.i32(E_COLUMNS)
+    a = vec.load_octets(extras, indices[0] * columns)
+    b = vec.load_octets(extras, indices[1] * columns)
+    c = vec.load_octets(extras, indices[2] * columns)
+    if segment.attributes & HAS_UV1:
+        _store_weighted_sums(spans.uv, 4, 2, at, weights.first, weights.step, a, b, c, E_UV1)
+        if segment.material.has_gradients != 0:
+            _store_weighted_sums(spans.uv_gradient, 4, 2, at, weights.column, weights.row, a, b, c, E_UV1)
+    if segment.attributes & HAS_TANGENTS:
+        _store3(spans.tangent, 0, at, transform_directions(matrix, _weighted_sum3(weights.first, a, b, c, E_TANGENT)))
+        vec.store(spans.tangent, 3 * SPAN_STRIDE + at, _weighted_sum(weights.first, a[_SIGN], b[_SIGN], c[_SIGN]))
+        _store3(spans.tangent, 4, at, transform_directions(matrix, _weighted_sum3(weights.step, a, b, c, E_TANGENT)))
+        vec.store(spans.tangent, 7 * SPAN_STRIDE + at, _weighted_sum(weights.step, a[_SIGN], b[_SIGN], c[_SIGN]))
 
 
 @inlined
