@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.device_function import inlined
-from renderers.compiler.jit import kernel
+from renderers.compiler.jit import kernel, read_only
 from renderers.compiler.kernel_calls import is_set
 from renderers.drawlist import Mesh
 from renderers.stop import check_stop, current_stop
@@ -192,7 +192,9 @@ def smooth_vertices(
         crease_angle: Degrees, up to ``NO_CREASES``.
     """
     stop = current_stop()
-    smooth = _split_at_creases(positions, faces, math.cos(math.radians(crease_angle)), stop.address)
+    smooth = _split_at_creases(
+        read_only(positions), read_only(faces), math.cos(math.radians(crease_angle)), stop.address
+    )
     stop.check()
     source_vertex, out_faces, normals = smooth
     return source_vertex, out_faces, normals

@@ -6,12 +6,16 @@ Division follows IEEE 754 and never raises, as scenes may contain any numbers.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
+import numpy as np
 from numba.core import sigutils
+from numpy.typing import NDArray
 
 from renderers.compiler.cache_locator import cached_njit
 from renderers.compiler.pending import wait_for_kernel
+
+T = TypeVar("T", bound=np.generic)
 
 
 class Kernel:
@@ -58,6 +62,13 @@ def kernel(signature: str, *, releases_gil: bool = True) -> Callable[[Callable[.
         return compiled
 
     return decorate
+
+
+def read_only(array: NDArray[T]) -> NDArray[T]:
+    """Return a read-only view: a kernel whose signature has ``readonly=True`` is compiled for such arrays only."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 def compile_all() -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from renderers.cache import WeakCache
 from renderers.color import linear_values_from_srgb, srgb_values_from_linear
 from renderers.compiler.device_function import device_function
-from renderers.compiler.jit import kernel
+from renderers.compiler.jit import kernel, read_only
 from renderers.compiler.kernel_calls import is_set
 from renderers.drawlist import Image
 from renderers.shading.textures import texels_of
@@ -60,17 +60,10 @@ def make_chain(rgba: NDArray[np.uint8], srgb: bool) -> tuple[NDArray[np.uint8], 
     while max(levels[-1].shape[:2]) > 1:
         height, width = (max(side // 2, 1) for side in levels[-1].shape[:2])
         level = np.empty((height, width, 4), np.uint8)
-        halve(_read_only(levels[-1]), level, to_linear, from_linear, stop.address)
+        halve(read_only(levels[-1]), level, to_linear, from_linear, stop.address)
         stop.check()
         levels.append(level)
     return tuple(levels[1:])
-
-
-def _read_only(texels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a read-only view, since ``halve`` is compiled for read-only arrays only."""
-    view = texels.view()
-    view.flags.writeable = False
-    return view
 
 
 @device_function

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import socket
 import subprocess
 import sys
@@ -201,6 +202,20 @@ async def test_falls_back_to_json(monkeypatch: pytest.MonkeyPatch) -> None:
 
         await in_thread(talk)
         assert paths(live) == {("a",)}
+
+
+def test_a_timeout_is_positive() -> None:
+    for timeout in (0.0, -1.0, float("nan")):
+        with pytest.raises(ValueError, match="positive number of seconds"):
+            TreeViewer("tcpq://127.0.0.1:1", timeout=timeout)
+
+
+def test_a_connection_that_is_late_ends() -> None:
+    """It is closed before its thread connects, or just when it does."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        for _ in range(50):
+            with contextlib.suppress(ConnectionError):
+                TreeViewer(f"tcpq://127.0.0.1:{silent.getsockname()[1]}", timeout=1e-9).close()
 
 
 def test_reports_timeout() -> None:

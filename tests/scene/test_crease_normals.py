@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from gateway.scene import crease_normals
 from gateway.scene.crease_normals import (
     MAX_FACES_PER_VERTEX,
     NO_CREASES,
@@ -192,3 +193,14 @@ def test_without_creases_the_tip_of_a_cone_of_many_faces_has_one_normal() -> Non
     vertices, _, normals = smooth_vertices(points.astype(np.float32), triangles, NO_CREASES)
     assert len(vertices) == count + 1
     np.testing.assert_allclose(normals[-1], (0, 0, 1), atol=1e-5)
+
+
+def test_writable_and_read_only_arrays_share_one_compiled_signature() -> None:
+    positions = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0)], np.float32)
+    triangles = np.array([(0, 1, 2)], np.uint32)
+    for writable in (True, False):
+        positions.flags.writeable = triangles.flags.writeable = writable
+        smooth_vertices(positions, triangles)
+        assert positions.flags.writeable is writable
+    kernel = crease_normals._split_at_creases  # noqa: SLF001 - another signature would be compiled while serving
+    assert len(kernel.signatures) == 1

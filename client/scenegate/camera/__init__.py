@@ -5,7 +5,12 @@ Needs grpcio and protobuf: ``scenegate-client[camera]``.
 
 from __future__ import annotations
 
-from scenegate.camera.credentials import Credentials as Credentials
+try:
+    from scenegate.camera import image_interface_pb2 as image_interface_pb2
+    from scenegate.camera.credentials import Credentials as Credentials
+except ImportError as _error:
+    raise ImportError(f"{_error}; the camera needs pip install 'scenegate-client[camera]'") from None
+
 from scenegate.camera.files import BadImageError as BadImageError
 from scenegate.camera.files import depth as depth
 from scenegate.camera.files import intrinsics as intrinsics

@@ -94,9 +94,11 @@ def _connect(url: str) -> Any:
     try:
         import lcm
     except ImportError as error:
+        remedy = "pip install 'scenegate-client[lcm]'"
+        if error.name != "lcm":  # the package is there
+            remedy = "it needs the system library libglib-2.0.so.0: apt install libglib2.0-0"
         raise LcmUnavailableError(
-            f"LCM's library, which {url.partition('://')[0]}:// needs, cannot be loaded ({error}); "
-            "it needs the system library libglib-2.0.so.0: apt install libglib2.0-0"
+            f"LCM's library, which {url.partition('://')[0]}:// needs, cannot be loaded ({error}): {remedy}"
         ) from None
     next_descriptor = os.open(os.devnull, os.O_RDONLY)
     os.close(next_descriptor)

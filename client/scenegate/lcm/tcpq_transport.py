@@ -6,7 +6,6 @@ liblcm's client would block the event loop while it connects, and from a message
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 import socket
 from collections.abc import Callable
@@ -92,10 +91,10 @@ class TcpqTransport:
             await asyncio.wait({connection.lost}, timeout=FINISH_SECONDS)
 
     async def close(self) -> None:
-        if self._task is not None:
+        # Before Python 3.12, ``wait_for`` loses a cancellation that comes when the connection is made.
+        while self._task is not None and not self._task.done():
             self._task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._task
+            await asyncio.wait({self._task}, timeout=DRAIN_SECONDS)
 
     def status(self) -> dict[str, object]:
         connected = self._connection is not None

@@ -31,7 +31,10 @@ class LcmConnection:
 
         Raises:
             ConnectionError: no hub listens, or there is no route.
+            ValueError: the timeout is not positive.
         """
+        if not timeout > 0.0:
+            raise ValueError(f"timeout is {timeout}, it must be a positive number of seconds")
         self.url = resolve_url(url)
         self._handlers = handlers
         self._timeout = timeout
@@ -40,6 +43,7 @@ class LcmConnection:
         """Notified when the connection is made, lost or closed."""
         self._closed = False
         self._loop = asyncio.SelectorEventLoop()  # on Windows, the default one cannot watch UDP sockets
+        self._loop.call_soon(self._transport.start, self._on_message, self._on_connect)
         self._thread = threading.Thread(target=self._run, name="treeviewer-receive", daemon=True)
         self._thread.start()
         with self._changed:
@@ -86,7 +90,6 @@ class LcmConnection:
     def _run(self) -> None:
         """Send and receive until the connection is closed: the body of the thread."""
         asyncio.set_event_loop(self._loop)
-        self._loop.call_soon(self._transport.start, self._on_message, self._on_connect)
         try:
             self._loop.run_forever()
             self._loop.run_until_complete(self._end())

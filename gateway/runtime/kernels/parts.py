@@ -77,13 +77,13 @@ NEEDED: Final[Mapping[str, Part]] = {
 }
 """Parts that the default settings need; the longest first, so that the children end at about the same time."""
 BACKGROUND: Final[Mapping[str, Part]] = {
+    "formats": Part(20, _FORMATS, modules=_FORMATS),
     "studio": Part(135, _STUDIO),
     "stereo": Part(60, ("renderers.stereo",), modules=("renderers.stereo",)),
     "normals": Part(35, _NORMALS),
     "antialiasing": Part(55, _ANTIALIASING),
-    "formats": Part(20, _FORMATS, modules=_FORMATS),
 }
-"""Parts that are compiled after the server is ready, longest first: the look of ``/scene/render`` is."""
+"""Parts that are compiled after the server is ready: first what published meshes need, then the longest first."""
 PARTS: Final[Mapping[str, Part]] = {**NEEDED, **BACKGROUND}
 
 
