@@ -213,9 +213,10 @@ def test_a_timeout_is_positive() -> None:
 def test_a_connection_that_is_late_ends() -> None:
     """It is closed before its thread connects, or just when it does."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
+        url = f"tcpq://127.0.0.1:{silent.getsockname()[1]}"
         for _ in range(50):
             with contextlib.suppress(ConnectionError):
-                TreeViewer(f"tcpq://127.0.0.1:{silent.getsockname()[1]}", timeout=1e-9).close()
+                TreeViewer(url, timeout=1e-9).close()  # short: it shall be late
 
 
 def test_reports_timeout() -> None:
