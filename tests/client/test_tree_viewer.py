@@ -273,7 +273,7 @@ def test_names_of_the_package() -> None:
     assert package.TreeViewer is viewer.TreeViewer
     assert set(package.__all__) <= set(dir(package))
     with pytest.raises(AttributeError):
-        _ = package.Nothing
+        _ = package.Nothing  # type: ignore[attr-defined]  # at run time, too
 
 
 async def test_no_stderr_output_on_success(capfd: pytest.CaptureFixture[str]) -> None:
