@@ -829,7 +829,8 @@ def test_shadows_and_occlusion_are_kept(view: tuple[View, Publisher]) -> None:
     shown.look_at("above")
     shown.until(lambda: shown.share("red") > 0.01, "the box")
     assert shown.page.evaluate(drawn) == [True, True]
-    shown.page.goto(f"{shown.page.url}&shadows=off&occlusion=off")
+    address, _, camera = shown.page.url.partition("#")
+    shown.page.goto(f"{address}&shadows=off&occlusion=off#{camera}")
     shown.look_at("above")
     assert shown.page.evaluate(drawn) == [False, False]
 
