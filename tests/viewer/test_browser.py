@@ -1004,7 +1004,9 @@ def test_panels_wait_for_the_first_response(browser: Any, gateway: tuple[Gateway
     sockets.pop().connect_to_server()
     page.get_by_text("The scene is empty").wait_for()
     page.get_by_role("tab", name="Renders").click()
-    page.get_by_text("No render requests yet.").or_(page.locator(".renders li").first).wait_for()
+    page.get_by_text("No render requests yet.").or_(page.locator(".renders li")).locator(
+        "visible=true"
+    ).first.wait_for()
     page.close()
 
 
