@@ -155,7 +155,7 @@ def _find_machine_font(char: str) -> str:
         return ""
     command = [fc_match, "--format=%{file}", f":charset={ord(char):x}"]
     try:
-        file = subprocess.run(command, capture_output=True, timeout=LOOKUP_SECONDS, check=True, text=True).stdout  # noqa: S603
+        file = subprocess.run(command, capture_output=True, timeout=LOOKUP_SECONDS, check=True, text=True).stdout  # noqa: S603 - the path is of fc-match
         return "" if PillowFont(char, file).missing else file
     except (OSError, subprocess.SubprocessError):  # such as a font of colour bitmaps, which have fixed sizes
         return ""

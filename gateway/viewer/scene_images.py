@@ -43,7 +43,7 @@ class StreamsFull(RuntimeError):  # noqa: N818 - an expected response, not an er
 
 @dataclass(frozen=True, slots=True)
 class ImageRequest:
-    """What an image of the live scene shows, and how."""
+    """Contents and look of an image of the live scene."""
 
     camera: CameraSpec
     width: int
