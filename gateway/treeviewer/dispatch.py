@@ -31,9 +31,9 @@ _log = structlog.get_logger("gateway.treeviewer")
 
 PATH_BYTES: Final = 100
 """Memory of one path in a response that waits for the store."""
-IMAGE_WORDS: Final = (b"image", b"text")
-"""Words in the types and fields of geometries whose images are decoded or drawn. Other requests with these words only
-take the longer way."""
+OFFLOADED_WORDS: Final = (b"image", b"text", b"mesh_file")
+"""Words in the types and fields of geometries that take long to read: images, text, mesh files. Other requests with
+these words only take the longer way."""
 ESCAPED_LETTER: Final = re.compile(rb"\\u00[4-7]")
 """Escape in JSON that may stand for a letter of these words."""
 TOO_MANY: Final = "too many messages are waiting; send slower"
@@ -193,7 +193,7 @@ class Dispatcher:
     def _is_big(self, message: Message) -> bool:
         """Return True if a request must be read in a worker thread, because reading it may take milliseconds or longer.
 
-        These are requests of many bytes, requests that open mesh files, decode images or draw text, and all requests
+        These are requests of many bytes, requests that read mesh files, decode images or draw text, and all requests
         while kernels are compiled.
         """
         if any_pending():
@@ -202,8 +202,7 @@ class Dispatcher:
         if len(message) > limit or (len(message) > limit // 4 and wire.is_binary(message)):
             return True
         data = bytes(message)
-        words = (*IMAGE_WORDS, *((b"mesh_file",) if self._protocol.reads_files else ()))
-        return any(word in data for word in words) or ESCAPED_LETTER.search(data) is not None
+        return any(word in data for word in OFFLOADED_WORDS) or ESCAPED_LETTER.search(data) is not None
 
     async def _handle_queue(self, key: object, queue: ClientQueue) -> None:
         """Handle the requests in a client's queue, in order, until it is empty."""

@@ -71,8 +71,6 @@ class TreeViewerProtocol:
         self.quota = TreeQuota(self.limits, clock)
         self.quota.count_existing(live.snapshot.root)
         self._meshes, self._local_meshes = meshes, local_meshes or meshes
-        self.reads_files = self._local_meshes is not None
-        """True if requests may open mesh files. Such requests must be read in a worker thread."""
         self.page = page or LivePage()
         """State of the pages that show the tree."""
         self.warnings = WarningList()

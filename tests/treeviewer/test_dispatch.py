@@ -385,3 +385,12 @@ async def test_requests_are_valid_from_their_arrival_however_long_they_wait() ->
     await until(lambda: len(world.published) == 3)
     await until(lambda: world.dispatcher.oldest_arrival() is None)
     assert [live.snapshot_at(time).timestamp for time in (9, 10, 20, 30, 40)] == [0, 10, 20, 30, 30]
+
+
+async def test_a_sent_mesh_file_is_read_off_the_event_loop() -> None:
+    """Also in a viewer that opens no files: a few bytes of a mesh file may take long to parse."""
+    world = World()
+    geometry = {"type": "mesh_file", "filename": "a.obj", "data": "dmVydGljZXM="}
+    data = message({"setgeometry": [{"path": ["a"], "geometry": geometry}]})
+    assert world.receive(data) == size_of(data)
+    await until(lambda: world.statuses)

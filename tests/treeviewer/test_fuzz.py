@@ -15,6 +15,7 @@ from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.dispatch import Dispatcher
 from gateway.treeviewer.protocol import REQUEST, TreeViewerProtocol
 from tests.support.corpus import corpus_path
+from tests.support.waiting import until
 from tests.treeviewer import recordings
 from tests.treeviewer.conversation import BOX, decoded, message
 from tests.treeviewer.transports import resident_bytes
@@ -135,6 +136,7 @@ async def test_mutated_messages_of_real_clients(count: int) -> None:
             good()
             await asyncio.sleep(0)
         dispatcher.receive("t", f"{REQUEST}_<bad>", mutator.message(), heard)
+        await until(lambda: dispatcher.waiting_bytes == 0)
         if number == count // 5:
             gc.collect()
             early = resident_bytes()
