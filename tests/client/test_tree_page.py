@@ -223,7 +223,7 @@ async def test_a_restarted_viewer_gets_all_again() -> None:
         async with serving(config, live=live) as service:
             page = service.protocol.page
             await until(lambda: page.clicks.paths() == (("robot",),))
-            assert page.view == PageView(grid=False)
+            await until(lambda: page.view == PageView(grid=False) and live.snapshot.root.find(("robot",)) is not None)
             robot = node(live, "robot")
             assert (robot.visible, robot.opacity, robot.nodes_with_parts) == (False, 0.5, 1)
     finally:
