@@ -29,7 +29,8 @@ SIBLING_EXTENSIONS = ("obj", "gltf", "glb", "stl", "ply", "dae")
 """If a file is missing or of an unknown format (``.vtp``, ``.sdf``), files of the same name with these extensions are
 tried, in this order. Director tries them even for existing files."""
 
-READABLE_EXTENSIONS = FORMATS | {"mtl", "bin", "png", "jpg", "jpeg", "webp", "ktx2"}
+IMAGE_EXTENSIONS = frozenset({"png", "jpg", "jpeg", "webp", "ktx2", "bmp", "dds", "gif", "tga", "tif", "tiff"})
+READABLE_EXTENSIONS = FORMATS | IMAGE_EXTENSIONS | {"mtl", "bin"}
 """Extensions of mesh files and of the files that these refer to: materials, buffers of glTF, images."""
 
 

@@ -21,7 +21,7 @@ from gateway.scene.materials import POINT_SIZE
 from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix
 from gateway.scene.tree import Node
 from renderers.color import linear_colors_from_srgb, linear_from_srgb
-from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
+from renderers.drawlist import AlphaMode, Material, Mesh, Texture
 from renderers.images import image_from_bytes
 from renderers.stop import check_stop
 
@@ -105,7 +105,7 @@ def parse_mesh(
         content = _parse_in_child(data, extension, _warning_resolve(resolve, warnings), limits, collada_up_axis)
         warnings += content.warnings
         parts = _parts_of_content(content, limits)
-    return without_broken_textures(parts, limits.max_total_image_pixels)
+    return without_broken_textures(parts, limits.max_total_image_pixels, warnings)
 
 
 def with_default_materials(parts: Iterable[Part], plain: Material, textured: Material) -> tuple[Part, ...]:
@@ -173,12 +173,15 @@ def _parse_in_child(
 
 
 def _parts_of_content(content: MeshData, limits: GltfLimits) -> tuple[Part, ...]:
-    images = [image_from_bytes(data, max_pixels=limits.max_image_pixels) for data in content.images]
+    textures = [
+        Texture(image_from_bytes(file.data, max_pixels=limits.max_image_pixels), name=file.name)
+        for file in content.images
+    ]
     shapes: list[tuple[Shape, Material]] = []
     for shape in content.shapes:
         check_stop()
-        image = None if shape.image is None else images[shape.image]
-        material = PLAIN_MATERIAL if shape.color is None else diffuse_material(np.array(shape.color), image)
+        texture = None if shape.image is None else textures[shape.image]
+        material = PLAIN_MATERIAL if shape.color is None else diffuse_material(np.array(shape.color), texture)
         shapes.append((_shape_of(shape), material))
     return tuple(
         Part(*shapes[index], np.frombuffer(transform, np.float64).reshape(4, 4))
@@ -209,20 +212,20 @@ PLAIN_MATERIAL: Final = Material(metallic=0.0, roughness=1.0, double_sided=True,
 """White, diffuse and double-sided, as Director draws meshes and points without a material."""
 
 
-def diffuse_material(color: NDArray[np.float64], image: Image | None) -> Material:
+def diffuse_material(color: NDArray[np.float64], texture: Texture | None) -> Material:
     """Return a diffuse material.
 
-    If there is an image, only the opacity of the colour is used, as in VTK and Drake: files with a texture often have a
+    With a texture, only the opacity of the colour is used, as in VTK and Drake: files with a texture often have a
     black diffuse colour (Kd).
 
     Args:
         color: (4,) float64, sRGB and opacity in 0 .. 1.
     """
     r, g, b, alpha = np.clip(np.nan_to_num(color), 0.0, 1.0).tolist()
-    base = (1.0, 1.0, 1.0) if image is not None else (linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b))
+    base = (1.0, 1.0, 1.0) if texture is not None else (linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b))
     return Material(
         base_color=(*base, alpha),
-        base_color_texture=None if image is None else Texture(image, name="texture"),
+        base_color_texture=texture,
         metallic=0.0,
         roughness=1.0,
         alpha_mode=AlphaMode.BLEND if alpha < 1.0 else AlphaMode.OPAQUE,

@@ -17,6 +17,8 @@ DEFAULT_MATERIAL: Final = Material(metallic=0.0, fallback=Material(metallic=0.0,
 
 _NEVER_FROM_VTK: Final = frozenset({"NORMAL", "COLOR_0"})
 """Attributes that VTK's exporter never writes in documents from Drake (only POSITION and TEXCOORD_0)."""
+_ROUNDING: Final = 1e-3
+"""Factors beyond 0 or 1 by less than this have no warning."""
 _WHITE: Final = (1.0, 1.0, 1.0, 1.0)
 _ALPHA_MODES: Final[dict[str | None, AlphaMode]] = {None: AlphaMode.OPAQUE} | {mode.value: mode for mode in AlphaMode}
 _GLOSSINESS: Final = "KHR_materials_pbrSpecularGlossiness"
@@ -125,18 +127,22 @@ class Materials:
         """
         pbr = source.pbr_metallic_roughness or schema.MetallicRoughness()
         base_color = self._vector(pbr.base_color_factor, f"{name}.pbrMetallicRoughness.baseColorFactor", _WHITE)
+        if not all(-_ROUNDING <= factor <= 1.0 + _ROUNDING for factor in base_color):
+            self._warnings.append(f"{name}.pbrMetallicRoughness.baseColorFactor: {base_color} is not from 0 to 1")
         is_vtk_blended = from_vtk and base_color[3] < 1.0
         normal, occlusion, read_texture = source.normal_texture, source.occlusion_texture, self._textures.get
         material = Material(
             base_color=base_color,
             base_color_texture=read_texture(pbr.base_color_texture, f"{name}.baseColorTexture"),
-            metallic=_clamped_factor(pbr.metallic_factor),
-            roughness=_clamped_factor(pbr.roughness_factor),
+            metallic=self._factor(pbr.metallic_factor, f"{name}.pbrMetallicRoughness.metallicFactor"),
+            roughness=self._factor(pbr.roughness_factor, f"{name}.pbrMetallicRoughness.roughnessFactor"),
             metallic_roughness_texture=read_texture(pbr.metallic_roughness_texture, f"{name}.metallicRoughnessTexture"),
             normal_texture=read_texture(normal, f"{name}.normalTexture"),
             normal_scale=_or_default(normal.scale if normal else None, 1.0),
             occlusion_texture=read_texture(occlusion, f"{name}.occlusionTexture"),
-            occlusion_strength=_clamped_factor(occlusion.strength if occlusion else None),
+            occlusion_strength=self._factor(
+                occlusion.strength if occlusion else None, f"{name}.occlusionTexture.strength"
+            ),
             emissive=self._vector(source.emissive_factor, f"{name}.emissiveFactor", (0.0, 0.0, 0.0)),
             emissive_texture=read_texture(source.emissive_texture, f"{name}.emissiveTexture"),
             alpha_mode=AlphaMode.BLEND if is_vtk_blended else self._alpha_mode(source.alpha_mode, name),
@@ -149,6 +155,15 @@ class Materials:
 
     def _vector(self, values: list[float] | None, path: str, default: tuple[float, ...]) -> tuple[Any, ...]:
         return vector_or_default(values, path, default, self._warnings)
+
+    def _factor(self, value: float | None, path: str, default: float = 1.0) -> float:
+        """Return a factor clamped to 0 .. 1, with a warning if it was not."""
+        if value is None:
+            return default
+        clamped = min(1.0, max(0.0, float(value)))
+        if abs(clamped - value) > _ROUNDING:
+            self._warnings.append(f"{path}: {value:g} is not from 0 to 1; {clamped:g} is used")
+        return clamped
 
     def _alpha_mode(self, value: str | None, name: str) -> AlphaMode:
         mode = _ALPHA_MODES.get(value)
@@ -170,7 +185,7 @@ class Materials:
             emissive_strength=max(0.0, _or_default(strength.emissive_strength, 1.0)),
             unlit=read("KHR_materials_unlit", schema.Object) is not None,
             ior=_ior(ior.ior),
-            specular=_clamped_factor(specular.specular_factor),
+            specular=self._factor(specular.specular_factor, f"{name}.specularFactor"),
             specular_texture=self._textures.get(specular.specular_texture, f"{name}.specularTexture"),
             specular_color=self._vector(specular.specular_color_factor, f"{name}.specularColorFactor", (1.0, 1.0, 1.0)),
             specular_color_texture=self._textures.get(specular.specular_color_texture, f"{name}.specularColorTexture"),
@@ -191,7 +206,7 @@ class Materials:
         base colour, less what both faces reflect. Clear glass therefore stays visible. The light is neither refracted
         nor tinted.
         """
-        factor = min(1.0, max(0.0, _or_default(source.transmission_factor, 0.0)))
+        factor = self._factor(source.transmission_factor, f"{name}.transmissionFactor", 0.0)
         passed = factor * (1.0 - material.metallic) * min(max(*material.base_color[:3], 0.0), 1.0)
         if passed == 0.0 or material.alpha_mode is AlphaMode.MASK:
             return material
@@ -214,7 +229,7 @@ class Materials:
             base_color=self._vector(source.diffuse_factor, f"{name}.diffuseFactor", _WHITE),
             base_color_texture=self._textures.get(source.diffuse_texture, f"{name}.diffuseTexture"),
             metallic=0.0,
-            roughness=1.0 - _clamped_factor(source.glossiness_factor),
+            roughness=1.0 - self._factor(source.glossiness_factor, f"{name}.glossinessFactor"),
             metallic_roughness_texture=None,
             specular_color=(r / reflectance, g / reflectance, b / reflectance),
             specular_color_texture=self._textures.get(
@@ -249,11 +264,6 @@ def _looks_written_by_vtk(source: schema.Material) -> bool:
 
 def _or_default(value: float | None, default: float) -> float:
     return default if value is None else float(value)
-
-
-def _clamped_factor(value: float | None) -> float:
-    """Return a factor clamped to 0 .. 1; 1 if it is absent."""
-    return min(1.0, max(0.0, _or_default(value, 1.0)))
 
 
 def _ior(value: float | None) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any, Final
 from xml.parsers import expat
 
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshLimits, Shape
-from gateway.parsers.shapes import Images, shape_of
+from gateway.parsers.shapes import shape_of
+from gateway.parsers.texture_files import ReadFile, TextureFiles
 
 MAX_ELEMENTS: Final = 1_000_000
 """Maximum number of XML elements: each takes up to 1 kB while the file is read. Large scenes have some thousands."""
@@ -28,7 +29,7 @@ _UP_AXES: Final = {"X_UP": np.array(_X_UP), "Y_UP": np.array(_Y_UP), "Z_UP": np.
 """Rotation to Z up. X_UP: up +X to +Z, right -Y to +X, towards the viewer +Z to -Y (COLLADA 1.4, 5-19)."""
 
 
-def read_collada(data: bytes, read_file: Callable[[str], bytes], limits: MeshLimits, use_up_axis: bool) -> MeshData:
+def read_collada(data: bytes, read_file: ReadFile, limits: MeshLimits, use_up_axis: bool) -> MeshData:
     """Return the content of a COLLADA file, in metres.
 
     Args:
@@ -41,7 +42,7 @@ def read_collada(data: bytes, read_file: Callable[[str], bytes], limits: MeshLim
     document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
     if document.scene is None:
         return MeshData()
-    reader = _SceneReader(limits, Images(read_file))
+    reader = _SceneReader(limits, read_file)
     reader.read(document.scene.nodes, _axes(document, use_up_axis))
     errors = dict.fromkeys(" ".join(str(error.msg).split())[:200] for error in document.errors)
     reader.result.warnings += [f"left out: {error}" for error in list(errors)[:MAX_ERRORS]]
@@ -87,15 +88,15 @@ def _axes(document: Any, use_up_axis: bool) -> NDArray[np.float64]:
 class _SceneReader:
     """Collects the instances of geometry in a scene. Instances with the same materials share their shapes."""
 
-    def __init__(self, limits: MeshLimits, images: Images) -> None:
+    def __init__(self, limits: MeshLimits, read_file: ReadFile) -> None:
         self._limits = limits
-        self._images = images
         self._sizes: dict[int, tuple[int, int, int]] = {}
         """Number of parts, nodes and levels in the subtree of each node, by the node's ``id``."""
         self._shapes: dict[tuple[int, tuple[tuple[str, int], ...]], list[tuple[int, int]]] = {}
         """Shape indices with their numbers of triangles, by geometry and materials."""
         self._triangles = self._drawn = 0
-        self.result = MeshData(images=images.found)
+        self.result = MeshData()
+        self._textures = TextureFiles(read_file, self.result)
 
     def read(self, nodes: list[Any], X: NDArray[np.float64]) -> None:
         sizes = [self._size(node, 1) for node in nodes]
@@ -193,7 +194,7 @@ class _SceneReader:
         """Return the diffuse colour and the texture of an effect."""
         rgba, image = (1.0, 1.0, 1.0, 1.0), None
         if isinstance(effect.diffuse, collada.material.Map):
-            image = self._images.index(effect.diffuse.sampler.surface.image.path)
+            image = self._textures.index(effect.diffuse.sampler.surface.image.path)
         elif effect.diffuse is not None:
             r, g, b, a = (*map(float, effect.diffuse), 1.0)[:4]
             rgba = (r, g, b, a)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+import re
 from typing import Any, Final
 
 import msgspec
@@ -15,12 +15,17 @@ from trimesh.visual.material import SimpleMaterial
 from gateway.parsers.collada import read_collada
 from gateway.parsers.mesh_data import MeshData, MeshFault, MeshFaultError, MeshLimits, Shape
 from gateway.parsers.obj import without_broken_faces
-from gateway.parsers.shapes import Images, checked_triangles, shape_of
+from gateway.parsers.shapes import checked_triangles, shape_of
+from gateway.parsers.texture_files import ReadFile, TextureFiles
 from gateway.parsers.vtk import read_vtk
 
-ReadFile = Callable[[str], bytes]
-"""Function that returns the bytes of a file that the mesh file refers to; raises OSError."""
 _IDENTITY: Final = np.eye(4).tobytes()
+_USED_MATERIAL: Final = re.compile(rb"^[ \t]*usemtl[ \t]([^\r\n]*)", re.MULTILINE)
+_DEFINED_MATERIAL: Final = re.compile(rb"^[ \t]*newmtl[ \t]([^\r\n]*)", re.MULTILINE)
+_TEXTURE_OPTION: Final = re.compile(r"-[a-z]+(?: +(?:on|off|[-+.\de]+))+ +")
+"""Option before a texture's name in an MTL file, such as ``-clamp on`` and ``-s 1 1 1``."""
+_MAX_NAMED: Final = 5
+"""Maximum number of names in a warning."""
 
 
 def read_mesh(
@@ -65,11 +70,13 @@ def _read(read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, 
         return _single(positions, triangles)
     if extension == "dae":
         return read_collada(data, read_file, limits, use_up_axis)
-    warnings: list[str] = []
+    result = MeshData()
+    textures = TextureFiles(read_file, result)
+    resolver = _Resolver(read_file, textures)
 
     def load(data: bytes) -> Any:
         return trimesh.load_scene(
-            io.BytesIO(data), file_type=extension, resolver=_Resolver(read_file), process=False, allow_remote=False
+            io.BytesIO(data), file_type=extension, resolver=resolver, process=False, allow_remote=False
         )
 
     try:
@@ -77,10 +84,22 @@ def _read(read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, 
     except (ValueError, IndexError):
         if extension != "obj":
             raise
-        scene = load(without_broken_faces(data, warnings))
-    result = _content(scene, Images(read_file), limits)
-    result.warnings = warnings + result.warnings
+        scene = load(without_broken_faces(data, result.warnings))
+    if resolver.materials:
+        result.warnings += _undefined_materials(data, resolver.materials)
+    _add_content(scene, textures, limits, result)
     return result
+
+
+def _undefined_materials(data: bytes, materials: set[bytes]) -> list[str]:
+    """Return a warning if an OBJ file uses materials that none of its MTL files defines."""
+    undefined = {name.strip() for name in _USED_MATERIAL.findall(data)} - materials
+    if not undefined:
+        return []
+    names = ", ".join(sorted(repr(name[:60].decode("utf-8", "replace")) for name in undefined)[:_MAX_NAMED])
+    return [
+        f"usemtl names {len(undefined)} materials that its MTL files do not define, such as {names}; they are white"
+    ]
 
 
 def _single(positions: NDArray[np.float32], triangles: NDArray[np.int64]) -> MeshData:
@@ -93,11 +112,20 @@ def _single(positions: NDArray[np.float32], triangles: NDArray[np.int64]) -> Mes
 class _Resolver(trimesh.resolvers.Resolver):
     """Resolver that lets trimesh read files only through ``read_file``."""
 
-    def __init__(self, read_file: ReadFile) -> None:
+    def __init__(self, read_file: ReadFile, textures: TextureFiles) -> None:
         self._read_file = read_file
+        self._textures = textures
+        self.materials: set[bytes] = set()
+        """Names of all materials in the MTL files that were read."""
 
     def get(self, name: str) -> bytes:
-        return self._read_file(str(name))
+        name = _TEXTURE_OPTION.sub("", str(name)) if str(name).startswith("-") else str(name)
+        data = self._read_file(name)
+        materials = _DEFINED_MATERIAL.findall(data)
+        if not materials and not name.lower().endswith(".mtl"):
+            return self._textures.encoded(name, data)
+        self.materials |= {material.strip() for material in materials}
+        return data
 
     def write(self, name: str, data: object) -> None:
         raise PermissionError(name)
@@ -109,9 +137,8 @@ class _Resolver(trimesh.resolvers.Resolver):
         return self
 
 
-def _content(scene: Any, images: Images, limits: MeshLimits) -> MeshData:
-    """Return the content of a ``trimesh.Scene``: one instance of each geometry, as these formats have no others."""
-    result = MeshData(images=images.found)
+def _add_content(scene: Any, textures: TextureFiles, limits: MeshLimits, result: MeshData) -> None:
+    """Add the content of a ``trimesh.Scene``: one instance of each geometry, as these formats have no others."""
     if len(scene.geometry) > limits.max_instances:
         raise MeshFaultError(f"it has {len(scene.geometry)} parts, the limit is {limits.max_instances}")
     vertices = sum(len(getattr(geometry, "vertices", ())) for geometry in scene.geometry.values())
@@ -119,14 +146,13 @@ def _content(scene: Any, images: Images, limits: MeshLimits) -> MeshData:
     if vertices > limits.max_vertices or triangles > limits.max_elements:
         raise MeshFaultError(f"it has more than {limits.max_vertices} vertices or {limits.max_elements} triangles")
     for geometry in scene.geometry.values():
-        shape = _shape(geometry, images, result.warnings)
+        shape = _shape(geometry, textures, result.warnings)
         if shape is not None:
             result.instances.append((len(result.shapes), _IDENTITY))
             result.shapes.append(shape)
-    return result
 
 
-def _shape(geometry: Any, images: Images, warnings: list[str]) -> Shape | None:
+def _shape(geometry: Any, textures: TextureFiles, warnings: list[str]) -> Shape | None:
     """Convert a trimesh geometry; None for one that draws nothing."""
     positions = np.asarray(getattr(geometry, "vertices", np.zeros((0, 3))))
     if positions.ndim != 2 or positions.shape[1] != 3 or not len(positions):
@@ -135,7 +161,7 @@ def _shape(geometry: Any, images: Images, warnings: list[str]) -> Shape | None:
     if not hasattr(geometry, "faces"):
         return shape_of(positions, None, warnings, colors=colors)
     triangles = checked_triangles(np.asarray(geometry.faces, np.int64).reshape(-1, 3), len(positions), warnings)
-    uv, color, image = _material(geometry, images)
+    uv, color, image = _material(geometry, textures)
     # trimesh's property computes missing normals. Its cache has only the normals of the file.
     normals = geometry._cache.cache.get("vertex_normals")
     if normals is not None and len(normals) != len(positions):
@@ -156,7 +182,7 @@ def _vertex_colors(geometry: Any, vertex_count: int) -> NDArray[np.uint8] | None
 
 
 def _material(
-    geometry: Any, images: Images
+    geometry: Any, textures: TextureFiles
 ) -> tuple[NDArray[np.float64] | None, tuple[float, float, float, float] | None, int | None]:
     """Return texture coordinates, diffuse colour and texture; None for those that are missing or unused.
 
@@ -170,9 +196,14 @@ def _material(
         return None, None, None
     if _is_default(material):
         return uv, None, None
-    texture = getattr(getattr(material, "baseColorTexture", None) or getattr(material, "image", None), "fp", None)
+    image_file = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    texture, info = getattr(image_file, "fp", None), getattr(image_file, "info", {})
     has_uv = uv is not None and np.shape(uv) == (len(geometry.vertices), 2) and np.isfinite(uv).all()
-    image = images.add(texture.getvalue()) if has_uv and isinstance(texture, io.BytesIO) else None
+    image = (
+        textures.add(str(info.get("file_path", "texture")), texture.getvalue())
+        if has_uv and isinstance(texture, io.BytesIO)
+        else None
+    )
     statements = getattr(material, "kwargs", None) or {}
     if image is None and isinstance(material, SimpleMaterial) and not statements:
         return None, None, None  # an image without usable coordinates: the colour is trimesh's grey default

@@ -34,12 +34,20 @@ class Shape(msgspec.Struct):
     """Index of the texture in ``MeshData.images``."""
 
 
+class TextureFile(msgspec.Struct):
+    """A texture."""
+
+    name: str
+    """As the mesh file names it."""
+    data: bytes
+    """PNG, JPEG or WebP; not decoded, and perhaps damaged."""
+
+
 class MeshData(msgspec.Struct, tag=True):
     """Shapes and their instances."""
 
     shapes: list[Shape] = msgspec.field(default_factory=list)
-    images: list[bytes] = msgspec.field(default_factory=list)
-    """Encoded images, not decoded."""
+    images: list[TextureFile] = msgspec.field(default_factory=list)
     instances: list[tuple[int, bytes]] = msgspec.field(default_factory=list)
     """Index of a shape, and its (4, 4) float64 transform, which includes the unit and up axis of a COLLADA file."""
     warnings: list[str] = msgspec.field(default_factory=list)

@@ -1,39 +1,11 @@
-"""Converts a parser's arrays to a ``Shape``, and collects the images that a mesh file refers to."""
+"""Converts a parser's arrays to a ``Shape``."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gateway.parsers.mesh_data import Shape
-
-
-class Images:
-    """Encoded images that a mesh file refers to, without duplicates."""
-
-    def __init__(self, read_file: Callable[[str], bytes]) -> None:
-        self._read_file = read_file
-        self._index_by_name: dict[str, int | None] = {}
-        self._index_by_data: dict[bytes, int] = {}
-        self.found: list[bytes] = []
-
-    def index(self, name: str) -> int | None:
-        """Return the index of an image file in ``found``; None if it cannot be read."""
-        if name not in self._index_by_name:
-            try:
-                self._index_by_name[name] = self.add(self._read_file(name))
-            except OSError:
-                self._index_by_name[name] = None
-        return self._index_by_name[name]
-
-    def add(self, data: bytes) -> int:
-        """Return the index of an encoded image in ``found``, and add it if it is new."""
-        index = self._index_by_data.setdefault(data, len(self.found))
-        if index == len(self.found):
-            self.found.append(data)
-        return index
 
 
 def checked_triangles(faces: NDArray[np.int64], vertex_count: int, warnings: list[str]) -> NDArray[np.int64]:

@@ -24,7 +24,7 @@ from gateway.scene.geometry import Part, Surface
 from gateway.scene.materials import mean_color
 from gateway.scene.transforms import scaling, translation
 from renderers import primitives
-from renderers.drawlist import Image, ImageError, Material
+from renderers.drawlist import Image, ImageError, Material, Texture
 from renderers.images import image_from_bytes
 from scenegate.messages import geometry as message
 from scenegate.robots.errors import RobotFileError
@@ -93,7 +93,7 @@ class LinkParts:
             self._warnings.append(f"link {link!r}: the texture {name} of its material is not shown: {texture}")
             return plain, plain
         image, mean = texture
-        textured = diffuse_material(rgba, image)
+        textured = diffuse_material(rgba, Texture(image, name=name))
         return replace(textured, base_color=(*mean, rgba[3]), base_color_texture=None), textured
 
     def _texture(self, name: str) -> tuple[Image, tuple[float, float, float]] | str:

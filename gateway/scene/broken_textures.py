@@ -19,7 +19,7 @@ _TEXTURE_FIELDS: Final = (
 )
 
 
-def without_broken_textures(parts: tuple[Part, ...], max_pixels: int) -> tuple[Part, ...]:
+def without_broken_textures(parts: tuple[Part, ...], max_pixels: int, warnings: list[str]) -> tuple[Part, ...]:
     """Return the parts without textures that cannot be decoded.
 
     A broken texture from one client must not break images for the other clients. Each texture is decoded once as a
@@ -28,6 +28,7 @@ def without_broken_textures(parts: tuple[Part, ...], max_pixels: int) -> tuple[P
     Args:
         max_pixels: Maximum total number of pixels, each different image counted once. A texture beyond it is removed,
             too.
+        warnings: A sentence is appended for each image that is removed.
     """
     is_usable: dict[Image, bool] = {}
     remaining_pixels = max_pixels
@@ -41,9 +42,11 @@ def without_broken_textures(parts: tuple[Part, ...], max_pixels: int) -> tuple[P
             if texture is None:
                 continue
             if texture.image not in is_usable:
-                pixels = _pixel_count(texture.image)
-                is_usable[texture.image] = pixels is not None and pixels <= remaining_pixels
-                if pixels is not None and is_usable[texture.image]:
+                problem, pixels = _check(texture.image, remaining_pixels)
+                is_usable[texture.image] = not problem
+                if problem:
+                    warnings.append(f"{texture.name[:120]!r} is left out: {problem}")
+                else:
                     remaining_pixels -= pixels
             if not is_usable[texture.image]:
                 broken[field] = None
@@ -53,10 +56,13 @@ def without_broken_textures(parts: tuple[Part, ...], max_pixels: int) -> tuple[P
     return tuple(msgspec.structs.replace(part, material=materials[part.material]) for part in parts)
 
 
-def _pixel_count(image: Image) -> int | None:
-    """Return the number of pixels of an image; None if it cannot be decoded."""
+def _check(image: Image, remaining_pixels: int) -> tuple[str, int]:
+    """Return why an image cannot be used, or an empty text, and its number of pixels."""
     try:
         pixels = image.decode()
-    except ImageError:
-        return None
-    return int(pixels.shape[0] * pixels.shape[1])
+    except ImageError as error:
+        return str(error), 0
+    count = int(pixels.shape[0] * pixels.shape[1])
+    if count > remaining_pixels:
+        return f"it has {count} pixels, and {remaining_pixels} are left to all textures", 0
+    return "", count

@@ -28,7 +28,7 @@ from gateway.treeviewer import fields
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.fields import CommandError, NothingToDraw, show
 from gateway.treeviewer.images import check_image
-from renderers.drawlist import Image, ImageError
+from renderers.drawlist import ImageError, Texture
 
 MAX_FILES: Final = 1000
 """Maximum number of files beside the mesh file: scans have a texture for each of some hundred tiles."""
@@ -101,13 +101,14 @@ def _sent(params: Params, filename: str, scale: tuple[float, float, float], cont
     return tuple(msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in parts)
 
 
-def _texture(params: Params, context: ReadContext) -> Image | None:
-    """Return the image of ``default_texture``; None, with a warning, if it cannot be decoded."""
+def _texture(params: Params, context: ReadContext) -> Texture | None:
+    """Return ``default_texture``; None, with a warning, if it cannot be decoded."""
     value = params.get("default_texture")
     if value is None:
         return None
     try:
-        return check_image(_content(value, "default_texture"), context.limits.image_pixels).image
+        image = check_image(_content(value, "default_texture"), context.limits.image_pixels).image
+        return Texture(image, name="default_texture")
     except ImageError as error:
         context.warnings.append(f"default_texture cannot be decoded: {error}; it is not shown")
         return None

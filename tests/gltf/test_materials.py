@@ -46,6 +46,23 @@ def test_defaults_of_the_specification() -> None:
     assert read_material({"pbrMetallicRoughness": None, "alphaMode": None, "normalTexture": None})[0] == Material()
 
 
+@pytest.mark.parametrize(
+    ("factors", "warnings"),
+    [
+        ({"metallicFactor": 2, "roughnessFactor": -1}, ["metallicFactor: 2 is not", "roughnessFactor: -1 is not"]),
+        ({"baseColorFactor": [-5, 0, 0, 1]}, ["baseColorFactor: (-5.0, 0.0, 0.0, 1.0) is not"]),
+        ({"baseColorFactor": [1.0000001, 0, 0, 1], "metallicFactor": 1.0000001}, []),
+    ],
+)
+def test_factors_out_of_range_are_reported(factors: dict[str, Any], warnings: list[str]) -> None:
+    material, scene = read_material({"pbrMetallicRoughness": factors})
+    assert 0 <= material.metallic <= 1
+    assert 0 <= material.roughness <= 1
+    assert len(scene.warnings) == len(warnings)
+    for text, start in zip(scene.warnings, warnings, strict=True):
+        assert text.startswith(f"materials[0].pbrMetallicRoughness.{start}")
+
+
 def test_absent_material_is_recognisable_white_and_not_metallic() -> None:
     material, _ = read_material(None)
     assert material is DEFAULT_MATERIAL

@@ -126,6 +126,13 @@ def test_poses_equal_drakes(tmp_path: Path) -> None:
         np.testing.assert_allclose(X_world_link, theirs[name.rpartition("::")[2]], atol=1e-12)
 
 
+def test_unknown_rotation_formats_are_reported(tmp_path: Path) -> None:
+    pose = '<pose rotation_format="quat_wxyz">1 2 3 0 0 0.5</pose>'
+    robot = read(tmp_path, model(f'<link name="a">{pose}</link>'))
+    (warning,) = robot.warnings
+    assert "rotation_format='quat_wxyz' is neither euler_rpy nor quat_xyzw" in warning
+
+
 def test_a_joint_turns_about_its_own_frame(tmp_path: Path) -> None:
     robot = read(
         tmp_path,

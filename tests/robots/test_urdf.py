@@ -71,6 +71,14 @@ def test_shapes(tmp_path: Path, geometry: str, shape: Shape) -> None:
     assert part.shape == shape
 
 
+def test_undefined_materials_are_reported_once(tmp_path: Path) -> None:
+    box = '<geometry><box size="1 1 1"/></geometry><material name="green"/>'
+    links = "".join(f'<link name="{name}"><visual>{box}</visual></link>' for name in "ab")
+    robot = read(tmp_path, f'<robot name="r">{links}</robot>')
+    (warning,) = robot.warnings
+    assert warning == "link 'a', visual: material 'green' is not defined; what has it is grey"
+
+
 def test_a_material_may_be_defined_in_another_link(tmp_path: Path) -> None:
     box = '<geometry><box size="1 1 1"/></geometry>'
     robot = read(

@@ -39,7 +39,7 @@ def part(material: Material) -> Part:
 def test_a_broken_texture_is_removed_and_everything_else_stays(field: str) -> None:
     textures: dict[str, Any] = {name: Texture(image(1, 1)) for name in TEXTURE_FIELDS}
     original = part(Material(base_color=(1, 0, 0, 1), **{**textures, field: Texture(broken_image())}))
-    (repaired,) = without_broken_textures((original,), 100)
+    (repaired,) = without_broken_textures((original,), 100, [])
     assert repaired.material == replace(original.material, **{field: None})  # type: ignore[arg-type]
     assert repaired.shape is original.shape
     assert repaired.X_node_part is original.X_node_part
@@ -48,7 +48,7 @@ def test_a_broken_texture_is_removed_and_everything_else_stays(field: str) -> No
 
 def test_parts_without_broken_textures_are_the_same_object() -> None:
     parts = (part(Material()), part(Material(base_color_texture=Texture(image(2, 3)))))
-    assert without_broken_textures(parts, 6) is parts
+    assert without_broken_textures(parts, 6, []) is parts
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,10 @@ def test_parts_without_broken_textures_are_the_same_object() -> None:
 def test_textures_beyond_the_pixels_of_all_together_are_removed(max_pixels: int, kept: list[bool]) -> None:
     """The first has 6 pixels, the second 4. A texture that is left out takes nothing from those after it."""
     parts = tuple(part(Material(base_color_texture=Texture(image(*size)))) for size in ((2, 3), (1, 4)))
-    repaired = without_broken_textures(parts, max_pixels)
+    warnings: list[str] = []
+    repaired = without_broken_textures(parts, max_pixels, warnings)
+    assert len(warnings) == kept.count(False)
+    assert all("are left to all textures" in text for text in warnings)
     assert [entry.material.base_color_texture is not None for entry in repaired] == kept
 
 
@@ -75,5 +78,5 @@ def test_an_image_of_several_textures_counts_once_and_is_decoded_once() -> None:
         Material(base_color=(0, 1, 0, 1), normal_texture=Texture(shared)),
     )
     parts = tuple(map(part, materials))
-    assert without_broken_textures(parts, 6) is parts
+    assert without_broken_textures(parts, 6, []) is parts
     assert len(decoded) == 1

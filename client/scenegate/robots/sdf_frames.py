@@ -109,7 +109,10 @@ def read_pose(element: Element, where: str, warnings: list[str]) -> tuple[NDArra
         return IDENTITY, ""
     text = (pose.text or "").strip()
     relative_to = attribute(pose, "relative_to")
-    is_quaternion = attribute(pose, "rotation_format") == "quat_xyzw"
+    rotation_format = attribute(pose, "rotation_format")
+    if rotation_format not in ("", "euler_rpy", "quat_xyzw"):
+        warnings.append(f"{where}: rotation_format={rotation_format[:60]!r} is neither euler_rpy nor quat_xyzw")
+    is_quaternion = rotation_format == "quat_xyzw"
     numbers = finite_numbers(text)
     if not text:
         return IDENTITY, relative_to

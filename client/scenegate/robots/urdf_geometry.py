@@ -38,6 +38,8 @@ class UrdfGeometryReader:
         """
         self._use = use
         self._warnings = warnings
+        self._undefined: set[str] = set()
+        """Names of materials for which there is a warning."""
         self._materials = dict(self._named_materials(root)) if use == "visual" else {}
 
     def geometries(self, link: Element, name: str) -> tuple[LinkGeometry, ...]:
@@ -70,9 +72,12 @@ class UrdfGeometryReader:
             return None
         name = material_element.get("name")
         material = self._material(material_element, f"material {name!r}" if name else where)
-        if material.rgba is None and material.texture is None:
-            return self._materials.get(name or "")
-        return material
+        if material.rgba is not None or material.texture is not None:
+            return material
+        if name and name not in self._materials and name not in self._undefined:
+            self._undefined.add(name)
+            self._warnings.append(f"{where}: material {name!r} is not defined; what has it is grey")
+        return self._materials.get(name or "")
 
     def _material(self, element: Element, where: str) -> LinkMaterial:
         color, texture = element.find("color"), element.find("texture")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from gateway.assets.mesh_files import MeshFileError, MeshFileLimits, MeshFiles
 from gateway.gltf import GltfLimits
@@ -70,9 +72,38 @@ def test_textures_that_cannot_be_decoded_are_left_out(root: Path, files: MeshFil
     write(root / "cube.obj", CUBE)
     write(root / "cube.mtl", CUBE_MTL)
     write(root / "textures" / "paint.png", content)
-    parts = files.load("cube.obj")
+    warnings: list[str] = []
+    parts = files.load("cube.obj", warnings=warnings)
     assert len(parts) == 2
     assert [part.material.base_color_texture for part in parts] == [None, None]
+    (warning,) = warnings
+    assert warning.startswith("'cube.obj': 'textures/paint.png' is left out: ")
+
+
+@pytest.mark.parametrize("format_", ["BMP", "DDS", "GIF", "TGA", "TIFF"])
+@pytest.mark.parametrize("option", ["", "-clamp on ", "-s 1 1 1 -bm 0.5 "])
+def test_textures_of_older_formats(root: Path, files: MeshFiles, format_: str, option: str) -> None:
+    encoded = io.BytesIO()
+    Image.new("RGB", (2, 1), (200, 100, 50)).save(encoded, format_)
+    write(root / f"paint.{format_.lower()}", encoded.getvalue())
+    write(root / "t.mtl", f"newmtl m\nmap_Kd {option}paint.{format_.lower()}\n")
+    write(root / "t.obj", "mtllib t.mtl\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl m\nf 1/1 2/1 3/1"))
+    warnings: list[str] = []
+    (part,) = files.load("t.obj", warnings=warnings)
+    texture = part.material.base_color_texture
+    assert texture is not None
+    assert not warnings
+    assert texture.image.decode()[0, 0].tolist() == [200, 100, 50, 255]
+
+
+def test_undefined_materials_of_obj_files(root: Path, files: MeshFiles) -> None:
+    write(root / "t.mtl", "newmtl m\nKd 0 1 0\n")
+    write(root / "t.obj", "mtllib t.mtl\n" + TRIANGLE.replace("f ", "usemtl other\nf "))
+    warnings: list[str] = []
+    files.load("t.obj", warnings=warnings)
+    assert warnings == [
+        "'t.obj': usemtl names 1 materials that its MTL files do not define, such as 'other'; they are white"
+    ]
 
 
 def test_textures_beyond_the_total_of_pixels_are_left_out(root: Path) -> None:
