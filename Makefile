@@ -114,8 +114,8 @@ image-index: ## join the pushed TAG-amd64 and TAG-arm64 as TAG and latest
 release: ## set VERSION=1.2.3 in all files that name it, commit, tag; pushing the tag publishes
 	@$(PYTHON) release.py "$(VERSION)"
 
-bench: $(VENV)/.installed-dev ## measure against real peers, write docs/performance.md (BENCH=stream: that one only)
-	$(BIN)/python -m $(if $(BENCH),bench.$(BENCH),bench $(if $(PEERS),--peers $(PEERS)) --write docs/performance.md) $(ARGS)
+bench: $(VENV)/.installed-dev ## measure against real peers, write bench/results.md (BENCH=stream: that one only)
+	$(BIN)/python -m $(if $(BENCH),bench.$(BENCH),bench $(if $(PEERS),--peers $(PEERS)) --write bench/results.md) $(ARGS)
 
 mutants: $(VENV)/.installed-dev ## measure how many small faults the tests notice (ARGS="--rooms scene --sample 10")
 	SCENEGATE_PYTHON=$(abspath $(BIN))/python $(UV) run --quiet --no-project --python $(BIN)/python \

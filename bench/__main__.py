@@ -29,6 +29,20 @@ PLOT = "docs/images/memory.svg"
 LIMIT = 900.0
 """Time limit of one bench in seconds: several times its duration on a quiet machine."""
 PEERS = ("vtk", "panda3d", "viser", "meshcat")
+_DOCUMENT = """\
+# Results of `make bench`
+
+The last whole run; `docs/performance.md` has the figures that matter to users. `make bench` writes this file.
+
+Measured on: {machine}
+
+## Goals
+
+{table}
+
+## Details
+
+{details}"""
 _VERSIONS = """
 import json, importlib.metadata as m
 found = {}
@@ -179,20 +193,14 @@ def table(results: list[Result]) -> str:
 
 
 def document(results: list[Result], where: str) -> str:
-    """Return the text of docs/performance.md."""
-    head = Path(__file__).with_name("performance.md").read_text(encoding="utf-8")
+    """Return the text of bench/results.md."""
     sections = []
     for result in results:
         details = result.details or "Nothing beyond its rows above."
         text = details if details.lstrip().startswith(("|", "Nothing")) else f"```\n{details}\n```"
-        plot = (
-            f"\n\n![Memory through different scenes]({PLOT.removeprefix('docs/')})" if result.name == "startup" else ""
-        )
-        sections.append(f"### {result.name}\n\n`{result.command}`\n\n{text}{plot}")
-    values = {"machine": where, "table": table(results), "details": "\n\n".join(sections)}
-    for name, value in values.items():
-        head = head.replace(f"{{{name}}}", value)
-    return head.rstrip() + "\n"
+        plot = f"\n\n![Memory through different scenes](../{PLOT})" if result.name == "startup" else ""
+        sections.append(f"### {result.name}\n\n`{result.command}`\n\n{text}{plot}\n")
+    return _DOCUMENT.format(machine=where, table=table(results), details="\n".join(sections))
 
 
 def main() -> None:
@@ -200,7 +208,7 @@ def main() -> None:
     parser.add_argument("names", nargs="*", choices=[[], *BENCHES], help="default: all")
     parser.add_argument("--peers", help="a Python that has vtk, panda3d, viser and meshcat")
     parser.add_argument("--quick", action="store_true", help="few frames: whether everything works")
-    parser.add_argument("--write", type=Path, help="docs/performance.md, when all have been run")
+    parser.add_argument("--write", type=Path, help="bench/results.md, when all have been run")
     options = parser.parse_args()
     if options.write and options.names:
         parser.error("--write is for all benches: a page of some of them would pass for the whole")
