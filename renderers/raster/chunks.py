@@ -2,17 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Final
-
-import numpy as np
-
-from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
 from renderers.compiler.pointers import address, i32_at, u16_at
 from renderers.raster.layout import BINNED_BYTES, CHUNK, MAX_BINS, MAX_TINY_PIXELS
-
-_PREFETCH_DISTANCE: Final = 6
-"""Number of primitives of a bin between the one that is drawn and the one that is prefetched."""
 
 
 @inlined
@@ -53,15 +45,3 @@ def tiny_pixels_of(frame, chunk):
 def primitives_of(frame, chunk):
     """Return the address of the chunk's CHUNK primitives of BINNED_BYTES."""
     return frame.binned + chunk * CHUNK * BINNED_BYTES
-
-
-@inlined
-def prefetch_primitive(bins, k, end, primitives):
-    """Prefetch the primitive ``_PREFETCH_DISTANCE`` after index ``k`` of a bin, whose primitives are not in sequence.
-
-    Args:
-        end: end of the bin.
-        primitives: address of the chunk's primitives.
-    """
-    ahead = np.int64(bins[max(min(k + _PREFETCH_DISTANCE, end - 1), 0)])
-    vec.prefetch(i32_at(primitives), BINNED_BYTES // 4 * ahead)

@@ -16,7 +16,6 @@ from renderers.raster.chunks import (
     bands_of,
     bin_starts_of,
     bins_of,
-    prefetch_primitive,
     primitives_of,
     tall_of,
     tiny_pixels_of,
@@ -35,9 +34,8 @@ from renderers.raster.layout import (
 from renderers.raster.small_triangles import PREPARED, box_of, draw_small, prepare_small
 from renderers.visibility_buffer import BAND_ROWS
 
-_TARGET: Final = Struct("Target", {"layer": LAYER, "depth_rule": I64, "prepared": PREPARED, "next_prepared": PREPARED})
-"""The layer that primitives are drawn into and its depth rule; a prepared small triangle that waits to be drawn, and
-memory for the next one."""
+_TARGET: Final = Struct("Target", {"layer": LAYER, "depth_rule": I64, "prepared": PREPARED})
+"""The layer that primitives are drawn into and its depth rule, and memory for a prepared small triangle."""
 _new_target: Final = _TARGET.local
 _new_prepared = PREPARED.local
 _inv_z_array = stack_array(types.float32, vec.LANES)
@@ -61,7 +59,6 @@ def _draw_span_by(frame, layer, depth_rule, primitive, row, start, stop, base_x,
     lane = vec.iota()
     lane_inv_z = vec.f32(slope) * vec.to_f32(lane)
     first, end, lanes = vec.i32(start), vec.i32(stop), vec.i32(vec.LANES)
-    all_covered = lane == lane
     vector_inv_z = _inv_z_array()
     vector_columns = vec.to_f64(lane * lanes)
     begin = start & ~np.int64(vec.LANES - 1)
@@ -69,18 +66,12 @@ def _draw_span_by(frame, layer, depth_rule, primitive, row, start, stop, base_x,
     for column in range(begin, stop, vec.LANES * vec.LANES):
         columns_from_base = vec.f64(column - base_x) + vector_columns
         vec.store(vector_inv_z, 0, vec.to_f32(vec.f64(row_inv_z) + vec.f64(slope) * columns_from_base))
-        if column >= start and column + vec.LANES * vec.LANES <= stop:
-            for k in range(vec.LANES):
-                inv_z = vec.minimum(vec.maximum(vec.f32(vector_inv_z[k]) + lane_inv_z, inv_z_min), inv_z_max)
-                depth_test(frame, layer, depth_rule, pixel + vec.LANES * k, inv_z, all_covered, ids)
-            pixel += vec.LANES * vec.LANES
-        else:
-            columns = vec.i32(column) + lane
-            for k in range(min((stop - column + vec.LANES - 1) // vec.LANES, vec.LANES)):
-                inv_z = vec.minimum(vec.maximum(vec.f32(vector_inv_z[k]) + lane_inv_z, inv_z_min), inv_z_max)
-                depth_test(frame, layer, depth_rule, pixel, inv_z, (columns >= first) & (columns < end), ids)
-                columns = columns + lanes
-                pixel += vec.LANES
+        columns = vec.i32(column) + lane
+        for k in range(min((stop - column + vec.LANES - 1) // vec.LANES, vec.LANES)):
+            inv_z = vec.minimum(vec.maximum(vec.f32(vector_inv_z[k]) + lane_inv_z, inv_z_min), inv_z_max)
+            depth_test(frame, layer, depth_rule, pixel, inv_z, (columns >= first) & (columns < end), ids)
+            columns = columns + lanes
+            pixel += vec.LANES
 
 
 @device_function
@@ -124,9 +115,11 @@ def _draw_primitive(frame, target, primitive_address, first_row, end_row):
     """Draw some rows of a binned primitive."""
     primitive = binned_at(primitive_address)
     if primitive.kind == KIND_SMALL:
-        prepared = target.next_prepared
-        prepare_small(frame, small_triangle_at(primitive_address), first_row, end_row, prepared)
-        draw_small(frame, target.layer, target.depth_rule, prepared)
+        prepare_small(frame, small_triangle_at(primitive_address), first_row, end_row, target.prepared)
+        if target.depth_rule == IN_ORDER:
+            draw_small(frame, target.layer, IN_ORDER, target.prepared)
+        else:
+            draw_small(frame, target.layer, target.depth_rule, target.prepared)
     elif not is_set(frame.stop):  # a large one may take longer than hundreds of small ones
         _fill(frame, target, primitive, first_row, end_row)
 
@@ -239,7 +232,7 @@ def draw_rows(frame, layer, first_row, end_row, back_faces):
     is_whole_band = end_row - first_row == min(BAND_ROWS, frame.height - band_index * BAND_ROWS)
     target = _new_target()
     target.layer = layer
-    target.prepared, target.next_prepared = _new_prepared(), _new_prepared()
+    target.prepared = _new_prepared()
     in_order = not back_faces and frame.beyond_ids == 0 and frame.before_ids == 0 and frame.earlier_ids == 0
     in_order = in_order and frame.takes_latest == 0
     target.depth_rule = IN_ORDER if in_order else ANY_ORDER if back_faces else PEELED
@@ -265,32 +258,12 @@ def draw_rows(frame, layer, first_row, end_row, back_faces):
         if back_faces:
             tall_k, tall_end = tall_end, np.int64(starts[2 * bin_count + 3])
         primitives = primitives_of(frame, chunk)
-        if not in_order:
-            while k < end or tall_k < tall_end:
-                index, k, tall_k = _next_primitive(bins, k, end, tall, tall_k, tall_end)
-                primitive_address = primitives + index * BINNED_BYTES
-                if back_faces and _is_hidden(frame, primitive_address, tiles, first_row, end_row):
-                    continue
-                _draw_primitive(frame, target, primitive_address, first_row, end_row)
-        else:
-            # A small triangle is prepared before the previous one is drawn: their loops' lengths are known early.
-            is_waiting = False
-            while is_waiting or k < end or tall_k < tall_end:
-                primitive_address, is_small, was_waiting = np.int64(0), False, is_waiting
-                if k < end or tall_k < tall_end:
-                    index, k, tall_k = _next_primitive(bins, k, end, tall, tall_k, tall_end)
-                    prefetch_primitive(bins, k, end, primitives)
-                    primitive_address = primitives + index * BINNED_BYTES
-                    is_small = binned_at(primitive_address).kind == KIND_SMALL
-                    if is_small:
-                        triangle = small_triangle_at(primitive_address)
-                        prepare_small(frame, triangle, first_row, end_row, target.next_prepared)
-                if was_waiting:
-                    draw_small(frame, layer, IN_ORDER, target.prepared)
-                if primitive_address != 0 and not is_small:
-                    _draw_primitive(frame, target, primitive_address, first_row, end_row)
-                is_waiting = is_small
-                target.next_prepared, target.prepared = target.prepared, target.next_prepared
+        while k < end or tall_k < tall_end:
+            index, k, tall_k = _next_primitive(bins, k, end, tall, tall_k, tall_end)
+            primitive_address = primitives + index * BINNED_BYTES
+            if back_faces and _is_hidden(frame, primitive_address, tiles, first_row, end_row):
+                continue
+            _draw_primitive(frame, target, primitive_address, first_row, end_row)
         pixels = tiny_pixels_of(frame, chunk)
         begin, end = np.int64(starts[bin_count + 1 + bin_index]), np.int64(starts[bin_count + 2 + bin_index])
         if is_whole_band:

@@ -19,7 +19,7 @@ from renderers.raster.buffers import Buffers
 from renderers.raster.frame_phases import run_phases
 from renderers.raster.frame_setup import set_up_frame
 from renderers.raster.layout import BINNED_BYTES, CHUNK, DRAW, FRAME, MAX_BINS, MAX_TINY_PIXELS, TASK
-from renderers.raster.resolve import LAYER_GAP, draw_band, resolve_layer, resolve_normals, row_stride
+from renderers.raster.resolve import draw_band, resolve_layer, resolve_normals
 from renderers.raster.scene import PreparedScene
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
@@ -44,7 +44,6 @@ class FrameJob:
         keep_back_faces: bool = False,
         opaque: bool = False,
         samples: int = 1,
-        whole_layer: bool = False,
     ) -> None:
         """
         Args:
@@ -53,12 +52,11 @@ class FrameJob:
             keep_back_faces: culled faces appear in the outputs, but not in what is shaded.
             opaque: only the nearest surface of every pixel is wanted, so that hidden back faces need not be drawn.
             samples: 1, 4 or 8 per pixel; several are for ``sampled_task``.
-            whole_layer: ``layers`` or ``resolver`` will be called.
         """
         width, height = camera.width, camera.height
         instances = prepared.instances
         count, vertices, primitives = instances.counts
-        self.stride = row_stride(width) if samples == 1 and not whole_layer else -(-width // LANES) * LANES
+        self.stride = -(-width // LANES) * LANES
         """Pixels from one row of the layer to the next."""
         self.threads = threads
         self.buffers = Buffers()
@@ -202,7 +200,7 @@ class FrameJob:
         """
         memory, values = 0, 0
         if self._frame["layer_ids"][0] == 0:
-            values = 2 * BAND_ROWS * self.stride + 2 * LAYER_GAP
+            values = 2 * BAND_ROWS * self.stride
             memory = self.buffers.allocate(self.threads * values, np.int32)[1]
         _, _, draw_kernel, shade_kernel = kernel_addresses()
         task = self._task

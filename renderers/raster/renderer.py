@@ -175,7 +175,6 @@ class CpuRenderer:
             self._threads.threads,
             select=address_of(select, np.bool_),
             cull_back=address_of(cull_back, np.bool_),
-            whole_layer=True,
         )
         job.layers(ids, inv_z, beyond, before, earlier, latest=latest)
         self._threads.share(job.task())
@@ -220,7 +219,7 @@ class CpuRenderer:
         solid = partial(solid_pixels, self, _shading(scene, look.name, self.parallel), look)
         visible = self.visibility(scene, camera, select=~cut_out)
         draw_cut_outs(self, scene, camera, cut_out, visible, solid)
-        job = FrameJob(call.prepared, camera, self._threads.threads, whole_layer=True)
+        job = FrameJob(call.prepared, camera, self._threads.threads)
         job.outputs(call.frame, call.addresses[1:])
         self.parallel(band_count(camera.height), job.resolver(visible))
 

@@ -260,21 +260,6 @@ def resolve_layer(frame_address, ids_address, inv_z_address, first_row, end_row)
     _resolve_rows(frame_at(frame_address), layer, first_row, end_row)
 
 
-LAYER_GAP: Final = 1040
-"""Values between a band's primitive ids and its depths. Without it, both would often lie a multiple of 4096 bytes
-apart, where loads of one wait for stores to the other."""
-_CACHE_LINE: Final = 16
-"""Values of a cache line."""
-
-
-def row_stride(width: int) -> int:
-    """Return the pixels of a row of a band's layer: an odd number of cache lines.
-
-    Rows of 640 or 1280 pixels would share an eighth or a sixteenth of the sets of the first-level cache.
-    """
-    return (-(-width // _CACHE_LINE) | 1) * _CACHE_LINE
-
-
 ALL_FACES: Final = 0
 FRONT_FACES: Final = 1
 """Without the back faces that are kept; nothing is resolved."""
@@ -288,8 +273,8 @@ def draw_band(frame_address, first_row, end_row, band_memory, faces):
 
     Args:
         first_row, end_row: rows of the image, all of one band.
-        band_memory: address of a band's layer: BAND_ROWS x stride int32, LAYER_GAP values and as many float32; 0: the
-            frame has a layer of the whole image.
+        band_memory: address of a band's layer: BAND_ROWS x stride int32 and as many float32; 0: the frame has a layer
+            of the whole image.
         faces: ALL_FACES, FRONT_FACES or BACK_FACES.
     """
     frame = frame_at(frame_address)
@@ -299,7 +284,7 @@ def draw_band(frame_address, first_row, end_row, band_memory, faces):
     else:
         offset = 4 * first_row * frame.stride
         layer.ids = i32_at(band_memory - offset)
-        layer.inv_z = f32_at(band_memory + 4 * (BAND_ROWS * frame.stride + LAYER_GAP) - offset)
+        layer.inv_z = f32_at(band_memory + 4 * BAND_ROWS * frame.stride - offset)
     if faces != BACK_FACES:
         clear_rows(frame, layer, first_row, end_row)
     draw_rows(frame, layer, first_row, end_row, faces == BACK_FACES)

@@ -40,7 +40,6 @@ PREPARED: Final = Struct(
         "ninth_blocks": I64,  # the same of the ninth block
         "first_row": I64,
         "rows": I64,  # within the band
-        "prepared_rows": I64,  # a multiple of eight
         "first_column": I64,  # of the first block
         "first_column_in_box": I64,  # the same, counted from the box's first column
         "id": I64,
@@ -158,7 +157,6 @@ def prepare_small(frame, triangle, first_row, end_row, prepared):
     prepared.blocks, prepared.ninth_blocks = blocks, ninth_blocks
     prepared.first_row = prepared_top
     prepared.rows = min(end_row - prepared_top, vec.LANES * groups)
-    prepared.prepared_rows = vec.LANES * groups
     prepared.first_column, prepared.first_column_in_box = block_x, block_x_in_box
     prepared.id = triangle.id
     vec.store(prepared.plane, 0, plane)
@@ -191,7 +189,6 @@ def _draw_block(frame, layer, depth_rule, prepared, first_row, row_count, block_
 def draw_small(frame, layer, depth_rule, prepared):
     """Draw a triangle that ``prepare_small`` has prepared; ``depth_rule`` as for ``depth_test``."""
     blocks, rows = prepared.blocks, prepared.rows
-    has_whole_blocks = rows == prepared.prepared_rows
     first_block_x = 0
     for _ in range(1 if prepared.ninth_blocks == 0 else 2):
         while blocks != 0:
@@ -199,9 +196,6 @@ def draw_small(frame, layer, depth_rule, prepared):
             blocks &= blocks - 1
             row = (bit >> 3) * _BLOCK_ROWS
             block_x = first_block_x + (bit & 7) * vec.LANES
-            if has_whole_blocks:  # a constant number of rows, which LLVM unrolls
-                _draw_block(frame, layer, depth_rule, prepared, row, _BLOCK_ROWS, block_x)
-            else:  # in a band of few rows
-                _draw_block(frame, layer, depth_rule, prepared, row, min(rows - row, _BLOCK_ROWS), block_x)
+            _draw_block(frame, layer, depth_rule, prepared, row, min(rows - row, _BLOCK_ROWS), block_x)
         blocks = prepared.ninth_blocks
         first_block_x = vec.LANES * vec.LANES

@@ -19,7 +19,7 @@ from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pointers import address, f32_at, i32_at
 from renderers.compiler.structs import I64, Struct
 from renderers.msaa import SAMPLE_BAND
-from renderers.raster.chunks import bands_of, bin_starts_of, bins_of, prefetch_primitive, primitives_of, tall_of
+from renderers.raster.chunks import bands_of, bin_starts_of, bins_of, tall_of
 from renderers.raster.fill import make_fill
 from renderers.raster.layout import (
     BINNED_BYTES,
@@ -163,9 +163,7 @@ def draw_sample_rows(frame, memory, first_row, end_row):
         if is_set(frame.stop):
             break
         starts, bins, tall = bin_starts_of(frame, chunk), bins_of(frame, chunk), tall_of(frame, chunk)
-        end = np.int64(starts[band_index + 1])
-        for k in range(starts[band_index], end):
-            prefetch_primitive(bins, k, end, primitives_of(frame, chunk))
+        for k in range(starts[band_index], starts[band_index + 1]):
             _draw_primitive(frame, target, chunk * CHUNK + np.int64(bins[k]), first_row, end_row)
         for k in range(starts[2 * frame.bin_count + 2]):
             _draw_primitive(frame, target, chunk * CHUNK + np.int64(tall[k]), first_row, end_row)

@@ -21,8 +21,8 @@ from renderers.shading import HeadlightJob, ShadingScene, paint
 from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.visibility_buffer import BAND_ROWS, Rasterizer, SampledShader
 
-_GAP: Final = 1040
-"""Values between arrays of a band, for the reason of ``LAYER_GAP``. Vectors are also read that far past an array."""
+_GAP: Final = 64
+"""Values between arrays of a band: vectors are read past an array's end."""
 
 
 def allocate_sample_bands(buffers: Buffers, threads: int, camera: Camera, samples: int, stride: int) -> int:

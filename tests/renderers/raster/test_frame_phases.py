@@ -6,7 +6,6 @@ import pytest
 from numba import njit
 
 from renderers.raster.frame_phases import unit_rows
-from renderers.raster.resolve import row_stride
 from renderers.visibility_buffer import BAND_ROWS, band_count
 
 
@@ -34,10 +33,3 @@ def test_units_cover_every_row_once_and_stay_in_a_band(height: int, halved: int)
 @pytest.mark.parametrize(("height", "bands"), [(0, 0), (1, 1), (32, 1), (33, 2), (64, 2), (65, 3)])
 def test_band_count(height: int, bands: int) -> None:
     assert band_count(height) == bands
-
-
-def test_rows_of_a_band_are_an_odd_number_of_cache_lines() -> None:
-    for width in range(1, 3000):
-        stride = row_stride(width)
-        assert width <= stride < width + 32
-        assert stride % 32 == 16
