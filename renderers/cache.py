@@ -80,7 +80,7 @@ class CacheBudget:
 
     def evict(self, newest: CacheEntry) -> None:
         """Drop the least recently used values until the limit is kept, but not the newest one."""
-        while sum(cache.total for cache in self._caches) > self.max_bytes:
+        while sum([cache.total for cache in self._caches]) > self.max_bytes:
             filled = [cache for cache in self._caches if cache.entries]
             cache = min(filled, key=lambda cache: next(iter(cache.entries.values())).used)
             key, oldest = next(iter(cache.entries.items()))

@@ -131,7 +131,8 @@ class FormReader:
 
     def _on_headers_finished(self) -> None:
         kind, options = parse_options_header(self._disposition)
-        name, filename = (options.get(key, b"").decode("utf-8", "replace") for key in (b"name", b"filename"))
+        name = options.get(b"name", b"").decode("utf-8", "replace")
+        filename = options.get(b"filename", b"").decode("utf-8", "replace")
         if kind != b"form-data" or not name:
             got = quoted(self._disposition) if self._disposition else "none"
             raise RequestError(
