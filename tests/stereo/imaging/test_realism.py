@@ -109,7 +109,7 @@ def test_the_projector_keeps_the_demo_matchable(renderer: CpuRenderer, quality: 
 async def test_streamed_sets_with_everything_are_reproducible(start: Start) -> None:
     sets = []
     for _ in range(2):
-        camera = await start(clock=SimulatedClock(), realism=frozenset(REALISM_PARTS))
+        camera = await start(rate="max", clock=SimulatedClock(), realism=frozenset(REALISM_PARTS))
         sets.append(await camera.take(3, left_enabled=True, right_enabled=True))
     for first, second in zip(*sets, strict=True):
         assert first.SerializeToString() == second.SerializeToString()

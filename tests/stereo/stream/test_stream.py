@@ -70,7 +70,9 @@ async def test_nothing_enabled_gives_timestamps_at_the_camera_s_rate(start: Star
     camera = await start(clock=SimulatedClock())
     sets = await camera.take(3)
     assert [[f.name for f, _ in image_set.ListFields()] for image_set in sets] == [["timestamp"]] * 3
-    assert np.diff([at(image_set.timestamp) for image_set in sets]).tolist() == [40_000_000] * 2
+    steps = np.diff([at(image_set.timestamp) for image_set in sets])  # a reader that is late loses sets
+    assert (steps > 0).all()
+    assert set(steps % 40_000_000) == {0}
 
 
 async def test_color_is_rgb_and_grey_for_others_at_the_same_time(start: Start) -> None:
@@ -278,8 +280,10 @@ async def test_device_rates(start: Start, quality: str, request_depth: bool, per
     camera.service.parameters.set("rc_stereomatching", [("quality", quality)])
     sets = await camera.take(7, left_enabled=True, disparity_enabled=request_depth)
     stamps = [image_set.timestamp.sec * 10**9 + image_set.timestamp.nsec for image_set in sets]
-    assert np.diff(stamps).mean() / 1e6 == pytest.approx(period, abs=40 / 6)
-    assert set(np.diff(stamps) % 40_000_000) == {0}
+    steps = np.diff(stamps)
+    assert set(steps % 40_000_000) == {0}
+    without_lost_sets = steps[steps < (period + 40) * 1e6]  # a reader that is late loses sets
+    assert without_lost_sets.mean() / 1e6 == pytest.approx(period, abs=40 / 6)
 
 
 async def test_matched_depth_of_a_rendered_scene(start: Start) -> None:
