@@ -27,6 +27,7 @@ compute as 2e-16; as 0, it meets the start of the ring."""
 _BLOCK: Final = 1 << 16
 """Vertices or triangles between two checks of the stop flag: a mesh of millions takes a second."""
 
+_HASH_SEED: Final = np.uint64(0x9E3779B97F4A7C15)
 Bounds = tuple[float, float, float, float, float, float]
 
 
@@ -38,14 +39,102 @@ def _hash(value):
     return value ^ (value >> np.uint64(31))
 
 
+@inlined
+def _measure(positions, vertex_count, out):
+    """Write centre and half extents of the bounding box to ``out[2:8]``; return False if a vertex is not finite."""
+    for axis in range(3):
+        low, high = np.float32(np.inf), np.float32(-np.inf)
+        finite = True
+        for k in range(vertex_count):
+            value = positions[3 * k + axis]
+            finite = finite & (abs(value) < np.float32(1e18))
+            low, high = min(low, value), max(high, value)
+        if not finite or vertex_count == 0:
+            return False
+        out[2 + axis] = 0.5 * (np.float64(low) + np.float64(high))
+        out[5 + axis] = 0.5 * (np.float64(high) - np.float64(low))
+    return True
+
+
+@inlined
+def _coincide(a, b, tolerance):
+    """Return whether two points are equal in each coordinate, up to a tolerance."""
+    return (abs(a[0] - b[0]) <= tolerance) & (abs(a[1] - b[1]) <= tolerance) & (abs(a[2] - b[2]) <= tolerance)
+
+
+@inlined
+def _from_center(positions, vertex, center):
+    return (
+        positions[3 * vertex] - center[0],
+        positions[3 * vertex + 1] - center[1],
+        positions[3 * vertex + 2] - center[2],
+    )
+
+
+@inlined
+def _faces_away(positions, indices, triangle_count, center, extent, stop_at):
+    """Return whether all triangles face away from the centre; of degenerate ones, as at a sphere's poles, any."""
+    for t in range(triangle_count):
+        if t % _BLOCK == 0 and is_set(stop_at):
+            return False
+        a = _from_center(positions, np.int64(indices[3 * t]), center)
+        b = _from_center(positions, np.int64(indices[3 * t + 1]), center)
+        c = _from_center(positions, np.int64(indices[3 * t + 2]), center)
+        normal_x, normal_y, normal_z = b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]
+        volume = a[0] * normal_x + a[1] * normal_y + a[2] * normal_z
+        if not volume > 0.0:
+            tolerance = 4.0 * NEAR_ZERO * extent
+            if not (_coincide(a, b, tolerance) | _coincide(b, c, tolerance) | _coincide(c, a, tolerance)):
+                return False
+    return True
+
+
+@inlined
+def _clean_and_hash(positions, vertex_count, near_zero, cleaned, bits, hashes, stop_at):
+    """Write the cleaned positions and two hashes of each; return whether any position has changed.
+
+    Args:
+        cleaned: pointer to (vertex_count, 3) float32; ``bits``: the same memory as uint32.
+    """
+    changed = False
+    for k in range(vertex_count):
+        if k % _BLOCK == 0 and is_set(stop_at):
+            return False
+        for axis in range(3):
+            value = positions[3 * k + axis]
+            is_zero = abs(value) <= near_zero
+            changed = changed | (is_zero & (value != np.float32(0.0)))
+            cleaned[3 * k + axis] = np.float32(0.0) if is_zero else value
+        xy_bits = np.uint64(bits[3 * k]) | (np.uint64(bits[3 * k + 1]) << np.uint64(32))
+        first_hash = _hash(_hash(xy_bits + _HASH_SEED) + np.uint64(bits[3 * k + 2]))
+        hashes[2 * k] = np.int64(first_hash)
+        hashes[2 * k + 1] = np.int64(_hash(first_hash + _HASH_SEED))
+    return changed
+
+
+@inlined
+def _edge_sum(indices, triangle_count, hashes, stop_at):
+    """Return the sum over all edges from a to b of A(a) B(b) - A(b) B(a), modulo 2^64.
+
+    A and B are the two hashes of a position. If each edge occurs as often in the other direction, the sum is 0;
+    otherwise it is 0 with a probability of about 2^-60.
+    """
+    edge_sum = np.int64(0)
+    for t in range(triangle_count):
+        if t % _BLOCK == 0 and is_set(stop_at):
+            return np.int64(1)
+        a, b, c = 2 * np.int64(indices[3 * t]), 2 * np.int64(indices[3 * t + 1]), 2 * np.int64(indices[3 * t + 2])
+        # The terms of its three edges, expanded around corner a.
+        edge_sum += (hashes[b] - hashes[a]) * (hashes[c + 1] - hashes[a + 1])
+        edge_sum -= (hashes[c] - hashes[a]) * (hashes[b + 1] - hashes[a + 1])
+    return edge_sum
+
+
 @kernel("void(int64, int64, int64, int64, int64, int64, int64, int64)")
 def check_back_faces_hidden(
     positions_at, vertex_count, indices_at, triangle_count, cleaned_at, hashes_at, out_at, stop_at
 ):
     """Check whether a mesh is closed and faces away from the centre of its bounding box everywhere.
-
-    Each edge from a to b adds A(a) B(b) - A(b) B(a), modulo 2^64, where A and B are two hashes of a position. If each
-    edge occurs as often in the other direction, the sum is 0; otherwise it is 0 with a probability of about 2^-60.
 
     Args:
         positions_at, vertex_count, indices_at, triangle_count: the mesh, float32 and uint32.
@@ -55,64 +144,19 @@ def check_back_faces_hidden(
             0; centre and half extents of the bounding box.
         stop_at: address of a ``StopFlag``; the result means nothing if it was set.
     """
-    positions, cleaned, out = f32_at(positions_at), f32_at(cleaned_at), f64_at(out_at)
-    indices, hashes, bits = u32_at(indices_at), i64_at(hashes_at), u32_at(cleaned_at)
+    positions, indices, out = f32_at(positions_at), u32_at(indices_at), f64_at(out_at)
+    cleaned, bits, hashes = f32_at(cleaned_at), u32_at(cleaned_at), i64_at(hashes_at)
     out[0] = out[1] = 0.0
-    extent = 0.0
-    for axis in range(3):
-        low, high = np.float32(np.inf), np.float32(-np.inf)
-        finite = True
-        for k in range(vertex_count):
-            value = positions[3 * k + axis]
-            finite = finite & (abs(value) < np.float32(1e18))
-            low, high = min(low, value), max(high, value)
-        if not finite or vertex_count == 0:
-            return
-        out[2 + axis] = 0.5 * (np.float64(low) + np.float64(high))
-        out[5 + axis] = 0.5 * (np.float64(high) - np.float64(low))
-        extent = max(extent, out[5 + axis])
-    center_x, center_y, center_z = out[2], out[3], out[4]
+    if not _measure(positions, vertex_count, out):
+        return
+    center, extent = (out[2], out[3], out[4]), max(out[5], out[6], out[7])
     # Most other meshes fail here, at one of their first triangles.
-    for t in range(triangle_count):
-        if t % _BLOCK == 0 and is_set(stop_at):
-            return
-        a, b, c = 3 * np.int64(indices[3 * t]), 3 * np.int64(indices[3 * t + 1]), 3 * np.int64(indices[3 * t + 2])
-        ax, ay, az = positions[a] - center_x, positions[a + 1] - center_y, positions[a + 2] - center_z
-        bx, by, bz = positions[b] - center_x, positions[b + 1] - center_y, positions[b + 2] - center_z
-        cx, cy, cz = positions[c] - center_x, positions[c + 1] - center_y, positions[c + 2] - center_z
-        volume = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
-        if not volume > 0.0:
-            # Degenerate triangles, as at the poles of a sphere, are never visible.
-            tolerance = 4.0 * NEAR_ZERO * extent
-            coincide = (abs(ax - bx) <= tolerance) & (abs(ay - by) <= tolerance) & (abs(az - bz) <= tolerance)
-            coincide |= (abs(bx - cx) <= tolerance) & (abs(by - cy) <= tolerance) & (abs(bz - cz) <= tolerance)
-            coincide |= (abs(cx - ax) <= tolerance) & (abs(cy - ay) <= tolerance) & (abs(cz - az) <= tolerance)
-            if not coincide:
-                return
+    if not _faces_away(positions, indices, triangle_count, center, extent, stop_at):
+        return
     near_zero = np.float32(NEAR_ZERO * extent)
-    changed = False
-    for k in range(vertex_count):
-        if k % _BLOCK == 0 and is_set(stop_at):
-            return
-        for axis in range(3):
-            value = positions[3 * k + axis]
-            is_zero = abs(value) <= near_zero
-            changed = changed | (is_zero & (value != np.float32(0.0)))
-            cleaned[3 * k + axis] = np.float32(0.0) if is_zero else value
-        xy_bits = np.uint64(bits[3 * k]) | (np.uint64(bits[3 * k + 1]) << np.uint64(32))
-        first_hash = _hash(_hash(xy_bits + np.uint64(0x9E3779B97F4A7C15)) + np.uint64(bits[3 * k + 2]))
-        hashes[2 * k] = np.int64(first_hash)
-        hashes[2 * k + 1] = np.int64(_hash(first_hash + np.uint64(0x9E3779B97F4A7C15)))
-    edge_sum = np.int64(0)
-    for t in range(triangle_count):
-        if t % _BLOCK == 0 and is_set(stop_at):
-            return
-        a, b, c = 2 * np.int64(indices[3 * t]), 2 * np.int64(indices[3 * t + 1]), 2 * np.int64(indices[3 * t + 2])
-        # The terms of its three edges, expanded around corner a.
-        edge_sum += (hashes[b] - hashes[a]) * (hashes[c + 1] - hashes[a + 1]) - (hashes[c] - hashes[a]) * (
-            hashes[b + 1] - hashes[a + 1]
-        )
-    out[0] = 1.0 if edge_sum == 0 and triangle_count > 0 else 0.0
+    changed = _clean_and_hash(positions, vertex_count, near_zero, cleaned, bits, hashes, stop_at)
+    is_closed = _edge_sum(indices, triangle_count, hashes, stop_at) == 0 and triangle_count > 0
+    out[0] = 1.0 if is_closed else 0.0
     out[1] = 1.0 if changed else 0.0
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numba import types
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import device_function
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel
 from renderers.compiler.pointers import address, f32_at, f64_at, i32_at, stack_array
@@ -27,6 +27,77 @@ _instance_cache_array = stack_array(types.int64, 9)
 _block_array = stack_array(types.int32, 2 * vec.LANES)
 
 
+@inlined
+def _load_corners(m, positions, indices, first_index, p):
+    """Write the corners of a triangle in the camera's frame to the columns of ``p``, (3, 3) float64.
+
+    Args:
+        m: pointer to X_camera_mesh, (4, 4) float64.
+        first_index: index of the triangle's first index.
+    """
+    for k in range(3):
+        v = 3 * np.int64(indices[first_index + k])
+        x, y, z = np.float64(positions[v]), np.float64(positions[v + 1]), np.float64(positions[v + 2])
+        for axis in range(3):
+            p[3 * k + axis] = m[4 * axis] * x + m[4 * axis + 1] * y + m[4 * axis + 2] * z + m[4 * axis + 3]
+
+
+@inlined
+def _load_normals(m, normals, indices, first_index, n):
+    """Write the normals of a triangle's corners to the columns of ``n``; otherwise as ``_load_corners``."""
+    for k in range(3):
+        v = 3 * np.int64(indices[first_index + k])
+        x, y, z = np.float64(normals[v]), np.float64(normals[v + 1]), np.float64(normals[v + 2])
+        # Normals transform by the cofactors: the inverse transpose times the determinant.
+        for axis in range(3):
+            i, j = 4 * ((axis + 1) % 3), 4 * ((axis + 2) % 3)
+            cx = m[i + 1] * m[j + 2] - m[i + 2] * m[j + 1]
+            cy = m[i + 2] * m[j] - m[i] * m[j + 2]
+            cz = m[i] * m[j + 1] - m[i + 1] * m[j]
+            n[3 * k + axis] = cx * x + cy * y + cz * z
+
+
+@inlined
+def _invert(p, b):
+    """Write the inverse of ``p`` times its determinant to the rows of ``b``, and return the determinant."""
+    for k in range(3):
+        i, j = 3 * ((k + 1) % 3), 3 * ((k + 2) % 3)
+        b[3 * k] = p[i + 1] * p[j + 2] - p[i + 2] * p[j + 1]
+        b[3 * k + 1] = p[i + 2] * p[j] - p[i] * p[j + 2]
+        b[3 * k + 2] = p[i] * p[j + 1] - p[i + 1] * p[j]
+    return b[0] * p[0] + b[1] * p[1] + b[2] * p[2]
+
+
+@inlined
+def _geometric_normal(b, determinant):
+    """Return the unit normal that faces the camera of the triangle whose inverse and determinant are given."""
+    # The sum of the rows is (p1 - p0) x (p2 - p0).
+    x, y, z = b[0] + b[3] + b[6], b[1] + b[4] + b[7], b[2] + b[5] + b[8]
+    length = np.sqrt(x * x + y * y + z * z)
+    if not length > 0.0:
+        return 0.0, 0.0, -1.0
+    scale = 1.0 / length if determinant <= 0.0 else -1.0 / length
+    return x * scale, y * scale, z * scale
+
+
+@inlined
+def _smooth_normal(b, n, ray_x, ray_y, flat):
+    """Return the interpolated unit normal where a ray (ray_x, ray_y, 1) meets a triangle; ``flat`` if it has none."""
+    # The product of the rows and the ray is proportional to the barycentric coordinates.
+    b0 = b[0] * ray_x + b[1] * ray_y + b[2]
+    b1 = b[3] * ray_x + b[4] * ray_y + b[5]
+    b2 = b[6] * ray_x + b[7] * ray_y + b[8]
+    x = b0 * n[0] + b1 * n[3] + b2 * n[6]
+    y = b0 * n[1] + b1 * n[4] + b2 * n[7]
+    z = b0 * n[2] + b1 * n[5] + b2 * n[8]
+    length = np.sqrt(x * x + y * y + z * z)
+    if not (length > 0.0 and length < np.inf):
+        return flat
+    # Facing the camera, as the geometric normal does; b and n may be negated by a mirrored frame.
+    scale = 1.0 / length if x * flat[0] + y * flat[1] + z * flat[2] >= 0.0 else -1.0 / length
+    return x * scale, y * scale, z * scale
+
+
 @device_function
 def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
     """Write the normals of the pixels ``start .. stop`` of a row, which all see one primitive."""
@@ -39,63 +110,20 @@ def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
             out[3 * column + 2] = -1.0
         return
     m = f64_at(address(frame.X_camera_mesh) + 8 * 16 * instance_index)
-    corner = 3 * (primitive_id - instance.first_primitive)
-    indices, positions = instance.mesh_indices, instance.mesh_positions
-    # Columns of p: corners in the camera's frame; of n: their normals. Rows of b: p's inverse times its determinant,
-    # whose product with a pixel's ray is proportional to the barycentric coordinates.
+    first_index = 3 * (primitive_id - instance.first_primitive)
     p, b, n = _corner_array(), _inverse_array(), _normal_array()
-    for k in range(3):
-        v = 3 * np.int64(indices[corner + k])
-        x, y, z = np.float64(positions[v]), np.float64(positions[v + 1]), np.float64(positions[v + 2])
-        for axis in range(3):
-            p[3 * k + axis] = m[4 * axis] * x + m[4 * axis + 1] * y + m[4 * axis + 2] * z + m[4 * axis + 3]
-    # Cross products of p's columns.
-    for k in range(3):
-        i, j = 3 * ((k + 1) % 3), 3 * ((k + 2) % 3)
-        b[3 * k] = p[i + 1] * p[j + 2] - p[i + 2] * p[j + 1]
-        b[3 * k + 1] = p[i + 2] * p[j] - p[i] * p[j + 2]
-        b[3 * k + 2] = p[i] * p[j + 1] - p[i + 1] * p[j]
-    # Their sum is the geometric normal, (p1 - p0) x (p2 - p0).
-    gx, gy, gz = b[0] + b[3] + b[6], b[1] + b[4] + b[7], b[2] + b[5] + b[8]
-    determinant = b[0] * p[0] + b[1] * p[1] + b[2] * p[2]
-    length = np.sqrt(gx * gx + gy * gy + gz * gz)
-    if length > 0.0:
-        scale = 1.0 / length if determinant <= 0.0 else -1.0 / length
-        gx, gy, gz = gx * scale, gy * scale, gz * scale
-    else:
-        gx, gy, gz = 0.0, 0.0, -1.0
+    _load_corners(m, instance.mesh_positions, instance.mesh_indices, first_index, p)
+    flat = _geometric_normal(b, _invert(p, b))
     is_smooth = instance.mesh_normals != 0
     if is_smooth:
-        normals = f32_at(instance.mesh_normals)
-        for k in range(3):
-            v = 3 * np.int64(indices[corner + k])
-            x, y, z = np.float64(normals[v]), np.float64(normals[v + 1]), np.float64(normals[v + 2])
-            # Normals transform by the cofactors: the inverse transpose times the determinant.
-            for axis in range(3):
-                i, j = 4 * ((axis + 1) % 3), 4 * ((axis + 2) % 3)
-                cx = m[i + 1] * m[j + 2] - m[i + 2] * m[j + 1]
-                cy = m[i + 2] * m[j] - m[i] * m[j + 2]
-                cz = m[i] * m[j + 1] - m[i + 1] * m[j]
-                n[3 * k + axis] = cx * x + cy * y + cz * z
+        _load_normals(m, f32_at(instance.mesh_normals), instance.mesh_indices, first_index, n)
     ray_y = (row + 0.5 - frame.cy) / frame.fy
     for column in range(start, stop):
-        ray_x = (column + 0.5 - frame.cx) / frame.fx
-        nx, ny, nz = gx, gy, gz
+        normal = flat
         if is_smooth:
-            b0 = b[0] * ray_x + b[1] * ray_y + b[2]
-            b1 = b[3] * ray_x + b[4] * ray_y + b[5]
-            b2 = b[6] * ray_x + b[7] * ray_y + b[8]
-            sx = b0 * n[0] + b1 * n[3] + b2 * n[6]
-            sy = b0 * n[1] + b1 * n[4] + b2 * n[7]
-            sz = b0 * n[2] + b1 * n[5] + b2 * n[8]
-            length = np.sqrt(sx * sx + sy * sy + sz * sz)
-            if length > 0.0 and length < np.inf:
-                # Facing the camera, as the geometric normal does; b and n may be negated by a mirrored frame.
-                scale = 1.0 / length if sx * gx + sy * gy + sz * gz >= 0.0 else -1.0 / length
-                nx, ny, nz = sx * scale, sy * scale, sz * scale
-        out[3 * column] = nx
-        out[3 * column + 1] = ny
-        out[3 * column + 2] = nz
+            normal = _smooth_normal(b, n, (column + 0.5 - frame.cx) / frame.fx, ray_y, flat)
+        for axis in range(3):
+            out[3 * column + axis] = normal[axis]
 
 
 @kernel("void(int64, int64, int64, int64)")
