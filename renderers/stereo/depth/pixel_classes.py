@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.device_function import device_function
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 
 
@@ -95,6 +95,70 @@ def classify(
     return classes
 
 
+@inlined
+def _add_row(sums, gradient, difference, count, sign):
+    """Add or subtract a row of the rings to the sums down the columns.
+
+    Args:
+        sums: (4, W + 2 ``RADIUS``) int32: of gradients, of their squares, of differences, of counts.
+        sign: 1 or -1.
+    """
+    gradient_sums, square_sums, difference_sums, count_sums = sums[0], sums[1], sums[2], sums[3]
+    for x in range(len(gradient)):
+        gradient_sums[x] += sign * gradient[x]
+        square_sums[x] += sign * (np.int32(gradient[x]) * np.int32(gradient[x]))
+        difference_sums[x] += sign * difference[x]
+        count_sums[x] += sign * count[x]
+
+
+@inlined
+def _measure_windows(sums, window_rows, window_columns, sigma, textures, disagreements):
+    """Write texture and disagreement of a row's windows, (W,) float32 each.
+
+    Args:
+        sums: as for ``_add_row``, of the rows of the windows.
+        window_rows: number of rows of the windows within the image; ``window_columns``: (W,) int32, of columns.
+        sigma: standard deviation of the image noise, grey levels.
+    """
+    gradient_sums, square_sums, difference_sums, count_sums = sums[0], sums[1], sums[2], sums[3]
+    zero, one, variance = np.float32(0.0), np.float32(1.0), sigma * sigma
+    for column in range(len(textures)):
+        gradient_sum, gradient_square_sum = np.int32(0), np.int32(0)
+        difference_sum, count_sum = np.int32(0), np.int32(0)
+        for x in range(_WINDOW):
+            gradient_sum += gradient_sums[column + x]
+            gradient_square_sum += square_sums[column + x]
+            difference_sum += difference_sums[column + x]
+            count_sum += count_sums[column + x]
+        # The gradient is half the difference of two pixels: noise adds half its variance.
+        pixels = np.int32(window_rows) * window_columns[column]
+        scaled_variance = np.int32(gradient_square_sum) * pixels - np.int32(gradient_sum) * np.int32(gradient_sum)
+        gradient_variance = np.float32(scaled_variance) / np.float32(4 * pixels * pixels)
+        texture = np.sqrt(max(gradient_variance - np.float32(0.5) * variance, zero))
+        mean_difference = np.float32(difference_sum) / (np.float32(16.0) * max(np.float32(count_sum), one))
+        textures[column] = texture
+        disagreements[column] = max(mean_difference - sigma, zero) / (texture + np.float32(2.0) * sigma)
+
+
+@inlined
+def _write_classes(
+    textures, disagreements, texture_steps, disagreement_steps, sigma, disparity, nearest, farthest, classes
+):  # fmt: skip
+    """Write the classes of a row; arguments as for ``_classify``, of one row, and of ``_measure_windows``."""
+    for column in range(len(classes)):
+        texture_class, disagreement_class = np.int32(0), np.int32(0)
+        for step in range(TEXTURES - 1):
+            texture_class += np.int32(textures[column] >= texture_steps[step] * sigma)
+        for step in range(DISAGREEMENTS - 1):
+            disagreement_class += np.int32(disagreements[column] >= disagreement_steps[step])
+        units = np.int32(disparity[column])
+        is_known = np.int32(units > 0)
+        in_front = is_known & np.int32(units - np.int32(farthest[column]) >= EDGE_STEP)
+        is_behind = is_known & np.int32(np.int32(nearest[column]) - units >= EDGE_STEP)
+        edge = in_front + (is_behind & (1 - in_front)) * 2
+        classes[column] = (texture_class * DISAGREEMENTS + disagreement_class) * EDGES + edge
+
+
 @kernel(
     "void(uint8[:,::1], uint8[:,::1], uint16[:,::1], uint16[:,::1], uint16[:,::1], float64, float32[::1], "
     "float32[::1], uint8[:,::1])"
@@ -120,67 +184,31 @@ def _classify(
     height, width = left.shape
     padded = width + 2 * RADIUS
     sigma = np.float32(noise_sigma)
-    variance = sigma * sigma
-    zero, one = np.float32(0.0), np.float32(1.0)
     # Rings of the last five rows, and their sums down each column. Padding beyond the image is 0.
     gradients = np.zeros((_WINDOW, padded), np.int16)
     differences = np.zeros((_WINDOW, padded), np.int16)
     counts = np.zeros((_WINDOW, padded), np.int16)
-    gradient_sums = np.zeros(padded, np.int32)
-    gradient_square_sums = np.zeros(padded, np.int32)
-    difference_sums = np.zeros(padded, np.int32)
-    count_sums = np.zeros(padded, np.int32)
+    sums = np.zeros((4, padded), np.int32)
     window_columns = np.empty(width, np.int32)
     textures, disagreements = np.empty(width, np.float32), np.empty(width, np.float32)
     for column in range(width):
         window_columns[column] = min(column + RADIUS, width - 1) - max(column - RADIUS, 0) + 1
     for row in range(height + RADIUS):
         gradient, difference, count = gradients[row % _WINDOW], differences[row % _WINDOW], counts[row % _WINDOW]
-        for x in range(padded):
-            gradient_sums[x] -= gradient[x]
-            gradient_square_sums[x] -= np.int32(gradient[x]) * np.int32(gradient[x])
-            difference_sums[x] -= difference[x]
-            count_sums[x] -= count[x]
-            gradient[x], difference[x], count[x] = 0, 0, 0
+        _add_row(sums, gradient, difference, count, np.int32(-1))
+        gradient[:], difference[:], count[:] = 0, 0, 0
         if row < height:
             _compare_rows(left[row], right[row], disparity[row], gradient, difference, count)
-            for x in range(padded):
-                gradient_sums[x] += gradient[x]
-                gradient_square_sums[x] += np.int32(gradient[x]) * np.int32(gradient[x])
-                difference_sums[x] += difference[x]
-                count_sums[x] += count[x]
+            _add_row(sums, gradient, difference, count, np.int32(1))
         center = row - RADIUS
         if center < 0:
             continue
         window_rows = min(center + RADIUS, height - 1) - max(center - RADIUS, 0) + 1
-        for column in range(width):
-            gradient_sum, gradient_square_sum = np.int32(0), np.int32(0)
-            difference_sum, count_sum = np.int32(0), np.int32(0)
-            for x in range(_WINDOW):
-                gradient_sum += gradient_sums[column + x]
-                gradient_square_sum += gradient_square_sums[column + x]
-                difference_sum += difference_sums[column + x]
-                count_sum += count_sums[column + x]
-            # The gradient is half the difference of two pixels: noise adds half its variance.
-            pixels = np.int32(window_rows) * window_columns[column]
-            scaled_variance = np.int32(gradient_square_sum) * pixels - np.int32(gradient_sum) * np.int32(gradient_sum)
-            gradient_variance = np.float32(scaled_variance) / np.float32(4 * pixels * pixels)
-            texture = np.sqrt(max(gradient_variance - np.float32(0.5) * variance, zero))
-            mean_difference = np.float32(difference_sum) / (np.float32(16.0) * max(np.float32(count_sum), one))
-            textures[column] = texture
-            disagreements[column] = max(mean_difference - sigma, zero) / (texture + np.float32(2.0) * sigma)
-        for column in range(width):
-            texture_class, disagreement_class = np.int32(0), np.int32(0)
-            for step in range(TEXTURES - 1):
-                texture_class += np.int32(textures[column] >= texture_steps[step] * sigma)
-            for step in range(DISAGREEMENTS - 1):
-                disagreement_class += np.int32(disagreements[column] >= disagreement_steps[step])
-            units = np.int32(disparity[center, column])
-            is_known = np.int32(units > 0)
-            in_front = is_known & np.int32(units - np.int32(farthest[center, column]) >= EDGE_STEP)
-            is_behind = is_known & np.int32(np.int32(nearest[center, column]) - units >= EDGE_STEP)
-            edge = in_front + (is_behind & (1 - in_front)) * 2
-            classes[center, column] = (texture_class * DISAGREEMENTS + disagreement_class) * EDGES + edge
+        _measure_windows(sums, window_rows, window_columns, sigma, textures, disagreements)
+        _write_classes(
+            *(textures, disagreements, texture_steps, disagreement_steps, sigma),
+            *(disparity[center], nearest[center], farthest[center], classes[center]),
+        )
 
 
 @device_function

@@ -2,10 +2,112 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
+from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
 from renderers.stereo.sensor.exposure import LIGHT_WHITE
+
+_FACTOR_SCALE: Final = np.float32(1.0 / 65536.0)
+"""1 / (32 for the weights of rows, 32 for those of columns, 64 for the factor 1)."""
+
+
+@inlined
+def _mix_channels(rendered, light_of_level, scene):
+    """Write one channel of a row's light.
+
+    Args:
+        rendered: (W, 3) uint8 RGB.
+        light_of_level: (3, 256) float32.
+        scene: (W + 2,) float32, output between its ends.
+    """
+    red, green, blue = light_of_level[0], light_of_level[1], light_of_level[2]
+    for column in range(len(rendered)):
+        scene[column + 1] = red[rendered[column, 0]] + green[rendered[column, 1]] + blue[rendered[column, 2]]
+
+
+@inlined
+def _interpolate_factors(factors, row, rendered, background, coarse, fine):
+    """Write the factors of a row's pixels, 1 where they show the background.
+
+    Quadratic B-splines; linear interpolation would show the coarse pixels at edges. A row's centre lies a quarter of a
+    coarse row beside that of its coarse row: weights of 22, 9 and 1, in 1/32. The same holds for columns.
+
+    Args:
+        rendered: (W, 3) uint8 RGB, the row.
+        coarse: (ceil(W / 2) + 2,) float32, scratch.
+        fine: (W,) float32, output.
+    """
+    last, width = factors.shape[0] - 1, factors.shape[1]
+    near_row, step = min(row >> 1, last), (row & 1) * 2 - 1
+    near, far, opposite = (
+        factors[near_row],
+        factors[min(max(near_row + step, 0), last)],
+        factors[min(max(near_row - step, 0), last)],
+    )
+    for column in range(width):
+        value = np.int32(22) * near[column] + np.int32(9) * far[column] + np.int32(opposite[column])
+        coarse[column + 1] = np.float32(value) * _FACTOR_SCALE
+    coarse[0], coarse[width + 1] = coarse[1], coarse[width]
+    for column in range(len(fine)):
+        k, step = (column >> 1) + 1, (column & 1) * 2 - 1
+        factor = np.float32(22.0) * coarse[k] + np.float32(9.0) * coarse[k + step] + coarse[k - step]
+        is_background = (
+            (rendered[column, 0] == background[0])
+            & (rendered[column, 1] == background[1])
+            & (rendered[column, 2] == background[2])
+        )
+        fine[column] = np.float32(1.0) if is_background else factor
+
+
+@inlined
+def _light_scene(scene, factors, dots, dot_unit, has_dots, has_factors):
+    """Multiply a row's light by the factors, and by what the projector adds."""
+    if has_dots:
+        for column in range(len(factors)):
+            scene[column + 1] *= factors[column] + dot_unit * np.float32(dots[column])
+    elif has_factors:
+        for column in range(len(factors)):
+            scene[column + 1] *= factors[column]
+
+
+@inlined
+def _blur_along_row(scene, center, outer, blurred):
+    """Write a row's light blurred along the row; the ends of ``scene`` become copies of their neighbours."""
+    width = len(blurred)
+    scene[0], scene[width + 1] = scene[1], scene[width]
+    for column in range(width):
+        blurred[column] = scene[column + 1] * center + (scene[column] + scene[column + 2]) * outer
+
+
+@inlined
+def _write_row(above, here, below, center, outer, falloff, has_falloff, light, channel):
+    """Write a row of the light image from three rows blurred along x, times the vignetting if there is any.
+
+    Args:
+        light: (W, C) uint16, output.
+    """
+    white, half, maximum = np.float32(LIGHT_WHITE), np.float32(0.5), np.float32(65535.0)
+    if has_falloff:
+        for column in range(len(here)):
+            value = here[column] * center + (above[column] + below[column]) * outer
+            root = np.sqrt(value * falloff[column]) * white + half
+            light[column, channel] = np.uint16(np.int32(min(root, maximum)))
+    else:
+        for column in range(len(here)):
+            value = here[column] * center + (above[column] + below[column]) * outer
+            light[column, channel] = np.uint16(np.int32(min(np.sqrt(value) * white + half, maximum)))
+
+
+@inlined
+def _vignette(y, x_squared, falloff):
+    """Write the falloff cos^3 of a row; ``y`` and the root of ``x_squared``: position over the focal length."""
+    inv_cosine_base = np.float32(1.0 + y * y)
+    for column in range(len(falloff)):
+        inv_cosine_squared = inv_cosine_base + x_squared[column]
+        falloff[column] = np.float32(1.0) / (inv_cosine_squared * np.sqrt(inv_cosine_squared))
 
 
 @kernel(
@@ -31,87 +133,32 @@ def light_rows(
         light: (H, W, C) uint16, output.
     """
     height, width, channels = light.shape
-    one, half, outer = np.float32(1.0), np.float32(0.5), np.float32(neighbour_weight)
-    center = one - outer - outer
-    white, maximum = np.float32(LIGHT_WHITE), np.float32(65535.0)
+    outer = np.float32(neighbour_weight)
+    center = np.float32(1.0) - outer - outer
     has_dots, has_factors = dots.shape[0] == height and height > 1, factors.shape[0] > 1
-    # Light of one row and its factors, each with its ends repeated; and the last three rows, blurred along x.
-    scene = np.empty(width + 2, np.float32)
-    scene_factor = np.ones(width, np.float32)
-    unit = np.float32(dot_unit)
-    half_width = factors.shape[1]
-    factor_row = np.empty(half_width + 2, np.float32)
+    # Light of one row with its ends repeated, its factors, and the last three rows, blurred along x.
+    scene, scene_factors = np.empty(width + 2, np.float32), np.ones(width, np.float32)
+    coarse_factors = np.empty(factors.shape[1] + 2, np.float32)
     blurred = np.empty((3, width), np.float32)
-    falloff = np.empty(width, np.float32)
-    x_squared = np.empty(width, np.float32)
+    falloff, x_squared = np.empty(width, np.float32), np.empty(width, np.float32)
     for column in range(width):
         x = (column + 0.5 - cx) * inv_focal
         x_squared[column] = np.float32(x * x)
     for channel in range(channels):
-        red, green, blue = light_of_level[channel, 0], light_of_level[channel, 1], light_of_level[channel, 2]
         for source_row in range(height + 1):
             if source_row < height:
-                for column in range(width):
-                    scene[column + 1] = (
-                        red[rendered[source_row, column, 0]]
-                        + green[rendered[source_row, column, 1]]
-                        + blue[rendered[source_row, column, 2]]
-                    )
+                _mix_channels(rendered[source_row], light_of_level[channel], scene)
                 if has_factors:
-                    # Quadratic B-splines; linear interpolation would show the coarse pixels at edges. A row's centre
-                    # lies a quarter of a coarse row beside that of its coarse row: weights of 22, 9 and 1, in 1/32.
-                    near_row = min(source_row >> 1, factors.shape[0] - 1)
-                    step = (source_row & 1) * 2 - 1
-                    far_row = min(max(near_row + step, 0), factors.shape[0] - 1)
-                    opposite_row = min(max(near_row - step, 0), factors.shape[0] - 1)
-                    scale = np.float32(1.0 / 65536.0)  # 32 for the rows, 32 for the columns, 64 for the factor 1
-                    for x_half in range(half_width):
-                        value = (
-                            np.int32(22) * factors[near_row, x_half]
-                            + np.int32(9) * factors[far_row, x_half]
-                            + np.int32(factors[opposite_row, x_half])
-                        )
-                        factor_row[x_half + 1] = np.float32(value) * scale
-                    factor_row[0], factor_row[half_width + 1] = factor_row[1], factor_row[half_width]
-                    for column in range(width):
-                        near = (column >> 1) + 1
-                        step = (column & 1) * 2 - 1
-                        factor = (
-                            np.float32(22.0) * factor_row[near]
-                            + np.float32(9.0) * factor_row[near + step]
-                            + factor_row[near - step]
-                        )
-                        is_background = (
-                            (rendered[source_row, column, 0] == background[0])
-                            & (rendered[source_row, column, 1] == background[1])
-                            & (rendered[source_row, column, 2] == background[2])
-                        )
-                        scene_factor[column] = one if is_background else factor
-                if has_dots:
-                    for column in range(width):
-                        scene[column + 1] *= scene_factor[column] + unit * np.float32(dots[source_row, column])
-                elif has_factors:
-                    for column in range(width):
-                        scene[column + 1] *= scene_factor[column]
-                scene[0], scene[width + 1] = scene[1], scene[width]
-                target = source_row % 3
-                for column in range(width):
-                    blurred[target, column] = scene[column + 1] * center + (scene[column] + scene[column + 2]) * outer
+                    _interpolate_factors(
+                        factors, source_row, rendered[source_row], background, coarse_factors, scene_factors
+                    )
+                row_dots = dots[source_row if has_dots else 0]
+                _light_scene(scene, scene_factors, row_dots, np.float32(dot_unit), has_dots, has_factors)
+                _blur_along_row(scene, center, outer, blurred[source_row % 3])
             row = source_row - 1
             if row < 0:
                 continue
-            above, here, below = max(row - 1, 0) % 3, row % 3, min(row + 1, height - 1) % 3
             if inv_focal != 0.0:
-                y = (row + 0.5 - cy) * inv_focal
-                inv_cosine_base = np.float32(1.0 + y * y)
-                for column in range(width):
-                    inv_cosine_squared = inv_cosine_base + x_squared[column]
-                    falloff[column] = one / (inv_cosine_squared * np.sqrt(inv_cosine_squared))
-                for column in range(width):
-                    value = blurred[here, column] * center + (blurred[above, column] + blurred[below, column]) * outer
-                    root = np.sqrt(value * falloff[column]) * white + half
-                    light[row, column, channel] = np.uint16(np.int32(min(root, maximum)))
-            else:
-                for column in range(width):
-                    value = blurred[here, column] * center + (blurred[above, column] + blurred[below, column]) * outer
-                    light[row, column, channel] = np.uint16(np.int32(min(np.sqrt(value) * white + half, maximum)))
+                _vignette((row + 0.5 - cy) * inv_focal, x_squared, falloff)
+            above, here, below = blurred[max(row - 1, 0) % 3], blurred[row % 3], blurred[min(row + 1, height - 1) % 3]
+            _write_row(above, here, below, center, outer, falloff, inv_focal != 0.0, light[row], channel)

@@ -36,6 +36,37 @@ def _lit_share(shadow_depth, u, v, z):
     return upper * (one - fv) + lower * fv
 
 
+@inlined
+def _row_times_point(X, row, x, y, z):
+    """Return one coordinate of a point, transformed by a (3, 4) matrix."""
+    return X[row, 0] * x + X[row, 1] * y + X[row, 2] * z + X[row, 3]
+
+
+@inlined
+def _unshadowed_share(shadow_depth, shadow_map, X_light_camera, point, normal, n_l):
+    """Return the share of the key light that reaches a point.
+
+    Args:
+        shadow_depth, shadow_map, X_light_camera: as for ``factor_rows``.
+        point, normal: in the camera's frame; three float64 each.
+        n_l: cosine of the light, above 0.
+    """
+    focal_length, center, normal_offset = shadow_map[0], shadow_map[1], shadow_map[2]
+    offset = normal_offset * _row_times_point(X_light_camera, 2, point[0], point[1], point[2])
+    x, y, z = point[0] + offset * normal[0], point[1] + offset * normal[1], point[2] + offset * normal[2]
+    light_x, light_y = _row_times_point(X_light_camera, 0, x, y, z), _row_times_point(X_light_camera, 1, x, y, z)
+    light_z = _row_times_point(X_light_camera, 2, x, y, z)
+    scale = focal_length / light_z
+    # A texel has one depth, but the depths of a slanted surface differ within it.
+    bias = 0.5 * offset / max(n_l, 0.2)
+    return _lit_share(
+        shadow_depth,
+        np.float32(light_x * scale + center),
+        np.float32(light_y * scale + center),
+        np.float32(light_z - bias),
+    )
+
+
 @kernel(
     "void(float32[:,::1], float32[:,:,::1], float64[::1], float32[:,::1], float64[:,::1], float64[::1], float64[::1], "
     "float64[::1], float64[::1], uint8[:,::1])"
@@ -60,7 +91,6 @@ def factor_rows(
     """
     height, width = depth.shape
     inv_fx, inv_fy, cx, cy = 1.0 / intrinsics[0], 1.0 / intrinsics[1], intrinsics[2], intrinsics[3]
-    focal_length, center, normal_offset = shadow_map[0], shadow_map[1], shadow_map[2]
     key, sky, ground = light_levels[0], light_levels[1], light_levels[2]
     for row in range(height):
         ray_y = (row + 0.5 - cy) * inv_fy
@@ -71,49 +101,14 @@ def factor_rows(
                 continue
             nx, ny, nz = float(normal[row, column, 0]), float(normal[row, column, 1]), float(normal[row, column, 2])
             headlight = -nz
-            is_unlit = nx == 0.0 and ny == 0.0 and nz == 0.0
             n_l = nx * to_light[0] + ny * to_light[1] + nz * to_light[2]
             n_up = nx * up[0] + ny * up[1] + nz * up[2]
-            if is_unlit:  # as a surface that faces the camera and the sky, and nearly the light
+            if nx == 0.0 and ny == 0.0 and nz == 0.0:  # unlit: as a surface that faces the camera and the sky
                 headlight, n_l, n_up = 1.0, 0.8, 1.0
             share = np.float32(0.0)
             if n_l > 0.0:
-                x, y = (column + 0.5 - cx) * inv_fx * z, ray_y * z
-                lz = (
-                    X_light_camera[2, 0] * x
-                    + X_light_camera[2, 1] * y
-                    + X_light_camera[2, 2] * z
-                    + X_light_camera[2, 3]
-                )
-                offset = normal_offset * lz
-                x, y, shifted_z = x + offset * nx, y + offset * ny, z + offset * nz
-                lx = (
-                    X_light_camera[0, 0] * x
-                    + X_light_camera[0, 1] * y
-                    + X_light_camera[0, 2] * shifted_z
-                    + X_light_camera[0, 3]
-                )
-                ly = (
-                    X_light_camera[1, 0] * x
-                    + X_light_camera[1, 1] * y
-                    + X_light_camera[1, 2] * shifted_z
-                    + X_light_camera[1, 3]
-                )
-                lz = (
-                    X_light_camera[2, 0] * x
-                    + X_light_camera[2, 1] * y
-                    + X_light_camera[2, 2] * shifted_z
-                    + X_light_camera[2, 3]
-                )
-                scale = focal_length / lz
-                # A texel has one depth, but the depths of a slanted surface differ within it.
-                bias = 0.5 * offset / max(n_l, 0.2)
-                share = _lit_share(
-                    shadow_depth,
-                    np.float32(lx * scale + center),
-                    np.float32(ly * scale + center),
-                    np.float32(lz - bias),
-                )
+                point = (column + 0.5 - cx) * inv_fx * z, ray_y * z, z
+                share = _unshadowed_share(shadow_depth, shadow_map, X_light_camera, point, (nx, ny, nz), n_l)
             light_here = key * share * max(n_l, 0.0) + ground + (sky - ground) * (0.5 + 0.5 * n_up)
             factor = light_here / max(headlight, _MIN_COSINE) * FACTOR_ONE
             factors[row, column] = int(min(factor + 0.5, 255.0))
