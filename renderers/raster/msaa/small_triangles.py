@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.structs import F32, I32, I64, Struct, array_of
-from renderers.raster.layout import MAX_SMALL_WIDTH
+from renderers.raster.layout import MAX_SMALL_WIDTH, SUBPIXEL_BITS
 from renderers.raster.msaa.storage import (
     max_inv_z_offset,
     merge_samples,
@@ -89,6 +89,143 @@ def _is_hidden(far, stride, left, right, top, bottom, inv_z_max):
     return True
 
 
+class SampleEdges(NamedTuple):
+    """Edge functions of a SMALL_TRIANGLE's three edges, and how they vary among the samples of a pixel."""
+
+    first: Any
+    """At the first pixel centre of the box, three int64."""
+    dx: Any
+    """Change per column, three int64."""
+    dy: Any
+    """Change per row, three int64."""
+    offsets: Any
+    """At the samples minus at the centre, of the first two edges, i32x8 each."""
+    max_offset: Any
+    """Maximum over the samples, three int64."""
+    range: Any
+    """From the least to the greatest of the samples, in all lanes; three i32x8."""
+
+
+@inlined
+def _sample_edges(frame, triangle):
+    """Return the SAMPLE_EDGES of a SMALL_TRIANGLE."""
+    e0_dx, e1_dx = np.int64(triangle.edge_dx[0]), np.int64(triangle.edge_dx[1])
+    e0_dy, e1_dy = np.int64(triangle.edge0_dy), np.int64(triangle.edge1_dy)
+    e2_dx, e2_dy = -e0_dx - e1_dx, -e0_dy - e1_dy
+    # Changes are per pixel, sample offsets are grid units.
+    x, y = vec.load(frame.sample_offsets, 0), vec.load(frame.sample_offsets, vec.LANES)
+    offsets0 = vec.i32(e0_dx >> SUBPIXEL_BITS) * x + vec.i32(e0_dy >> SUBPIXEL_BITS) * y
+    offsets1 = vec.i32(e1_dx >> SUBPIXEL_BITS) * x + vec.i32(e1_dy >> SUBPIXEL_BITS) * y
+    offsets2 = vec.i32(e2_dx >> SUBPIXEL_BITS) * x + vec.i32(e2_dy >> SUBPIXEL_BITS) * y
+    max0, max1, max2 = vec.maximum_of(offsets0), vec.maximum_of(offsets1), vec.maximum_of(offsets2)
+    return SampleEdges(
+        first=(np.int64(triangle.edges[0]), np.int64(triangle.edges[1]), np.int64(triangle.edges[2])),
+        dx=(e0_dx, e1_dx, e2_dx),
+        dy=(e0_dy, e1_dy, e2_dy),
+        offsets=(offsets0, offsets1),
+        max_offset=(max0, max1, max2),
+        range=(
+            vec.i32(max0 - vec.minimum_of(offsets0)),
+            vec.i32(max1 - vec.minimum_of(offsets1)),
+            vec.i32(max2 - vec.minimum_of(offsets2)),
+        ),
+    )
+
+
+@inlined
+def _limit_block_rows(edges, top_edges, columns, rows, is_wide, scratch):
+    """Store the rows that each of eight block columns may cover, in ``first_rows`` and ``last_rows`` of a SCRATCH.
+
+    Half of the box of a wide triangle lies outside it. Other triangles have all rows.
+
+    Args:
+        top_edges: greatest values among the samples of pixels in row 0, at the box's first column, three int64.
+        columns: i32x8, the first column of each block column, counted from the box's first.
+        rows: number of rows.
+    """
+    min_row, max_row = vec.f32(0.0), vec.f32(rows - 1)
+    if is_wide:
+        min_row, max_row = _limit_rows(top_edges[0], edges.dx[0], edges.dy[0], columns, min_row, max_row)
+        min_row, max_row = _limit_rows(top_edges[1], edges.dx[1], edges.dy[1], columns, min_row, max_row)
+        min_row, max_row = _limit_rows(top_edges[2], edges.dx[2], edges.dy[2], columns, min_row, max_row)
+    first, last = vec.ceil(vec.minimum(min_row, vec.f32(rows))), vec.floor(vec.maximum(max_row, vec.f32(-1.0)))
+    vec.store(scratch.first_rows, 0, vec.to_i32(first))
+    vec.store(scratch.last_rows, 0, vec.to_i32(last))
+
+
+@inlined
+def _draw_block(frame, band, triangle, owner, edges, top_edges, max_offset, top, start, block, scratch, count):
+    """Draw the whole pixels of a block column, and append its other pixels to ``edge_pixels`` of a SCRATCH.
+
+    Args:
+        top: first row, to which ``top_edges`` belong.
+        start: first column of the block, which is a vector wide.
+        block: index in ``first_rows`` and ``last_rows``.
+        count: number of edge pixels before.
+
+    Returns:
+        Number of edge pixels.
+    """
+    box_x, box_y, _, _ = box_of(triangle)
+    stride, zero = frame.stride, vec.i32(0)
+    # A block at the right margin is moved left: pixels that were drawn are not drawn again.
+    column = min(start, stride - vec.LANES)
+    valid = np.int64(255) << (start - column)
+    columns = vec.i32(column - box_x) + vec.iota()
+    first_row, end_row = np.int64(scratch.first_rows[block]), np.int64(scratch.last_rows[block]) + 1
+    e0 = vec.i32(top_edges[0] + first_row * edges.dy[0]) + columns * vec.i32(edges.dx[0])
+    e1 = vec.i32(top_edges[1] + first_row * edges.dy[1]) + columns * vec.i32(edges.dx[1])
+    e2 = vec.i32(top_edges[2] + first_row * edges.dy[2]) + columns * vec.i32(edges.dx[2])
+    column_inv_z = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns)
+    pixel = (top + first_row) * stride + column
+    edge_pixel = ((top - box_y + first_row) << 8) + column - box_x + 8
+    for row in range(first_row, end_row):
+        touched = (e0 | e1 | e2) >= zero
+        full = (e0 >= edges.range[0]) & (e1 >= edges.range[1]) & (e2 >= edges.range[2])
+        e0, e1, e2 = e0 + vec.i32(edges.dy[0]), e1 + vec.i32(edges.dy[1]), e2 + vec.i32(edges.dy[2])
+        inv_z = vec.f32(scratch.row_inv_z[row]) + column_inv_z
+        mask = valid & merge_whole_pixels(band, pixel, inv_z, max_offset, triangle, owner, full, touched)
+        lanes = vec.load(frame.lane_lists, vec.LANES * mask)
+        vec.store(scratch.edge_pixels, count, lanes + vec.i32(edge_pixel))
+        count += vec.count_bits(mask)
+        pixel += stride
+        edge_pixel += 1 << 8
+    return count
+
+
+@inlined
+def _load_edge_pixels(frame, triangle, edges, batch, scratch):
+    """Store what belongs to eight edge pixels from ``batch`` on, in the ``batch_`` fields of a SCRATCH."""
+    box_x, box_y, _, _ = box_of(triangle)
+    edge_pixels = vec.load(scratch.edge_pixels, batch)
+    rows, columns = edge_pixels >> vec.i32(8), (edge_pixels & vec.i32(255)) - vec.i32(8)
+    e0 = vec.i32(edges.first[0]) + rows * vec.i32(edges.dy[0]) + columns * vec.i32(edges.dx[0])
+    e1 = vec.i32(edges.first[1]) + rows * vec.i32(edges.dy[1]) + columns * vec.i32(edges.dx[1])
+    vec.store(scratch.batch_e0, 0, e0)
+    vec.store(scratch.batch_e1, 0, e1)
+    pixels = (rows + vec.i32(box_y)) * vec.i32(frame.stride) + (columns + vec.i32(box_x))
+    vec.store(scratch.batch_pixels, 0, pixels)
+    row_inv_z = vec.f32(triangle.inv_z_base) + vec.f32(triangle.inv_z_dy) * vec.to_f32(rows)
+    vec.store(scratch.batch_inv_z, 0, row_inv_z + vec.f32(triangle.inv_z_dx) * vec.to_f32(columns))
+
+
+@inlined
+def _draw_edge_pixels(frame, band, triangle, edges, count, scratch):
+    """Draw the samples of the first ``count`` edge pixels in a SCRATCH."""
+    inv_z_min, inv_z_max = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max)
+    inv_z_offsets = sample_inv_z_offsets(frame, triangle.inv_z_dx, triangle.inv_z_dy)
+    edge_sum = vec.i32(edges.first[0] + edges.first[1] + edges.first[2])  # the same at all points
+    slot_count, ids, zero = scratch.slot_count, vec.i32(triangle.id), vec.i32(0)
+    for batch in range(0, count, vec.LANES):
+        _load_edge_pixels(frame, triangle, edges, batch, scratch)
+        for k in range(min(count - batch, vec.LANES)):
+            e0, e1 = vec.i32(scratch.batch_e0[k]) + edges.offsets[0], vec.i32(scratch.batch_e1[k]) + edges.offsets[1]
+            covered = (e0 | e1 | (edge_sum - e0 - e1)) >= zero
+            inv_z = vec.minimum(vec.maximum(vec.f32(scratch.batch_inv_z[k]) + inv_z_offsets, inv_z_min), inv_z_max)
+            slot_count = merge_samples(frame, band, slot_count, np.int64(scratch.batch_pixels[k]), inv_z, covered, ids)
+    scratch.slot_count = slot_count
+
+
 @device_function
 def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch):
     """Draw a SMALL_TRIANGLE, eight pixels at a time.
@@ -99,99 +236,32 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
         scratch: a SCRATCH.
     """
     box_x, box_y, box_columns, box_rows = box_of(triangle)
-    top = max(box_y, first_row)
-    bottom = min(box_y + box_rows, end_row)
+    top, bottom = max(box_y, first_row), min(box_y + box_rows, end_row)
     if top >= bottom:  # one of the chunk's tall primitives
         return
-    left = max(box_x, 0)
-    right = min(box_x + box_columns, frame.width)
-    stride = frame.stride
-    if _is_hidden(band.far, stride, left, right, top, bottom, triangle.inv_z_max):
+    left, right = max(box_x, 0), min(box_x + box_columns, frame.width)
+    if _is_hidden(band.far, frame.stride, left, right, top, bottom, triangle.inv_z_max):
         return
-    inv_z_base, inv_z_dx, inv_z_dy = triangle.inv_z_base, triangle.inv_z_dx, triangle.inv_z_dy
-    inv_z_min, inv_z_max = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max)
-    inv_z_offsets = sample_inv_z_offsets(frame, inv_z_dx, inv_z_dy)
-    max_offset = vec.f32(max_inv_z_offset(frame, inv_z_dx, inv_z_dy))
-    e0, e1, e2 = np.int64(triangle.edges[0]), np.int64(triangle.edges[1]), np.int64(triangle.edges[2])
-    e0_dx, e1_dx = np.int64(triangle.edge_dx[0]), np.int64(triangle.edge_dx[1])
-    e0_dy, e1_dy = np.int64(triangle.edge0_dy), np.int64(triangle.edge1_dy)
-    e2_dx, e2_dy = -e0_dx - e1_dx, -e0_dy - e1_dy
-    edge_sum = vec.i32(e0 + e1 + e2)  # the same at all points
-    # Edge functions at the samples minus those at the centre. Changes are per pixel, sample offsets are grid units.
-    samples = frame.sample_offsets
-    sample_x, sample_y = vec.load(samples, 0), vec.load(samples, vec.LANES)
-    e0_offsets = vec.i32(e0_dx >> 8) * sample_x + vec.i32(e0_dy >> 8) * sample_y
-    e1_offsets = vec.i32(e1_dx >> 8) * sample_x + vec.i32(e1_dy >> 8) * sample_y
-    e2_offsets = vec.i32(e2_dx >> 8) * sample_x + vec.i32(e2_dy >> 8) * sample_y
-    e0_max, e1_max, e2_max = vec.maximum_of(e0_offsets), vec.maximum_of(e1_offsets), vec.maximum_of(e2_offsets)
-    # From the least to the greatest of a pixel's samples.
-    e0_range = vec.i32(e0_max - vec.minimum_of(e0_offsets))
-    e1_range = vec.i32(e1_max - vec.minimum_of(e1_offsets))
-    e2_range = vec.i32(e2_max - vec.minimum_of(e2_offsets))
-    lane, zero = vec.iota(), vec.i32(0)
-    skipped_rows, rows = top - box_y, bottom - top
-    lane_lists, edge_pixel_count = frame.lane_lists, 0
+    edges, skipped_rows, rows = _sample_edges(frame, triangle), top - box_y, bottom - top
+    top_edges = (
+        edges.first[0] + edges.max_offset[0] + skipped_rows * edges.dy[0],
+        edges.first[1] + edges.max_offset[1] + skipped_rows * edges.dy[1],
+        edges.first[2] + edges.max_offset[2] + skipped_rows * edges.dy[2],
+    )
     for row in range(0, rows, vec.LANES):
-        box_row = vec.to_f32(vec.i32(skipped_rows + row) + lane)
-        vec.store(scratch.row_inv_z, row, vec.f32(inv_z_base) + vec.f32(inv_z_dy) * box_row)
-    # Half of the box of a wide triangle lies outside it: the rows of each block column are limited. Its blocks begin
-    # where vectors do, so that each lies in one cache line.
+        box_row = vec.to_f32(vec.i32(skipped_rows + row) + vec.iota())
+        vec.store(scratch.row_inv_z, row, vec.f32(triangle.inv_z_base) + vec.f32(triangle.inv_z_dy) * box_row)
+    max_offset = vec.f32(max_inv_z_offset(frame, triangle.inv_z_dx, triangle.inv_z_dy))
+    # The blocks of a wide triangle begin where vectors do, so that each lies in one cache line.
     is_wide = right - left > 2 * vec.LANES
     begin = left - (left & (vec.LANES - 1) if is_wide else 0)
-    # The greatest values among a pixel's samples, in the first row.
-    top_e0, top_e1, top_e2 = (
-        e0 + e0_max + skipped_rows * e0_dy,
-        e1 + e1_max + skipped_rows * e1_dy,
-        e2 + e2_max + skipped_rows * e2_dy,
-    )
+    count = 0
     for group in range(begin, right, vec.LANES * vec.LANES):
-        min_row, max_row = vec.f32(0.0), vec.f32(rows - 1)
-        if is_wide:
-            columns = vec.i32(group - box_x) + (lane << vec.i32(3))
-            min_row, max_row = _limit_rows(top_e0, e0_dx, e0_dy, columns, min_row, max_row)
-            min_row, max_row = _limit_rows(top_e1, e1_dx, e1_dy, columns, min_row, max_row)
-            min_row, max_row = _limit_rows(top_e2, e2_dx, e2_dy, columns, min_row, max_row)
-        first, last = vec.ceil(vec.minimum(min_row, vec.f32(rows))), vec.floor(vec.maximum(max_row, vec.f32(-1.0)))
-        vec.store(scratch.first_rows, 0, vec.to_i32(first))
-        vec.store(scratch.last_rows, 0, vec.to_i32(last))
+        columns = vec.i32(group - box_x) + (vec.iota() << vec.i32(3))
+        _limit_block_rows(edges, top_edges, columns, rows, is_wide, scratch)
         for block in range(min((right - group + vec.LANES - 1) >> 3, vec.LANES)):
             start = group + vec.LANES * block
-            # A block at the right margin is moved left: pixels that were drawn are not drawn again.
-            column = min(start, stride - vec.LANES)
-            valid = np.int64(255) << (start - column)
-            columns = vec.i32(column - box_x) + lane
-            block_row, block_end_row = np.int64(scratch.first_rows[block]), np.int64(scratch.last_rows[block]) + 1
-            c0 = vec.i32(top_e0 + block_row * e0_dy) + columns * vec.i32(e0_dx)
-            c1 = vec.i32(top_e1 + block_row * e1_dy) + columns * vec.i32(e1_dx)
-            c2 = vec.i32(top_e2 + block_row * e2_dy) + columns * vec.i32(e2_dx)
-            column_inv_z = vec.f32(inv_z_dx) * vec.to_f32(columns)
-            pixel = (top + block_row) * stride + column
-            edge_pixel = ((skipped_rows + block_row) << 8) + column - box_x + 8
-            for row in range(block_row, block_end_row):
-                touched = (c0 | c1 | c2) >= zero
-                full = (c0 >= e0_range) & (c1 >= e1_range) & (c2 >= e2_range)
-                c0, c1, c2 = c0 + vec.i32(e0_dy), c1 + vec.i32(e1_dy), c2 + vec.i32(e2_dy)
-                inv_z = vec.f32(scratch.row_inv_z[row]) + column_inv_z
-                mask = valid & merge_whole_pixels(band, pixel, inv_z, max_offset, triangle, owner, full, touched)
-                lanes = vec.load(lane_lists, vec.LANES * mask)
-                vec.store(scratch.edge_pixels, edge_pixel_count, lanes + vec.i32(edge_pixel))
-                edge_pixel_count += vec.count_bits(mask)
-                pixel += stride
-                edge_pixel += 1 << 8
-    slot_count = scratch.slot_count
-    ids = vec.i32(triangle.id)
-    for batch in range(0, edge_pixel_count, vec.LANES):
-        edge_pixels = vec.load(scratch.edge_pixels, batch)
-        box_rows_down, columns = edge_pixels >> vec.i32(8), (edge_pixels & vec.i32(255)) - vec.i32(8)
-        vec.store(scratch.batch_e0, 0, vec.i32(e0) + box_rows_down * vec.i32(e0_dy) + columns * vec.i32(e0_dx))
-        vec.store(scratch.batch_e1, 0, vec.i32(e1) + box_rows_down * vec.i32(e1_dy) + columns * vec.i32(e1_dx))
-        pixels = (box_rows_down + vec.i32(box_y)) * vec.i32(stride) + (columns + vec.i32(box_x))
-        vec.store(scratch.batch_pixels, 0, pixels)
-        row_inv_z = vec.f32(inv_z_base) + vec.f32(inv_z_dy) * vec.to_f32(box_rows_down)
-        vec.store(scratch.batch_inv_z, 0, row_inv_z + vec.f32(inv_z_dx) * vec.to_f32(columns))
-        for k in range(min(edge_pixel_count - batch, vec.LANES)):
-            c0, c1 = vec.i32(scratch.batch_e0[k]) + e0_offsets, vec.i32(scratch.batch_e1[k]) + e1_offsets
-            covered = (c0 | c1 | (edge_sum - c0 - c1)) >= zero
-            inv_z = vec.minimum(vec.maximum(vec.f32(scratch.batch_inv_z[k]) + inv_z_offsets, inv_z_min), inv_z_max)
-            slot_count = merge_samples(frame, band, slot_count, np.int64(scratch.batch_pixels[k]), inv_z, covered, ids)
-    scratch.slot_count = slot_count
+            count = _draw_block(
+                *(frame, band, triangle, owner, edges, top_edges, max_offset, top, start, block, scratch, count)
+            )
+    _draw_edge_pixels(frame, band, triangle, edges, count, scratch)
