@@ -3,6 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { DetailsPanel } from "./detailspanel";
 import { EmptyState } from "./emptystate";
+import { FollowBar } from "./followbar";
 import { Lightbox } from "./lightbox";
 import { keep, kept } from "./options";
 import { type Side, TABS, type Tab } from "./panels";
@@ -91,6 +92,9 @@ export function App({ viewer, attach }: { viewer: Viewer; attach: (element: Elem
         </nav>
         <main class="stage">
           <div class="view" ref={attach} />
+          <div class="pills">
+            <FollowBar viewer={viewer} />
+          </div>
           <p class={isCentred ? "hint centre" : "hint"} role="status" hidden={hint === ""}>
             {hint}
           </p>

@@ -57,6 +57,7 @@ const stopWaiting = effect(() => {
 
 const KEYS: Record<string, () => unknown> = {
   f: () => viewer.fit(),
+  c: () => viewer.cycleFollow(),
   h: () => viewer.look("home"),
   1: () => viewer.look("top"),
   2: () => viewer.look("front"),

@@ -7,6 +7,7 @@ import {
   Color,
   GridHelper,
   type Intersection,
+  type Matrix4,
   Object3D,
   OrthographicCamera,
   PerspectiveCamera,
@@ -20,6 +21,7 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { LinearImage } from "./blending";
 import type { CameraView } from "./camera";
 import { CLOUD_LAYER, CloudProgress } from "./cloudprogress";
+import { moved } from "./follow";
 import { frame } from "./framing";
 import { Lights } from "./lights";
 import { AmbientOcclusion } from "./occlusion";
@@ -43,10 +45,6 @@ const Z_UP = new Vector3(0, 0, 1);
 /** Box that is framed while the scene is empty. */
 const DEFAULT_BOX = new Box3(new Vector3(-1, -1, 0), new Vector3(1, 1, 1));
 type Vector = [number, number, number];
-
-export type Button = "left" | "middle" | "right";
-/** Buttons by their number in MouseEvent.button. */
-const BUTTONS: readonly Button[] = ["left", "middle", "right"];
 
 /** Return a renderer, or null in a browser without WebGL 2. */
 function newRenderer(): WebGLRenderer | null {
@@ -83,6 +81,8 @@ export class Stage {
   readonly orthographic = new OrthographicCamera(-1, 1, 1, -1, -1000, 1000);
   camera: PerspectiveCamera | OrthographicCamera = this.perspective;
   controls: OrbitControls;
+  /** Direction about which the controls turn the camera. */
+  private readonly controlsUp = new Vector3();
   /** Point clouds of several chunks. */
   readonly clouds = new CloudProgress();
   readonly lights: Lights;
@@ -129,6 +129,8 @@ export class Stage {
     this.world.add(this.axes);
     this.scene.add(this.content, this.grid, this.world, this.highlight, this.lights.object);
     this.controls = this.newControls();
+    for (const type of ["pointerdown", "wheel", "keydown"])
+      holder.addEventListener(type, () => this.renewControls(), { capture: true, passive: true });
     this.canvas.addEventListener("wheel", ({ clientX, clientY }) => this.aim(clientX, clientY), { capture: true, passive: true });
     new ResizeObserver(() => this.resize()).observe(holder);
     this.look("home", []);
@@ -141,6 +143,7 @@ export class Stage {
 
   private newControls(): OrbitControls {
     const controls = new OrbitControls(this.camera, this.canvas);
+    this.controlsUp.copy(this.camera.up);
     controls.zoomToCursor = true;
     controls.listenToKeyEvents(this.canvas);
     controls.addEventListener("change", () => {
@@ -178,20 +181,6 @@ export class Stage {
     this.redraw();
   }
 
-  /** Call back on clicks and taps, not on drags. */
-  onTap(tapped: (x: number, y: number, button: Button) => void): void {
-    const { canvas } = this;
-    let press = { x: 0, y: 0 };
-    canvas.addEventListener("pointerdown", (event) => (press = { x: event.clientX, y: event.clientY }));
-    const released = (event: MouseEvent) => {
-      const button = BUTTONS[event.button];
-      const isDrag = Math.hypot(event.clientX - press.x, event.clientY - press.y) > 5;
-      if (button && !isDrag) tapped(event.clientX, event.clientY, button);
-    };
-    canvas.addEventListener("click", released);
-    canvas.addEventListener("auxclick", released);
-  }
-
   setBackground(css: string, gridColor: string): void {
     this.scene.background = new Color(css);
     for (const material of [this.grid.material].flat()) material.color.set(gridColor);
@@ -225,10 +214,22 @@ export class Stage {
     this.finishPlacing(view.halfHeight ?? eye.distanceTo(target) * TAN_HALF_FOV);
   }
 
-  /** Set the direction that is up in the view. OrbitControls reads it only in its constructor. */
+  /** Carry the camera along by a rigid motion in the world. */
+  carry(motion: Matrix4): void {
+    const view = moved(this.view, motion);
+    this.setUp(new Vector3(...view.up));
+    for (const camera of [this.perspective, this.orthographic]) camera.position.set(...view.eye).sub(this.origin);
+    this.controls.target.set(...view.target).sub(this.origin);
+    this.redraw();
+  }
+
   private setUp(up: Vector3): void {
-    if (this.camera.up.equals(up)) return;
     for (const camera of [this.perspective, this.orthographic]) camera.up.copy(up);
+  }
+
+  /** Turn about the direction that is up, from the next drag on. OrbitControls reads it only in its constructor. */
+  private renewControls(): void {
+    if (this.controlsUp.equals(this.camera.up)) return;
     const { target } = this.controls;
     this.controls.dispose();
     this.controls = this.newControls();
