@@ -6,7 +6,7 @@ import { EmptyState } from "./emptystate";
 import { FollowBar } from "./followbar";
 import { Lightbox } from "./lightbox";
 import { keep, kept } from "./options";
-import { type Side, TABS, type Tab } from "./panels";
+import type { Side, Tab } from "./panels";
 import { RendersPanel } from "./renderspanel";
 import { SensorsPanel } from "./sensorspanel";
 import { StatusBar } from "./statusbar";
@@ -73,7 +73,8 @@ export function App({ viewer, attach }: { viewer: Viewer; attach: (element: Elem
     />
   );
   const width = (side: Side) => (widths[side].value ? `--${side}-width: ${widths[side].value}px;` : "");
-  const tab = panels.tab.value;
+  const tab = panels.shown.value;
+  const tabs = panels.tabs.value;
   const pages: Record<Tab, preact.ComponentChild> = {
     Selection: <DetailsPanel viewer={viewer} />,
     Stereo: <SensorsPanel viewer={viewer} />,
@@ -103,8 +104,8 @@ export function App({ viewer, attach }: { viewer: Viewer; attach: (element: Elem
           {splitter("right", "Width of the panels")}
         </main>
         <aside class="drawer right" aria-label="Panels">
-          <TabList names={TABS} current={tab} controls={id} onSelect={(name) => (panels.tab.value = name)} />
-          {TABS.map((name) => (
+          <TabList names={tabs} current={tab} controls={id} onSelect={(name) => (panels.tab.value = name)} />
+          {tabs.map((name) => (
             <div key={name} class="page" role="tabpanel" id={id(name)} aria-label={name} tabIndex={-1} hidden={name !== tab}>
               {pages[name]}
             </div>

@@ -11,7 +11,7 @@ import { Session } from "./session";
 import { Viewer } from "./viewer";
 
 const session = new Session();
-const panels = new Panels();
+const panels = new Panels(session);
 const holder = document.createElement("div");
 const viewer = new Viewer(session, panels, holder, (click) => connection.click(click));
 const { stage } = viewer;
