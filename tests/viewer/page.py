@@ -86,8 +86,11 @@ class View(Watched):
         )
 
     def colors(self) -> NDArray[np.uint8]:
-        """Return the pixels of the view, (H, W, 3) uint8."""
+        """Return the pixels of the view without what lies over it, (H, W, 3) uint8."""
+        show = "on => document.querySelectorAll('.gizmo, .pills').forEach((e) => (e.style.visibility = on ? '' : 'hidden'))"
+        self.page.evaluate(show, False)
         png = self.page.locator(".stage canvas").screenshot()
+        self.page.evaluate(show, True)
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
 
     def open_stereo_panel(self) -> None:

@@ -68,7 +68,7 @@ def test_camera_follows_a_node_and_keeps_its_heading(shown: tuple[View, TreeView
     viewer["road"].transform(Transform((0, 3, 0), LEFT))
     view.until(lambda: np.allclose(read(view, EYE), np.add(eye, (-1, 4, 0))), "the camera has moved as the car")
     np.testing.assert_allclose(read(view, TARGET), np.add(target, (-1, 4, 0)), atol=1e-6)
-    page.get_by_role("button", name="Top", exact=True).click()
+    page.get_by_role("button", name="Top, from").click()
     above = np.array(read(view, EYE))
     viewer["road"].delete()
     bar.get_by_text("is not in the scene").wait_for()

@@ -118,8 +118,8 @@ def test_the_page_follows_the_view_of_the_client(shown: tuple[View, TreeViewer],
         if later is not None:
             later.page.close()
             assert later.faults == []
-    view.page.get_by_role("button", name="Top").click()
-    assert view.page.evaluate("scenegate.stage.camera.up.toArray()") == [0, 0, 1]
+    view.page.get_by_role("button", name="Top, from").click()
+    view.until(lambda: view.page.evaluate("scenegate.stage.camera.up.toArray()") == [0, 0, 1], "from above")
     view.page.keyboard.press("h")
     view.until(lambda: np.allclose(view.page.evaluate(where), home), "home again")
     view.open_display_menu()

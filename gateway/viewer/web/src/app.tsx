@@ -4,7 +4,9 @@ import { useSignal } from "@preact/signals";
 import { DetailsPanel } from "./detailspanel";
 import { EmptyState } from "./emptystate";
 import { FollowBar } from "./followbar";
+import { Gizmo } from "./gizmo";
 import { Lightbox } from "./lightbox";
+import { MeasureBar } from "./measurebar";
 import { keep, kept } from "./options";
 import type { Side, Tab } from "./panels";
 import { RendersPanel } from "./renderspanel";
@@ -95,7 +97,9 @@ export function App({ viewer, attach }: { viewer: Viewer; attach: (element: Elem
           <div class="view" ref={attach} />
           <div class="pills">
             <FollowBar viewer={viewer} />
+            <MeasureBar viewer={viewer} />
           </div>
+          <Gizmo viewer={viewer} />
           <p class={isCentred ? "hint centre" : "hint"} role="status" hidden={hint === ""}>
             {hint}
           </p>

@@ -1,6 +1,6 @@
 // What the details panel says of a node, as text: pose, bounds, geometry.
 
-import { type Box3, Euler, type Matrix4, Quaternion, Vector3 } from "three";
+import { type Box3, Euler, Matrix4, Quaternion, Vector3 } from "three";
 import { counted, pathText, shortRow } from "./format";
 import type { Model, TreeNode } from "./model";
 import type { Part, Path } from "./protocol";
@@ -18,12 +18,11 @@ export function frameChoices(model: Model, chosen: Frame, all: boolean): [string
   return [['"world"', "World"], ['"parent"', "Parent"], ...[...texts].sort(([, a], [, b]) => (a < b ? -1 : 1))];
 }
 
-/** Return a node's pose in a frame; null if the frame is not in the scene, or flat. */
-export function poseIn(model: Model, node: TreeNode, frame: Frame): Matrix4 | null {
-  if (frame === "world") return node.world;
-  const base = frame === "parent" ? node.parent : model.find(frame);
-  if (frame === "parent" && !base) return node.world;
-  return base && base.world.determinant() !== 0 ? base.world.clone().invert().multiply(node.world) : null;
+/** Return the transform from the world to a frame of a node; null if the frame is not in the scene, or flat. */
+export function toFrame(model: Model, node: TreeNode, frame: Frame): Matrix4 | null {
+  const base = frame === "parent" ? node.parent : frame === "world" ? null : model.find(frame);
+  if (!base) return typeof frame === "string" ? new Matrix4() : null;
+  return base.world.determinant() !== 0 ? base.world.clone().invert() : null;
 }
 
 function poseRows(pose: Matrix4, metres: number): [string, string][] {
@@ -45,11 +44,21 @@ function partText(part: Part): string {
   return [part.kind, points, Object.keys(part.channels ?? {}).join(", "), part.source].filter(Boolean).join(" · ");
 }
 
-/** Return names and values of a node: its pose in a frame (null: none), its bounds in the world and its geometry. */
-export function describe(node: TreeNode, pose: Matrix4 | null, box: Box3): [string, string][] {
+/**
+ * Return names and values of a node: pose and clicked point in a frame, bounds in the world, geometry.
+ *
+ * @param fromWorld transform from the world to the frame; null: there is no such frame
+ */
+export function describe(node: TreeNode, fromWorld: Matrix4 | null, box: Box3, clicked: [number, number, number] | null): [string, string][] {
   const size = box.getSize(new Vector3());
   const longest = Math.max(size.x, size.y, size.z);
-  const rows = pose ? poseRows(pose, longest) : [["Position", "no pose: the frame is not in the scene"] as [string, string]];
+  const rows: [string, string][] = fromWorld
+    ? poseRows(fromWorld.clone().multiply(node.world), longest)
+    : [["Position", "no pose: the frame is not in the scene"]];
+  if (fromWorld && clicked) {
+    const point = new Vector3(...clicked).applyMatrix4(fromWorld);
+    rows.unshift(["Clicked point (x y z, m)", shortRow(point.toArray(), Math.max(longest, 1e-3))]);
+  }
   if (!box.isEmpty()) {
     const metres = Math.min(1000, Math.max(longest, new Vector3().setFromMatrixPosition(node.world).length()));
     rows.push(["Bounding box in the world (m)", [box.min, box.max].map((corner) => shortRow(corner.toArray(), metres)).join("\n")]);

@@ -5,7 +5,7 @@ import { useRef } from "preact/hooks";
 import { colorChoices } from "./clouds";
 import { COLOR_MAPS, type MapName, ramp } from "./colormaps";
 import { Button, Select, Slider } from "./controls";
-import { describe, frameChoices, poseIn } from "./describe";
+import { describe, frameChoices, toFrame } from "./describe";
 import { pathText, short } from "./format";
 import type { TreeNode } from "./model";
 import type { Part } from "./protocol";
@@ -83,8 +83,8 @@ function Values({ node, viewer }: NodeProps) {
   viewer.session.rates.value; // poses are shown once a second
   const selection = getSelection();
   const isBeingCopied = element.current && selection?.isCollapsed === false && selection.containsNode(element.current, true);
-  const { model, frame } = viewer.session;
-  if (!isBeingCopied) rows.current = describe(node, poseIn(model, node, frame.value), viewer.boundsOf(node));
+  const { model, frame, clicked } = viewer.session;
+  if (!isBeingCopied) rows.current = describe(node, toFrame(model, node, frame.value), viewer.boundsOf(node), clicked.value);
   return (
     <dl ref={element}>
       {rows.current.map(([name, value]) => (

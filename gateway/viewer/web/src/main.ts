@@ -65,9 +65,10 @@ const KEYS: Record<string, () => unknown> = {
   "+": () => stage.zoom(0.8),
   "=": () => stage.zoom(0.8),
   "-": () => stage.zoom(1.25),
+  m: () => viewer.measurement.toggle(),
   t: () => panels.toggle("left"),
   s: () => panels.toggle("right"),
-  Escape: () => panels.closeDrawers() || viewer.select(null),
+  Escape: () => panels.closeDrawers() || viewer.measurement.stop() || viewer.select(null),
 };
 addEventListener("keydown", (event) => {
   if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey || panels.full.value) return;

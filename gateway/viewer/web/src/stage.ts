@@ -22,7 +22,7 @@ import { LinearImage } from "./blending";
 import type { CameraView } from "./camera";
 import { CLOUD_LAYER, CloudProgress } from "./cloudprogress";
 import { moved } from "./follow";
-import { frame } from "./framing";
+import { DIRECTIONS, type Direction, frame } from "./framing";
 import { Lights } from "./lights";
 import { AmbientOcclusion } from "./occlusion";
 import { BEFORE_SURFACE, BEHIND_SURFACE, patch } from "./shaders";
@@ -33,14 +33,6 @@ const TAN_HALF_FOV = Math.tan((FOV * Math.PI) / 360);
 /** Distance between the origin of the page's scene and the view's target above which the origin moves, metres: in single
  * precision, coordinates are 0.06 mm apart there. */
 const MAX_TARGET_DISTANCE = 1000;
-export type Direction = "home" | "top" | "front" | "side";
-const DIRECTIONS: Record<Direction, [number, number, number]> = {
-  home: [1, -1.2, 0.8],
-  top: [0, -1e-4, 1],
-  front: [1, 0, 0],
-  side: [0, -1, 0],
-};
-
 const Z_UP = new Vector3(0, 0, 1);
 /** Box that is framed while the scene is empty. */
 const DEFAULT_BOX = new Box3(new Vector3(-1, -1, 0), new Vector3(1, 1, 1));
@@ -196,6 +188,14 @@ export class Stage {
   look(direction: Direction, boxes: Box3[]): void {
     this.setUp(Z_UP);
     this.frame(boxes.length ? boxes : [DEFAULT_BOX.clone().translate(this.world.position)], new Vector3(...DIRECTIONS[direction]).normalize());
+  }
+
+  /** Look at the target from a named direction, at the same distance. */
+  turnTo(direction: Direction): void {
+    const { eye, target, halfHeight, orthographic } = this.view;
+    const offset = new Vector3(...DIRECTIONS[direction]).setLength(new Vector3(...eye).distanceTo(new Vector3(...target)));
+    const from = offset.add(new Vector3(...target)).toArray();
+    this.placeCamera({ eye: from, target, up: Z_UP.toArray(), ...(orthographic && { halfHeight }) });
   }
 
   /** The camera in the world. */

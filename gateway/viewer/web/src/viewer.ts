@@ -7,16 +7,20 @@ import { addressText, cameraText, parseAddress } from "./camera";
 import { Clicks } from "./clicks";
 import { Drawing } from "./drawing";
 import { Follow, type FollowMode } from "./follow";
+import type { Direction } from "./framing";
 import { Frustum } from "./frustum";
-import { Materials } from "./materials";
+import { Materials, type PointSize } from "./materials";
+import { Measurement } from "./measure";
 import type { TreeNode } from "./model";
 import { type Option, options } from "./options";
 import type { Panels } from "./panels";
 import type { Click, PageSettings, SceneUpdate } from "./protocol";
 import type { Session } from "./session";
-import { type Direction, Stage } from "./stage";
+import { Stage } from "./stage";
 import { onTap } from "./taps";
 import { backgroundColors, colorsOn } from "./theme";
+
+type Quaternion = [number, number, number, number];
 
 /** Time in which the home view follows the nodes that are added. */
 const FRAMING_MS = 2000;
@@ -27,6 +31,9 @@ export class Viewer {
   readonly drawing: Drawing;
   readonly frustum: Frustum;
   readonly follow: Follow;
+  readonly measurement: Measurement;
+  /** Rotation of the camera in the world, as a quaternion x, y, z, w. */
+  readonly rotation = signal<Quaternion>([0, 0, 0, 1]);
   private readonly address = new CameraAddress(() => this.addressText());
   private readonly clicks: Clicks;
   private readonly settings = signal<PageSettings>({ kind: "page", background: null, grid: null, home: null, clickable: [] });
@@ -47,7 +54,7 @@ export class Viewer {
     this.stage = new Stage(holder, {
       imageUrl: () => `view/frame.jpg?${this.imageQuery()}`,
       isTranslucent: () => this.materials.areTranslucent,
-      drawn: () => this.materials.disposeUnused(),
+      drawn: () => this.drawn(),
       moved: () => this.address.write(),
       originMoved: () => this.placeAll(),
     });
@@ -58,7 +65,8 @@ export class Viewer {
     this.drawing = new Drawing(session.model, this.materials, stage.clouds, stage.origin, redraw);
     stage.content.add(this.drawing.root);
     this.frustum = new Frustum(redraw);
-    stage.world.add(this.frustum.object);
+    this.measurement = new Measurement(redraw);
+    stage.world.add(this.frustum.object, this.measurement.object);
     this.clicks = new Clicks(stage, this.drawing, report);
     onTap(stage.canvas, (x, y, button) => this.tap(x, y, button));
     this.followOptions();
@@ -80,7 +88,7 @@ export class Viewer {
       const { background } = this.settings.value;
       const name = options.background.shown.value;
       const colors = name === "theme" && background ? colorsOn(background) : backgroundColors(name);
-      this.frustum.material.color.set(colors.frustum);
+      for (const material of [this.frustum.material, ...this.measurement.materials]) material.color.set(colors.frustum);
       stage.setBackground(colors.background, colors.grid);
     });
     effect(() => this.frustum.setShown(session.streaming.value || panels.isActive("Stereo")));
@@ -203,8 +211,15 @@ export class Viewer {
   private tap(x: number, y: number, button: Click["button"]): void {
     const hit = this.stage.pick(x, y);
     const node = hit ? (this.drawing.nodeAt(hit) ?? null) : null;
-    if (hit && node) this.clicks.report(node, hit.point.add(this.stage.origin).toArray(), button);
-    if (button === "left") this.select(node, true);
+    const point = hit?.point.add(this.stage.origin).toArray();
+    if (this.measurement.points.peek() && button === "left") {
+      if (point) this.measurement.add(point);
+      return;
+    }
+    if (point && node) this.clicks.report(node, point, button);
+    if (button !== "left") return;
+    this.select(node, true);
+    this.session.clicked.value = point ?? null;
   }
 
   select = (node: TreeNode | null, reveal = false): void => {
@@ -231,9 +246,17 @@ export class Viewer {
     if (direction === "home") this.framed = this.stage.placements;
   };
 
+  turnTo = (direction: Direction): void => this.stage.turnTo(direction);
+
+  private drawn(): void {
+    this.materials.disposeUnused();
+    const rotation = this.stage.camera.quaternion.toArray() as Quaternion;
+    if (String(rotation) !== String(this.rotation.peek())) this.rotation.value = rotation;
+  }
+
   boundsOf = (node: TreeNode): Box3 => this.drawing.bounds(node).translate(this.stage.origin);
 
-  pointSize = (pixels: number): void => this.materials.setPointSize(pixels);
+  pointSize = (size: PointSize): void => this.materials.setPointSize(size);
 
   file = (): string => `scene.glb?${this.viewQuery()}`;
 

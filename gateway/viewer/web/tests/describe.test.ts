@@ -1,6 +1,6 @@
 import { Box3 } from "three";
 import { expect, it } from "vitest";
-import { describe as describeNode, type Frame, frameChoices, poseIn } from "../src/describe";
+import { describe as describeNode, type Frame, frameChoices, toFrame } from "../src/describe";
 import { Model } from "../src/model";
 import { update } from "./scene";
 
@@ -13,7 +13,8 @@ const nodes = [
 ];
 model.apply(update(1, nodes, { 1: [1, 0, 0, HALF, 0, 0, HALF], 2: [2, 0, 0, 1, 0, 0, 0], 3: [1, 0, 5, 1, 0, 0, 0] }));
 const tool = model.find(["robot", "tool"])!;
-const rows = (frame: Frame, node = tool) => Object.fromEntries(describeNode(node, poseIn(model, node, frame), new Box3()));
+const rows = (frame: Frame, node = tool, clicked: [number, number, number] | null = null) =>
+  Object.fromEntries(describeNode(node, toFrame(model, node, frame), new Box3(), clicked));
 
 it("shows a pose in the world, in the parent's frame and in that of any node", () => {
   expect(rows("world")).toMatchObject({ "Position (x y z, m)": "1  2  0", "Roll, pitch, yaw (degrees)": "0  0  90" });
@@ -21,6 +22,12 @@ it("shows a pose in the world, in the parent's frame and in that of any node", (
   expect(rows(["bin"])["Position (x y z, m)"]).toBe("0  2  -5");
   expect(rows(["robot", "tool"], model.find(["bin"])!)["Position (x y z, m)"]).toBe("-2  0  5");
   expect(rows("parent", model.root)["Position (x y z, m)"]).toBe("0  0  0");
+});
+
+it("shows the clicked point in the same frame", () => {
+  expect(rows("world", tool, [1, 2, 3])["Clicked point (x y z, m)"]).toBe("1  2  3");
+  expect(rows("parent", tool, [1, 2, 3])["Clicked point (x y z, m)"]).toBe("2  0  3");
+  expect(rows("world")).not.toHaveProperty(["Clicked point (x y z, m)"]);
 });
 
 it("says that a frame is not in the scene", () => {
