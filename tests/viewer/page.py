@@ -87,10 +87,12 @@ class View(Watched):
 
     def colors(self) -> NDArray[np.uint8]:
         """Return the pixels of the view without what lies over it, (H, W, 3) uint8."""
-        show = "on => document.querySelectorAll('.gizmo, .pills').forEach((e) => (e.style.visibility = on ? '' : 'hidden'))"
-        self.page.evaluate(show, False)
+        show = """(visibility) => {
+          for (const { style } of document.querySelectorAll(".gizmo, .pills, .marks")) Object.assign(style, { visibility });
+        }"""
+        self.page.evaluate(show, "hidden")
         png = self.page.locator(".stage canvas").screenshot()
-        self.page.evaluate(show, True)
+        self.page.evaluate(show, "")
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
 
     def open_stereo_panel(self) -> None:

@@ -1039,9 +1039,8 @@ def test_without_webgl_the_page_shows_images_of_the_gateway(browser: Any, gatewa
     shown = page.locator(".stage img")
 
     def share(channel: int, other: int) -> float:
-        pixels = np.asarray(Image.open(io.BytesIO(shown.screenshot())).convert("RGB")).astype(int)[
-            110:
-        ]  # below the axes
+        pixels = np.asarray(Image.open(io.BytesIO(shown.screenshot())).convert("RGB")).astype(int)
+        pixels = pixels[110:]  # below the axes
         return float((pixels[:, :, channel] > pixels[:, :, other] + 60).mean())
 
     wait_until(lambda: share(1, 0) > 0.05)

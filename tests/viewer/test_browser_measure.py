@@ -1,4 +1,4 @@
-"""Distances, clicked points, the axes to look along, and the size of points, in a real browser."""
+"""Distances, clicked points, axes and names of nodes, the axes to look along, and point sizes, in a real browser."""
 
 from __future__ import annotations
 
@@ -119,8 +119,10 @@ def test_axes_to_look_along(shown: tuple[View, Publisher]) -> None:
     gizmo = view.page.get_by_role("group", name="Look along an axis")
     camera = "[scenegate.stage.controls.getDistance(), ...scenegate.stage.view.target]"
     before = view.page.evaluate(camera)
-    direction = """(({ eye, target }) => eye.map((x, i) => x - target[i]).map((x) => x / scenegate.stage.controls.getDistance()))
-      (scenegate.stage.view)"""
+    direction = """(() => {
+      const { view: { eye, target }, controls } = scenegate.stage;
+      return eye.map((x, i) => (x - target[i]) / controls.getDistance());
+    })()"""
     for name, expected in (
         ("Top, from +Z", (0, 0, 1)),
         ("Back, from −X", (-1, 0, 0)),
@@ -176,3 +178,52 @@ def test_points_have_a_size_in_metres(shown: tuple[View, Publisher]) -> None:
     view.until(lambda: side() * height_of_a_metre() == pytest.approx(30, abs=1), "30 pixels")
     view.page.get_by_label("Point size").select_option("As published")
     view.until(lambda: side() * height_of_a_metre() < 5, "one pixel")
+
+
+def test_axes_and_names_of_nodes(shown: tuple[View, Publisher]) -> None:
+    """They move with the node, and are kept when it is published again; axes have the same size from afar."""
+    view, publisher = shown
+    page = view.page
+    publisher.send(delete=[{"path": []}])
+    publisher.box(["robot", "arm"], [0.2, 0.2, 0.2, 1.0], x=-1.0, size=0.01)
+    view.look_at("robot", "arm")
+    row(view, ["robot"]).click()
+    page.get_by_label("Name", exact=True).check()
+    page.get_by_label("Axes", exact=True).check()
+    names = page.locator(".marks span")
+    view.until(lambda: names.all_inner_texts() == ["robot"], "the name of the robot")
+    page.get_by_label("and below").check()
+    view.until(lambda: sorted(names.all_inner_texts()) == ["arm", "robot"], "the names of both")
+    arm = page.locator(".marks span", has_text="arm")
+
+    def red() -> tuple[float, float]:
+        """Return the place of the arm's x axis, at its left end, and its length in pixels."""
+        pixels = view.colors().astype(int)
+        pixels = pixels[:, : pixels.shape[1] // 2 - 20]
+        columns = np.flatnonzero((pixels[:, :, 0] > pixels[:, :, 2] + 90).any(axis=0))
+        return (float(columns[0]), float(len(columns))) if len(columns) else (0.0, 0.0)
+
+    canvas = page.locator(".stage canvas").bounding_box()
+    height = canvas["height"]
+
+    def is_at(x: float) -> bool:
+        left, _ = at(view, x, 0, 0)
+        box = arm.bounding_box()
+        return abs(box["x"] - left) < 12 and abs(red()[0] + canvas["x"] - left) < 4
+
+    view.until(lambda: is_at(-1.0), "axes and name at the arm")
+    length = red()[1]
+    assert length == pytest.approx(0.06 * height, abs=6)
+    publisher.send(settransform=[publisher.at(["robot", "arm"], -0.7)])
+    view.until(lambda: is_at(-0.7), "they move with it")
+    page.evaluate("document.activeElement.blur()")
+    for _ in range(3):
+        page.keyboard.press("-")
+    view.until(lambda: is_at(-0.7) and abs(red()[1] - length) < 3, "the same size from farther away")
+    publisher.send(delete=[{"path": ["robot"]}])
+    view.until(lambda: names.count() == 0, "no names")
+    publisher.box(["robot", "arm"], [0.2, 0.2, 0.2, 1.0], x=-1.0, size=0.01)
+    view.until(lambda: names.count() == 2, "both names are back")
+    page.get_by_role("tree").focus()
+    row(view, ["robot"]).locator(".eye").click()
+    view.until(lambda: names.count() == 0, "no names of hidden nodes")

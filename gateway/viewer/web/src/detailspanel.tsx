@@ -7,6 +7,7 @@ import { COLOR_MAPS, type MapName, ramp } from "./colormaps";
 import { Button, Select, Slider } from "./controls";
 import { describe, frameChoices, toFrame } from "./describe";
 import { pathText, short } from "./format";
+import type { Mark } from "./marks";
 import type { TreeNode } from "./model";
 import type { Part } from "./protocol";
 import type { Viewer } from "./viewer";
@@ -27,6 +28,32 @@ function Opacity({ node, viewer }: NodeProps) {
       <Slider label="Opacity" value={node.shownOpacity} onInput={set} />
       <output>{Math.round(node.shownOpacity * 100)} %</output>
     </label>
+  );
+}
+
+const NO_MARK: Mark = { axes: false, name: false, below: false };
+const MARKS: [keyof Mark, string, string][] = [
+  ["axes", "Axes", "Show the node's frame: x red, y green, z blue"],
+  ["name", "Name", "Show the node's name"],
+  ["below", "and below", "Show the same of all nodes below it"],
+];
+
+/** Axes and name of a node in the view. */
+function MarkChoices({ node, viewer }: NodeProps) {
+  const choose = (key: keyof Mark, on: boolean) => {
+    const mark = { ...(node.mark ?? NO_MARK), [key]: on };
+    node.mark = Object.values(mark).some(Boolean) ? mark : null;
+    viewer.markChanged();
+  };
+  return (
+    <div class="choices" role="group" aria-label="In the view">
+      {MARKS.map(([key, text, title]) => (
+        <label key={key} class="check" title={title}>
+          <input type="checkbox" checked={node.mark?.[key] ?? false} onChange={({ currentTarget }) => choose(key, currentTarget.checked)} />
+          {text}
+        </label>
+      ))}
+    </div>
   );
 }
 
@@ -126,6 +153,7 @@ export function DetailsPanel({ viewer }: { viewer: Viewer }) {
             <Button icon="close" aria-label="Deselect" title="Deselect (Esc)" onClick={() => viewer.select(null)} />
           </header>
           <Opacity node={node} viewer={viewer} />
+          <MarkChoices node={node} viewer={viewer} />
           {cloud && <CloudColors node={node} part={cloud} viewer={viewer} />}
           <FrameOfPose viewer={viewer} />
           <Values key={node.id} node={node} viewer={viewer} />

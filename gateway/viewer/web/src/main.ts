@@ -72,10 +72,11 @@ const KEYS: Record<string, () => unknown> = {
 };
 addEventListener("keydown", (event) => {
   if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey || panels.full.value) return;
-  if (event.target instanceof HTMLInputElement || event.target instanceof HTMLSelectElement) return;
+  const { target } = event;
+  if ((target instanceof HTMLInputElement && target.type !== "checkbox") || target instanceof HTMLSelectElement) return;
   // Assistive programs type single characters by mistake: they can be switched off where the view does not have the focus.
   const isCharacter = event.key.length === 1;
-  if (isCharacter && options.shortcuts.shown.value === "off" && event.target !== stage.canvas) return;
+  if (isCharacter && options.shortcuts.shown.value === "off" && target !== stage.canvas) return;
   KEYS[isCharacter ? event.key.toLowerCase() : event.key]?.();
 });
 

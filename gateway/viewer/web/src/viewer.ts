@@ -9,6 +9,7 @@ import { Drawing } from "./drawing";
 import { Follow, type FollowMode } from "./follow";
 import type { Direction } from "./framing";
 import { Frustum } from "./frustum";
+import { Marks } from "./marks";
 import { Materials, type PointSize } from "./materials";
 import { Measurement } from "./measure";
 import type { TreeNode } from "./model";
@@ -31,6 +32,7 @@ export class Viewer {
   readonly drawing: Drawing;
   readonly frustum: Frustum;
   readonly follow: Follow;
+  private readonly marks: Marks;
   readonly measurement: Measurement;
   /** Rotation of the camera in the world, as a quaternion x, y, z, w. */
   readonly rotation = signal<Quaternion>([0, 0, 0, 1]);
@@ -64,6 +66,8 @@ export class Viewer {
     this.materials = new Materials(redraw, () => stage.lights.environmentMap);
     this.drawing = new Drawing(session.model, this.materials, stage.clouds, stage.origin, redraw);
     stage.content.add(this.drawing.root);
+    this.marks = new Marks(session.model, stage.origin, holder);
+    stage.scene.add(this.marks.object);
     this.frustum = new Frustum(redraw);
     this.measurement = new Measurement(redraw);
     stage.world.add(this.frustum.object, this.measurement.object);
@@ -94,6 +98,7 @@ export class Viewer {
     effect(() => this.frustum.setShown(session.streaming.value || panels.isActive("Stereo")));
     effect(() => {
       session.changes.value;
+      this.marks.refresh();
       this.highlight(session.selected.value);
     });
   }
@@ -166,6 +171,7 @@ export class Viewer {
   apply(update: SceneUpdate): void {
     const change = this.session.apply(update);
     this.carryCamera();
+    this.marks.move();
     this.drawing.apply(change);
     this.highlight(this.session.selected.peek());
     if (!this.session.isEmpty.peek() && (change.added.length || this.framingEnds === Infinity)) this.frameFirstNodes();
@@ -194,6 +200,7 @@ export class Viewer {
 
   private placeAll(): void {
     this.drawing.moveAll();
+    this.marks.move();
     this.highlight(this.session.selected.peek());
     this.placeShadows();
   }
@@ -233,6 +240,12 @@ export class Viewer {
     this.stage.redraw();
   };
 
+  /** Show the marks of nodes as they were chosen. */
+  markChanged = (): void => {
+    this.session.changes.value += 1;
+    this.stage.redraw();
+  };
+
   /** Frame a node; default: the selection, or everything. */
   fit = (node: TreeNode | null = this.session.selected.peek()): void => {
     this.stage.fit(node ? this.drawing.boxes(node) : this.drawing.focusBoxes(this.session.model.root));
@@ -250,6 +263,7 @@ export class Viewer {
 
   private drawn(): void {
     this.materials.disposeUnused();
+    this.marks.placeNames(this.stage.camera, this.holder.clientWidth, this.holder.clientHeight);
     const rotation = this.stage.camera.quaternion.toArray() as Quaternion;
     if (String(rotation) !== String(this.rotation.peek())) this.rotation.value = rotation;
   }
