@@ -88,7 +88,8 @@ class View(Watched):
     def colors(self) -> NDArray[np.uint8]:
         """Return the pixels of the view without what lies over it, (H, W, 3) uint8."""
         show = """(visibility) => {
-          for (const { style } of document.querySelectorAll(".gizmo, .pills, .marks")) Object.assign(style, { visibility });
+          const over = document.querySelectorAll(".gizmo, .pills, .marks");
+          for (const { style } of over) Object.assign(style, { visibility });
         }"""
         self.page.evaluate(show, "hidden")
         png = self.page.locator(".stage canvas").screenshot()

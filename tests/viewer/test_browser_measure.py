@@ -209,7 +209,7 @@ def test_axes_and_names_of_nodes(shown: tuple[View, Publisher]) -> None:
     def is_at(x: float) -> bool:
         left, _ = at(view, x, 0, 0)
         box = arm.bounding_box()
-        return abs(box["x"] - left) < 12 and abs(red()[0] + canvas["x"] - left) < 4
+        return bool(abs(box["x"] - left) < 12 and abs(red()[0] + canvas["x"] - left) < 4)
 
     view.until(lambda: is_at(-1.0), "axes and name at the arm")
     length = red()[1]
