@@ -92,7 +92,7 @@ class View(Watched):
           for (const { style } of over) Object.assign(style, { visibility });
         }"""
         self.page.evaluate(show, "hidden")
-        png = self.page.locator(".stage canvas").screenshot()
+        png = self.page.locator(".stage .view canvas").screenshot()
         self.page.evaluate(show, "")
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
 

@@ -737,6 +737,15 @@ def test_accessibility_rules_of_axe(view: tuple[View, Publisher], theme: str) ->
     check("the interfaces")
     shown.open_display_menu()
     check("the display menu")
+    page.get_by_label("From above", exact=True).check()
+    page.get_by_label("Image of").select_option("stereo")
+    page.keyboard.press("Escape")
+    page.get_by_role("tab", name="Selection").click()
+    page.get_by_label("Name", exact=True).check()
+    page.keyboard.press("c")
+    page.keyboard.press("m")
+    page.get_by_role("group", name="Measurement").wait_for()
+    check("what is over and beside the view")
 
 
 COVERED = """() => [...document.querySelectorAll(".bar button, .bar a")].filter((button) => {

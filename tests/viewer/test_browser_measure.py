@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.support.browser import chromium
 from tests.support.gateway_process import gateway_process
@@ -227,3 +229,47 @@ def test_axes_and_names_of_nodes(shown: tuple[View, Publisher]) -> None:
     page.get_by_role("tree").focus()
     row(view, ["robot"]).locator(".eye").click()
     view.until(lambda: names.count() == 0, "no names of hidden nodes")
+
+
+def test_views_side_by_side(shown: tuple[View, Publisher]) -> None:
+    """From above, and from a node: red is on the left, green on the right, and both follow the scene."""
+    view, publisher = shown
+    page = view.page
+    publisher.send(
+        setgeometry=[{"path": ["camera"], "geometry": {"type": "triad", "scale": 0.1}}],
+        settransform=[
+            {
+                "path": ["camera"],
+                "transform": {"translation": [0, -6, 0], "quaternion": [0.5**0.5, -(0.5**0.5), 0, 0]},
+            }
+        ],
+    )
+    row(view, ["camera"]).click()
+    width = page.locator(".stage .view").bounding_box()["width"]
+    view.open_display_menu()
+    page.get_by_label("From above", exact=True).check()
+    page.get_by_label("Image of").select_option("camera")
+    page.keyboard.press("Escape")
+    assert page.locator(".stage .view").bounding_box()["width"] == pytest.approx(0.66 * width, abs=2)
+    above, seen = page.locator(".sideviews canvas"), page.locator(".sideviews img")
+
+    def colors(of: Any) -> tuple[float, float]:
+        """Return the shares of red on the left and of green on the right."""
+        pixels = np.asarray(Image.open(io.BytesIO(of.screenshot())).convert("RGB")).astype(int)[30:]
+        half = pixels.shape[1] // 2
+        red = pixels[:, :half, 0] > pixels[:, :half, 1:].max(axis=2) + 60
+        green = pixels[:, half:, 1] > pixels[:, half:, ::2].max(axis=2) + 60
+        return float(red.mean()), float(green.mean())
+
+    view.until(lambda: min(colors(above)) > 0.01, "both boxes from above")
+    view.until(lambda: min(colors(seen)) > 0.01, "both boxes in the image of the camera")
+    publisher.send(delete=[{"path": ["left"]}])
+    view.until(lambda: colors(above)[0] == colors(seen)[0] == 0.0, "the red one is gone from both")
+    view.until(lambda: view.share("green") > 0.02, "the view has the other one")
+    page.set_viewport_size({"width": 360, "height": 740})
+    main = page.locator(".stage .view")
+    view.until(lambda: above.bounding_box()["y"] >= sum(main.bounding_box()[each] for each in ("y", "height")), "below")
+    view.open_display_menu()
+    page.get_by_label("From above", exact=True).uncheck()
+    page.get_by_label("Image of").select_option("None")
+    page.locator(".sideviews").wait_for(state="detached")

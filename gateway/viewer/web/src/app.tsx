@@ -11,6 +11,7 @@ import { keep, kept } from "./options";
 import type { Side, Tab } from "./panels";
 import { RendersPanel } from "./renderspanel";
 import { SensorsPanel } from "./sensorspanel";
+import { SideViews } from "./sideviews";
 import { StatusBar } from "./statusbar";
 import { TabList } from "./tabs";
 import { Toolbar } from "./toolbar";
@@ -100,6 +101,7 @@ export function App({ viewer, attach }: { viewer: Viewer; attach: (element: Elem
             <MeasureBar viewer={viewer} />
           </div>
           <Gizmo viewer={viewer} />
+          <SideViews viewer={viewer} />
           <p class={isCentred ? "hint centre" : "hint"} role="status" hidden={hint === ""}>
             {hint}
           </p>

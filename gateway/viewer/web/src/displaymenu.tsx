@@ -6,6 +6,7 @@ import { useRef } from "preact/hooks";
 import { Button, Select } from "./controls";
 import type { PointSize } from "./materials";
 import { BACKGROUNDS, type Background, options } from "./options";
+import { cameraName } from "./sideviews";
 import type { Viewer } from "./viewer";
 
 /** Width of the menu with its margin, as in style.css, pixels. */
@@ -52,6 +53,12 @@ export function DisplayMenu({ viewer }: { viewer: Viewer }) {
   };
   const setPoints = (size: PointSize) => viewer.pointSize((points.value = size));
   const { size, unit } = points.value;
+  const { session, sideCamera } = viewer;
+  const { value: selected } = session.selected;
+  const cameras = new Map([["", "None"]]);
+  if (session.status.value?.interfaces?.stereo) cameras.set("stereo", "Stereo camera");
+  const ofNode = selected ? `path:${JSON.stringify(selected.path)}` : "";
+  for (const camera of [sideCamera.value, ofNode]) if (camera && !cameras.has(camera)) cameras.set(camera, cameraName(camera));
   const about = { title: "Grid, axes, shadows, point size, background, theme", popovertarget: "display", "aria-expanded": isOpen.value };
   const onToggle = ({ newState }: ToggleEvent) => (isOpen.value = newState === "open");
   const backgrounds = BACKGROUNDS.map((name): [Background, string] => [name, BACKGROUND_NAMES[name]]);
@@ -67,6 +74,15 @@ export function DisplayMenu({ viewer }: { viewer: Viewer }) {
           kept("axes", "Axes of the world", "x red, y green, z blue"),
           kept("wireframe", "Wireframe"),
           kept("orthographic", "Orthographic", "Parallel lines stay parallel"),
+        )}
+        {group(
+          "Beside the view",
+          viewer.stage.renderer &&
+            check("From above", "Around the target of the view", viewer.hasTopView.value, (on) => (viewer.hasTopView.value = on)),
+          <label class="field">
+            Image of
+            <Select label="Image of" value={viewer.sideCamera.value} choices={[...cameras]} onChange={(camera) => (sideCamera.value = camera)} />
+          </label>,
         )}
         {group(
           "Light",

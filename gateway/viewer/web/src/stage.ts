@@ -15,7 +15,7 @@ import {
   Scene,
   Vector2,
   Vector3,
-  WebGLRenderer,
+  type WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { LinearImage } from "./blending";
@@ -25,6 +25,7 @@ import { moved } from "./follow";
 import { DIRECTIONS, type Direction, frame } from "./framing";
 import { Lights } from "./lights";
 import { AmbientOcclusion } from "./occlusion";
+import { newRenderer } from "./renderer";
 import { BEFORE_SURFACE, BEHIND_SURFACE, patch } from "./shaders";
 
 /** Vertical field of view, degrees. */
@@ -38,22 +39,13 @@ const Z_UP = new Vector3(0, 0, 1);
 const DEFAULT_BOX = new Box3(new Vector3(-1, -1, 0), new Vector3(1, 1, 1));
 type Vector = [number, number, number];
 
-/** Return a renderer, or null in a browser without WebGL 2. */
-function newRenderer(): WebGLRenderer | null {
-  const canvas = document.createElement("canvas");
-  const context = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
-  if (!context) return null;
-  const renderer = new WebGLRenderer({ canvas, context });
-  renderer.shadowMap.enabled = true;
-  renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-  return renderer;
-}
-
 export interface StageCallbacks {
   /** Returns the URL of the gateway's image of this view, which is shown without WebGL. */
   imageUrl(): string;
   /** Returns true if the scene has translucent surfaces. */
   isTranslucent(): boolean;
+  /** Called before an image is drawn. `halfHeight` is half the view's height at the target, metres. */
+  drawing(renderer: WebGLRenderer, halfHeight: number): void;
   /** Called after an image was drawn. */
   drawn(): void;
   /** Called when the camera moved. */
@@ -371,7 +363,9 @@ export class Stage {
     this.updateClippingPlanes();
     this.lights.placeHeadlight(this.camera, this.controls.target);
     this.clouds.start(performance.now(), this.occlusion !== null);
-    if (this.occlusion) this.occlusion.render(this.controls.getDistance() * TAN_HALF_FOV);
+    const halfHeight = this.controls.getDistance() * TAN_HALF_FOV;
+    this.callbacks.drawing(renderer, halfHeight);
+    if (this.occlusion) this.occlusion.render(halfHeight);
     else this.render(renderer);
     this.callbacks.drawn();
   }

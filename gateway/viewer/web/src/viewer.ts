@@ -20,6 +20,7 @@ import type { Session } from "./session";
 import { Stage } from "./stage";
 import { onTap } from "./taps";
 import { backgroundColors, colorsOn } from "./theme";
+import { TopView } from "./topview";
 
 type Quaternion = [number, number, number, number];
 
@@ -32,6 +33,11 @@ export class Viewer {
   readonly drawing: Drawing;
   readonly frustum: Frustum;
   readonly follow: Follow;
+  readonly topView = new TopView();
+  /** True: the scene from above is beside the view. */
+  readonly hasTopView = signal(false);
+  /** Camera whose image is beside the view, in the gateway's syntax; empty: none. */
+  readonly sideCamera = signal("");
   private readonly marks: Marks;
   readonly measurement: Measurement;
   /** Rotation of the camera in the world, as a quaternion x, y, z, w. */
@@ -56,6 +62,10 @@ export class Viewer {
     this.stage = new Stage(holder, {
       imageUrl: () => `view/frame.jpg?${this.imageQuery()}`,
       isTranslucent: () => this.materials.areTranslucent,
+      drawing: (renderer, halfHeight) => {
+        const { scene, controls } = this.stage;
+        if (this.hasTopView.peek()) this.topView.draw(renderer, scene, controls.target, halfHeight);
+      },
       drawn: () => this.drawn(),
       moved: () => this.address.write(),
       originMoved: () => this.placeAll(),
