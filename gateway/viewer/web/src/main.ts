@@ -72,6 +72,7 @@ const KEYS: Record<string, () => unknown> = {
 };
 addEventListener("keydown", (event) => {
   if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey || panels.full.value) return;
+  if (event.key === "Escape" && document.querySelector(":popover-open")) return; // it closes the menu
   const { target } = event;
   if ((target instanceof HTMLInputElement && target.type !== "checkbox") || target instanceof HTMLSelectElement) return;
   // Assistive programs type single characters by mistake: they can be switched off where the view does not have the focus.
