@@ -150,7 +150,7 @@ def test_hidden_and_faded_nodes(shown: tuple[View, TreeViewer], gateway: tuple[A
 
 
 def test_one_light_opens_the_state_of_all_interfaces(shown: tuple[View, TreeViewer]) -> None:
-    """It has the worst state; what fits no line is left out on narrow windows, the light last."""
+    """It has the worst state, and fits windows of any width."""
     view, viewer = shown
     light = view.page.locator(".status summary .light")
     view.until(lambda: light.inner_text().endswith(" interfaces ready"), "all are ready")
