@@ -132,7 +132,9 @@ def tcpq_url(running: Gateway) -> str:
         return str(json.load(answer)["interfaces"]["treeviewer"]["tcpq"]["url"])
 
 
-def main() -> None:
+@contextmanager
+def launched() -> Iterator[Any]:
+    """Yield Chromium; exit with a message if there is none."""
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
@@ -140,10 +142,16 @@ def main() -> None:
     path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if path is None:
         sys.exit("no chromium on this machine (on Debian: apt install chromium)")
-    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images")
-    folder.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+        yield browser
+        browser.close()
+
+
+def main() -> None:
+    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images")
+    folder.mkdir(parents=True, exist_ok=True)
+    with launched() as browser:
         pictures = Pictures(browser, folder)
         known: dict[str, Callable[[], None]] = {
             "demo": pictures.demo,
@@ -157,7 +165,6 @@ def main() -> None:
             sys.exit(f"no such picture: {', '.join(sorted(unknown))}; there are {', '.join(known)}")
         for name in wanted:
             known[name]()
-        browser.close()
 
 
 if __name__ == "__main__":

@@ -86,8 +86,14 @@ class View(Watched):
         )
 
     def colors(self) -> NDArray[np.uint8]:
-        """Return the pixels of the view, (H, W, 3) uint8."""
-        png = self.page.locator(".stage canvas").screenshot()
+        """Return the pixels of the view without what lies over it, (H, W, 3) uint8."""
+        show = """(visibility) => {
+          const over = document.querySelectorAll(".gizmo, .pills, .marks");
+          for (const { style } of over) Object.assign(style, { visibility });
+        }"""
+        self.page.evaluate(show, "hidden")
+        png = self.page.locator(".stage .view canvas").screenshot()
+        self.page.evaluate(show, "")
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
 
     def open_stereo_panel(self) -> None:

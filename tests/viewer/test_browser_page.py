@@ -118,8 +118,8 @@ def test_the_page_follows_the_view_of_the_client(shown: tuple[View, TreeViewer],
         if later is not None:
             later.page.close()
             assert later.faults == []
-    view.page.get_by_role("button", name="Top").click()
-    assert view.page.evaluate("scenegate.stage.camera.up.toArray()") == [0, 0, 1]
+    view.page.get_by_role("button", name="Top, from").click()
+    view.until(lambda: view.page.evaluate("scenegate.stage.camera.up.toArray()") == [0, 0, 1], "from above")
     view.page.keyboard.press("h")
     view.until(lambda: np.allclose(view.page.evaluate(where), home), "home again")
     view.open_display_menu()
@@ -149,23 +149,29 @@ def test_hidden_and_faded_nodes(shown: tuple[View, TreeViewer], gateway: tuple[A
     view.until(lambda: min(view.share("red"), view.share("green")) > 0.02, "both are back")
 
 
-def test_warnings_are_yellow_and_can_be_read(shown: tuple[View, TreeViewer]) -> None:
+def test_one_light_opens_the_state_of_all_interfaces(shown: tuple[View, TreeViewer]) -> None:
+    """It has the worst state, and fits windows of any width."""
     view, viewer = shown
+    light = view.page.locator(".status summary .light")
+    view.until(lambda: light.inner_text().endswith(" interfaces ready"), "all are ready")
+    green = light.evaluate("e => getComputedStyle(e, '::before').backgroundColor")
     viewer["bad"].set(Box((-1, 1, 1)))
-    light = view.page.locator(".status summary", has_text="Tree viewer: 1 warning")
-    light.wait_for()
-    cut = """() => [...document.querySelectorAll(".status .interfaces > *")].some((light) => {
-      const [inner, outer] = [light, light.parentElement].map((element) => element.getBoundingClientRect());
-      return inner.top < outer.bottom && (inner.right > outer.right + 1 || inner.bottom > outer.bottom + 1);
-    })"""
+    view.until(lambda: light.inner_text() == "Tree viewer: 1 warning", "a warning")
+    assert light.evaluate("e => getComputedStyle(e, '::before').backgroundColor") != green
     view.page.evaluate("document.querySelector('.status').style.fontSize = '15px'")  # as a larger font of the browser
-    for width in (700, 900, 1220, 1280, 1400, 1600):
+    cut = "() => { const e = document.querySelector('.status'); return e.scrollWidth > e.clientWidth; }"
+    for width in (320, 700, 900, 1280, 1600):
         view.page.set_viewport_size({"width": width, "height": 800})
         assert not view.page.evaluate(cut), width
         assert light.is_visible()
     light.click()
     sentence = view.page.get_by_text('setgeometry[0] ["bad"]: lengths has a negative number')
     sentence.wait_for()
-    assert sentence.is_visible()
+    tree = view.page.locator(".status li", has_text="Tree viewer")
+    assert view.page.locator(".status li", has_text=": ready").count() > 3
     viewer["bad"].delete()
-    light.wait_for(state="detached")
+    view.until(lambda: light.inner_text().endswith(" interfaces ready"), "all are ready again")
+    sentence.wait_for(state="detached")
+    view.page.locator(".status summary").focus()
+    view.page.keyboard.press("Enter")
+    tree.wait_for(state="hidden")

@@ -89,7 +89,7 @@ def test_pages_below_a_prefix(browser: Any, gateway: str, strip: bool) -> None:
 def test_view_in_the_frame_of_a_notebook(browser: Any, gateway: str, notebook: str) -> None:
     page = new_page(browser)
     page.goto(f"{notebook}?{gateway}/view")
-    page.frame_locator("iframe").get_by_text("connected").wait_for()
+    page.frame_locator("iframe").get_by_text("interfaces ready").wait_for()
     page.close()
 
 

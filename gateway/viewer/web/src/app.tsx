@@ -3,11 +3,15 @@
 import { useSignal } from "@preact/signals";
 import { DetailsPanel } from "./detailspanel";
 import { EmptyState } from "./emptystate";
+import { FollowBar } from "./followbar";
+import { Gizmo } from "./gizmo";
 import { Lightbox } from "./lightbox";
+import { MeasureBar } from "./measurebar";
 import { keep, kept } from "./options";
-import { type Side, TABS, type Tab } from "./panels";
+import type { Side, Tab } from "./panels";
 import { RendersPanel } from "./renderspanel";
 import { SensorsPanel } from "./sensorspanel";
+import { SideViews } from "./sideviews";
 import { StatusBar } from "./statusbar";
 import { TabList } from "./tabs";
 import { Toolbar } from "./toolbar";
@@ -72,7 +76,8 @@ export function App({ viewer, attach }: { viewer: Viewer; attach: (element: Elem
     />
   );
   const width = (side: Side) => (widths[side].value ? `--${side}-width: ${widths[side].value}px;` : "");
-  const tab = panels.tab.value;
+  const tab = panels.shown.value;
+  const tabs = panels.tabs.value;
   const pages: Record<Tab, preact.ComponentChild> = {
     Selection: <DetailsPanel viewer={viewer} />,
     Stereo: <SensorsPanel viewer={viewer} />,
@@ -91,6 +96,12 @@ export function App({ viewer, attach }: { viewer: Viewer; attach: (element: Elem
         </nav>
         <main class="stage">
           <div class="view" ref={attach} />
+          <div class="pills">
+            <FollowBar viewer={viewer} />
+            <MeasureBar viewer={viewer} />
+          </div>
+          <Gizmo viewer={viewer} />
+          <SideViews viewer={viewer} />
           <p class={isCentred ? "hint centre" : "hint"} role="status" hidden={hint === ""}>
             {hint}
           </p>
@@ -99,8 +110,8 @@ export function App({ viewer, attach }: { viewer: Viewer; attach: (element: Elem
           {splitter("right", "Width of the panels")}
         </main>
         <aside class="drawer right" aria-label="Panels">
-          <TabList names={TABS} current={tab} controls={id} onSelect={(name) => (panels.tab.value = name)} />
-          {TABS.map((name) => (
+          <TabList names={tabs} current={tab} controls={id} onSelect={(name) => (panels.tab.value = name)} />
+          {tabs.map((name) => (
             <div key={name} class="page" role="tabpanel" id={id(name)} aria-label={name} tabIndex={-1} hidden={name !== tab}>
               {pages[name]}
             </div>

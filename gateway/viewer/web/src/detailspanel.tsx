@@ -1,11 +1,13 @@
 // Panel of the selected node: path, pose, bounds, geometry, opacity, colours of a point cloud.
 
+import { useSignal } from "@preact/signals";
 import { useRef } from "preact/hooks";
-import { type Box3, Euler, Quaternion, Vector3 } from "three";
 import { colorChoices } from "./clouds";
 import { COLOR_MAPS, type MapName, ramp } from "./colormaps";
 import { Button, Select, Slider } from "./controls";
-import { counted, pathText, short, shortRow } from "./format";
+import { describe, frameChoices, toFrame } from "./describe";
+import { pathText, short } from "./format";
+import type { Mark } from "./marks";
 import type { TreeNode } from "./model";
 import type { Part } from "./protocol";
 import type { Viewer } from "./viewer";
@@ -26,6 +28,32 @@ function Opacity({ node, viewer }: NodeProps) {
       <Slider label="Opacity" value={node.shownOpacity} onInput={set} />
       <output>{Math.round(node.shownOpacity * 100)} %</output>
     </label>
+  );
+}
+
+const NO_MARK: Mark = { axes: false, name: false, below: false };
+const MARKS: [keyof Mark, string, string][] = [
+  ["axes", "Axes", "Show the node's frame: x red, y green, z blue"],
+  ["name", "Name", "Show the node's name"],
+  ["below", "and below", "Show the same of all nodes below it"],
+];
+
+/** Axes and name of a node in the view. */
+function MarkChoices({ node, viewer }: NodeProps) {
+  const choose = (key: keyof Mark, on: boolean) => {
+    const mark = { ...(node.mark ?? NO_MARK), [key]: on };
+    node.mark = Object.values(mark).some(Boolean) ? mark : null;
+    viewer.markChanged();
+  };
+  return (
+    <div class="choices" role="group" aria-label="In the view">
+      {MARKS.map(([key, text, title]) => (
+        <label key={key} class="check" title={title}>
+          <input type="checkbox" checked={node.mark?.[key] ?? false} onChange={({ currentTarget }) => choose(key, currentTarget.checked)} />
+          {text}
+        </label>
+      ))}
+    </div>
   );
 }
 
@@ -59,34 +87,21 @@ function CloudColors({ node, part, viewer }: NodeProps & { part: Part }) {
   );
 }
 
-function partText(part: Part): string {
-  const points = part.points === undefined ? "" : `${part.points} points`;
-  return [part.kind, points, Object.keys(part.channels ?? {}).join(", "), part.source].filter(Boolean).join(" · ");
-}
-
-/** Return names and values of a node's current pose, bounds and geometry. */
-export function describe(node: TreeNode, box: Box3): [string, string][] {
-  const position = new Vector3();
-  const rotation = new Quaternion();
-  const scale = new Vector3();
-  node.world.decompose(position, rotation, scale);
-  const angles = new Euler().setFromQuaternion(rotation, "ZYX");
-  const degrees = [angles.x, angles.y, angles.z].map((angle) => (angle * 180) / Math.PI);
-  const size = box.getSize(new Vector3());
-  const metres = Math.min(1000, Math.max(size.x, size.y, size.z, position.length()));
-  const rows: [string, string][] = [
-    ["Position in the world (x y z, m)", shortRow(position.toArray(), metres)],
-    ["Roll, pitch, yaw (degrees)", shortRow(degrees, 360)],
-    ["Quaternion (w x y z)", shortRow([rotation.w, rotation.x, rotation.y, rotation.z])],
-  ];
-  if (scale.distanceTo(new Vector3(1, 1, 1)) > 1e-6) rows.push(["Scale", shortRow(scale.toArray())]);
-  if (!box.isEmpty()) {
-    rows.push(["Bounding box (m)", [box.min, box.max].map((corner) => shortRow(corner.toArray(), metres)).join("\n")]);
-    rows.push(["Size (m)", shortRow(size.toArray(), metres)]);
-  }
-  rows.push(["Geometry", counted((node.parts ?? []).map(partText)).join("\n") || "none"]);
-  if (node.children.size) rows.push(["Children", String(node.children.size)]);
-  return rows;
+/** Frame of the pose that is shown. */
+function FrameOfPose({ viewer }: { viewer: Viewer }) {
+  const { model, frame } = viewer.session;
+  const isUsed = useSignal(false); // the nodes are listed when the menu is used
+  return (
+    <label class="field" onFocusIn={() => (isUsed.value = true)} onPointerEnter={() => (isUsed.value = true)}>
+      Relative to
+      <Select
+        label="Relative to"
+        value={JSON.stringify(frame.value)}
+        choices={frameChoices(model, frame.value, isUsed.value)}
+        onChange={(chosen) => (frame.value = JSON.parse(chosen))}
+      />
+    </label>
+  );
 }
 
 function Values({ node, viewer }: NodeProps) {
@@ -95,7 +110,8 @@ function Values({ node, viewer }: NodeProps) {
   viewer.session.rates.value; // poses are shown once a second
   const selection = getSelection();
   const isBeingCopied = element.current && selection?.isCollapsed === false && selection.containsNode(element.current, true);
-  if (!isBeingCopied) rows.current = describe(node, viewer.boundsOf(node));
+  const { model, frame, clicked } = viewer.session;
+  if (!isBeingCopied) rows.current = describe(node, toFrame(model, node, frame.value), viewer.boundsOf(node), clicked.value);
   return (
     <dl ref={element}>
       {rows.current.map(([name, value]) => (
@@ -125,10 +141,21 @@ export function DetailsPanel({ viewer }: { viewer: Viewer }) {
             <Button icon="fit" class="plain" title="Fit the view to it (F)" onClick={() => viewer.fit(node)}>
               Fit
             </Button>
+            <Button
+              icon="follow"
+              class="plain"
+              title="Follow it with the camera (C); again: ride along; again: stop"
+              pressed={viewer.follow.modeOf(node) !== null}
+              onClick={() => viewer.cycleFollow(node)}
+            >
+              Follow
+            </Button>
             <Button icon="close" aria-label="Deselect" title="Deselect (Esc)" onClick={() => viewer.select(null)} />
           </header>
           <Opacity node={node} viewer={viewer} />
+          <MarkChoices node={node} viewer={viewer} />
           {cloud && <CloudColors node={node} part={cloud} viewer={viewer} />}
+          <FrameOfPose viewer={viewer} />
           <Values key={node.id} node={node} viewer={viewer} />
         </>
       )}

@@ -5,6 +5,18 @@ import { Box3, Vector3 } from "three";
 /** Size of the view as a multiple of that of the framed boxes. */
 const MARGIN = 1.12;
 
+export type Direction = "home" | "top" | "bottom" | "front" | "back" | "left" | "side";
+/** Directions towards the camera. */
+export const DIRECTIONS: Record<Direction, [number, number, number]> = {
+  home: [1, -1.2, 0.8],
+  top: [0, -1e-4, 1],
+  bottom: [0, -1e-4, -1],
+  front: [1, 0, 0],
+  back: [-1, 0, 0],
+  left: [0, 1, 0],
+  side: [0, -1, 0],
+};
+
 export interface Framing {
   position: Vector3;
   target: Vector3;

@@ -1,7 +1,7 @@
 // The stereo camera in the scene: the frusta of its left and right camera as lines.
 
 import { BufferAttribute, BufferGeometry, LineBasicMaterial, LineSegments, Matrix4, Object3D } from "three";
-import type { Rig } from "./protocol";
+import type { PlacedRig, Rig } from "./protocol";
 
 /** Distance of the drawn image plane from the camera, metres. */
 const IMAGE_PLANE_DISTANCE = 0.25;
@@ -40,7 +40,7 @@ export class Frustum {
     this.redraw();
   }
 
-  private build(rig: Rig): void {
+  private build(rig: PlacedRig): void {
     const points: number[] = [];
     for (const offset of [0, rig.baseline]) {
       const corner = (x: number, y: number): [number, number, number] => [

@@ -15,14 +15,17 @@ const PATHS = {
   display:
     "M2 4.5h5M11 4.5h3M9 4.5m-1.8 0a1.8 1.8 0 1 0 3.6 0a1.8 1.8 0 1 0-3.6 0M2 11.5h3M9 11.5h5M7 11.5m-1.8 0a1.8 1.8 0 1 0 3.6 0a1.8 1.8 0 1 0-3.6 0",
   panel: "M2 2.5h12v11H2zM10 2.5v11",
+  follow: "M2 4.5h7.5v7H2zM9.5 7.2L14 5v6L9.5 8.8",
+  measure: "M1.5 10.5l9-9 4 4-9 9zM4.2 7.8l1.7 1.7M6.9 5.1l2.3 2.3M9.6 2.4l1.7 1.7",
   copy: "M5.5 5.5h8v8h-8zM3.5 10.5h-1v-8h8v1",
 } as const;
 
 export type IconName = keyof typeof PATHS;
 
-export function Icon({ name }: { name: IconName }) {
+/** @param title what the icon says without a text beside it */
+export function Icon({ name, title }: { name: IconName; title?: string }) {
   return (
-    <svg viewBox="0 0 16 16" class="icon" aria-hidden="true">
+    <svg viewBox="0 0 16 16" class="icon" role={title ? "img" : undefined} aria-label={title} aria-hidden={!title}>
       <path d={PATHS[name]} />
     </svg>
   );

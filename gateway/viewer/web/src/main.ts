@@ -11,7 +11,7 @@ import { Session } from "./session";
 import { Viewer } from "./viewer";
 
 const session = new Session();
-const panels = new Panels();
+const panels = new Panels(session);
 const holder = document.createElement("div");
 const viewer = new Viewer(session, panels, holder, (click) => connection.click(click));
 const { stage } = viewer;
@@ -57,6 +57,7 @@ const stopWaiting = effect(() => {
 
 const KEYS: Record<string, () => unknown> = {
   f: () => viewer.fit(),
+  c: () => viewer.cycleFollow(),
   h: () => viewer.look("home"),
   1: () => viewer.look("top"),
   2: () => viewer.look("front"),
@@ -64,16 +65,19 @@ const KEYS: Record<string, () => unknown> = {
   "+": () => stage.zoom(0.8),
   "=": () => stage.zoom(0.8),
   "-": () => stage.zoom(1.25),
+  m: () => viewer.measurement.toggle(),
   t: () => panels.toggle("left"),
   s: () => panels.toggle("right"),
-  Escape: () => panels.closeDrawers() || viewer.select(null),
+  Escape: () => panels.closeDrawers() || viewer.measurement.stop() || viewer.select(null),
 };
 addEventListener("keydown", (event) => {
   if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey || panels.full.value) return;
-  if (event.target instanceof HTMLInputElement || event.target instanceof HTMLSelectElement) return;
+  if (event.key === "Escape" && document.querySelector(":popover-open")) return; // it closes the menu
+  const { target } = event;
+  if ((target instanceof HTMLInputElement && target.type !== "checkbox") || target instanceof HTMLSelectElement) return;
   // Assistive programs type single characters by mistake: they can be switched off where the view does not have the focus.
   const isCharacter = event.key.length === 1;
-  if (isCharacter && options.shortcuts.shown.value === "off" && event.target !== stage.canvas) return;
+  if (isCharacter && options.shortcuts.shown.value === "off" && target !== stage.canvas) return;
   KEYS[isCharacter ? event.key.toLowerCase() : event.key]?.();
 });
 

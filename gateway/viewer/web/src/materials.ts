@@ -25,7 +25,7 @@ import {
 } from "three";
 import { LineMaterial } from "three/addons/lines/LineMaterial.js";
 import type { Material, TextureUse } from "./protocol";
-import { BEFORE_SURFACE, patch } from "./shaders";
+import { BEFORE_SURFACE, patch, SIZE_IN_METRES } from "./shaders";
 
 const WRAP: Record<number, Wrapping> = {
   10497: RepeatWrapping,
@@ -61,6 +61,12 @@ function isMetallic({ metallic = 0 }: Material): boolean {
   return metallic > 0;
 }
 
+/** Size of all points. `sent`: as published. */
+export interface PointSize {
+  unit: "sent" | "pixels" | "metres";
+  size: number;
+}
+
 interface SharedMaterial {
   material: ThreeMaterial;
   users: number;
@@ -80,8 +86,7 @@ export class Materials {
   /** True if a material was released since the last `disposeUnused`. */
   private released = false;
   private wireframe = false;
-  /** Width of points, pixels; 0: as published. */
-  private pointSize = 0;
+  private pointSize: PointSize = { unit: "sent", size: 0 };
 
   /** @param environmentMap returns the environment map that metals reflect, Y-up */
   constructor(
@@ -129,8 +134,8 @@ export class Materials {
   points(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
     return this.acquire(`points ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
       const threeMaterial = patch(new PointsMaterial({ vertexColors, sizeAttenuation: false }));
-      threeMaterial.userData.size = (material.pointSize ?? 1) * devicePixelRatio;
-      threeMaterial.size = this.pointSize * devicePixelRatio || (threeMaterial.userData.size as number);
+      threeMaterial.userData.size = material.pointSize ?? 1;
+      this.sizePoints(threeMaterial);
       return this.colored(threeMaterial, material, opacity);
     });
   }
@@ -183,11 +188,17 @@ export class Materials {
     this.redraw();
   }
 
-  setPointSize(pixels: number): void {
-    this.pointSize = pixels;
-    for (const { material } of this.shared.values())
-      if (material instanceof PointsMaterial) material.size = pixels * devicePixelRatio || (material.userData.size as number);
+  setPointSize(size: PointSize): void {
+    this.pointSize = size;
+    for (const { material } of this.shared.values()) if (material instanceof PointsMaterial) this.sizePoints(material);
     this.redraw();
+  }
+
+  private sizePoints(material: PointsMaterial): void {
+    const { unit, size } = this.pointSize;
+    material.size = unit === "sent" ? (material.userData.size as number) : size;
+    material.defines = unit === "metres" ? { [SIZE_IN_METRES]: "" } : {};
+    material.needsUpdate = true;
   }
 
   /** Set the colour of a draw and, if its node or its colour is translucent, the opacity. Return the three.js material. */

@@ -3,6 +3,7 @@
 import { Matrix4, Quaternion, Vector3 } from "three";
 import type { CloudLook } from "./clouds";
 import type { Range } from "./colormaps";
+import type { Mark } from "./marks";
 import type { MeshPayload, NodeUpdate, Part, SceneUpdate } from "./protocol";
 
 const MAX_REMEMBERED_NODES = 10_000;
@@ -20,6 +21,8 @@ export class TreeNode {
   ownOpacity: number | null = null;
   /** Colours of a point cloud on this page; null: as published. */
   cloud: CloudLook | null = null;
+  /** Axes and name on this page; null: none. */
+  mark: Mark | null = null;
   cloudRange: Range | null = null;
   readonly local = new Matrix4();
   readonly world = new Matrix4();
@@ -32,7 +35,7 @@ export class TreeNode {
 
   /** True if this page changed nothing of the node. */
   get isUnchanged(): boolean {
-    return this.shown === null && this.ownOpacity === null && this.cloud === null;
+    return this.shown === null && this.ownOpacity === null && this.cloud === null && this.mark === null;
   }
 
   /** True if this page shows the node, unless an ancestor is hidden. */
@@ -72,7 +75,7 @@ export class Model {
   readonly meshes = new Map<number, MeshPayload>();
   revision = 0;
   /** This page's settings of removed nodes by path: a node that is published again gets them back. */
-  private readonly removedPageState = new Map<string, Pick<TreeNode, "shown" | "ownOpacity" | "cloud">>();
+  private readonly removedPageState = new Map<string, Pick<TreeNode, "shown" | "ownOpacity" | "cloud" | "mark">>();
 
   /** Apply an update; one from revision 0 replaces the scene. */
   apply(update: SceneUpdate): ModelChange {
@@ -103,8 +106,9 @@ export class Model {
     node.parent.children.delete(node);
     for (const below of node.subtree()) {
       this.nodes.delete(below.id);
+      const { shown, ownOpacity, cloud, mark } = below;
       if (!below.isUnchanged && this.removedPageState.size < MAX_REMEMBERED_NODES)
-        this.removedPageState.set(JSON.stringify(below.path), { shown: below.shown, ownOpacity: below.ownOpacity, cloud: below.cloud });
+        this.removedPageState.set(JSON.stringify(below.path), { shown, ownOpacity, cloud, mark });
       change.removed.push(below);
     }
   }

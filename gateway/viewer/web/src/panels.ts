@@ -1,22 +1,37 @@
 // Which panels are open. On small screens they are drawers over the view, one open at a time.
 
-import { batch, signal } from "@preact/signals";
+import { batch, computed, effect, signal } from "@preact/signals";
 import type { FullImage } from "./lightbox";
+import type { Status } from "./protocol";
+import type { Session } from "./session";
 
 export type Side = "left" | "right";
 export const TABS = ["Selection", "Stereo", "Renders"] as const;
 export type Tab = (typeof TABS)[number];
+/** Tabs that are there while they are used. */
+const IS_USED: Partial<Record<Tab, (status: Status) => boolean>> = {
+  Stereo: ({ interfaces = {} }) => "stereo" in interfaces,
+  Renders: ({ renders = 0 }) => renders > 0,
+};
 const NARROW = matchMedia("(max-width: 899px)");
 
 export class Panels {
   readonly left = signal(false);
   readonly right = signal(false);
+  /** Tab that was chosen; the first one is shown while there is no such tab. */
   readonly tab = signal<Tab>("Stereo");
+  readonly tabs = signal<Tab[]>(["Selection"]);
+  readonly shown = computed(() => (this.tabs.value.includes(this.tab.value) ? this.tab.value : TABS[0]));
   /** Image that is shown in full size. */
   readonly full = signal<FullImage | null>(null);
 
   /** The tree is open if the screen has room for it, also after it was resized. */
-  constructor() {
+  constructor({ status }: Session) {
+    effect(() => {
+      const { value } = status;
+      const tabs = value ? TABS.filter((tab) => IS_USED[tab]?.(value) ?? true) : this.tabs.peek();
+      if (String(tabs) !== String(this.tabs.peek())) this.tabs.value = tabs;
+    });
     const adapt = () => {
       this.left.value = !NARROW.matches;
       this.right.value = false;
@@ -47,6 +62,6 @@ export class Panels {
   }
 
   isActive(tab: Tab): boolean {
-    return this.right.value && this.tab.value === tab;
+    return this.right.value && this.shown.value === tab;
   }
 }

@@ -1,4 +1,5 @@
-// The binary frames of gateway/viewer/frames.py: a JSON header that refers to arrays in the body.
+// The binary frames of gateway/viewer/frames.py: a JSON header that refers to arrays in the body. A test compares these types with
+// the gateway's messages (tests/viewer/test_protocol_types.py).
 
 const MAGIC = 0x31564753;
 
@@ -121,10 +122,10 @@ export interface Status {
 }
 
 /** The stereo camera in the scene. */
-export interface Rig {
+export interface PlacedRig {
   kind: "rig";
-  /** Column-major pose of the left camera's optical frame; null: it is not in this scene. */
-  pose: number[] | null;
+  /** Column-major pose of the left camera's optical frame. */
+  pose: number[];
   width: number;
   height: number;
   fx: number;
@@ -133,6 +134,9 @@ export interface Rig {
   cy: number;
   baseline: number;
 }
+
+/** Pose null: the stereo camera is not in this scene. */
+export type Rig = PlacedRig | { kind: "rig"; pose: null };
 
 export type Path = (string | number)[];
 type Vector = [number, number, number];

@@ -56,8 +56,6 @@ export function RendersPanel({ viewer }: { viewer: Viewer }) {
   const last = useRef(0);
   const { value: status } = session.status;
   const known = status?.renders ?? 0;
-  const isThere = !status?.interfaces || "render" in status.interfaces;
-  const none = isThere ? "No render requests yet. Drake's render clients post to /render." : "No render endpoint runs in this gateway.";
   const download = async () => {
     if (!status) last.current = -1; // the next gateway has other requests
     if (!active || known === last.current) return;
@@ -70,7 +68,7 @@ export function RendersPanel({ viewer }: { viewer: Viewer }) {
   return (
     <section aria-label="Recent renders">
       <p class="empty" role="status" hidden={known > 0}>
-        {status ? none : "Waiting for the gateway …"}
+        {status ? "No render requests yet." : "Waiting for the gateway …"}
       </p>
       <ul class="renders" hidden={known === 0}>
         {renders.value.map((render) => (

@@ -33,7 +33,7 @@ export function SensorsPanel({ viewer }: { viewer: Viewer }) {
       await Promise.allSettled([...(thumbs.current?.querySelectorAll("img") ?? [])].map((image) => image.decode()));
     } else if (response) {
       state.value = null;
-      note.value = response.status === 204 ? "No stereo camera runs in this gateway." : await response.text();
+      note.value = await response.text();
     } else note.value = state.value ? "The gateway does not respond; these are its last images." : "The gateway does not respond.";
   };
   useEffect(() => {

@@ -1,6 +1,7 @@
 // What the views of the page show: the scene, the selection, the connection and the gateway's state. Without a browser.
 
 import { batch, computed, signal } from "@preact/signals";
+import type { Frame } from "./describe";
 import { Model, type ModelChange, type TreeNode } from "./model";
 import type { Path, SceneUpdate, Status } from "./protocol";
 
@@ -11,6 +12,10 @@ export class Session {
   readonly selected = signal<TreeNode | null>(null);
   /** Path of a selected node that was removed: it is selected again when it is published. */
   readonly awaited = signal<Path | null>(null);
+  /** Point of the world that was clicked to select the node; null: it was selected otherwise. */
+  readonly clicked = signal<[number, number, number] | null>(null);
+  /** Frame of the pose in the details panel. */
+  readonly frame = signal<Frame>("world");
   /** Node to which the tree opens and scrolls. */
   readonly revealed = signal<TreeNode | null>(null);
   /** Number of changes of nodes: added, removed, geometry, visibility, opacity. */
@@ -33,6 +38,7 @@ export class Session {
     batch(() => {
       this.awaited.value = null;
       this.selected.value = node;
+      this.clicked.value = null;
       if (reveal) this.revealed.value = node;
     });
   }

@@ -7,6 +7,7 @@ import {
   Color,
   GridHelper,
   type Intersection,
+  type Matrix4,
   Object3D,
   OrthographicCamera,
   PerspectiveCamera,
@@ -14,15 +15,17 @@ import {
   Scene,
   Vector2,
   Vector3,
-  WebGLRenderer,
+  type WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { LinearImage } from "./blending";
 import type { CameraView } from "./camera";
 import { CLOUD_LAYER, CloudProgress } from "./cloudprogress";
-import { frame } from "./framing";
+import { moved } from "./follow";
+import { DIRECTIONS, type Direction, frame } from "./framing";
 import { Lights } from "./lights";
 import { AmbientOcclusion } from "./occlusion";
+import { newRenderer } from "./renderer";
 import { BEFORE_SURFACE, BEHIND_SURFACE, patch } from "./shaders";
 
 /** Vertical field of view, degrees. */
@@ -31,39 +34,18 @@ const TAN_HALF_FOV = Math.tan((FOV * Math.PI) / 360);
 /** Distance between the origin of the page's scene and the view's target above which the origin moves, metres: in single
  * precision, coordinates are 0.06 mm apart there. */
 const MAX_TARGET_DISTANCE = 1000;
-export type Direction = "home" | "top" | "front" | "side";
-const DIRECTIONS: Record<Direction, [number, number, number]> = {
-  home: [1, -1.2, 0.8],
-  top: [0, -1e-4, 1],
-  front: [1, 0, 0],
-  side: [0, -1, 0],
-};
-
 const Z_UP = new Vector3(0, 0, 1);
 /** Box that is framed while the scene is empty. */
 const DEFAULT_BOX = new Box3(new Vector3(-1, -1, 0), new Vector3(1, 1, 1));
 type Vector = [number, number, number];
-
-export type Button = "left" | "middle" | "right";
-/** Buttons by their number in MouseEvent.button. */
-const BUTTONS: readonly Button[] = ["left", "middle", "right"];
-
-/** Return a renderer, or null in a browser without WebGL 2. */
-function newRenderer(): WebGLRenderer | null {
-  const canvas = document.createElement("canvas");
-  const context = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
-  if (!context) return null;
-  const renderer = new WebGLRenderer({ canvas, context });
-  renderer.shadowMap.enabled = true;
-  renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-  return renderer;
-}
 
 export interface StageCallbacks {
   /** Returns the URL of the gateway's image of this view, which is shown without WebGL. */
   imageUrl(): string;
   /** Returns true if the scene has translucent surfaces. */
   isTranslucent(): boolean;
+  /** Called before an image is drawn. `halfHeight` is half the view's height at the target, metres. */
+  drawing(renderer: WebGLRenderer, halfHeight: number): void;
   /** Called after an image was drawn. */
   drawn(): void;
   /** Called when the camera moved. */
@@ -83,6 +65,8 @@ export class Stage {
   readonly orthographic = new OrthographicCamera(-1, 1, 1, -1, -1000, 1000);
   camera: PerspectiveCamera | OrthographicCamera = this.perspective;
   controls: OrbitControls;
+  /** Direction about which the controls turn the camera. */
+  private readonly controlsUp = new Vector3();
   /** Point clouds of several chunks. */
   readonly clouds = new CloudProgress();
   readonly lights: Lights;
@@ -129,6 +113,8 @@ export class Stage {
     this.world.add(this.axes);
     this.scene.add(this.content, this.grid, this.world, this.highlight, this.lights.object);
     this.controls = this.newControls();
+    for (const type of ["pointerdown", "wheel", "keydown"])
+      holder.addEventListener(type, () => this.renewControls(), { capture: true, passive: true });
     this.canvas.addEventListener("wheel", ({ clientX, clientY }) => this.aim(clientX, clientY), { capture: true, passive: true });
     new ResizeObserver(() => this.resize()).observe(holder);
     this.look("home", []);
@@ -141,6 +127,7 @@ export class Stage {
 
   private newControls(): OrbitControls {
     const controls = new OrbitControls(this.camera, this.canvas);
+    this.controlsUp.copy(this.camera.up);
     controls.zoomToCursor = true;
     controls.listenToKeyEvents(this.canvas);
     controls.addEventListener("change", () => {
@@ -178,20 +165,6 @@ export class Stage {
     this.redraw();
   }
 
-  /** Call back on clicks and taps, not on drags. */
-  onTap(tapped: (x: number, y: number, button: Button) => void): void {
-    const { canvas } = this;
-    let press = { x: 0, y: 0 };
-    canvas.addEventListener("pointerdown", (event) => (press = { x: event.clientX, y: event.clientY }));
-    const released = (event: MouseEvent) => {
-      const button = BUTTONS[event.button];
-      const isDrag = Math.hypot(event.clientX - press.x, event.clientY - press.y) > 5;
-      if (button && !isDrag) tapped(event.clientX, event.clientY, button);
-    };
-    canvas.addEventListener("click", released);
-    canvas.addEventListener("auxclick", released);
-  }
-
   setBackground(css: string, gridColor: string): void {
     this.scene.background = new Color(css);
     for (const material of [this.grid.material].flat()) material.color.set(gridColor);
@@ -207,6 +180,14 @@ export class Stage {
   look(direction: Direction, boxes: Box3[]): void {
     this.setUp(Z_UP);
     this.frame(boxes.length ? boxes : [DEFAULT_BOX.clone().translate(this.world.position)], new Vector3(...DIRECTIONS[direction]).normalize());
+  }
+
+  /** Look at the target from a named direction, at the same distance. */
+  turnTo(direction: Direction): void {
+    const { eye, target, halfHeight, orthographic } = this.view;
+    const offset = new Vector3(...DIRECTIONS[direction]).setLength(new Vector3(...eye).distanceTo(new Vector3(...target)));
+    const from = offset.add(new Vector3(...target)).toArray();
+    this.placeCamera({ eye: from, target, up: Z_UP.toArray(), ...(orthographic && { halfHeight }) });
   }
 
   /** The camera in the world. */
@@ -225,10 +206,22 @@ export class Stage {
     this.finishPlacing(view.halfHeight ?? eye.distanceTo(target) * TAN_HALF_FOV);
   }
 
-  /** Set the direction that is up in the view. OrbitControls reads it only in its constructor. */
+  /** Carry the camera along by a rigid motion in the world. */
+  carry(motion: Matrix4): void {
+    const view = moved(this.view, motion);
+    this.setUp(new Vector3(...view.up));
+    for (const camera of [this.perspective, this.orthographic]) camera.position.set(...view.eye).sub(this.origin);
+    this.controls.target.set(...view.target).sub(this.origin);
+    this.redraw();
+  }
+
   private setUp(up: Vector3): void {
-    if (this.camera.up.equals(up)) return;
     for (const camera of [this.perspective, this.orthographic]) camera.up.copy(up);
+  }
+
+  /** Turn about the direction that is up, from the next drag on. OrbitControls reads it only in its constructor. */
+  private renewControls(): void {
+    if (this.controlsUp.equals(this.camera.up)) return;
     const { target } = this.controls;
     this.controls.dispose();
     this.controls = this.newControls();
@@ -370,7 +363,9 @@ export class Stage {
     this.updateClippingPlanes();
     this.lights.placeHeadlight(this.camera, this.controls.target);
     this.clouds.start(performance.now(), this.occlusion !== null);
-    if (this.occlusion) this.occlusion.render(this.controls.getDistance() * TAN_HALF_FOV);
+    const halfHeight = this.controls.getDistance() * TAN_HALF_FOV;
+    this.callbacks.drawing(renderer, halfHeight);
+    if (this.occlusion) this.occlusion.render(halfHeight);
     else this.render(renderer);
     this.callbacks.drawn();
   }

@@ -1,18 +1,11 @@
-// Status bar: connection, interfaces, rates, losses.
+// Status bar: one light for the connection and all interfaces, facts, rates.
 
+import { lightOf, sentencesOf, stateOf, summary } from "./interfacelights";
 import type { InterfaceState } from "./protocol";
 import type { Session } from "./session";
 
-const LIGHTS: Record<string, string> = { ready: "good", starting: "wait", stopped: "wait", failed: "bad" };
-const CONNECTION = {
-  connecting: { light: "wait", text: "connecting …" },
-  open: { light: "good", text: "connected" },
-  closed: { light: "bad", text: "reconnecting …" },
-};
-
-/** An interface's light: yellow with a list that opens if there is something to say, else a link to its documentation. */
-function Light({ state, title, documentation, problem, warnings = [] }: InterfaceState) {
-  const sentences = problem ? [problem, ...warnings] : warnings;
+function Interface(each: InterfaceState) {
+  const { title, documentation } = each;
   const name = documentation ? (
     <a href={documentation} target="_blank" rel="noreferrer">
       {title}
@@ -20,24 +13,15 @@ function Light({ state, title, documentation, problem, warnings = [] }: Interfac
   ) : (
     title
   );
-  if (!sentences.length)
-    return (
-      <span class={`light ${LIGHTS[state] ?? ""}`} title={state}>
-        {name}
-      </span>
-    );
-  const color = state === "ready" ? "warn" : (LIGHTS[state] ?? "");
-  const count = problem ? "failed" : sentences.length === 1 ? "1 warning" : `${sentences.length} warnings`;
   return (
-    <details class="sentences" name="sentences">
-      <summary class={`light ${color}`} title={sentences.join("\n")}>{`${title}: ${count}`}</summary>
-      <ul>
-        {sentences.map((sentence) => (
-          <li key={sentence}>{sentence}</li>
-        ))}
-        {documentation && <li>{name}</li>}
-      </ul>
-    </details>
+    <li>
+      <span class={`light ${lightOf(each)}`}>
+        {name}: {stateOf(each)}
+      </span>
+      {sentencesOf(each).map((sentence) => (
+        <p key={sentence}>{sentence}</p>
+      ))}
+    </li>
   );
 }
 
@@ -45,16 +29,22 @@ export function StatusBar({ session }: { session: Session }) {
   const { state, reason } = session.connection.value;
   const { nodes, revision, updates, frames } = session.rates.value;
   const { interfaces = {}, facts = [] } = session.status.value ?? {};
+  const { light, text } = summary(state, Object.values(interfaces));
   return (
     <footer class="status">
-      <span class={`light ${CONNECTION[state].light}`} role="status" title={reason}>
-        {CONNECTION[state].text}
-      </span>
-      <span class="interfaces">
-        {Object.entries(interfaces).map(([name, each]) => (
-          <Light key={name} {...each} />
-        ))}
-      </span>
+      <details>
+        <summary title="The state of all interfaces">
+          <span class={`light ${light}`} role="status">
+            {text}
+          </span>
+        </summary>
+        <ul>
+          {state !== "open" && <li>{reason || "The gateway does not respond yet."}</li>}
+          {Object.entries(interfaces).map(([name, each]) => (
+            <Interface key={name} {...each} />
+          ))}
+        </ul>
+      </details>
       <span class="facts">
         {facts.map(({ name, value, warn }) => (
           <span key={name} class={warn ? "warn" : ""}>{`${name} ${value}`}</span>

@@ -1,7 +1,7 @@
-// Toolbar: panels, view directions, the display menu, downloads.
+// Toolbar: panels, the view, measuring, the display menu, downloads.
 
 import { Button, Download } from "./controls";
-import { DirectionButtons, DisplayMenu } from "./displaymenu";
+import { DisplayMenu } from "./displaymenu";
 import { Icon } from "./icons";
 import type { Viewer } from "./viewer";
 
@@ -25,7 +25,12 @@ export function Toolbar({ viewer }: { viewer: Viewer }) {
       <div class="tools" role="toolbar" aria-label="View">
         <Button icon="fit" title="Fit the selection, or everything (F)" onClick={() => viewer.fit()} />
         <Button icon="home" title={HOME} onClick={() => viewer.look("home")} />
-        <DirectionButtons look={viewer.look} />
+        <Button
+          icon="measure"
+          title="Measure between two points (M)"
+          pressed={viewer.measurement.points.value !== null}
+          onClick={viewer.measurement.toggle}
+        />
         <span class="gap" />
         <DisplayMenu viewer={viewer} />
         <span class="space" />

@@ -114,7 +114,8 @@ export function TreePanel({ viewer }: { viewer: Viewer }) {
     } else if (event.key === " ") {
       row.node.shown = !row.node.isShown;
       viewer.changed(row.node);
-    } else if (event.key === "Enter") viewer.fit(row.node);
+    } else if (event.key === "Enter" && event.shiftKey) viewer.cycleFollow(row.node);
+    else if (event.key === "Enter") viewer.fit(row.node);
     else return;
     event.preventDefault();
   };
@@ -163,6 +164,7 @@ export function TreePanel({ viewer }: { viewer: Viewer }) {
         <span class="kinds" title={kinds}>
           {kinds}
         </span>
+        {viewer.follow.modeOf(node) && <Icon name="follow" title="The camera follows it" />}
         <Eye node={node} label={name} viewer={viewer} />
       </div>
     );

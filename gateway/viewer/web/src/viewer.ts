@@ -2,30 +2,47 @@
 
 import { effect, signal } from "@preact/signals";
 import type { Box3, Color } from "three";
-import { cameraText, parseCamera } from "./camera";
+import { CameraAddress } from "./address";
+import { addressText, cameraText, parseAddress } from "./camera";
 import { Clicks } from "./clicks";
 import { Drawing } from "./drawing";
+import { Follow, type FollowMode } from "./follow";
+import type { Direction } from "./framing";
 import { Frustum } from "./frustum";
-import { Materials } from "./materials";
+import { Marks } from "./marks";
+import { Materials, type PointSize } from "./materials";
+import { Measurement } from "./measure";
 import type { TreeNode } from "./model";
 import { type Option, options } from "./options";
 import type { Panels } from "./panels";
 import type { Click, PageSettings, SceneUpdate } from "./protocol";
 import type { Session } from "./session";
-import { type Direction, Stage } from "./stage";
+import { Stage } from "./stage";
+import { onTap } from "./taps";
 import { backgroundColors, colorsOn } from "./theme";
+import { TopView } from "./topview";
+
+type Quaternion = [number, number, number, number];
 
 /** Time in which the home view follows the nodes that are added. */
 const FRAMING_MS = 2000;
-
-/** Time for which the camera stands still before its text is put into the address, ms: browsers limit the changes. */
-const ADDRESS_MS = 300;
 
 export class Viewer {
   readonly stage: Stage;
   readonly materials: Materials;
   readonly drawing: Drawing;
   readonly frustum: Frustum;
+  readonly follow: Follow;
+  readonly topView = new TopView();
+  /** True: the scene from above is beside the view. */
+  readonly hasTopView = signal(false);
+  /** Camera whose image is beside the view, in the gateway's syntax; empty: none. */
+  readonly sideCamera = signal("");
+  private readonly marks: Marks;
+  readonly measurement: Measurement;
+  /** Rotation of the camera in the world, as a quaternion x, y, z, w. */
+  readonly rotation = signal<Quaternion>([0, 0, 0, 1]);
+  private readonly address = new CameraAddress(() => this.addressText());
   private readonly clicks: Clicks;
   private readonly settings = signal<PageSettings>({ kind: "page", background: null, grid: null, home: null, clickable: [] });
   /** Time until which the home view follows the first nodes, `performance.now()`; publishers send one after the other. */
@@ -34,7 +51,6 @@ export class Viewer {
   private framed: number;
   /** JSON of the last home camera that a client has set. */
   private lastHome = "";
-  private addressTimer = 0;
 
   constructor(
     readonly session: Session,
@@ -46,19 +62,27 @@ export class Viewer {
     this.stage = new Stage(holder, {
       imageUrl: () => `view/frame.jpg?${this.imageQuery()}`,
       isTranslucent: () => this.materials.areTranslucent,
-      drawn: () => this.materials.disposeUnused(),
-      moved: () => this.cameraMoved(),
+      drawing: (renderer, halfHeight) => {
+        const { scene, controls } = this.stage;
+        if (this.hasTopView.peek()) this.topView.draw(renderer, scene, controls.target, halfHeight);
+      },
+      drawn: () => this.drawn(),
+      moved: () => this.address.write(),
       originMoved: () => this.placeAll(),
     });
     const { stage } = this;
     this.framed = stage.placements;
+    this.follow = new Follow(session.model);
     this.materials = new Materials(redraw, () => stage.lights.environmentMap);
     this.drawing = new Drawing(session.model, this.materials, stage.clouds, stage.origin, redraw);
     stage.content.add(this.drawing.root);
+    this.marks = new Marks(session.model, stage.origin, holder);
+    stage.scene.add(this.marks.object);
     this.frustum = new Frustum(redraw);
-    stage.world.add(this.frustum.object);
+    this.measurement = new Measurement(redraw);
+    stage.world.add(this.frustum.object, this.measurement.object);
     this.clicks = new Clicks(stage, this.drawing, report);
-    stage.onTap((x, y, button) => this.tap(x, y, button));
+    onTap(stage.canvas, (x, y, button) => this.tap(x, y, button));
     this.followOptions();
     this.followGraphicsDevice();
   }
@@ -78,12 +102,13 @@ export class Viewer {
       const { background } = this.settings.value;
       const name = options.background.shown.value;
       const colors = name === "theme" && background ? colorsOn(background) : backgroundColors(name);
-      this.frustum.material.color.set(colors.frustum);
+      for (const material of [this.frustum.material, ...this.measurement.materials]) material.color.set(colors.frustum);
       stage.setBackground(colors.background, colors.grid);
     });
     effect(() => this.frustum.setShown(session.streaming.value || panels.isActive("Stereo")));
     effect(() => {
       session.changes.value;
+      this.marks.refresh();
       this.highlight(session.selected.value);
     });
   }
@@ -104,20 +129,11 @@ export class Viewer {
     });
   }
 
-  /** Take the camera from the address, now and when a link is followed. Called when the view has its size. */
+  /** Take the camera from the address. Called when the view has its size. */
   followAddress(): void {
     const { stage } = this;
     stage.resize(); // the text of an orthographic camera has a width
-    const place = () => {
-      const text = new URLSearchParams(`camera=${location.hash.slice(1)}`).get("camera"); // some programs escape `;`
-      const view = parseCamera(text ?? "", stage.perspective.aspect);
-      if (!view) return;
-      this.framingEnds = 0;
-      if (view.orthographic) options.orthographic.shown.value = "on";
-      stage.placeCamera(view);
-    };
-    addEventListener("hashchange", place);
-    place();
+    this.address.read((text) => this.placeCamera(text));
     // In a window of another shape, for instance on a phone that is turned, the home view stays framed.
     addEventListener("resize", () => {
       if (stage.placements !== this.framed) return;
@@ -126,16 +142,46 @@ export class Viewer {
     });
   }
 
-  private cameraMoved(): void {
-    clearTimeout(this.addressTimer);
-    this.addressTimer = setTimeout(() => {
-      const isHome = this.stage.placements === this.framed;
-      history.replaceState(null, "", isHome ? location.pathname + location.search : `#${this.cameraText()}`);
-    }, ADDRESS_MS);
+  private placeCamera(text: string): void {
+    const { camera, followed } = parseAddress(text, this.stage.perspective.aspect);
+    if (!camera) return;
+    this.framingEnds = 0;
+    if (camera.orthographic) options.orthographic.shown.value = "on";
+    this.stage.placeCamera(camera);
+    if (followed) this.follow.start(followed, true);
+    else this.follow.stop();
+    this.carryCamera();
+  }
+
+  /** Follow a node with the camera; null: stop. */
+  followNode = (node: TreeNode | null, mode: FollowMode = "follow"): void => {
+    if (node) this.follow.start({ path: node.path, mode });
+    else this.follow.stop();
+    this.stage.placements += 1; // it is not the home view any more
+    this.address.write();
+  };
+
+  setFollowMode = (mode: FollowMode): void => {
+    this.follow.setMode(mode);
+    this.address.write();
+  };
+
+  /** Follow a node, then ride along with it, then stop; without a node, stop. */
+  cycleFollow = (node: TreeNode | null = this.session.selected.peek()): void => {
+    const mode = this.follow.modeOf(node);
+    this.followNode(mode === "ride" ? null : node, mode ? "ride" : "follow");
+  };
+
+  /** Move the camera as the node that it follows has moved. */
+  private carryCamera(): void {
+    const motion = this.follow.motion();
+    if (motion) this.stage.carry(motion);
   }
 
   apply(update: SceneUpdate): void {
     const change = this.session.apply(update);
+    this.carryCamera();
+    this.marks.move();
     this.drawing.apply(change);
     this.highlight(this.session.selected.peek());
     if (!this.session.isEmpty.peek() && (change.added.length || this.framingEnds === Infinity)) this.frameFirstNodes();
@@ -164,6 +210,7 @@ export class Viewer {
 
   private placeAll(): void {
     this.drawing.moveAll();
+    this.marks.move();
     this.highlight(this.session.selected.peek());
     this.placeShadows();
   }
@@ -181,8 +228,15 @@ export class Viewer {
   private tap(x: number, y: number, button: Click["button"]): void {
     const hit = this.stage.pick(x, y);
     const node = hit ? (this.drawing.nodeAt(hit) ?? null) : null;
-    if (hit && node) this.clicks.report(node, hit.point.add(this.stage.origin).toArray(), button);
-    if (button === "left") this.select(node, true);
+    const point = hit?.point.add(this.stage.origin).toArray();
+    if (this.measurement.points.peek() && button === "left") {
+      if (point) this.measurement.add(point);
+      return;
+    }
+    if (point && node) this.clicks.report(node, point, button);
+    if (button !== "left") return;
+    this.select(node, true);
+    this.session.clicked.value = point ?? null;
   }
 
   select = (node: TreeNode | null, reveal = false): void => {
@@ -196,6 +250,12 @@ export class Viewer {
     this.stage.redraw();
   };
 
+  /** Show the marks of nodes as they were chosen. */
+  markChanged = (): void => {
+    this.session.changes.value += 1;
+    this.stage.redraw();
+  };
+
   /** Frame a node; default: the selection, or everything. */
   fit = (node: TreeNode | null = this.session.selected.peek()): void => {
     this.stage.fit(node ? this.drawing.boxes(node) : this.drawing.focusBoxes(this.session.model.root));
@@ -203,14 +263,24 @@ export class Viewer {
 
   look = (direction: Direction): void => {
     const { home } = this.settings.peek();
+    if (direction === "home") this.follow.stop();
     if (direction === "home" && home) this.stage.placeCamera(home);
     else this.stage.look(direction, this.drawing.focusBoxes(this.session.model.root));
     if (direction === "home") this.framed = this.stage.placements;
   };
 
+  turnTo = (direction: Direction): void => this.stage.turnTo(direction);
+
+  private drawn(): void {
+    this.materials.disposeUnused();
+    this.marks.placeNames(this.stage.camera, this.holder.clientWidth, this.holder.clientHeight);
+    const rotation = this.stage.camera.quaternion.toArray() as Quaternion;
+    if (String(rotation) !== String(this.rotation.peek())) this.rotation.value = rotation;
+  }
+
   boundsOf = (node: TreeNode): Box3 => this.drawing.bounds(node).translate(this.stage.origin);
 
-  pointSize = (pixels: number): void => this.materials.setPointSize(pixels);
+  pointSize = (size: PointSize): void => this.materials.setPointSize(size);
 
   file = (): string => `scene.glb?${this.viewQuery()}`;
 
@@ -229,8 +299,13 @@ export class Viewer {
   };
 
   /** Return this view's camera in the gateway's syntax. */
-  private cameraText(): string {
-    return cameraText(this.stage.view, this.stage.perspective.fov, this.stage.perspective.aspect);
+  private cameraText(view = this.stage.view): string {
+    return cameraText(view, this.stage.perspective.fov, this.stage.perspective.aspect);
+  }
+
+  private addressText(): string {
+    if (this.stage.placements === this.framed) return "";
+    return addressText(this.cameraText(this.follow.relative(this.stage.view)), this.follow.followed.peek());
   }
 
   /** Return this view as parameters of `/scene.glb`. */

@@ -1,5 +1,5 @@
 import { expect, it } from "vitest";
-import { cameraText, parseCamera } from "../src/camera";
+import { addressText, cameraText, parseAddress, parseCamera } from "../src/camera";
 
 const VIEW = { eye: [500000.125, 0, -2.5], target: [0, 1, 0], up: [0, 0, 1] } as const;
 
@@ -24,3 +24,16 @@ it("has an up direction of its own", () => {
   expect(parseCamera("eye=1,2,3;target=0,0,0", 1)?.up).toEqual([0, 0, 1]);
   expect(parseCamera("eye=1,2,3;target=0,0,0;up=0,0,0", 1)).toBeNull();
 });
+
+it("writes and reads an address with the node that the camera follows", () => {
+  const camera = "eye=1,2,3;target=0,0,0;up=0,0,1;fovy=45";
+  const followed = { path: ["a&b", 3, "#"], mode: "ride" } as const;
+  const text = addressText(camera, { ...followed, path: [...followed.path] });
+  expect(parseAddress(text, 1)).toEqual({ camera: parseCamera(camera, 1), followed });
+  expect(addressText(camera, null)).toBe(camera);
+  expect(parseAddress(camera.replaceAll(";", "%3B"), 1)).toEqual({ camera: parseCamera(camera, 1), followed: null });
+});
+
+it.each(["follow=", "follow=robot", 'follow={"a":1}', "follow=[null]", "ride=[["])("follows nothing with %s", (text) =>
+  expect(parseAddress(`eye=1,2,3;target=0,0,0&${text}`, 1).followed).toBeNull(),
+);

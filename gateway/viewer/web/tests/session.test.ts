@@ -1,11 +1,7 @@
 import { describe, expect, it } from "vitest";
-import type { NodeUpdate, SceneUpdate } from "../src/protocol";
+import type { NodeUpdate } from "../src/protocol";
 import { Session } from "../src/session";
-
-function update(revision: number, nodes: NodeUpdate[], removed: number[] = []): SceneUpdate {
-  const none = { poseIds: new Uint32Array(), poses: new Float32Array(), matrixIds: new Uint32Array(), matrices: new Float64Array() };
-  return { kind: "update", from: revision - 1, revision, removed, nodes, ...none };
-}
+import { update } from "./scene";
 
 const ROBOT: NodeUpdate = { id: 1, parent: 0, name: "robot", parts: [] };
 
@@ -14,7 +10,7 @@ describe("Session", () => {
     const session = new Session();
     session.apply(update(1, [ROBOT]));
     session.select(session.model.find(["robot"]));
-    session.apply(update(2, [], [1]));
+    session.apply(update(2, [], {}, [1]));
     expect(session.selected.value).toBeNull();
     expect(session.awaited.value).toEqual(["robot"]);
     session.apply(update(3, [{ ...ROBOT, id: 2 }]));
@@ -26,7 +22,7 @@ describe("Session", () => {
     const session = new Session();
     session.apply(update(1, [ROBOT]));
     session.select(session.model.find(["robot"]));
-    session.apply(update(2, [], [1]));
+    session.apply(update(2, [], {}, [1]));
     session.select(null);
     session.apply(update(3, [ROBOT]));
     expect(session.selected.value).toBeNull();
@@ -39,8 +35,7 @@ describe("Session", () => {
     const before = session.changes.value;
     session.apply(update(2, [ROBOT]));
     expect([session.isEmpty.value, session.changes.value]).toEqual([false, before + 1]);
-    const pose = { poseIds: Uint32Array.of(1), poses: Float32Array.of(1, 2, 3, 1, 0, 0, 0) };
-    session.apply({ ...update(3, []), ...pose });
+    session.apply(update(3, [], { 1: [1, 2, 3, 1, 0, 0, 0] }));
     expect(session.changes.value).toBe(before + 1);
     expect(session.model.find(["robot"])?.world.elements.slice(12, 15)).toEqual([1, 2, 3]);
     expect(session.tick(7)).toBe(true);
@@ -53,7 +48,7 @@ describe("Session", () => {
     const session = new Session();
     session.apply(update(1, [ROBOT]));
     Object.assign(session.model.find(["robot"]) as object, { shown: false, ownOpacity: 0.5 });
-    session.apply(update(2, [], [1]));
+    session.apply(update(2, [], {}, [1]));
     session.apply(update(3, [{ ...ROBOT, id: 5 }]));
     expect(session.model.find(["robot"])).toMatchObject({ id: 5, isShown: false, shownOpacity: 0.5 });
   });

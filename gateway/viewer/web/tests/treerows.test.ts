@@ -1,6 +1,7 @@
 import { expect, it } from "vitest";
 import { Model } from "../src/model";
 import { findTyped, listRows, nameOf } from "../src/treerows";
+import { update } from "./scene";
 
 const model = new Model();
 const nodes = [
@@ -10,17 +11,7 @@ const nodes = [
   { id: 4, parent: 1, name: "table" },
   { id: 5, parent: 0, name: 3 },
 ];
-model.apply({
-  kind: "update",
-  from: 0,
-  revision: 1,
-  removed: [],
-  nodes,
-  poseIds: new Uint32Array(),
-  poses: new Float32Array(),
-  matrixIds: new Uint32Array(),
-  matrices: new Float64Array(),
-});
+model.apply(update(1, nodes));
 const names = (search: string, depth = 2) => listRows(model, search, (row) => row.depth < depth).map(({ node }) => nameOf(node));
 
 it("lists open nodes, parents first", () => {
