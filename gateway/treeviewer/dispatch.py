@@ -16,14 +16,13 @@ import structlog
 
 from gateway.runtime.pool_errors import UnavailableErrors
 from gateway.runtime.worker_pool import WorkerPool
-from gateway.scene.clicks import Click
 from gateway.treeviewer import responses, wire
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, ClientQueue, Message, Publish, size_of
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.delayed_responses import DelayedResponses, PendingResponse
-from gateway.treeviewer.page_commands import ClickReceiver, update_page
+from gateway.treeviewer.page_commands import PageClient, update_page
 from gateway.treeviewer.protocol import RequestRefused, TreeViewerProtocol, client_of, response_channel
-from gateway.treeviewer.responses import AnyResponse, Response
+from gateway.treeviewer.responses import AnyResponse, ClickMessage, PageMessage, Response
 from renderers.compiler.pending import any_pending
 from scenegate.lcm.arrival import set_arrival
 
@@ -63,6 +62,8 @@ class Counters:
     dropped_bytes: int = 0
     clicks: int = 0
     """Clicks sent to clients."""
+    control_messages: int = 0
+    """Messages with values of controls sent to clients."""
     internal_errors: int = 0
     """Requests that raised an unexpected exception, which is in the log."""
 
@@ -225,7 +226,7 @@ class Dispatcher:
     def _handle(self, channel: str, message: Message, publish: Publish, is_local: bool) -> None:
         """Read and apply a request on the event loop, and respond."""
         try:
-            response = self._protocol.handle(message, self._receiver(channel, message, publish), is_local)
+            response = self._protocol.handle(message, self._page_client(channel, message, publish), is_local)
         except wire.WireError as error:
             self._count_undecodable(channel, error)
             return
@@ -242,8 +243,8 @@ class Dispatcher:
             async with self._apply_lock:
                 for _ in applier.slices(self._config.slice_commands):
                     await asyncio.sleep(0)
-            receiver = self._receiver(queue.channel, message, queue.publish)
-            update_page(self._protocol.page, applier.request, receiver)
+            client = self._page_client(queue.channel, message, queue.publish)
+            update_page(self._protocol.page, applier.request, client, comms.utime)
             response = applier.response(comms.utime)
         except RequestRefused as refused:
             response = refused.response
@@ -289,19 +290,20 @@ class Dispatcher:
         self.counters.missing += response.status == responses.MISSING_PATHS
         self.counters.failed += response.status < 0
 
-    def _receiver(self, channel: str, message: Message, publish: Publish) -> ClickReceiver:
-        """Return the client of a request, as a receiver of clicks in the request's format."""
-        deliver = partial(self._send_click, channel, publish, wire.is_binary(message))
-        return ClickReceiver(channel if client_of(channel) else "", deliver)
+    def _page_client(self, channel: str, message: Message, publish: Publish) -> PageClient:
+        """Return the client of a request, which receives messages of the page in the request's format."""
+        send = partial(self._send_from_page, channel, publish, wire.is_binary(message))
+        return PageClient(channel if client_of(channel) else "", send)
 
-    def _send_click(self, channel: str, publish: Publish, binary: bool, click: Click) -> None:
-        """Publish a click to the client of a channel of requests."""
+    def _send_from_page(self, channel: str, publish: Publish, binary: bool, message: PageMessage) -> None:
+        """Publish a click or values of controls to the client of a channel of requests."""
         try:
-            publish(response_channel(channel), responses.encode(responses.ClickMessage(click), binary=binary))
+            publish(response_channel(channel), responses.encode(message, binary=binary))
         except (OSError, ValueError) as error:
-            _log.warning("A click could not be sent", channel=channel, reason=str(error))
-        else:
-            self.counters.clicks += 1
+            _log.warning("A message of the page could not be sent", channel=channel, reason=str(error))
+            return
+        self.counters.clicks += isinstance(message, ClickMessage)
+        self.counters.control_messages += not isinstance(message, ClickMessage)
 
     def _refuse(self, channel: str, message: Message, publish: Publish, reason: str) -> None:
         """Respond to a request that is not handled."""

@@ -3,5 +3,6 @@
 - ``viewer``: the client; ``aio``: the same for asyncio.
 - ``nodes``: paths and batches; ``answer``: results of requests.
 - ``robot``: robots that joint values move; ``clicks``: clicks in the browser.
+- ``controls``: controls in the page; ``control_panel``: their values; ``callbacks``: the threads of callbacks.
 - ``connection``: the connection to an LCM network.
 """

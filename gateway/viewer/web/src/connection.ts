@@ -1,6 +1,6 @@
 // A WebSocket that reconnects by itself. The gateway sends the next update only after the acknowledgement "k".
 
-import { type Click, type Message, parse } from "./protocol";
+import { type Click, type ControlChange, type Message, parse } from "./protocol";
 
 const FIRST_DELAY = 250;
 const MAX_DELAY = 4000;
@@ -27,9 +27,9 @@ export class Connection {
     this.send("k");
   }
 
-  /** Report a click that a client wants. */
-  click(click: Click): void {
-    this.send(JSON.stringify(click));
+  /** Report a click that a client wants, or a change of a control. */
+  report(message: Click | ControlChange): void {
+    this.send(JSON.stringify(message));
   }
 
   private send(text: string): void {

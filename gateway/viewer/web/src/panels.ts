@@ -4,7 +4,7 @@ import { batch, signal } from "@preact/signals";
 import type { FullImage } from "./lightbox";
 
 export type Side = "left" | "right";
-export const TABS = ["Selection", "Stereo", "Renders"] as const;
+export const TABS = ["Selection", "Controls", "Stereo", "Renders"] as const;
 export type Tab = (typeof TABS)[number];
 const NARROW = matchMedia("(max-width: 899px)");
 
