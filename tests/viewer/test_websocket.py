@@ -22,7 +22,7 @@ from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.routes import ACKNOWLEDGE, MAX_MESSAGE_CHARS, router
 from renderers.drawlist import Material
-from scenegate.messages.controls import Button, Gizmo, Plot, Slider, TextInput
+from scenegate.messages.controls import AnyControl, Button, Gizmo, Plot, Slider, TextInput
 from tests.support.waiting import SECONDS, until
 
 CONFIG = ViewerConfig(max_update_rate=1000.0, max_browsers=1)
@@ -173,7 +173,7 @@ async def test_clicks_that_are_too_fast_are_dropped(view: View, monkeypatch: pyt
 
 async def test_changes_of_controls_reach_the_client_and_other_pages(view: View) -> None:
     received: list[tuple[list[Any], int]] = []
-    controls = [Slider(("speed",), 0, 10), TextInput(("name",)), Gizmo(("target",), ("box",))]
+    controls: list[AnyControl] = [Slider(("speed",), 0, 10), TextInput(("name",)), Gizmo(("target",), ("box",))]
     view.page.controls.set_controls("client", controls, lambda values, after: received.append((list(values), after)), 5)
     view.edit("box")
     socket = Socket(view.app)

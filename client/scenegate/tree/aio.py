@@ -14,6 +14,7 @@ from scenegate.messages.changes import Key, Path, path_of
 from scenegate.tree.clicks import Callback
 from scenegate.tree.control_panel import ControlHandle, V
 from scenegate.tree.controls import ButtonHandle, ControlFolder, MaybePose, PlotHandle
+from scenegate.tree.joint_sliders import JointSliders
 from scenegate.tree.nodes import Batch, Node
 from scenegate.tree.robot import PublishedRobot
 from scenegate.tree.viewer import TreeViewer
@@ -162,6 +163,22 @@ class AsyncPlot(AsyncControl[None]):
     add_samples = _InThread(PlotHandle.add_samples)
 
 
+class AsyncJointSliders:
+    """``JointSliders`` whose methods that send are coroutines."""
+
+    def __init__(self, sliders: JointSliders) -> None:
+        self._blocking = sliders
+
+    @property
+    def values(self) -> dict[str, float]:
+        """See ``JointSliders``."""
+        return self._blocking.values
+
+    set = _InThread(JointSliders.set)
+    reset = _InThread(JointSliders.reset)
+    delete = _InThread(JointSliders.delete)
+
+
 class AsyncControlFolder:
     """``ControlFolder`` whose methods are coroutines."""
 
@@ -181,6 +198,10 @@ class AsyncControlFolder:
     add_plot = _InThread(_returning(AsyncPlot, ControlFolder.add_plot))
     add_gizmo = _InThread(_returning(AsyncControl[MaybePose], ControlFolder.add_gizmo))
     delete = _InThread(ControlFolder.delete)
+
+    async def add_joint_sliders(self, robot: AsyncRobot, name: Key | None = None) -> AsyncJointSliders:
+        """See ``ControlFolder.add_joint_sliders``."""
+        return AsyncJointSliders(await asyncio.to_thread(self._blocking.add_joint_sliders, robot.published, name))
 
 
 class AsyncTreeViewer:

@@ -16,6 +16,8 @@ from scenegate.transforms import from_pose
 from scenegate.tree.answer import Answer
 from scenegate.tree.callbacks import check_callback
 from scenegate.tree.control_panel import ControlHandle, ControlPanel
+from scenegate.tree.joint_sliders import JointSliders
+from scenegate.tree.robot import PublishedRobot
 
 MAX_CLICK_CALLS: Final = 100
 """Maximum number of calls of a button's callback for clicks that arrive together."""
@@ -201,3 +203,13 @@ class ControlFolder:
         gizmo = messages.Gizmo(self._path(name), path_of(node))
         handle: GizmoHandle = self._shown(GizmoHandle(self.panel, gizmo))
         return handle
+
+    def add_joint_sliders(self, robot: PublishedRobot, name: Key | None = None) -> JointSliders:
+        """Add a folder with a slider for each joint of a robot, which moves it, and a button that resets them.
+
+        Args:
+            robot: result of ``TreeViewer.robot``.
+            name: name of the folder; None: the robot's path.
+        """
+        folder = ("/".join(map(str, robot.path)),) if name is None else path_of(name)
+        return JointSliders(self.panel, self.path + folder, robot)
