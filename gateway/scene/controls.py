@@ -170,10 +170,14 @@ class ControlStore:
     def remove_vanished(self) -> None:
         """Remove the controls of clients whose lease has ended."""
         now = self._clock()
-        vanished = [client for client, entry in self._clients.items() if entry.end < now]
-        for client in vanished:
+        self.forget(lambda client: self._clients[client].end < now)
+
+    def forget(self, is_gone: Callable[[Hashable], bool]) -> None:
+        """Remove the controls of clients that have disconnected."""
+        gone = [client for client in self._clients if is_gone(client)]
+        for client in gone:
             self._remove_unused(self._clients.pop(client).paths)
-        if vanished:
+        if gone:
             self._notify()
 
     def set_value(self, client: Hashable, path: Path, value: Any, request: int) -> None:

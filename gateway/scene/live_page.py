@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -39,6 +39,12 @@ class LivePage:
     def change_view(self, changes: dict[str, Any]) -> None:
         """Replace fields of ``view``, by name, and call the listeners."""
         self.view = replace(self.view, **changes)
+        self.notify()
+
+    def forget(self, is_gone: Callable[[Hashable], bool]) -> None:
+        """Remove clickable paths and controls of clients that have disconnected."""
+        self.clicks.forget(is_gone)
+        self.controls.forget(is_gone)
         self.notify()
 
     def notify(self) -> None:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Final, Protocol
+from typing import Final, Protocol, cast
 
 import structlog
 
@@ -168,6 +168,20 @@ class Dispatcher:
         """Return the arrival of the oldest request that is not applied yet, nanoseconds since the epoch."""
         return min((queue.first_arrival() for queue in self._queues.values() if len(queue)), default=None)
 
+    def forget_clients(self, publish: Publish, is_gone: Callable[[str], bool]) -> None:
+        """Remove clickable paths and controls of clients that have disconnected.
+
+        Args:
+            publish: function of the clients' requests; see ``receive``.
+            is_gone: returns True if the client of a response channel has disconnected.
+        """
+
+        def is_client_gone(key: object) -> bool:
+            client_publish, channel = cast("tuple[Publish, str]", key)
+            return client_publish == publish and is_gone(response_channel(channel))
+
+        self._protocol.page.forget(is_client_gone)
+
     def status(self) -> dict[str, object]:
         """Return the counters as plain JSON values."""
         return {
@@ -293,7 +307,7 @@ class Dispatcher:
     def _page_client(self, channel: str, message: Message, publish: Publish) -> PageClient:
         """Return the client of a request, which receives messages of the page in the request's format."""
         send = partial(self._send_from_page, channel, publish, wire.is_binary(message))
-        return PageClient(channel if client_of(channel) else "", send)
+        return PageClient((publish, channel) if client_of(channel) else None, send)
 
     def _send_from_page(self, channel: str, publish: Publish, binary: bool, message: PageMessage) -> None:
         """Publish a click or values of controls to the client of a channel of requests."""

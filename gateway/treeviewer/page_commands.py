@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 
 from gateway.scene.live_page import LivePage
@@ -16,8 +16,8 @@ from scenegate.messages.controls import Value
 class PageClient:
     """The client that sent a request, as a receiver of clicks and values from the page."""
 
-    channel: str
-    """Channel of its requests; empty without a client id, because clients without an id share a channel."""
+    key: Hashable | None
+    """Identifies the client; None without a client id, because clients without an id share a channel."""
     send: Callable[[PageMessage], None]
 
     def send_values(self, values: Sequence[tuple[Path, Value]], after: int) -> None:
@@ -38,15 +38,13 @@ def update_page(page: LivePage, request: Request, client: PageClient | None, uti
         page.change_view(request.view)
     if request.click_paths is None and request.controls is None and not request.control_changes:
         return
-    if client is None or not client.channel:
+    if client is None or client.key is None:
         for name in sorted({"setclicks", "setcontrols", "setvalues"} & set(request.newer_commands)):
             reason = "clicks and values are sent only on a channel with a client id"
             request.failures.append(Finding(name, 0, None, reason))
         return
     if request.click_paths is not None:
-        reason = page.clicks.subscribe(
-            client.channel, request.click_paths, lambda click: client.send(ClickMessage(click))
-        )
+        reason = page.clicks.subscribe(client.key, request.click_paths, lambda click: client.send(ClickMessage(click)))
         if reason:
             request.failures.append(Finding("setclicks", 0, None, reason))
         else:
@@ -56,16 +54,16 @@ def update_page(page: LivePage, request: Request, client: PageClient | None, uti
 
 def _update_controls(page: LivePage, request: Request, client: PageClient, utime: int) -> None:
     """Execute ``setcontrols`` and ``setvalues``."""
-    store, channel = page.controls, client.channel
+    store = page.controls
     if request.controls is not None:
-        reason = store.set_controls(channel, request.controls, client.send_values, utime)
+        reason = store.set_controls(client.key, request.controls, client.send_values, utime)
         if reason:
             request.failures.append(Finding("setcontrols", 0, None, reason))
     for change in request.control_changes:
         try:
             if change.samples is not None:
-                store.add_samples(channel, change.path, change.samples, utime)
+                store.add_samples(client.key, change.path, change.samples, utime)
             else:
-                store.set_value(channel, change.path, change.value, utime)
+                store.set_value(client.key, change.path, change.value, utime)
         except ValueError as error:
             request.failures.append(Finding("setvalues", change.index, change.path, str(error)))

@@ -264,6 +264,19 @@ async def test_a_restarted_viewer_gets_controls_with_their_values() -> None:
         await in_thread(viewer.close)
 
 
+async def test_controls_of_a_program_that_dies_are_removed() -> None:
+    async with serving() as service:
+        url = hub_of(service)
+        alive, dying = [await in_thread(lambda: TreeViewer(url, timeout=SECONDS)) for _ in range(2)]
+        for viewer, name in ((alive, "here"), (dying, "gone")):
+            await in_thread(viewer.controls.add_button, name)
+            await in_thread(viewer.on_click, name, print)
+        dying._connection.close()  # noqa: SLF001 - without a last message
+        await until(lambda: shown(service).keys() == {"here"})
+        assert service.protocol.page.clicks.paths() == (("here",),)
+        await in_thread(alive.close)
+
+
 async def test_an_older_viewer_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(newer_commands, "NAMES", ())
     monkeypatch.setattr(request_reader, "NAMES", ())

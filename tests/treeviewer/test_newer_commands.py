@@ -170,7 +170,7 @@ def test_invalid_clicks_change_nothing(talk: Talk) -> None:
         "2 paths are clickable, the limit for one client is 1"
     )
     assert page.clicks.paths() == (("robot",),)
-    for receiver in (None, PageClient("", print)):
+    for receiver in (None, PageClient(None, print)):
         talk.receiver = receiver
         assert talk.fails(setclicks=[{"path": []}]) == "clicks and values are sent only on a channel with a client id"
 
