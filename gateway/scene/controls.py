@@ -147,6 +147,8 @@ class ControlStore:
             entry = ControlEntry(self._last_id, control, control.initial, self._next_structure(), samples)
             self._entries[control.path] = self._by_id[entry.id] = entry
             return
+        if entry.control == control and not is_new:  # most are repeated
+            return
         if _definition(entry.control) != _definition(control):
             self._next_structure()
         entry.control = control

@@ -30,9 +30,9 @@ _log = structlog.get_logger("gateway.treeviewer")
 
 PATH_BYTES: Final = 100
 """Memory of one path in a response that waits for the store."""
-OFFLOADED_WORDS: Final = (b"image", b"text", b"mesh_file")
-"""Words in the types and fields of geometries that take long to read: images, text, mesh files. Other requests with
-these words only take the longer way."""
+OFFLOADED_WORDS: Final = (b"image", b"text", b"mesh_file", b"setcontrols")
+"""Words in what takes long to read: geometries with images, text or mesh files, and controls, of which 1000 take 12 ms.
+Other requests with these words only take the longer way."""
 ESCAPED_LETTER: Final = re.compile(rb"\\u00[4-7]")
 """Escape in JSON that may stand for a letter of these words."""
 TOO_MANY: Final = "too many messages are waiting; send slower"

@@ -193,7 +193,9 @@ class Browser:
         self._resources = resources
         self._controls = controls
         self._controls_revision = NEVER
-        """Revision of the controls that the page has."""
+        """Revision of the controls that the page has, or will have when it has processed the last frame."""
+        self._controls_due = True
+        """False until the page has acknowledged the last frame of controls: a slow page skips values in between."""
         self._on_close = on_close
         self._wake_event = asyncio.Event()
         """Set when there may be a frame to send."""
@@ -210,6 +212,11 @@ class Browser:
     def acknowledge(self) -> None:
         """Record that the page has processed the last update."""
         self._flow.acknowledge()
+        self.wake()
+
+    def acknowledge_controls(self) -> None:
+        """Record that the page has processed the last frame of controls."""
+        self._controls_due = True
         self.wake()
 
     def remove_meshes(self, mesh_ids: set[int]) -> None:
@@ -246,7 +253,8 @@ class Browser:
                 return
             while self._pending_frames:
                 yield self._pending_frames.pop(next(iter(self._pending_frames)))
-            if self._controls_revision != self._controls.store.revision:
+            if self._controls_due and self._controls_revision != self._controls.store.revision:
+                self._controls_due = False
                 controls = self._controls.since(self._controls_revision)
                 self._controls_revision = self._controls.store.revision
                 yield controls

@@ -30,6 +30,8 @@ STATIC: Final = files("gateway.viewer") / "static"
 """Folder with the files of the page, built from ``web``."""
 ACKNOWLEDGE: Final = "k"
 """Message that the page sends after processing an update."""
+ACKNOWLEDGE_CONTROLS: Final = "c"
+"""Message that the page sends after processing a frame of controls."""
 MAX_MESSAGE_CHARS: Final = 8192
 """Maximum length of a message from the page; a text of 1000 characters has up to 6000 in JSON."""
 MAX_CHANGES: Final = 200
@@ -127,6 +129,8 @@ async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
                 second, clicks, changes = clock(), 0, 0
             if text == ACKNOWLEDGE:
                 browser.acknowledge()
+            elif text == ACKNOWLEDGE_CONTROLS:
+                browser.acknowledge_controls()
             elif len(text) > MAX_MESSAGE_CHARS:
                 await socket.close(1009, f"messages have at most {MAX_MESSAGE_CHARS} characters")
                 return

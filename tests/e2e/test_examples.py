@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from gateway.viewer.frames import parse_frame
-from gateway.viewer.routes import ACKNOWLEDGE
+from gateway.viewer.routes import ACKNOWLEDGE, ACKNOWLEDGE_CONTROLS
 from tests.support import clients
 from tests.support.gateway_process import gateway_process
 from tests.support.liblcm import liblcm
@@ -116,6 +116,8 @@ def next_frame(page: Any, kind: str) -> dict[str, Any]:
         header, _ = parse_frame(page.recv())
         if header["kind"] == "update":
             page.send(ACKNOWLEDGE)
+        if header["kind"] == "controls":
+            page.send(ACKNOWLEDGE_CONTROLS)
         if header["kind"] == kind:
             return header
 

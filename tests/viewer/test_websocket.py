@@ -20,7 +20,7 @@ from gateway.scene.live_page import LivePage
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import ViewHub
-from gateway.viewer.routes import ACKNOWLEDGE, MAX_MESSAGE_CHARS, router
+from gateway.viewer.routes import ACKNOWLEDGE, ACKNOWLEDGE_CONTROLS, MAX_MESSAGE_CHARS, router
 from renderers.drawlist import Material
 from scenegate.messages.controls import AnyControl, Button, Gizmo, Plot, Slider, TextInput
 from tests.support.waiting import SECONDS, until
@@ -67,6 +67,8 @@ class Socket:
             message = await self.receive()
             if "bytes" in message:
                 header, body = parse_frame(message["bytes"])
+                if header["kind"] == "controls":
+                    self.send(ACKNOWLEDGE_CONTROLS)
                 if header["kind"] == kind:
                     return header, body
 
@@ -197,6 +199,24 @@ async def test_changes_of_controls_reach_the_client_and_other_pages(view: View) 
     socket.send('{"control": 3, "number": 5, "value": {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}}')
     await until(lambda: len(received) == 4)
     assert not view.tree.snapshot.root.children
+    socket.disconnect()
+    await socket.task
+
+
+async def test_a_slow_page_misses_values_in_between(view: View) -> None:
+    view.page.controls.set_controls("client", [Slider(("speed",), 0, 10)], lambda values, after: None, 1)
+    view.edit("box")
+    socket = Socket(view.app)
+    while (message := await socket.receive()).get("bytes") is None or b'"controls"' not in message["bytes"]:
+        pass
+    for value in (1, 2, 3):
+        view.page.controls.set_value("client", ("speed",), value, 1)
+        view.edit(f"box {value}")
+        socket.send(ACKNOWLEDGE)
+        await socket.update()  # the values wait, the scene does not
+    socket.send(ACKNOWLEDGE_CONTROLS)
+    header, _ = await socket.frame("controls")
+    assert header["values"] == [[1, 3.0]]
     socket.disconnect()
     await socket.task
 

@@ -1,4 +1,5 @@
-// A WebSocket that reconnects by itself. The gateway sends the next update only after the acknowledgement "k".
+// A WebSocket that reconnects by itself. The gateway sends the next update only after the acknowledgement "k", the next
+// values of controls only after "c".
 
 import { type Click, type ControlChange, type Message, parse } from "./protocol";
 
@@ -25,6 +26,11 @@ export class Connection {
   acknowledge(): void {
     this.delay = FIRST_DELAY;
     this.send("k");
+  }
+
+  /** Acknowledge the last values of controls. */
+  acknowledgeControls(): void {
+    this.send("c");
   }
 
   /** Report a click that a client wants, or a change of a control. */

@@ -44,6 +44,7 @@ function receive(message: Message): void {
       break;
     case "controls":
       programControls.receive(message);
+      connection.acknowledgeControls();
       break;
     case "received":
       programControls.received(message.number);
