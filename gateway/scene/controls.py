@@ -10,7 +10,7 @@ import contextlib
 import time
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -21,8 +21,6 @@ from scenegate.messages.controls import MAX_SAMPLES, AnyControl, Button, Gizmo, 
 
 Deliver = Callable[[Sequence[tuple[Path, Value]], int], None]
 """Sends values of controls to a client, and the number of its last request that was executed before."""
-NEVER: Final = -1
-"""Revision of a page that has received nothing."""
 
 
 @dataclass(frozen=True, slots=True)

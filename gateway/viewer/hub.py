@@ -10,7 +10,6 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Any, Final
 
 from gateway.scene.clicks import Button, Click
-from gateway.scene.controls import NEVER
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
 from gateway.viewer.config import ViewerConfig
@@ -192,7 +191,7 @@ class Browser:
         self._flow = flow
         self._resources = resources
         self._controls = controls
-        self._controls_revision = NEVER
+        self._controls_revision = 0
         """Revision of the controls that the page has, or will have when it has processed the last frame."""
         self._controls_due = True
         """False until the page has acknowledged the last frame of controls: a slow page skips values in between."""

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.scene.controls import NEVER
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.service import TreeViewerService
 from scenegate import AsyncTreeViewer, TreeViewer
@@ -30,7 +29,7 @@ def lcm() -> None:
 
 def limits(service: TreeViewerService) -> dict[str, Any]:
     """Return limits and unit of each slider, by the name of its joint."""
-    controls = service.protocol.page.controls.controls_since(NEVER) or ()
+    controls = service.protocol.page.controls.controls_since(0) or ()
     return {each["path"][-1]: (each["min"], each["max"], each["unit"]) for each in controls if "min" in each}
 
 

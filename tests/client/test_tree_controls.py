@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gateway.lcm.config import LcmConfig
-from gateway.scene.controls import NEVER, ControlStore
+from gateway.scene.controls import ControlStore
 from gateway.scene.live import LiveTree
 from gateway.treeviewer import newer_commands, request_reader
 from gateway.treeviewer.config import TreeViewerConfig
@@ -39,13 +39,13 @@ def store_of(service: TreeViewerService) -> ControlStore:
 
 def shown(service: TreeViewerService) -> dict[str, Any]:
     """Return the values in the page, by path."""
-    controls = store_of(service).controls_since(NEVER) or ()
+    controls = store_of(service).controls_since(0) or ()
     return {"/".join(map(str, each["path"])): each["value"] for each in controls}
 
 
 def change(service: TreeViewerService, path: str, *values: Any) -> None:
     """Change a value as a page does."""
-    controls = store_of(service).controls_since(NEVER) or ()
+    controls = store_of(service).controls_since(0) or ()
     (control_id,) = [each["id"] for each in controls if "/".join(map(str, each["path"])) == path]
     for value in values:
         store_of(service).change(control_id, value)
@@ -84,7 +84,7 @@ async def test_all_controls_are_shown() -> None:
                     "loads": None,
                     "target": None,
                 }
-                ((_, samples),) = store_of(service).samples_since(NEVER)
+                ((_, samples),) = store_of(service).samples_since(0)
                 np.testing.assert_array_equal(samples, [[5, 1, np.nan], [6, 1, 1], [7, 1, 1]])
                 arm["gains"].delete()
                 plot.delete()

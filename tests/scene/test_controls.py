@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.scene.controls import NEVER, ControlLimits, ControlStore
+from gateway.scene.controls import ControlLimits, ControlStore
 from gateway.scene.tree import Path
 from scenegate.messages.controls import AnyControl, Button, Checkbox, Dropdown, Gizmo, Plot, Pose, Slider, Value
 
@@ -47,19 +47,19 @@ class World:
 
     def shown(self) -> dict[Path, Any]:
         """Return the values that a new page gets, by path."""
-        return {each["path"]: each["value"] for each in self.store.controls_since(NEVER) or ()}
+        return {each["path"]: each["value"] for each in self.store.controls_since(0) or ()}
 
     def id_of(self, *path: str) -> int:
-        (found,) = [each["id"] for each in self.store.controls_since(NEVER) or () if each["path"] == path]
+        (found,) = [each["id"] for each in self.store.controls_since(0) or () if each["path"] == path]
         return int(found)
 
 
 def test_a_page_gets_what_has_changed() -> None:
     world = World()
     store = world.store
-    assert (store.revision, store.controls_since(NEVER)) == (0, [])
+    assert (store.revision, store.controls_since(0)) == (0, None)
     world.set("one", SPEED, GO)
-    assert store.controls_since(NEVER) == [
+    assert store.controls_since(0) == [
         {"id": 1, "value": 1.0, "type": "slider", "path": ("speed",), "min": 0.0, "max": 10.0},
         {"id": 2, "value": 0, "type": "button", "path": ("go",)},
     ]
@@ -181,20 +181,20 @@ def test_samples() -> None:
     store.add_samples("one", ("loads",), np.array([[0.0, 1.0], [1.0, np.nan]]), 2)
     seen = store.revision
     store.add_samples("one", ("loads",), np.array([[2.0, 3.0]]), 3)
-    for since, rows in ((NEVER, [[0, 1], [1, np.nan], [2, 3]]), (seen, [[2, 3]])):
+    for since, rows in ((0, [[0, 1], [1, np.nan], [2, 3]]), (seen, [[2, 3]])):
         ((control_id, samples),) = store.samples_since(since)
         assert control_id == 1
         np.testing.assert_array_equal(samples, rows)
     assert store.samples_since(store.revision) == []
     store.add_samples("one", ("loads",), np.array([[1.0, 4.0], [0.5, 5.0], [0.6, 6.0]]), 4)
-    ((_, samples),) = store.samples_since(NEVER)
+    ((_, samples),) = store.samples_since(0)
     np.testing.assert_array_equal(samples, [[0.5, 5], [0.6, 6]])  # the time went backwards
     times = np.arange(2000.0)
     store.add_samples("one", ("loads",), np.column_stack([times + 1, times]), 5)
-    ((_, samples),) = store.samples_since(NEVER)
+    ((_, samples),) = store.samples_since(0)
     assert (len(samples), samples[0, 0]) == (2000, 1.0)
     world.set("one", Plot(("loads",), ("a", "b")))
-    assert store.samples_since(NEVER) == []
+    assert store.samples_since(0) == []
 
 
 def test_values_of_plots_and_gizmos() -> None:

@@ -8,7 +8,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from gateway.scene.controls import NEVER
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.packed_arrays import EXTENSION, pack
 from tests.treeviewer.test_newer_commands import Talk
@@ -23,9 +22,7 @@ def talk(request: Any) -> Talk:
 
 
 def shown(talk: Talk) -> list[dict[str, Any]]:
-    controls = talk.viewer.protocol.page.controls.controls_since(NEVER)
-    assert controls is not None
-    return controls
+    return talk.viewer.protocol.page.controls.controls_since(0) or []
 
 
 def test_controls_are_added_and_changed(talk: Talk) -> None:
@@ -61,7 +58,7 @@ def test_samples(talk: Talk, rows: int) -> None:
     times = 1.7e9 + 0.01 * np.arange(rows)
     samples = np.column_stack([times, np.sin(times), np.cos(times)])
     assert talk.tell(setvalues=[{"path": "loads", "samples": samples.tolist()}])["status"] == 0
-    ((_, stored),) = talk.viewer.protocol.page.controls.samples_since(NEVER)
+    ((_, stored),) = talk.viewer.protocol.page.controls.samples_since(0)
     np.testing.assert_allclose(stored, samples, rtol=1e-15)
 
 
@@ -70,7 +67,7 @@ def test_samples_as_bytes() -> None:
     talk.tell(setcontrols=[PLOT])
     samples = np.array([[1.7e9, 1.0, np.nan]])
     talk.tell(setvalues=[{"path": "loads", "samples": msgspec.msgpack.Ext(EXTENSION, pack(samples))}])
-    ((_, stored),) = talk.viewer.protocol.page.controls.samples_since(NEVER)
+    ((_, stored),) = talk.viewer.protocol.page.controls.samples_since(0)
     np.testing.assert_array_equal(stored, samples)
 
 

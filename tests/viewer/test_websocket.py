@@ -13,7 +13,7 @@ import pytest
 from fastapi import FastAPI
 
 from gateway.scene.clicks import Click
-from gateway.scene.controls import NEVER, ControlLimits, ControlStore
+from gateway.scene.controls import ControlLimits, ControlStore
 from gateway.scene.geometry import Box, Part
 from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
@@ -254,7 +254,7 @@ async def test_controls_of_a_client_that_vanishes_are_removed() -> None:
     view.updates.cancel()
     view.updates = asyncio.create_task(view.hub.run())
     store.set_controls("client", [Button(("go",))], lambda values, after: None, 1)
-    await until(lambda: store.controls_since(NEVER) == [])
+    await until(lambda: store.controls_since(0) == [])
     view.updates.cancel()
 
 
