@@ -13,6 +13,8 @@ from gateway.scene.controls import ControlStore
 from gateway.scene.live import LiveTree
 from gateway.treeviewer import newer_commands, request_reader
 from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.protocol import RESPONSE
+from gateway.treeviewer.responses import ReadyMessage, encode
 from gateway.treeviewer.service import TreeViewerService
 from scenegate import AsyncTreeViewer, Box, TreeViewer, TreeViewerError
 from scenegate.messages.controls import Pose
@@ -240,6 +242,26 @@ async def test_controls_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
         await in_thread(viewer.close)
         await until(lambda: shown(service) == {})
         assert not viewer.pending
+
+
+async def test_controls_that_are_added_while_a_viewer_starts_are_kept() -> None:
+    async with serving() as service:
+        viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
+        hub = service.hub
+        assert hub is not None
+
+        def add() -> None:
+            for number in range(30):
+                viewer.controls.add_button(str(number))
+
+        adding = asyncio.create_task(in_thread(add))
+        while not adding.done():
+            hub.publish(RESPONSE, encode(ReadyMessage()))
+            await asyncio.sleep(0)
+        await adding
+        await in_thread(viewer["box"].set, Box((1, 1, 1)))  # after all requests so far
+        assert len(shown(service)) == 30
+        await in_thread(viewer.close)
 
 
 async def test_a_restarted_viewer_gets_controls_with_their_values() -> None:

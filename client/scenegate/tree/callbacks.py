@@ -23,6 +23,7 @@ class CallbackThreads:
         self._renew = renew
         self._calls: queue.Queue[Callable[[], Any] | None] = queue.Queue()
         self._closed = threading.Event()
+        self._renew_now = threading.Event()
         self._lock = threading.Lock()
         self._started = False
 
@@ -43,9 +44,14 @@ class CallbackThreads:
         """Call a function in the thread. An exception is logged."""
         self._calls.put(function)
 
+    def renew_now(self) -> None:
+        """Send the subscriptions at once, in the thread that repeats them."""
+        self._renew_now.set()
+
     def close(self) -> None:
         """End the threads without waiting for them. A running callback is not interrupted."""
         self._closed.set()
+        self._renew_now.set()
         self._calls.put(None)
 
     def _run(self) -> None:
@@ -56,7 +62,11 @@ class CallbackThreads:
                 _log.exception("A callback of the tree viewer has failed")
 
     def _repeat(self) -> None:
-        while not self._closed.wait(RENEW_SECONDS):
+        while True:
+            self._renew_now.wait(RENEW_SECONDS)
+            if self._closed.is_set():
+                return
+            self._renew_now.clear()
             self._renew()
 
 

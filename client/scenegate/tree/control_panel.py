@@ -40,7 +40,9 @@ class ControlPanel:
         self.lock = threading.Lock()
         """Guards the handles."""
         self.sending = threading.Lock()
-        """Held while all controls are sent, so that the newest list arrives last."""
+        """Held while all controls or clickable paths are sent, so that the newest list arrives last.
+
+        The receiving thread must not wait for it: another thread may hold it while it waits for a response."""
         self._handles: _Handles = {}
 
     def definitions(self) -> list[AnyControl]:

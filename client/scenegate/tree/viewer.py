@@ -177,9 +177,10 @@ class TreeViewer:
 
     def _send_click_paths(self) -> None:
         """Subscribe to the clicks that have callbacks."""
-        changes = Changes()
-        changes.click_paths = self._clicks.paths()
-        self.send(changes)
+        with self._panel.sending:
+            changes = Changes()
+            changes.click_paths = self._clicks.paths()
+            self.send(changes)
 
     def _renew(self, *, is_last: bool = False) -> None:
         """Send clickable paths and controls without waiting for the response, or for a connection that is lost.
@@ -188,21 +189,15 @@ class TreeViewer:
             is_last: True: end the subscription to clicks, and remove the controls.
         """
         with self._panel.sending:
-            changes = self._subscriptions()
-            if is_last:
-                changes.click_paths = [] if changes.click_paths else None
-                changes.controls = [] if changes.controls else None
+            changes = Changes()
+            if paths := self._clicks.paths():
+                changes.click_paths = [] if is_last else paths
+            if controls := self._panel.definitions():
+                changes.controls = [] if is_last else controls
             body = changes.newer_commands()
             if body and self._connection.is_connected:
                 with contextlib.suppress(ConnectionError):
                     self._post_only(body)
-
-    def _subscriptions(self) -> Changes:
-        """Return the commands for clickable paths and controls, if there are any."""
-        changes = Changes()
-        changes.click_paths = self._clicks.paths() or None
-        changes.controls = self._panel.definitions() or None
-        return changes
 
     def _record(self, changes: Changes) -> None:
         """Record changes that the page has made."""
@@ -353,9 +348,9 @@ class TreeViewer:
         response = wire.decode(message)
         if response is None or response.body.get("ready") is not True:
             return
-        everything = self._subscriptions()
+        self._threads.renew_now()
         with self._lock:
-            everything.add(self._published.all())
+            everything = self._published.all()
         if everything.entries or everything.newer_commands():
             # No caller waits. The next request publishes again what is missing.
             with contextlib.suppress(ConnectionError):

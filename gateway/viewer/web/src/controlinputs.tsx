@@ -4,6 +4,7 @@ import { useSignal } from "@preact/signals";
 import type { InputHTMLAttributes, TargetedEvent } from "preact";
 import { useId } from "preact/hooks";
 import { Select } from "./controls";
+import { short } from "./format";
 import type { ProgramControl, ProgramControls } from "./programcontrols";
 
 interface InputProps {
@@ -52,15 +53,19 @@ function SliderRow({ control, controls }: InputProps) {
     <div class="program-control slider">
       <label for={id}>{String(path.at(-1))}</label>
       <NumberField label={`${path.at(-1)}, value`} control={control} controls={controls} />
-      <input
-        id={id}
-        type="range"
-        min={min}
-        max={max}
-        step={step}
-        value={Number(control.value.value)}
-        onInput={({ currentTarget }) => controls.set(control, Number(currentTarget.value))}
-      />
+      <span class="range">
+        {short(min)}
+        <input
+          id={id}
+          type="range"
+          min={min}
+          max={max}
+          step={step}
+          value={Number(control.value.value)}
+          onInput={({ currentTarget }) => controls.set(control, Number(currentTarget.value))}
+        />
+        {short(max)}
+      </span>
     </div>
   );
 }
