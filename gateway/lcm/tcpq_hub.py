@@ -45,7 +45,12 @@ class TcpqHub:
     """Accepts clients, and relays each message to the clients that subscribed to its channel."""
 
     def __init__(
-        self, config: LcmConfig, on_message: OnClientMessage, pattern: str, greeting: tuple[str, bytes]
+        self,
+        config: LcmConfig,
+        on_message: OnClientMessage,
+        pattern: str,
+        greeting: tuple[str, bytes],
+        on_disconnect: Callable[[HubConnection], None] = lambda lost: None,
     ) -> None:
         """Create a hub; ``start`` opens its port.
 
@@ -54,11 +59,13 @@ class TcpqHub:
             on_message: called for messages of clients on the channels that match ``pattern``.
             pattern: regular expression of channels.
             greeting: channel and message, sent to every client that subscribes to this channel.
+            on_disconnect: called with each connection that is lost.
         """
         self.config = config
         self._on_message = on_message
         self._pattern = compile_pattern(pattern)
         self._greeting = greeting
+        self.on_disconnect = on_disconnect
         self._server: asyncio.Server | None = None
         self.connections: set[HubConnection] = set()
         self._subscribers: dict[str, list[HubConnection]] = {}
@@ -142,6 +149,10 @@ class TcpqHub:
     def subscriptions_changed(self) -> None:
         """Clear the cache of each channel's subscribers."""
         self._subscribers.clear()
+
+    def has_subscriber(self, channel: str) -> bool:
+        """Return True if a client subscribes to a channel."""
+        return any(connection.subscriptions.match(channel) for connection in self.connections)
 
     def greet(self, connection: HubConnection, pattern: Pattern) -> None:
         """Send the greeting to a client if its new subscription ``pattern`` matches the greeting's channel."""
@@ -229,6 +240,7 @@ class HubConnection(asyncio.BufferedProtocol):
         self._parser.reserved = 0
         self._hub.connections.discard(self)
         self._hub.subscriptions_changed()
+        self._hub.on_disconnect(self)
 
     def get_buffer(self, sizehint: int) -> memoryview:
         return self._parser.buffer()

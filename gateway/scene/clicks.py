@@ -94,7 +94,11 @@ class ClickSubscriptions:
             if any(click.path[: len(path)] == path for path in entry.paths):
                 entry.deliver(click)
 
+    def forget(self, is_gone: Callable[[Hashable], bool]) -> None:
+        """Remove the subscriptions of clients that have disconnected."""
+        for client in [client for client in self._subscriptions if is_gone(client)]:
+            del self._subscriptions[client]
+
     def _forget_vanished(self) -> None:
         now = self._clock()
-        for client in [client for client, entry in self._subscriptions.items() if entry.end < now]:
-            del self._subscriptions[client]
+        self.forget(lambda client: self._subscriptions[client].end < now)

@@ -1,13 +1,14 @@
-"""State of the browser page that clients set: background, grid, home camera, and clickable paths."""
+"""State of the browser page that clients set: background, grid, home camera, clickable paths, and controls."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from typing import Any
 
 from gateway.scene.cameras import LookAtCamera
 from gateway.scene.clicks import ClickSubscriptions
+from gateway.scene.controls import ControlStore
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,19 +24,27 @@ class PageView:
 
 
 class LivePage:
-    """View settings and clickable paths, which all open pages share. Not thread-safe: used on the event loop only.
+    """View settings, clickable paths and controls, which all open pages share.
 
-    It is not part of ``--state``: clients set it again when the gateway has started.
+    Not thread-safe: used on the event loop only. It is not part of ``--state``: clients set it again when the gateway
+    has started.
     """
 
     def __init__(self) -> None:
         self.view = PageView()
         self.clicks = ClickSubscriptions()
+        self.controls = ControlStore()
         self._listeners: list[Callable[[], None]] = []
 
     def change_view(self, changes: dict[str, Any]) -> None:
         """Replace fields of ``view``, by name, and call the listeners."""
         self.view = replace(self.view, **changes)
+        self.notify()
+
+    def forget(self, is_gone: Callable[[Hashable], bool]) -> None:
+        """Remove clickable paths and controls of clients that have disconnected."""
+        self.clicks.forget(is_gone)
+        self.controls.forget(is_gone)
         self.notify()
 
     def notify(self) -> None:

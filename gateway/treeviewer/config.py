@@ -53,6 +53,8 @@ class Limits:
     geometry_bytes: int = 4096 * MIB
     """Maximum size of all arrays, and of the files and decoded pixels of all images, that requests put into the tree
     and that are still in use."""
+    controls: int = 1000
+    """Maximum number of controls in setcontrols, and of values in setvalues: every page shows all of them."""
     problems: int = 100
     """Maximum number of errors, and of warnings, listed in one response; the others are counted."""
     failed_commands: int = 10_000

@@ -10,20 +10,19 @@ import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Final, Protocol
+from typing import Final, Protocol, cast
 
 import structlog
 
 from gateway.runtime.pool_errors import UnavailableErrors
 from gateway.runtime.worker_pool import WorkerPool
-from gateway.scene.clicks import Click
 from gateway.treeviewer import responses, wire
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, ClientQueue, Message, Publish, size_of
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.delayed_responses import DelayedResponses, PendingResponse
-from gateway.treeviewer.page_commands import ClickReceiver, update_page
+from gateway.treeviewer.page_commands import PageClient, update_page
 from gateway.treeviewer.protocol import RequestRefused, TreeViewerProtocol, client_of, response_channel
-from gateway.treeviewer.responses import AnyResponse, Response
+from gateway.treeviewer.responses import AnyResponse, ClickMessage, PageMessage, Response
 from renderers.compiler.pending import any_pending
 from scenegate.lcm.arrival import set_arrival
 
@@ -31,9 +30,9 @@ _log = structlog.get_logger("gateway.treeviewer")
 
 PATH_BYTES: Final = 100
 """Memory of one path in a response that waits for the store."""
-OFFLOADED_WORDS: Final = (b"image", b"text", b"mesh_file")
-"""Words in the types and fields of geometries that take long to read: images, text, mesh files. Other requests with
-these words only take the longer way."""
+OFFLOADED_WORDS: Final = (b"image", b"text", b"mesh_file", b"setcontrols")
+"""Words in what takes long to read: geometries with images, text or mesh files, and controls, of which 1000 take 12 ms.
+Other requests with these words only take the longer way."""
 ESCAPED_LETTER: Final = re.compile(rb"\\u00[4-7]")
 """Escape in JSON that may stand for a letter of these words."""
 TOO_MANY: Final = "too many messages are waiting; send slower"
@@ -63,6 +62,8 @@ class Counters:
     dropped_bytes: int = 0
     clicks: int = 0
     """Clicks sent to clients."""
+    control_messages: int = 0
+    """Messages with values of controls sent to clients."""
     internal_errors: int = 0
     """Requests that raised an unexpected exception, which is in the log."""
 
@@ -167,6 +168,20 @@ class Dispatcher:
         """Return the arrival of the oldest request that is not applied yet, nanoseconds since the epoch."""
         return min((queue.first_arrival() for queue in self._queues.values() if len(queue)), default=None)
 
+    def forget_clients(self, publish: Publish, is_gone: Callable[[str], bool]) -> None:
+        """Remove clickable paths and controls of clients that have disconnected.
+
+        Args:
+            publish: function of the clients' requests; see ``receive``.
+            is_gone: returns True if the client of a response channel has disconnected.
+        """
+
+        def is_client_gone(key: object) -> bool:
+            client_publish, channel = cast("tuple[Publish, str]", key)
+            return client_publish == publish and is_gone(response_channel(channel))
+
+        self._protocol.page.forget(is_client_gone)
+
     def status(self) -> dict[str, object]:
         """Return the counters as plain JSON values."""
         return {
@@ -225,7 +240,7 @@ class Dispatcher:
     def _handle(self, channel: str, message: Message, publish: Publish, is_local: bool) -> None:
         """Read and apply a request on the event loop, and respond."""
         try:
-            response = self._protocol.handle(message, self._receiver(channel, message, publish), is_local)
+            response = self._protocol.handle(message, self._page_client(channel, message, publish), is_local)
         except wire.WireError as error:
             self._count_undecodable(channel, error)
             return
@@ -242,8 +257,8 @@ class Dispatcher:
             async with self._apply_lock:
                 for _ in applier.slices(self._config.slice_commands):
                     await asyncio.sleep(0)
-            receiver = self._receiver(queue.channel, message, queue.publish)
-            update_page(self._protocol.page, applier.request, receiver)
+            client = self._page_client(queue.channel, message, queue.publish)
+            update_page(self._protocol.page, applier.request, client, comms.utime)
             response = applier.response(comms.utime)
         except RequestRefused as refused:
             response = refused.response
@@ -289,19 +304,20 @@ class Dispatcher:
         self.counters.missing += response.status == responses.MISSING_PATHS
         self.counters.failed += response.status < 0
 
-    def _receiver(self, channel: str, message: Message, publish: Publish) -> ClickReceiver:
-        """Return the client of a request, as a receiver of clicks in the request's format."""
-        deliver = partial(self._send_click, channel, publish, wire.is_binary(message))
-        return ClickReceiver(channel if client_of(channel) else "", deliver)
+    def _page_client(self, channel: str, message: Message, publish: Publish) -> PageClient:
+        """Return the client of a request, which receives messages of the page in the request's format."""
+        send = partial(self._send_from_page, channel, publish, wire.is_binary(message))
+        return PageClient((publish, channel) if client_of(channel) else None, send)
 
-    def _send_click(self, channel: str, publish: Publish, binary: bool, click: Click) -> None:
-        """Publish a click to the client of a channel of requests."""
+    def _send_from_page(self, channel: str, publish: Publish, binary: bool, message: PageMessage) -> None:
+        """Publish a click or values of controls to the client of a channel of requests."""
         try:
-            publish(response_channel(channel), responses.encode(responses.ClickMessage(click), binary=binary))
+            publish(response_channel(channel), responses.encode(message, binary=binary))
         except (OSError, ValueError) as error:
-            _log.warning("A click could not be sent", channel=channel, reason=str(error))
-        else:
-            self.counters.clicks += 1
+            _log.warning("A message of the page could not be sent", channel=channel, reason=str(error))
+            return
+        self.counters.clicks += isinstance(message, ClickMessage)
+        self.counters.control_messages += not isinstance(message, ClickMessage)
 
     def _refuse(self, channel: str, message: Message, publish: Publish, reason: str) -> None:
         """Respond to a request that is not handled."""

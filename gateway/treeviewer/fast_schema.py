@@ -104,6 +104,8 @@ class _MessageBase(msgspec.Struct, gc=False):
     setproperty: Any = None
     setview: Any = None
     setclicks: Any = None
+    setcontrols: Any = None
+    setvalues: Any = None
 
 
 def message_type(limits: Limits) -> type:

@@ -1,4 +1,4 @@
-"""Read the commands that Director does not have: ``setproperty``, ``setview``, ``setclicks``.
+"""Read the commands that Director does not have: ``setproperty``, ``setview``, ``setclicks``, and those of controls.
 
 Other viewers ignore them. A response of Scenegate lists those of the request in ``newer_commands``.
 """
@@ -15,10 +15,11 @@ from gateway.scene.tree import Path
 from gateway.treeviewer import fields
 from gateway.treeviewer.command_lists import commands
 from gateway.treeviewer.context import ReadContext
+from gateway.treeviewer.control_commands import read_controls, read_values
 from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.requests import Finding, Request
 
-NAMES: Final = ("setproperty", "setview", "setclicks")
+NAMES: Final = ("setproperty", "setview", "setclicks", "setcontrols", "setvalues")
 
 
 def read_newer_commands(values: Mapping[str, Any], request: Request, context: ReadContext) -> None:
@@ -126,4 +127,6 @@ _READERS: Final[Mapping[str, Callable[[Any, Request, ReadContext], None]]] = {
     "setproperty": _read_properties,
     "setview": _read_view,
     "setclicks": _read_clicks,
+    "setcontrols": read_controls,
+    "setvalues": read_values,
 }

@@ -101,6 +101,12 @@ class NumberArrays:
         with np.errstate(over="ignore"):
             return self._read(value, columns, max_rows).astype(np.float32)
 
+    def doubles(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
+        """Return a field's numbers as float64. See ``floats``."""
+        if isinstance(value, PackedArray):
+            return value.doubles(columns, max_rows)
+        return self._read(value, columns, max_rows)
+
     def indices(self, value: Any, count: int, max_rows: int) -> NDArray[np.uint32]:
         """Return a field's triangles, (N, 3) uint32 indices of ``count`` vertices.
 

@@ -45,6 +45,10 @@ class PackedArray:
         with np.errstate(over="ignore", invalid="ignore"):
             return values.astype(np.float32, order="C")
 
+    def doubles(self, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
+        """Return a copy as float64. See ``floats``."""
+        return self._checked(columns, max_rows).astype(np.float64, order="C")
+
     def indices(self, count: int, max_rows: int) -> NDArray[np.uint32]:
         """Return a copy as triangles, (N, 3) uint32 indices of ``count`` vertices.
 

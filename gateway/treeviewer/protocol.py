@@ -18,7 +18,7 @@ from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import MeshLoader
 from gateway.treeviewer.json_reader import JsonReader
 from gateway.treeviewer.msgpack_reader import MsgpackReader
-from gateway.treeviewer.page_commands import ClickReceiver, update_page
+from gateway.treeviewer.page_commands import PageClient, update_page
 from gateway.treeviewer.quota import TreeQuota
 from gateway.treeviewer.requests import RequestError
 from gateway.treeviewer.responses import AnyResponse
@@ -118,13 +118,13 @@ class TreeViewerProtocol:
         return RequestApplier(request, self._live, self.quota, self.limits, self.warnings)
 
     def handle(
-        self, message: bytes | memoryview, receiver: ClickReceiver | None = None, is_local: bool = False
+        self, message: bytes | memoryview, client: PageClient | None = None, is_local: bool = False
     ) -> AnyResponse:
         """Read and apply a request at once, and return the response.
 
         Args:
             message: the request, a viewer2_comms_t.
-            receiver: the client; None: it cannot receive clicks.
+            client: the sender; None: it cannot receive messages of the page.
             is_local: see ``read``.
         Raises:
             wire.WireError: the message is not a viewer2_comms_t, so no response is possible.
@@ -135,5 +135,5 @@ class TreeViewerProtocol:
         except RequestRefused as refused:
             return refused.response
         applier.apply()
-        update_page(self.page, applier.request, receiver)
+        update_page(self.page, applier.request, client, comms.utime)
         return applier.response(comms.utime)

@@ -7,14 +7,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from gateway.scene.geometry import Part
 from gateway.scene.tree import Path, Pose
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.fields import show
+from scenegate.messages.controls import AnyControl
 
 Subject = tuple[str, Path | None]
-"""Command and path that a warning is about; no path if it could not be read, or for ``setview`` and ``setclicks``."""
+"""Command and path that a warning is about; no path if it could not be read, or for commands of the page."""
 
 
 class RequestError(ValueError):
@@ -40,6 +43,20 @@ class Finding:
         return f"{self.command}[{self.index}]{path}: {self.reason}"
 
 
+@dataclass(frozen=True, slots=True)
+class ControlChange:
+    """A command of ``setvalues``."""
+
+    index: int
+    """Index in the request's list of such commands."""
+    path: Path
+    """Path of the control."""
+    value: Any
+    """Value as received; unused if there are samples."""
+    samples: NDArray[np.float64] | None
+    """Samples to add to a plot, (N, 1 + curves); None: the command has a value."""
+
+
 class Request(msgspec.Struct, gc=False):
     """Commands in the order of execution: deletes, geometries, transforms, properties."""
 
@@ -52,6 +69,9 @@ class Request(msgspec.Struct, gc=False):
     """Changed fields of the page's view, with values as in ``PageView``; None: no command."""
     click_paths: list[Path] | None = None
     """Paths whose clicks the client wants from now on; None: no command."""
+    controls: list[AnyControl] | None = None
+    """Controls that the client has in the page from now on; None: no command."""
+    control_changes: list[ControlChange] = []
     newer_commands: list[str] = []
     """Names of the commands of ``newer_commands`` in the request."""
     failures: list[Finding] = []
@@ -79,6 +99,10 @@ class Request(msgspec.Struct, gc=False):
             yield "setview", None
         if self.click_paths is not None:
             yield "setclicks", None
+        if self.controls is not None:
+            yield "setcontrols", None
+        if self.control_changes:
+            yield "setvalues", None
 
     def fail(self, failure: Finding, limits: Limits) -> None:
         """Add a command that cannot be executed.

@@ -9,6 +9,7 @@ import msgspec
 from gateway.scene.clicks import Click
 from gateway.scene.tree import Path
 from gateway.treeviewer import wire
+from scenegate.messages.controls import Value
 
 OK: Final = 0
 MISSING_PATHS: Final = 1
@@ -68,6 +69,23 @@ class ClickMessage(msgspec.Struct):
     status: int = OK
 
 
+class ControlValue(msgspec.Struct):
+    """Value of a control of the page."""
+
+    path: Path
+    value: Value
+
+
+class ControlsMessage(msgspec.Struct):
+    """New values of a client's controls, sent on its response channel."""
+
+    controls: list[ControlValue]
+    after: int
+    """``utime`` of the client's last request with controls or values that was executed before."""
+    timestamp: int = 0
+    status: int = OK
+
+
 class ReadyMessage(msgspec.Struct):
     """Announcement that the viewer has started. Director's tests wait for it."""
 
@@ -77,7 +95,8 @@ class ReadyMessage(msgspec.Struct):
 
 
 AnyResponse = Response | FormatResponse
-AnyMessage = AnyResponse | ReadyMessage | ClickMessage
+PageMessage = ClickMessage | ControlsMessage
+AnyMessage = AnyResponse | ReadyMessage | PageMessage
 
 _json: Final = msgspec.json.Encoder()
 _msgpack: Final = msgspec.msgpack.Encoder()

@@ -138,9 +138,9 @@ class TreeViewerService:
             transport.start(partial(self._on_message, transport), partial(_announce, transport, ready_message))
 
     async def _start_hub(self, ready_message: bytes) -> None:
-        hub = TcpqHub(
-            self._config.lcm, self._on_hub_message, channel_pattern(self._prefixes), (RESPONSE, ready_message)
-        )
+        greeting = (RESPONSE, ready_message)
+        pattern = channel_pattern(self._prefixes)
+        hub = TcpqHub(self._config.lcm, self._on_hub_message, pattern, greeting, self._on_hub_disconnect)
         try:
             await hub.start()
         except LcmUnavailableError as error:
@@ -199,6 +199,14 @@ class TreeViewerService:
         )
         if waiting > self._config.client_waiting_bytes:
             sender.pause_reading()
+
+    def _on_hub_disconnect(self, lost: HubConnection) -> None:
+        """Remove clickable paths and controls of programs that received their responses by a lost connection."""
+        hub = self.hub
+        if hub is not None:
+            self._dispatcher.forget_clients(
+                hub.publish, lambda channel: lost.subscriptions.match(channel) and not hub.has_subscriber(channel)
+            )
 
     def _pass_on(self, channel: str, data: bytes | memoryview, is_local: bool) -> None:
         """Pass a message that is no request to the listeners of its channel."""

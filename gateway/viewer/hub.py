@@ -13,6 +13,7 @@ from gateway.scene.clicks import Button, Click
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
 from gateway.viewer.config import ViewerConfig
+from gateway.viewer.control_frames import ControlChange, ControlFrames, received_frame
 from gateway.viewer.encoder import Encoder, encode_page, encode_status, encode_stereo_rig
 from gateway.viewer.flow_control import BrowserState, FlowControl
 from gateway.viewer.recent_renders import RecentRenders
@@ -44,7 +45,7 @@ class ViewHub:
                 by its name; ``facts`` is a list of values with ``name``, ``value`` and ``warn``. Called every
                 ``status_seconds`` while browsers are connected.
             stereo: the stereo camera; None if there is none.
-            page: view settings and clickable paths, which clients of the tree viewer set.
+            page: view settings, clickable paths and controls, which clients of the tree viewer set.
         """
         self.config = config
         self.resources = Resources()
@@ -61,7 +62,9 @@ class ViewHub:
         self._encoder = Encoder(self.resources, config.max_node_ids)
         self._browsers: set[Browser] = set()
         self._changed = asyncio.Event()
-        """Set when the tree has changed."""
+        """Set when the tree or a control has changed."""
+        self._controls = ControlFrames(self._page.controls, tree)
+        self._page.controls.listen(self._changed.set)
         self._ready = False
 
     @property
@@ -89,6 +92,7 @@ class ViewHub:
                 await self._changed.wait()
                 update_start = loop.time()
                 self._changed.clear()
+                self._page.controls.deliver_values()
                 if self._browsers:
                     self._take_snapshot()
                     self._remove_meshes()
@@ -126,6 +130,11 @@ class ViewHub:
         if path is not None and self._tree.snapshot.root.find(path) is not None:
             self._page.clicks.click(Click(path, point, button))
 
+    def change_control(self, browser: Browser, change: ControlChange) -> None:
+        """Execute a change of a control in a page."""
+        self._controls.change(change)
+        browser.send_latest("received", received_frame(change.number))
+
     def _remove_meshes(self) -> None:
         """Make all pages drop the meshes that no longer exist."""
         removed = self.resources.take_removed_meshes()
@@ -136,6 +145,7 @@ class ViewHub:
     async def _send_status(self) -> None:
         """Send the status to all browsers every ``status_seconds``; release the snapshots of pages that hang."""
         while True:
+            self._page.controls.remove_vanished()
             if self._browsers:
                 now = asyncio.get_running_loop().time()
                 frame = self._status_frame()
@@ -163,7 +173,7 @@ class ViewHub:
                 f"{len(self._browsers)} browsers are connected, which is the limit (max_browsers)"
             )
         self._take_snapshot()
-        browser = Browser(FlowControl(self._encoder), self.resources, self._browsers.discard)
+        browser = Browser(FlowControl(self._encoder), self.resources, self._controls, self._browsers.discard)
         browser.send_latest("rig", self._rig_frame)
         self._send_page()
         browser.send_latest("page", self._page_frame)
@@ -175,9 +185,16 @@ class ViewHub:
 class Browser:
     """The connection to one page. ``frames`` yields the frames to send."""
 
-    def __init__(self, flow: FlowControl, resources: Resources, on_close: Callable[[Browser], None]) -> None:
+    def __init__(
+        self, flow: FlowControl, resources: Resources, controls: ControlFrames, on_close: Callable[[Browser], None]
+    ) -> None:
         self._flow = flow
         self._resources = resources
+        self._controls = controls
+        self._controls_revision = 0
+        """Revision of the controls that the page has, or will have when it has processed the last frame."""
+        self._controls_due = True
+        """False until the page has acknowledged the last frame of controls: a slow page skips values in between."""
         self._on_close = on_close
         self._wake_event = asyncio.Event()
         """Set when there may be a frame to send."""
@@ -194,6 +211,11 @@ class Browser:
     def acknowledge(self) -> None:
         """Record that the page has processed the last update."""
         self._flow.acknowledge()
+        self.wake()
+
+    def acknowledge_controls(self) -> None:
+        """Record that the page has processed the last frame of controls."""
+        self._controls_due = True
         self.wake()
 
     def remove_meshes(self, mesh_ids: set[int]) -> None:
@@ -230,6 +252,11 @@ class Browser:
                 return
             while self._pending_frames:
                 yield self._pending_frames.pop(next(iter(self._pending_frames)))
+            if self._controls_due and self._controls_revision != self._controls.store.revision:
+                self._controls_due = False
+                controls = self._controls.since(self._controls_revision)
+                self._controls_revision = self._controls.store.revision
+                yield controls
             forget = self._flow.take_forget_frame()
             if forget is not None:
                 yield forget

@@ -20,6 +20,7 @@ from fastapi.responses import PlainTextResponse
 from gateway.scene.clicks import Button
 from gateway.scene.geometry import PointCloud
 from gateway.server.access import same_origin
+from gateway.viewer.control_frames import ControlChange
 from gateway.viewer.hub import Browser, ViewHub
 from gateway.viewer.resources import channel_values
 from renderers.drawlist import Image, ImageError
@@ -29,8 +30,12 @@ STATIC: Final = files("gateway.viewer") / "static"
 """Folder with the files of the page, built from ``web``."""
 ACKNOWLEDGE: Final = "k"
 """Message that the page sends after processing an update."""
-MAX_MESSAGE_CHARS: Final = 256
-"""Maximum length of a message from the page; a click has about 100 characters."""
+ACKNOWLEDGE_CONTROLS: Final = "c"
+"""Message that the page sends after processing a frame of controls."""
+MAX_MESSAGE_CHARS: Final = 8192
+"""Maximum length of a message from the page; a text of 1000 characters has up to 6000 in JSON."""
+MAX_CHANGES: Final = 200
+"""Maximum number of changes of controls of a page in a second; reading waits before further ones."""
 MAX_CLICKS: Final = 50
 """Maximum number of clicks of a page in a second; further ones are dropped, because no person clicks so fast."""
 IMMUTABLE: Final = {"Cache-Control": "public, max-age=31536000, immutable"}
@@ -114,23 +119,30 @@ async def _send(socket: WebSocket, browser: Browser) -> None:
 
 
 async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
-    """Receive acknowledgements and clicks until the page disconnects or sends an invalid message."""
+    """Receive acknowledgements, clicks and changes of controls until the page disconnects or sends binary messages."""
     clock = asyncio.get_running_loop().time
-    second, clicks = clock(), 0
+    second, clicks, changes = clock(), 0, 0
     try:
         while True:
             text = await socket.receive_text()
+            if clock() - second >= 1.0:
+                second, clicks, changes = clock(), 0, 0
             if text == ACKNOWLEDGE:
                 browser.acknowledge()
+            elif text == ACKNOWLEDGE_CONTROLS:
+                browser.acknowledge_controls()
             elif len(text) > MAX_MESSAGE_CHARS:
                 await socket.close(1009, f"messages have at most {MAX_MESSAGE_CHARS} characters")
                 return
-            elif (click := _read_click(text)) is not None:
-                if clock() - second >= 1.0:
-                    second, clicks = clock(), 0
+            elif isinstance(message := _read_message(text), ControlChange):
+                hub.change_control(browser, message)
+                changes += 1
+                if changes >= MAX_CHANGES:
+                    await asyncio.sleep(max(0.0, second + 1.0 - clock()))
+            elif message is not None:
                 clicks += 1
                 if clicks <= MAX_CLICKS:
-                    hub.click(click.node, click.point, click.button)
+                    hub.click(message.node, message.point, message.button)
     except (WebSocketDisconnect, KeyError):
         return  # KeyError: a binary message
 
@@ -146,12 +158,13 @@ class _Click(msgspec.Struct):
 
 
 _click_decoder: Final = msgspec.json.Decoder(_Click)
+_change_decoder: Final = msgspec.json.Decoder(ControlChange)
 
 
-def _read_click(text: str) -> _Click | None:
-    """Return the click in a message, or None if the message is something else."""
+def _read_message(text: str) -> _Click | ControlChange | None:
+    """Return the click or the change in a message, or None if the message is something else."""
     try:
-        return _click_decoder.decode(text)
+        return (_change_decoder if text.startswith('{"control"') else _click_decoder).decode(text)
     except (msgspec.DecodeError, UnicodeEncodeError):
         return None
 

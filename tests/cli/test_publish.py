@@ -185,7 +185,7 @@ def test_a_robot_gets_a_path_for_each_link(tmp_path: Path) -> None:
     robot = write(tmp_path, ARM)
     with gateway_process("--only", "treeviewer", "--lcm-url", "off", "--tcpq-port", "0") as (_, url):
         hub = clients.get(f"{url}/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
-        options = ("--path", "cell/arm", "--joint", "elbow=0.5", "--lcm-url", hub, "--collision")
+        options = ("--path", "cell/arm", "--joint", "elbow=0.5", "--lcm-url", hub, "--collision", "--no-sliders")
         result = scenegate("publish", str(robot), *options)
         assert result.exit_code == 0, result.stderr
         assert "set: cell/arm/base, cell/arm/upper, cell/arm/hand, cell/arm/finger, cell/arm/tool" in result.stdout
@@ -193,7 +193,7 @@ def test_a_robot_gets_a_path_for_each_link(tmp_path: Path) -> None:
         os.mkfifo(pipe)
         writer = threading.Thread(target=pipe.write_bytes, args=(robot.read_bytes(),))
         writer.start()
-        result = scenegate("publish", str(pipe), "--lcm-url", hub, "--collision")
+        result = scenegate("publish", str(pipe), "--lcm-url", hub, "--collision", "--no-sliders")
         writer.join(SECONDS)
         assert "set: robot/base, robot/upper" in result.stdout, result.stderr
         boxes = write(

@@ -18,7 +18,7 @@ from gateway.scene.tree import Node
 from gateway.treeviewer import newer_commands, request_reader
 from gateway.treeviewer.config import TreeViewerConfig
 from scenegate import AsyncTreeViewer, Box, Click, TreeViewer, TreeViewerError
-from scenegate.tree import clicks as client_clicks
+from scenegate.tree import callbacks
 from tests.client.test_tree_viewer import hub_of, in_thread
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
@@ -142,11 +142,11 @@ async def test_a_callback_that_fails_does_not_end_the_others(caplog: pytest.LogC
         viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
         await in_thread(viewer.on_click, "robot", lambda click: [][0])
         await in_thread(viewer.on_click, "robot/arm", received.append)
-        with caplog.at_level(logging.ERROR, "scenegate.tree.clicks"):
+        with caplog.at_level(logging.ERROR, "scenegate.tree.callbacks"):
             service.protocol.page.clicks.click(ON_ARM)
             await until(lambda: received)
         await in_thread(viewer.close)
-    assert "A callback of on_click has failed" in caplog.text
+    assert "A callback of the tree viewer has failed" in caplog.text
     assert [click.path for click in received] == [("robot", "arm")]
 
 
@@ -197,7 +197,7 @@ async def test_async_client() -> None:
 
 
 async def test_the_subscription_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(client_clicks, "RENEW_SECONDS", 0.01)
+    monkeypatch.setattr(callbacks, "RENEW_SECONDS", 0.01)
     async with serving() as service:
         page = service.protocol.page
         viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))

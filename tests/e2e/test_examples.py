@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -12,6 +13,8 @@ import cv2
 import numpy as np
 import pytest
 
+from gateway.viewer.frames import parse_frame
+from gateway.viewer.routes import ACKNOWLEDGE, ACKNOWLEDGE_CONTROLS
 from tests.support import clients
 from tests.support.gateway_process import gateway_process
 from tests.support.liblcm import liblcm
@@ -41,6 +44,7 @@ def test_examples_are_short_and_all_here() -> None:
     found = sorted(path.name for path in EXAMPLES.glob("*.py"))
     expected = [
         "animate_robot.py",
+        "control_panel.py",
         "publish_tree.py",
         "ray_serve.py",
         "read_dataset.py",
@@ -85,6 +89,37 @@ def test_animate_robot(gateway: dict[str, str]) -> None:
             rover(gateway["http"], lambda head: head["transform"] != first["transform"])
         finally:
             publisher.terminate()
+
+
+def test_control_panel(gateway: dict[str, str]) -> None:
+    """A page changes a value, and stops the program."""
+    command = [sys.executable, str(EXAMPLES / "control_panel.py"), gateway["tcpq"]]
+    page = clients.websocket(gateway["http"].replace("http", "ws") + "/view/ws", max_size=None)
+    with page, subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as program:
+        ids: dict[str, int] = {}
+        while not {"Length", "Stop", "Angle", "Mount"} <= ids.keys():
+            controls = next_frame(page, "controls")["controls"] or ()
+            ids = {each["path"][-1]: each["id"] for each in controls}
+        page.send(json.dumps({"control": ids["Length"], "number": 1, "value": 0.5}))
+        while not next_frame(page, "controls")["samples"]:
+            pass
+        page.send(json.dumps({"control": ids["Stop"], "number": 2}))
+        _, errors = program.communicate(timeout=SECONDS)
+        assert (program.returncode, errors) == (0, "")
+        while next_frame(page, "controls")["controls"] != []:
+            pass
+
+
+def next_frame(page: Any, kind: str) -> dict[str, Any]:
+    """Return the header of the next frame of a kind. Updates are acknowledged."""
+    while True:
+        header, _ = parse_frame(page.recv())
+        if header["kind"] == "update":
+            page.send(ACKNOWLEDGE)
+        if header["kind"] == "controls":
+            page.send(ACKNOWLEDGE_CONTROLS)
+        if header["kind"] == kind:
+            return header
 
 
 def rover(url: str, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:

@@ -12,7 +12,8 @@ import pytest
 
 from gateway.scene.geometry import PointCloud, Surface
 from gateway.scene.live import LiveTree
-from tests.robots.files import TRIANGLE
+from tests.client.test_tree_controls import change, shown
+from tests.robots.files import ARM, TRIANGLE, write
 from tests.support import command
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS, until
@@ -81,6 +82,41 @@ async def test_a_robot_is_published_again_when_its_files_change(tmp_path: Path) 
             await until(lambda: parts_of("a") <= 0)
             mesh.write_text(TRIANGLE)
             await until(lambda: parts_of("a") == 1)
+        finally:
+            process.terminate()
+            await process.wait()
+
+
+async def test_sliders_move_a_robot_until_the_command_ends(tmp_path: Path) -> None:
+    live, robot = LiveTree(), write(tmp_path, ARM)
+    async with serving(live=live) as service:
+        arguments = ("publish", str(robot), "--path", "arm", "--joint", "shoulder=0.5")
+        url = ("--lcm-url", f"tcpq://127.0.0.1:{service.tcpq_port}", *PATIENT)
+        process = await asyncio.create_subprocess_exec(sys.executable, "-m", "scenegate", *arguments, *url)
+        try:
+            await until(lambda: shown(service) == {"arm/shoulder": 0.5, "arm/elbow": 0.0, "arm/Reset": 0})
+            hand = live.snapshot.root.children["arm"].children["hand"].matrix
+            change(service, "arm/shoulder", 1.0)
+            await until(lambda: (live.snapshot.root.children["arm"].children["hand"].matrix != hand).any())
+        finally:
+            process.terminate()
+            exit_code = await process.wait()
+        assert exit_code == 0
+        await until(lambda: not shown(service))
+
+
+@pytest.mark.slow
+async def test_sliders_stay_when_a_robot_is_published_again(tmp_path: Path) -> None:
+    robot = write(tmp_path, ARM)
+    async with serving() as service:
+        arguments = ("publish", str(robot), "--path", "arm", "--reload")
+        url = ("--lcm-url", f"tcpq://127.0.0.1:{service.tcpq_port}", *PATIENT)
+        process = await asyncio.create_subprocess_exec(sys.executable, "-m", "scenegate", *arguments, *url)
+        try:
+            await until(lambda: shown(service) == {"arm/shoulder": 0.0, "arm/elbow": 0.0, "arm/Reset": 0})
+            change(service, "arm/shoulder", 1.0)
+            robot.write_text(ARM.replace('name="elbow"', 'name="knee"').replace('joint="elbow"', 'joint="knee"'))
+            await until(lambda: shown(service) == {"arm/shoulder": 1.0, "arm/knee": 0.0, "arm/Reset": 0})
         finally:
             process.terminate()
             await process.wait()

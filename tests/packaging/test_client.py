@@ -96,7 +96,16 @@ def test_publishes_a_robot_with_meshes(python: Path, gateway: str, tmp_path: Pat
     write(tmp_path, TRIANGLE, "meshes/part.obj")
     mesh = '<visual><geometry><mesh filename="meshes/part.obj"/></geometry></visual>'
     robot = write(tmp_path, ARM.replace('<link name="tool"/>', f'<link name="tool">{mesh}</link>'))
-    command = (python.with_name("scenegate"), "publish", robot, "--path", "cell/arm", "--lcm-url", hub_of(gateway))
+    command = (
+        python.with_name("scenegate"),
+        "publish",
+        robot,
+        "--no-sliders",
+        "--path",
+        "cell/arm",
+        "--lcm-url",
+        hub_of(gateway),
+    )
     published = run(*command, cwd=tmp_path)
     assert published.returncode == 0, published.stderr
     assert published.stderr == ""

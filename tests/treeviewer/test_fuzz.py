@@ -43,6 +43,13 @@ def seeds() -> list[bytes]:
                 "setproperty": [{"path": ["a"], "visible": False, "opacity": 0.5}],
                 "setview": {"background": [1, 0, 0], "grid": None, "home": {"eye": [1, 2, 3], "target": [0, 0, 0]}},
                 "setclicks": [{"path": ["a", 1]}],
+                "setcontrols": [
+                    {"path": ["a"], "type": "slider", "min": 0, "max": 1, "value": 0.5},
+                    {"path": ["b"], "type": "dropdown", "options": ["x", "y"]},
+                    {"path": ["c"], "type": "plot", "series": ["s"]},
+                    {"path": ["d"], "type": "gizmo", "node": ["a", 1]},
+                ],
+                "setvalues": [{"path": ["a"], "value": 1}, {"path": ["c"], "samples": [[0, 1], [1, 2]]}],
             }
         ),
         message(

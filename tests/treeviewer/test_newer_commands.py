@@ -10,9 +10,12 @@ import pytest
 from gateway.scene.cameras import LookAtCamera
 from gateway.scene.clicks import Click, ClickLimits, ClickSubscriptions
 from gateway.scene.live_page import PageView
+from gateway.scene.tree import Path
 from gateway.treeviewer import wire
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.page_commands import ClickReceiver
+from gateway.treeviewer.page_commands import PageClient
+from gateway.treeviewer.responses import ClickMessage, PageMessage
+from scenegate.messages.controls import Value
 from tests.treeviewer.conversation import BOX, Viewer, message
 
 
@@ -23,13 +26,22 @@ class Talk:
         self.viewer = Viewer(limits)
         self._binary = binary
         self.clicks: list[Click] = []
-        self.receiver: ClickReceiver | None = ClickReceiver("DIRECTOR_TREE_VIEWER_REQUEST_<me>", self.clicks.append)
+        self.values: list[tuple[dict[Path, Value], int]] = []
+        """Values of controls and ``after`` of each message."""
+        self.receiver: PageClient | None = PageClient("DIRECTOR_TREE_VIEWER_REQUEST_<me>", self._receive)
+
+    def _receive(self, message: PageMessage) -> None:
+        if isinstance(message, ClickMessage):
+            self.clicks.append(message.click)
+        else:
+            self.values.append(({each.path: each.value for each in message.controls}, message.after))
 
     def tell(self, **request: Any) -> dict[str, Any]:
         """Send a request and return the response."""
-        data = message(request)
         if self._binary:
             data = wire.encode(msgspec.msgpack.encode(request), 7, wire.BINARY_FORMAT)
+        else:
+            data = message(request)
         response = self.viewer.protocol.handle(data, self.receiver)
         answer: dict[str, Any] = msgspec.to_builtins(response)
         return answer
@@ -158,9 +170,9 @@ def test_invalid_clicks_change_nothing(talk: Talk) -> None:
         "2 paths are clickable, the limit for one client is 1"
     )
     assert page.clicks.paths() == (("robot",),)
-    for receiver in (None, ClickReceiver("", talk.clicks.append)):
+    for receiver in (None, PageClient(None, print)):
         talk.receiver = receiver
-        assert talk.fails(setclicks=[{"path": []}]) == "clicks are sent only on a channel with a client id"
+        assert talk.fails(setclicks=[{"path": []}]) == "clicks and values are sent only on a channel with a client id"
 
 
 def test_requests_without_them_are_answered_as_before(talk: Talk) -> None:

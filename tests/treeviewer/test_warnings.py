@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from gateway.treeviewer.page_commands import ClickReceiver
+from gateway.treeviewer.page_commands import PageClient
 from tests.treeviewer.conversation import BOX, Viewer, message
 
 NEGATIVE = {"type": "sphere", "radius": -1}
@@ -76,5 +76,5 @@ def test_the_next_valid_command_ends_a_warning(viewer: Viewer, wrong: Any, right
     assert len(viewer.protocol.warnings.listed()) == 1
     viewer.tell({"settransform": [{"path": ["it"], "transform": {}}]})
     assert len(viewer.protocol.warnings.listed()) == 1
-    viewer.protocol.handle(message(right), ClickReceiver("client", lambda click: None))
+    viewer.protocol.handle(message(right), PageClient("client", print))
     assert viewer.protocol.warnings.listed() == []

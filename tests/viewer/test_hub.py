@@ -47,7 +47,7 @@ class Client:
         async with asyncio.timeout(SECONDS):
             async for frame in self.frames:
                 header, _ = parse_frame(frame)
-                if header["kind"] in ("status", "rig", "page"):
+                if header["kind"] in ("status", "rig", "page", "controls", "received"):
                     self.latest[header["kind"]] = header
                     continue
                 self.model.receive(frame)

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import AsyncIterator
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
 import pytest
 from fastapi import FastAPI
 
 from gateway.scene.clicks import Click
+from gateway.scene.controls import ControlLimits, ControlStore
 from gateway.scene.geometry import Box, Part
 from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import ViewHub
-from gateway.viewer.routes import ACKNOWLEDGE, MAX_MESSAGE_CHARS, router
+from gateway.viewer.routes import ACKNOWLEDGE, ACKNOWLEDGE_CONTROLS, MAX_MESSAGE_CHARS, router
 from renderers.drawlist import Material
+from scenegate.messages.controls import AnyControl, Button, Gizmo, Plot, Slider, TextInput
 from tests.support.waiting import SECONDS, until
 
 CONFIG = ViewerConfig(max_update_rate=1000.0, max_browsers=1)
@@ -56,6 +60,17 @@ class Socket:
                 header, _ = parse_frame(message["bytes"])
                 if header["kind"] == "update":
                     return header
+
+    async def frame(self, kind: str) -> tuple[dict[str, Any], memoryview]:
+        """Return header and body of the next frame of a kind."""
+        while True:
+            message = await self.receive()
+            if "bytes" in message:
+                header, body = parse_frame(message["bytes"])
+                if header["kind"] == "controls":
+                    self.send(ACKNOWLEDGE_CONTROLS)
+                if header["kind"] == kind:
+                    return header, body
 
     async def closed(self) -> tuple[int, str]:
         """Return code and reason of the close message."""
@@ -156,6 +171,91 @@ async def test_clicks_that_are_too_fast_are_dropped(view: View, monkeypatch: pyt
     socket.disconnect()
     await socket.task
     assert clicks == []
+
+
+async def test_changes_of_controls_reach_the_client_and_other_pages(view: View) -> None:
+    received: list[tuple[list[Any], int]] = []
+    controls: list[AnyControl] = [Slider(("speed",), 0, 10), TextInput(("name",)), Gizmo(("target",), ("box",))]
+    view.page.controls.set_controls("client", controls, lambda values, after: received.append((list(values), after)), 5)
+    view.edit("box")
+    socket = Socket(view.app)
+    header, _ = await socket.frame("controls")
+    assert [(each["id"], each["value"]) for each in header["controls"]] == [(1, 0.0), (2, ""), (3, None)]
+    for invalid in ('{"control": "a"}', '{"control": 1}', '{"control": 9, "number": 1}'):
+        socket.send(invalid)
+    socket.send('{"control": 1, "number": 2, "value": 3}')
+    while (await socket.frame("received"))[0]["number"] != 2:
+        pass
+    header, _ = await socket.frame("controls")
+    assert (header["controls"], header["values"]) == (None, [[1, 3.0]])
+    await until(lambda: received == [([(("speed",), 3.0)], 5)])
+    socket.send(json.dumps({"control": 2, "number": 3, "value": "\x01" * 1000}))  # 6000 characters
+    await until(lambda: received[1:] == [([(("name",), "\x01" * 1000)], 5)])
+    socket.send('{"control": 3, "number": 4, "value": {"translation": [1, 2, 3], "quaternion": [1, 0, 0, 0]}}')
+    await until(lambda: view.tree.snapshot.root.children["box"].pose == (1, 2, 3, 1, 0, 0, 0))
+    await until(lambda: len(received) == 3)
+    with view.tree.edit() as edit:
+        edit.delete(("box",))
+    socket.send('{"control": 3, "number": 5, "value": {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}}')
+    await until(lambda: len(received) == 4)
+    assert not view.tree.snapshot.root.children
+    socket.disconnect()
+    await socket.task
+
+
+async def test_a_slow_page_misses_values_in_between(view: View) -> None:
+    view.page.controls.set_controls("client", [Slider(("speed",), 0, 10)], lambda values, after: None, 1)
+    view.edit("box")
+    socket = Socket(view.app)
+    while (message := await socket.receive()).get("bytes") is None or b'"controls"' not in message["bytes"]:
+        pass
+    for value in (1, 2, 3):
+        view.page.controls.set_value("client", ("speed",), value, 1)
+        view.edit(f"box {value}")
+        socket.send(ACKNOWLEDGE)
+        await socket.update()  # the values wait, the scene does not
+    socket.send(ACKNOWLEDGE_CONTROLS)
+    header, _ = await socket.frame("controls")
+    assert header["values"] == [[1, 3.0]]
+    socket.disconnect()
+    await socket.task
+
+
+async def test_samples_of_plots_are_sent_once(view: View) -> None:
+    view.page.controls.set_controls("client", [Plot(("loads",), ("a",))], lambda values, after: None, 1)
+    view.page.controls.add_samples("client", ("loads",), np.array([[1.0, 2.0]]), 1)
+    socket = Socket(view.app)
+    for rows in ([[1.0, 2.0]], [[2.0, np.nan], [3.0, 4.0]]):
+        header, body = await socket.frame("controls")
+        ((control_id, (offset, count)),) = header["samples"]
+        np.testing.assert_array_equal(np.frombuffer(body, "<f8", count, offset).reshape(-1, 2), rows)
+        assert control_id == 1
+        view.page.controls.add_samples("client", ("loads",), np.array([[2.0, np.nan], [3.0, 4.0]]), 1)
+    socket.disconnect()
+    await socket.task
+
+
+async def test_changes_that_are_too_fast_wait(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.viewer.routes.MAX_CHANGES", 2)
+    received: list[Any] = []
+    view.page.controls.set_controls("client", [Button(("go",))], lambda values, after: received.extend(values), 1)
+    socket = Socket(view.app)
+    for number in range(5):
+        socket.send(f'{{"control": 1, "number": {number}}}')
+    await until(lambda: received and received[-1] == (("go",), 5))
+    socket.disconnect()
+    await socket.task
+
+
+async def test_controls_of_a_client_that_vanishes_are_removed() -> None:
+    view = View(ViewerConfig(max_update_rate=1000.0, status_seconds=0.01))
+    view.page.controls = store = ControlStore(ControlLimits(lease_seconds=0.0))
+    view.hub = ViewHub(ViewerConfig(status_seconds=0.01), view.tree, page=view.page)
+    view.updates.cancel()
+    view.updates = asyncio.create_task(view.hub.run())
+    store.set_controls("client", [Button(("go",))], lambda values, after: None, 1)
+    await until(lambda: store.controls_since(0) == [])
+    view.updates.cancel()
 
 
 async def test_a_message_beyond_the_limit_closes_the_connection(view: View) -> None:

@@ -37,6 +37,7 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Drake's visualizer: one message", "gateway.drakeviewer.config", "Limits"),
     ("Drake's visualizer: scheduling", "gateway.drakeviewer.config", "DrakeViewerConfig"),
     ("Clicks in the browser", "gateway.scene.clicks", "ClickLimits"),
+    ("Controls in the browser", "gateway.scene.controls", "ControlLimits"),
     ("LCM", "gateway.lcm.config", "LcmConfig"),
     ("Stereo camera", "gateway.stereo.device.camera_config", "StereoConfig"),
     ("Scene over HTTP", "gateway.sceneapi.config", "SceneApiConfig"),
@@ -71,6 +72,14 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Processes of --workers", "gateway.runtime.supervised_process", ("READY_SECONDS",)),
     ("Processes of --workers that hang at the end", "gateway.runtime.supervisor", ("KILL_SECONDS",)),
     ("Memory of finished images", "gateway.wiring.context", ("IDLE_SECONDS",)),
+    (
+        "One control in the browser",
+        "scenegate.messages.controls",
+        (
+            *("MAX_DEPTH", "MAX_NODE_DEPTH", "MAX_NAME_CHARS", "MAX_TEXT_CHARS"),
+            *("MAX_OPTIONS", "MAX_SERIES", "MAX_SAMPLES", "MAX_NUMBER"),
+        ),
+    ),
     ("Packages of meshes", "scenegate.robots.ros_packages", ("MAX_FOLDERS", "MAX_DEPTH")),
     ("Robot files: MJCF", "gateway.robots.mjcf_files", ("MAX_INCLUDES",)),
     ("Labels", "gateway.scene.labels", ("MAX_LABELS",)),
@@ -102,7 +111,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Fields of the render endpoint", "gateway.render.form", ("MAX_FOCAL", "MIN_FOV", "MAX_FOV", "MIN_FAR", "MAX_FAR")),
     ("Cameras of the render endpoint", "gateway.render.camera", ("_MAX_COORDINATE",)),
     ("Errors of the render endpoint", "gateway.render.errors", ("MAX_MESSAGE_BYTES", "_MAX_ECHO")),
-    ("Browser view: messages", "gateway.viewer.routes", ("MAX_MESSAGE_CHARS", "MAX_CLICKS")),
+    ("Browser view: messages", "gateway.viewer.routes", ("MAX_MESSAGE_CHARS", "MAX_CHANGES", "MAX_CLICKS")),
     ("Browser view: images of the stereo camera", "gateway.viewer.sensor_images", ("MAX_ENCODED_IMAGES",)),
     (
         "Images",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -18,7 +19,8 @@ from scenegate.messages.mesh_file import MeshFile
 from scenegate.regular_files import read_file_or_pipe
 from scenegate.robots.joint_text import parse_joints
 from scenegate.robots.reader import SUFFIXES
-from scenegate.tree.answer import Answer
+from scenegate.tree.answer import Answer, TreeViewerError
+from scenegate.tree.joint_sliders import JointSliders
 from scenegate.tree.robot import PublishedRobot
 from scenegate.tree.viewer import TreeViewer
 from scenegate.warning_text import strict_refusal
@@ -57,6 +59,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     robot("--collision", action="store_true", help=text)
     text = "publish textures and colours of vertices; other viewers refuse them (default: --textures)"
     robot("--textures", action=argparse.BooleanOptionalAction, default=True, help=text)
+    text = (
+        "show a slider for each joint of a robot in the page, which moves it until Ctrl+C; without, the command ends "
+        "when the robot is published (default: --sliders)"
+    )
+    robot("--sliders", action=argparse.BooleanOptionalAction, default=True, help=text)
     text = "publish a robot again whenever it or a mesh of it changes, until Ctrl+C"
     robot("--reload", action="store_true", help=text)
 
@@ -84,10 +91,16 @@ def run(options: argparse.Namespace) -> None:
             )
 
         with contextlib.suppress(KeyboardInterrupt), TreeViewer(options.lcm_url, options.timeout) as viewer:
+            signal.signal(signal.SIGTERM, signal.default_int_handler)  # the sliders are removed
             if options.reload:
-                _publish_on_change(viewer, source, publish_robot)
-            else:
-                _print_robot(source, publish_robot(viewer))
+                _publish_on_change(viewer, source, publish_robot, options.sliders)
+                return
+            robot = publish_robot(viewer)
+            _print_robot(source, robot)
+            if options.sliders and _add_sliders(viewer, robot) is not None:
+                print("The page shows a slider for each joint, until Ctrl+C.", file=sys.stderr, flush=True)
+                while True:  # not an event: on Windows, Ctrl+C does not interrupt waiting for one
+                    time.sleep(1.0)
         return
     if options.joint or options.root or options.keyframe or options.collision or options.reload:
         flags = "--joint, --root, --keyframe, --collision and --reload"
@@ -133,9 +146,12 @@ def _commands(request: dict[str, Any], name: str, source: Path) -> Iterator[tupl
         yield path_of(path) if isinstance(path, str) else tuple(path), command
 
 
-def _publish_on_change(viewer: TreeViewer, source: Path, publish_robot: Callable[[TreeViewer], PublishedRobot]) -> None:
+def _publish_on_change(
+    viewer: TreeViewer, source: Path, publish_robot: Callable[[TreeViewer], PublishedRobot], with_sliders: bool
+) -> None:
     """Publish a robot, and again whenever one of its files changes. Errors of the files are printed."""
     stamps: dict[Path, float | None] = {source: None}
+    sliders: JointSliders | None = None
     while True:
         if all(_changed(path) == stamp for path, stamp in stamps.items()):
             time.sleep(RELOAD_SECONDS)
@@ -148,10 +164,26 @@ def _publish_on_change(viewer: TreeViewer, source: Path, publish_robot: Callable
             print(str(error), file=sys.stderr)
             continue
         _print_robot(source, robot)
+        if with_sliders:
+            values = {} if sliders is None else sliders.values
+            sliders = _add_sliders(viewer, robot)
+            if sliders is not None:
+                sliders.set({name: value for name, value in values.items() if name in sliders.sliders})
         for path in (source.parent / name for name in robot.files):
             changed = _changed(path)
             # A new file may have changed since it was read: then the robot is published once more.
             stamps.setdefault(path, changed if changed is None or changed < began - RELOAD_SECONDS else None)
+
+
+def _add_sliders(viewer: TreeViewer, robot: PublishedRobot) -> JointSliders | None:
+    """Show sliders for the joints of a robot. Return None if it has no such joints, or the viewer shows none."""
+    try:
+        viewer.controls.delete()
+        sliders = viewer.controls.add_joint_sliders(robot)
+    except (TreeViewerError, ValueError) as error:
+        print(f"no sliders: {error}", file=sys.stderr)
+        return None
+    return sliders if sliders.sliders else None
 
 
 def _changed(path: Path) -> float | None:
@@ -174,4 +206,4 @@ def _print(answer: Answer) -> None:
     for name, paths in (("deleted", answer.deleted), ("set", answer.added), ("moved", answer.transformed)):
         if paths:
             more = f" and {len(paths) - 10} more" if len(paths) > 10 else ""
-            print(f"{name}: {', '.join('/'.join(map(str, path)) or '/' for path in paths[:10])}{more}")
+            print(f"{name}: {', '.join('/'.join(map(str, path)) or '/' for path in paths[:10])}{more}", flush=True)

@@ -64,6 +64,10 @@ class Changes:
         """Fields of a ``setview`` command."""
         self.click_paths: list[Path] | None = None
         """Paths of a ``setclicks`` command; None: no command."""
+        self.controls: list[Any] | None = None
+        """Controls of a ``setcontrols`` command; None: no command."""
+        self.control_values: list[dict[str, Any]] = []
+        """Commands of ``setvalues``."""
 
     def set(self, path: Path, geometries: list[dict[str, Any]]) -> None:
         """Replace the geometries at a path."""
@@ -116,6 +120,10 @@ class Changes:
             commands["setview"] = self.view
         if self.click_paths is not None:
             commands["setclicks"] = [{"path": path} for path in self.click_paths]
+        if self.controls is not None:
+            commands["setcontrols"] = self.controls
+        if self.control_values:
+            commands["setvalues"] = self.control_values
         return commands
 
 

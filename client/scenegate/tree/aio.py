@@ -8,10 +8,13 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from contextlib import asynccontextmanager
 from functools import wraps
 from types import TracebackType
-from typing import Any, Concatenate, Generic, ParamSpec, TypeVar, overload
+from typing import Any, Concatenate, Final, Generic, ParamSpec, TypeVar, overload
 
-from scenegate.messages.changes import Key, path_of
-from scenegate.tree.clicks import Callback, Click
+from scenegate.messages.changes import Key, Path, path_of
+from scenegate.tree.clicks import Callback
+from scenegate.tree.control_panel import ControlHandle, V
+from scenegate.tree.controls import ButtonHandle, ControlFolder, MaybePose, PlotHandle
+from scenegate.tree.joint_sliders import JointSliders
 from scenegate.tree.nodes import Batch, Node
 from scenegate.tree.robot import PublishedRobot
 from scenegate.tree.viewer import TreeViewer
@@ -95,6 +98,112 @@ def _returning(
     return call
 
 
+_callback_tasks: Final[set[asyncio.Task[None]]] = set()
+"""Coroutines of callbacks that run."""
+
+
+def _on_loop(callback: Callable[..., Any], method: str) -> Callable[..., None]:
+    """Return a function that makes the running event loop call ``callback``, which may be a coroutine."""
+    loop = asyncio.get_running_loop()
+    if not callable(callback):
+        raise TypeError(f"a callback of {method} must be a function, not a {type(callback).__name__}")
+
+    def call(*args: object) -> None:
+        result = callback(*args)
+        if inspect.iscoroutine(result):
+            task = loop.create_task(result)
+            _callback_tasks.add(task)
+            task.add_done_callback(_callback_tasks.discard)
+
+    def schedule(*args: object) -> None:
+        loop.call_soon_threadsafe(call, *args)
+
+    return schedule
+
+
+class AsyncControl(Generic[V]):
+    """``ControlHandle`` whose methods that send are coroutines. The event loop calls the callbacks."""
+
+    def __init__(self, handle: ControlHandle[V]) -> None:
+        self._blocking = handle
+
+    @property
+    def path(self) -> Path:
+        """See ``ControlHandle``."""
+        return self._blocking.path
+
+    @property
+    def value(self) -> V:
+        """Current value."""
+        return self._blocking.value
+
+    def on_update(self, callback: Callable[[V], Any]) -> Callable[[], None]:
+        """See ``ControlHandle.on_update``. ``callback`` may be a coroutine."""
+        return self._blocking.on_update(_on_loop(callback, "on_update"))
+
+    set = _InThread(ControlHandle.set)
+    delete = _InThread(ControlHandle.delete)
+
+
+class AsyncButton(AsyncControl[int]):
+    """``ButtonHandle`` for asyncio."""
+
+    _blocking: ButtonHandle
+
+    def on_click(self, callback: Callable[[], Any]) -> Callable[[], None]:
+        """See ``ButtonHandle.on_click``. ``callback`` may be a coroutine."""
+        return self._blocking.on_click(_on_loop(callback, "on_click"))
+
+
+class AsyncPlot(AsyncControl[None]):
+    """``PlotHandle`` for asyncio."""
+
+    _blocking: PlotHandle
+    add = _InThread(PlotHandle.add)
+    add_samples = _InThread(PlotHandle.add_samples)
+
+
+class AsyncJointSliders:
+    """``JointSliders`` whose methods that send are coroutines."""
+
+    def __init__(self, sliders: JointSliders) -> None:
+        self._blocking = sliders
+
+    @property
+    def values(self) -> dict[str, float]:
+        """See ``JointSliders``."""
+        return self._blocking.values
+
+    set = _InThread(JointSliders.set)
+    reset = _InThread(JointSliders.reset)
+    delete = _InThread(JointSliders.delete)
+
+
+class AsyncControlFolder:
+    """``ControlFolder`` whose methods are coroutines."""
+
+    def __init__(self, folder: ControlFolder) -> None:
+        self._blocking = folder
+
+    def __getitem__(self, key: Key) -> AsyncControlFolder:
+        return AsyncControlFolder(self._blocking[key])
+
+    add_button = _InThread(_returning(AsyncButton, ControlFolder.add_button))
+    add_slider = _InThread(_returning(AsyncControl[float], ControlFolder.add_slider))
+    add_number = _InThread(_returning(AsyncControl[float], ControlFolder.add_number))
+    add_text = _InThread(_returning(AsyncControl[str], ControlFolder.add_text))
+    add_checkbox = _InThread(_returning(AsyncControl[bool], ControlFolder.add_checkbox))
+    add_dropdown = _InThread(_returning(AsyncControl[str], ControlFolder.add_dropdown))
+    add_color = _InThread(_returning(AsyncControl[tuple[float, float, float]], ControlFolder.add_color))
+    add_plot = _InThread(_returning(AsyncPlot, ControlFolder.add_plot))
+    add_gizmo = _InThread(_returning(AsyncControl[MaybePose], ControlFolder.add_gizmo))
+    delete = _InThread(ControlFolder.delete)
+
+    async def add_joint_sliders(self, robot: AsyncRobot, name: Key | None = None) -> AsyncJointSliders:
+        """See ``ControlFolder.add_joint_sliders``."""
+        return AsyncJointSliders(await asyncio.to_thread(self._blocking.add_joint_sliders, robot.published, name))
+
+
 class AsyncTreeViewer:
     """``TreeViewer`` for asyncio. It is a context manager, and connects when the context is entered."""
 
@@ -102,8 +211,6 @@ class AsyncTreeViewer:
         """Accept the arguments of ``TreeViewer``."""
         self._arguments = (url, timeout, binary)
         self._viewer: TreeViewer | None = None
-        self._callback_tasks: set[asyncio.Task[None]] = set()
-        """Coroutines of ``on_click`` that run."""
 
     async def __aenter__(self) -> AsyncTreeViewer:
         self._viewer = await asyncio.to_thread(TreeViewer, *self._arguments)
@@ -124,21 +231,14 @@ class AsyncTreeViewer:
 
     async def on_click(self, path: Key, callback: Callback) -> Callable[[], Awaitable[None]]:
         """See ``TreeViewer.on_click``. The event loop calls ``callback``, which may be a coroutine."""
-        loop = asyncio.get_running_loop()
-
-        def call(click: Click) -> None:
-            result = callback(click)
-            if inspect.iscoroutine(result):
-                task = loop.create_task(result)
-                self._callback_tasks.add(task)
-                task.add_done_callback(self._callback_tasks.discard)
-
-        if not callable(callback):
-            raise TypeError(f"a callback of on_click must be a function, not a {type(callback).__name__}")
-        stop = await asyncio.to_thread(
-            self._blocking.on_click, path, lambda click: loop.call_soon_threadsafe(call, click)
-        )
+        call = _on_loop(callback, "on_click")
+        stop = await asyncio.to_thread(self._blocking.on_click, path, call)
         return lambda: asyncio.to_thread(stop)
+
+    @property
+    def controls(self) -> AsyncControlFolder:
+        """See ``TreeViewer.controls``."""
+        return AsyncControlFolder(self._blocking.controls)
 
     @asynccontextmanager
     async def batch(self) -> AsyncIterator[Batch]:

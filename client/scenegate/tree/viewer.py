@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scenegate.messages import wire
-from scenegate.messages.changes import Changes, Key, Path, PublishedTree, path_of
+from scenegate.messages.changes import Changes, Key, PublishedTree, path_of
 from scenegate.messages.colors import rgba
 from scenegate.tree.answer import (
     MISSING_PATHS,
@@ -33,8 +33,11 @@ from scenegate.tree.answer import (
     TreeViewerError,
     answer_of,
 )
+from scenegate.tree.callbacks import CallbackThreads
 from scenegate.tree.clicks import Callback, ClickListener
 from scenegate.tree.connection import LcmConnection
+from scenegate.tree.control_panel import ControlPanel
+from scenegate.tree.controls import ControlFolder
 from scenegate.tree.nodes import Batch, Node, transforms_of
 from scenegate.tree.robot import PublishedRobot, publish_robot
 
@@ -74,7 +77,11 @@ class TreeViewer:
         """Requests without a response, by ``utime``."""
         self.client_id = f"sg{os.getpid()}_{next(self._instance_numbers)}_{secrets.token_hex(4)}"
         handlers = {f"{wire.RESPONSE}_<{self.client_id}>": self._on_response, wire.RESPONSE: self._on_announcement}
-        self._clicks = ClickListener(self._renew_clicks)
+        self._threads = CallbackThreads(self._renew)
+        self._clicks = ClickListener(self._threads)
+        self._panel = ControlPanel(self.send, self._threads, self._record)
+        self.controls = ControlFolder(self._panel)
+        """Controls in the page: ``viewer.controls.add_slider("speed", 0, 10)``."""
         self._connection = LcmConnection(url, handlers, timeout)
 
     @property
@@ -94,10 +101,9 @@ class TreeViewer:
         self.close()
 
     def close(self) -> None:
-        """Close the connection. The published geometry stays in the viewer."""
-        if self._clicks.paths():
-            self._renew_clicks([])
-        self._clicks.close()
+        """Close the connection. The published geometry stays in the viewer; the controls are removed."""
+        self._threads.close()
+        self._renew(is_last=True)
         self._connection.close()
 
     def set_transforms(self, paths: Iterable[Key], poses: ArrayLike) -> Answer:
@@ -171,17 +177,32 @@ class TreeViewer:
 
     def _send_click_paths(self) -> None:
         """Subscribe to the clicks that have callbacks."""
-        changes = Changes()
-        changes.click_paths = self._clicks.paths()
-        self.send(changes)
+        with self._panel.sending:
+            changes = Changes()
+            changes.click_paths = self._clicks.paths()
+            self.send(changes)
 
-    def _renew_clicks(self, paths: list[Path]) -> None:
-        """Subscribe to clicks without waiting for the response, or for a connection that is lost."""
-        changes = Changes()
-        changes.click_paths = paths
-        if self._connection.is_connected:
-            with contextlib.suppress(ConnectionError):
-                self._post_only(changes.newer_commands())
+    def _renew(self, *, is_last: bool = False) -> None:
+        """Send clickable paths and controls without waiting for the response, or for a connection that is lost.
+
+        Args:
+            is_last: True: end the subscription to clicks, and remove the controls.
+        """
+        with self._panel.sending:
+            changes = Changes()
+            if paths := self._clicks.paths():
+                changes.click_paths = [] if is_last else paths
+            if controls := self._panel.definitions():
+                changes.controls = [] if is_last else controls
+            body = changes.newer_commands()
+            if body and self._connection.is_connected:
+                with contextlib.suppress(ConnectionError):
+                    self._post_only(body)
+
+    def _record(self, changes: Changes) -> None:
+        """Record changes that the page has made."""
+        with self._lock:
+            self._published.update(changes)
 
     def _post_only(self, body: dict[str, Any]) -> None:
         """Send a request whose response is ignored."""
@@ -300,6 +321,7 @@ class TreeViewer:
         with self._lock:
             utime = self._last_utime = max(self._last_utime + 1, time.time_ns() // 1000)
             future = self.pending[utime] = Future()
+        self._panel.sent(body, utime)
         try:
             message = wire.encode({"timestamp": utime, **body}, utime, message_format)
             self._connection.publish(f"{wire.REQUEST}_<{self.client_id}>", message, future.set_exception)
@@ -309,10 +331,13 @@ class TreeViewer:
         return utime, future
 
     def _on_response(self, message: bytes) -> None:
-        """Complete the future of the response's request, or queue a click. Runs in the receiving thread."""
+        """Complete the future of a response's request, or take a message of the page. Runs in the receiving thread."""
         response = wire.decode(message)
         if response is not None and "click" in response.body:
             self._clicks.receive(response.body["click"])
+            return
+        if response is not None and "controls" in response.body:
+            self._panel.receive(response.body)
             return
         future = self.pending.pop(response.timestamp, None) if response is not None else None
         if future is not None and response is not None:
@@ -323,9 +348,9 @@ class TreeViewer:
         response = wire.decode(message)
         if response is None or response.body.get("ready") is not True:
             return
+        self._threads.renew_now()
         with self._lock:
             everything = self._published.all()
-        everything.click_paths = self._clicks.paths() or None
         if everything.entries or everything.newer_commands():
             # No caller waits. The next request publishes again what is missing.
             with contextlib.suppress(ConnectionError):

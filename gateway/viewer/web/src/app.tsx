@@ -1,6 +1,7 @@
 // The page: toolbar, tree, view, panels, status bar. On small screens tree and panels are drawers over the view.
 
 import { useSignal } from "@preact/signals";
+import { ControlsPanel } from "./controlspanel";
 import { DetailsPanel } from "./detailspanel";
 import { EmptyState } from "./emptystate";
 import { FollowBar } from "./followbar";
@@ -9,6 +10,7 @@ import { Lightbox } from "./lightbox";
 import { MeasureBar } from "./measurebar";
 import { keep, kept } from "./options";
 import type { Side, Tab } from "./panels";
+import type { ProgramControls } from "./programcontrols";
 import { RendersPanel } from "./renderspanel";
 import { SensorsPanel } from "./sensorspanel";
 import { SideViews } from "./sideviews";
@@ -60,8 +62,14 @@ function Splitter({ side, label, width, onResize }: SplitterProps) {
   );
 }
 
-/** @param attach puts the view into an element */
-export function App({ viewer, attach }: { viewer: Viewer; attach: (element: Element | null) => void }) {
+interface AppProps {
+  viewer: Viewer;
+  programControls: ProgramControls;
+  /** Puts the view into an element. */
+  attach: (element: Element | null) => void;
+}
+
+export function App({ viewer, programControls, attach }: AppProps) {
   const { session, panels } = viewer;
   const widths = { left: useSignal(Number(kept("left-width")) || null), right: useSignal(Number(kept("right-width")) || null) };
   const splitter = (side: Side, label: string) => (
@@ -80,6 +88,7 @@ export function App({ viewer, attach }: { viewer: Viewer; attach: (element: Elem
   const tabs = panels.tabs.value;
   const pages: Record<Tab, preact.ComponentChild> = {
     Selection: <DetailsPanel viewer={viewer} />,
+    Controls: panels.isActive("Controls") && <ControlsPanel controls={programControls} model={session.model} />,
     Stereo: <SensorsPanel viewer={viewer} />,
     Renders: <RendersPanel viewer={viewer} />,
   };

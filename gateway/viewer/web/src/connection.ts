@@ -1,6 +1,7 @@
-// A WebSocket that reconnects by itself. The gateway sends the next update only after the acknowledgement "k".
+// A WebSocket that reconnects by itself. The gateway sends the next update only after the acknowledgement "k", the next
+// values of controls only after "c".
 
-import { type Click, type Message, parse } from "./protocol";
+import { type Click, type ControlChange, type Message, parse } from "./protocol";
 
 const FIRST_DELAY = 250;
 const MAX_DELAY = 4000;
@@ -27,9 +28,14 @@ export class Connection {
     this.send("k");
   }
 
-  /** Report a click that a client wants. */
-  click(click: Click): void {
-    this.send(JSON.stringify(click));
+  /** Acknowledge the last values of controls. */
+  acknowledgeControls(): void {
+    this.send("c");
+  }
+
+  /** Report a click that a client wants, or a change of a control. */
+  report(message: Click | ControlChange): void {
+    this.send(JSON.stringify(message));
   }
 
   private send(text: string): void {

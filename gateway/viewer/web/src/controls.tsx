@@ -55,16 +55,18 @@ export function Slider({ label, onInput, onChange, ...more }: SliderProps) {
 }
 
 interface SelectProps<T extends string> {
-  label: string;
+  /** Name for assistive programs; without it, an element `label` has the `id`. */
+  label?: string;
+  id?: string;
   value: T;
   /** Values and their texts. */
   choices: [T, string][];
   onChange: (value: T) => void;
 }
 
-export function Select<T extends string>({ label, value, choices, onChange }: SelectProps<T>) {
+export function Select<T extends string>({ label, id, value, choices, onChange }: SelectProps<T>) {
   return (
-    <select aria-label={label} value={value} onChange={({ currentTarget }) => onChange(currentTarget.value as T)}>
+    <select id={id} aria-label={label} value={value} onChange={({ currentTarget }) => onChange(currentTarget.value as T)}>
       {choices.map(([each, text]) => (
         <option key={each} value={each}>
           {text}

@@ -4,25 +4,30 @@ import { Box3 } from "three";
 import "./style.css";
 import { App } from "./app";
 import { Connection } from "./connection";
+import { Gizmos } from "./gizmos";
 import { options } from "./options";
-import { Panels } from "./panels";
+import { Panels, type Tab } from "./panels";
+import { ProgramControls } from "./programcontrols";
 import type { Message } from "./protocol";
 import { Session } from "./session";
 import { Viewer } from "./viewer";
 
 const session = new Session();
-const panels = new Panels(session);
+const programControls = new ProgramControls((change) => connection.report(change));
+const panels = new Panels(session, programControls);
 const holder = document.createElement("div");
-const viewer = new Viewer(session, panels, holder, (click) => connection.click(click));
+const viewer = new Viewer(session, panels, holder, (click) => connection.report(click));
 const { stage } = viewer;
+const gizmos = new Gizmos(stage, session.model, programControls);
 const attach = (element: Element | null) => element?.append(holder);
-render(h(App, { viewer, attach }), document.querySelector("#app") as Element);
+render(h(App, { viewer, programControls, attach }), document.querySelector("#app") as Element);
 viewer.followAddress();
 
 function receive(message: Message): void {
   switch (message.kind) {
     case "update":
       viewer.apply(message);
+      gizmos.follow();
       connection.acknowledge();
       break;
     case "mesh":
@@ -37,6 +42,13 @@ function receive(message: Message): void {
     case "page":
       viewer.configure(message);
       break;
+    case "controls":
+      programControls.receive(message);
+      connection.acknowledgeControls();
+      break;
+    case "received":
+      programControls.received(message.number);
+      break;
     case "status":
       session.status.value = message;
       break;
@@ -44,16 +56,23 @@ function receive(message: Message): void {
 }
 
 const connection = new Connection(receive, (state, reason) => {
-  if (state === "open") viewer.drawing.reset();
+  if (state === "open") {
+    viewer.drawing.reset();
+    programControls.reset();
+  }
   session.setConnection(state, reason);
 });
 
-// The panel of the stereo camera opens for the first stream.
-const stopWaiting = effect(() => {
-  if (!session.streaming.value) return;
-  panels.show("Stereo");
-  queueMicrotask(() => stopWaiting());
-});
+/** Open a panel when it has content for the first time. */
+function openFor(tab: Tab, hasContent: () => boolean): void {
+  const stop = effect(() => {
+    if (!hasContent()) return;
+    panels.show(tab);
+    queueMicrotask(() => stop());
+  });
+}
+openFor("Stereo", () => session.streaming.value);
+openFor("Controls", () => programControls.all.value.length > 0);
 
 const KEYS: Record<string, () => unknown> = {
   f: () => viewer.fit(),

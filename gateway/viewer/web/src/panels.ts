@@ -2,13 +2,14 @@
 
 import { batch, computed, effect, signal } from "@preact/signals";
 import type { FullImage } from "./lightbox";
+import type { ProgramControls } from "./programcontrols";
 import type { Status } from "./protocol";
 import type { Session } from "./session";
 
 export type Side = "left" | "right";
-export const TABS = ["Selection", "Stereo", "Renders"] as const;
+export const TABS = ["Selection", "Controls", "Stereo", "Renders"] as const;
 export type Tab = (typeof TABS)[number];
-/** Tabs that are there while they are used. */
+/** Tabs that are there while they are used. Controls are, while a program has any. */
 const IS_USED: Partial<Record<Tab, (status: Status) => boolean>> = {
   Stereo: ({ interfaces = {} }) => "stereo" in interfaces,
   Renders: ({ renders = 0 }) => renders > 0,
@@ -21,15 +22,17 @@ export class Panels {
   /** Tab that was chosen; the first one is shown while there is no such tab. */
   readonly tab = signal<Tab>("Stereo");
   readonly tabs = signal<Tab[]>(["Selection"]);
+  private used: Tab[] = ["Selection", "Controls"];
   readonly shown = computed(() => (this.tabs.value.includes(this.tab.value) ? this.tab.value : TABS[0]));
   /** Image that is shown in full size. */
   readonly full = signal<FullImage | null>(null);
 
   /** The tree is open if the screen has room for it, also after it was resized. */
-  constructor({ status }: Session) {
+  constructor({ status }: Session, controls: Pick<ProgramControls, "all">) {
     effect(() => {
       const { value } = status;
-      const tabs = value ? TABS.filter((tab) => IS_USED[tab]?.(value) ?? true) : this.tabs.peek();
+      if (value) this.used = TABS.filter((tab) => IS_USED[tab]?.(value) ?? true);
+      const tabs = this.used.filter((tab) => tab !== "Controls" || controls.all.value.length > 0);
       if (String(tabs) !== String(this.tabs.peek())) this.tabs.value = tabs;
     });
     const adapt = () => {

@@ -12,7 +12,7 @@ const FILE = "The visible scene as .glb, with this view as its camera";
 export function Toolbar({ viewer }: { viewer: Viewer }) {
   const { panels } = viewer;
   const word = (text: string) => <span class="word">{text}</span>;
-  const panel = "Selection, stereo camera, renders (S)";
+  const panel = "Selection, stereo camera, renders, controls (S)";
   return (
     <header class="bar">
       <Button icon="tree" title="Scene tree (T)" pressed={panels.left.value} onClick={() => panels.toggle("left")} />

@@ -1,0 +1,206 @@
+"""Controls of one client in the page: ``ControlPanel`` sends them, ``ControlHandle`` has the value of one."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, Generic, TypeAlias, TypeVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from scenegate.messages.changes import Changes, Path, is_at_or_below
+from scenegate.messages.controls import AnyControl, Gizmo
+from scenegate.tree.answer import Answer
+from scenegate.tree.callbacks import CallbackThreads, check_callback
+
+V = TypeVar("V")
+"""Type of a control's value."""
+_Handles: TypeAlias = "dict[Path, ControlHandle[Any]]"
+
+
+class ControlPanel:
+    """The controls of one client. It sends them, and receives their values. Thread-safe."""
+
+    def __init__(
+        self, send: Callable[[Changes], Answer], threads: CallbackThreads, record: Callable[[Changes], None]
+    ) -> None:
+        """
+        Args:
+            send: sends changes and waits for the response.
+            threads: run the callbacks.
+            record: records changes that are not sent: the page has moved a node.
+        """
+        self.threads = threads
+        self._send = send
+        self._record = record
+        self.lock = threading.Lock()
+        """Guards the handles."""
+        self.sending = threading.Lock()
+        """Held while all controls or clickable paths are sent, so that the newest list arrives last.
+
+        The receiving thread must not wait for it: another thread may hold it while it waits for a response."""
+        self._handles: _Handles = {}
+
+    def definitions(self) -> list[AnyControl]:
+        """Return all controls with their current values."""
+        with self.lock:
+            return [handle.definition() for handle in self._handles.values()]
+
+    def add(self, handles: Sequence[ControlHandle[Any]]) -> None:
+        """Show controls, in place of those at their paths."""
+        self.threads.start()
+        self._replace(lambda old: {**old, **{handle.path: handle for handle in handles}})
+
+    def delete(self, top: Path) -> None:
+        """Remove the controls at and below a path."""
+        self._replace(lambda old: {path: each for path, each in old.items() if not is_at_or_below(path, top)})
+
+    def _replace(self, replacement: Callable[[_Handles], _Handles]) -> None:
+        with self.sending:
+            with self.lock:
+                old = self._handles
+                self._handles = replacement(old)
+            if self._handles == old:
+                return
+            try:
+                changes = Changes()
+                changes.controls = self.definitions()
+                self._send(changes)
+            except BaseException:
+                with self.lock:
+                    self._handles = old
+                raise
+
+    def set_values(self, values: dict[ControlHandle[Any], Any]) -> Answer:
+        """Set values in one request. Callbacks are not called."""
+        checked = {handle: handle.control.checked(value) for handle, value in values.items()}
+        changes = Changes()
+        with self.lock:
+            for handle, value in checked.items():
+                handle.raw_value = value
+                changes.control_values.append({"path": handle.path, "value": value})
+        return self._send(changes)
+
+    def add_samples(self, path: Path, samples: NDArray[np.float64]) -> Answer:
+        """Add samples to a plot."""
+        changes = Changes()
+        changes.control_values.append({"path": path, "samples": samples})
+        return self._send(changes)
+
+    def sent(self, body: dict[str, Any], utime: int) -> None:
+        """Note the time of a request, before it is sent: earlier values from the page are out of date."""
+        with self.lock:
+            for command in body.get("setvalues", ()):
+                if command["path"] in self._handles:
+                    self._handles[command["path"]].set_time = utime
+            for control in body.get("setcontrols", ()):
+                handle = self._handles.get(control.path)
+                if handle is not None and not handle.set_time:
+                    handle.set_time = utime
+
+    def receive(self, body: dict[str, Any]) -> None:
+        """Take the values of a message, and queue the callbacks. Invalid ones are ignored."""
+        moved = Changes()
+        with self.lock, contextlib.suppress(KeyError, TypeError, ValueError):
+            after = int(body["after"])
+            for fields in body["controls"]:
+                handle = self._handles.get(tuple(fields["path"]))
+                if handle is not None and after >= handle.set_time:
+                    handle.receive(handle.control.checked(fields["value"]))
+                    if isinstance(handle.control, Gizmo):
+                        moved.transform(handle.control.node, msgspec.to_builtins(handle.raw_value))
+        if moved.entries:
+            self._record(moved)
+
+
+class ControlHandle(Generic[V]):
+    """A control in the page."""
+
+    def __init__(self, panel: ControlPanel, control: AnyControl) -> None:
+        self._panel = panel
+        self.control = control
+        self.raw_value: Any = control.initial
+        """Value as in messages."""
+        self.set_time = 0
+        """``utime`` of the last request that set the value."""
+        self._callbacks: list[Callable[[V], Any]] = []
+        self._is_queued = False
+
+    @property
+    def path(self) -> Path:
+        """Names of the folders, and the control's own name."""
+        return self.control.path
+
+    @property
+    def value(self) -> V:
+        """Current value, of the page or of this program. Setting it shows it in all pages; see ``set``."""
+        value: V = self._public(self.raw_value)
+        return value
+
+    @value.setter
+    def value(self, value: V) -> None:
+        self.set(value)
+
+    def set(self, value: V) -> Answer:
+        """Set the value in all pages. The callbacks of ``on_update`` are not called.
+
+        Raises:
+            ValueError: the control cannot have the value.
+            TreeViewerError, TimeoutError, ConnectionError: see ``TreeViewer.send``.
+        """
+        return self._panel.set_values({self: self._message(value)})
+
+    def on_update(self, callback: Callable[[V], Any]) -> Callable[[], None]:
+        """Call ``callback`` with the value after each change in a page, or by another program with this control.
+
+        The callbacks run one after the other in a thread of the client, and may use it. If they are slower than the
+        changes, they miss values in between, and never the last one.
+
+        Returns:
+            Function that ends the calls.
+        """
+        check_callback(callback, "on_update")
+        self._callbacks.append(callback)
+
+        def stop() -> None:
+            with contextlib.suppress(ValueError):
+                self._callbacks.remove(callback)
+
+        return stop
+
+    def delete(self) -> None:
+        """Remove the control from all pages."""
+        self._panel.delete(self.path)
+
+    def definition(self) -> AnyControl:
+        """Return the control with its current value."""
+        has_value = hasattr(self.control, "value")
+        return msgspec.structs.replace(self.control, value=self.raw_value) if has_value else self.control
+
+    def receive(self, value: Any) -> None:
+        """Take a value of the page, and queue the callbacks. The caller holds the panel's lock."""
+        if value == self.raw_value:
+            return
+        self.raw_value = value
+        if not self._is_queued:
+            self._is_queued = True
+            self._panel.threads.call(self._queue_callbacks)
+
+    def _queue_callbacks(self) -> None:
+        with self._panel.lock:
+            self._is_queued = False
+            value = self.raw_value
+        for callback in tuple(self._callbacks):
+            self._panel.threads.call(partial(callback, self._public(value)))
+
+    def _message(self, value: Any) -> Any:
+        """Return a value as it is sent."""
+        return value.item() if isinstance(value, np.generic) else value
+
+    def _public(self, value: Any) -> Any:
+        """Return a value as programs use it."""
+        return value

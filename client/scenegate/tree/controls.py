@@ -1,0 +1,215 @@
+"""Controls in the page: ``TreeViewer.controls``, whose methods add buttons, sliders, plots and others to the panel."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scenegate.messages import controls as messages
+from scenegate.messages.changes import Key, Path, path_of
+from scenegate.messages.colors import rgba
+from scenegate.transforms import from_pose
+from scenegate.tree.answer import Answer
+from scenegate.tree.callbacks import check_callback
+from scenegate.tree.control_panel import ControlHandle, ControlPanel
+from scenegate.tree.joint_sliders import JointSliders
+from scenegate.tree.robot import PublishedRobot
+
+MAX_CLICK_CALLS: Final = 100
+"""Maximum number of calls of a button's callback for clicks that arrive together."""
+
+MaybePose: TypeAlias = NDArray[np.float64] | None
+"""(4, 4) float64 X_parent_node, or None."""
+
+
+class ButtonHandle(ControlHandle[int]):
+    """A button. Its value is the number of clicks."""
+
+    _called_for = 0
+    """Number of clicks for which the callbacks were called."""
+
+    def on_click(self, callback: Callable[[], Any]) -> Callable[[], None]:
+        """Call ``callback`` once for each click, as ``on_update`` does. Returns the function that ends the calls."""
+        check_callback(callback, "on_click")
+
+        def call(value: int) -> None:
+            clicks, self._called_for = value - self._called_for, value
+            for _ in range(min(clicks, MAX_CLICK_CALLS)):
+                callback()
+
+        self._called_for = self.value
+        return self.on_update(call)
+
+
+class ColorHandle(ControlHandle[tuple[float, float, float]]):
+    """A field for a colour. Its value is red, green and blue, sRGB from 0 to 1; ``set`` takes all forms of colours."""
+
+    def _message(self, value: Any) -> Any:
+        return tuple(rgba(value)[:3])
+
+
+class GizmoHandle(ControlHandle[MaybePose]):
+    """Handles in the view that move and turn a node. The value is X_parent_node, (4, 4), after a drag; None before.
+
+    A gizmo follows its node: a program moves both by the node's transform.
+    """
+
+    def set(self, value: MaybePose) -> Answer:
+        """Raise ValueError: the pose is that of the node."""
+        raise ValueError("a gizmo follows its node: set the node's transform")
+
+    def _public(self, value: Any) -> MaybePose:
+        return None if value is None else from_pose(value.translation, value.quaternion)
+
+
+class PlotHandle(ControlHandle[None]):
+    """Curves of values over time."""
+
+    def add(self, *values: float, time_s: float | None = None) -> Answer:
+        """Add a sample.
+
+        Args:
+            values: a number for each curve; NaN makes a gap.
+            time_s: time in seconds, on any clock; None: ``time.time()``. If it goes backwards, the curves start again.
+        """
+        return self.add_samples([time.time() if time_s is None else time_s], [values])
+
+    def add_samples(self, times: ArrayLike, values: ArrayLike) -> Answer:
+        """Add N samples in one request.
+
+        Args:
+            times: (N,) seconds, on any clock, in ascending order.
+            values: (N, number of curves).
+        """
+        assert isinstance(self.control, messages.Plot)
+        rows = np.column_stack([np.asarray(times, np.float64), np.asarray(values, np.float64)])
+        return self._panel.add_samples(self.path, self.control.checked_samples(rows))
+
+
+class ControlFolder:
+    """A folder of the panel. Indexing gives the folders below: ``viewer.controls["arm"]``. Names may be ``arm/speed``.
+
+    A control that is added at the path of an earlier one replaces it. All methods raise ValueError for an invalid
+    argument, and the errors of ``TreeViewer.send``.
+    """
+
+    def __init__(self, panel: ControlPanel, path: Path = ()) -> None:
+        self.panel = panel
+        self.path = path
+
+    def __getitem__(self, key: Key) -> ControlFolder:
+        return ControlFolder(self.panel, self.path + path_of(key))
+
+    def delete(self) -> None:
+        """Remove all controls of this program in the folder."""
+        self.panel.delete(self.path)
+
+    def _path(self, name: Key) -> Path:
+        return self.path + path_of(name)
+
+    def _shown(self, handle: Any) -> Any:
+        self.panel.add([handle])
+        return handle
+
+    def add_button(self, name: Key) -> ButtonHandle:
+        """Add a button."""
+        handle: ButtonHandle = self._shown(ButtonHandle(self.panel, messages.Button(self._path(name))))
+        return handle
+
+    def add_slider(
+        self,
+        name: Key,
+        min: float,  # noqa: A002 - as in other viewers
+        max: float,  # noqa: A002
+        *,
+        value: float | None = None,
+        step: float | None = None,
+        unit: str = "",
+    ) -> ControlHandle[float]:
+        """Add a slider.
+
+        Args:
+            name: name, or path in this folder.
+            min: lowest value.
+            max: highest value.
+            value: value at first; None: the lowest.
+            step: distance between values; None: any value.
+            unit: text behind the value.
+        """
+        slider = messages.Slider(self._path(name), float(min), float(max), value=value, step=step, unit=unit)
+        handle: ControlHandle[float] = self._shown(ControlHandle(self.panel, slider))
+        return handle
+
+    def add_number(
+        self,
+        name: Key,
+        value: float = 0.0,
+        *,
+        min: float | None = None,  # noqa: A002
+        max: float | None = None,  # noqa: A002
+        step: float | None = None,
+        unit: str = "",
+    ) -> ControlHandle[float]:
+        """Add a field for a number. See ``add_slider``."""
+        number = messages.NumberInput(self._path(name), value, min, max, step, unit)
+        handle: ControlHandle[float] = self._shown(ControlHandle(self.panel, number))
+        return handle
+
+    def add_text(self, name: Key, value: str = "") -> ControlHandle[str]:
+        """Add a field for a line of text."""
+        text = messages.TextInput(self._path(name), value=value)
+        handle: ControlHandle[str] = self._shown(ControlHandle(self.panel, text))
+        return handle
+
+    def add_checkbox(self, name: Key, value: bool = False) -> ControlHandle[bool]:
+        """Add a check box."""
+        checkbox = messages.Checkbox(self._path(name), value=value)
+        handle: ControlHandle[bool] = self._shown(ControlHandle(self.panel, checkbox))
+        return handle
+
+    def add_dropdown(self, name: Key, options: Sequence[str], value: str | None = None) -> ControlHandle[str]:
+        """Add a menu; the first of the options is chosen if there is no value."""
+        dropdown = messages.Dropdown(self._path(name), tuple(options), value=value)
+        handle: ControlHandle[str] = self._shown(ControlHandle(self.panel, dropdown))
+        return handle
+
+    def add_color(self, name: Key, value: ArrayLike = (1.0, 1.0, 1.0)) -> ColorHandle:
+        """Add a field for a colour, which is given as ``color`` of geometry, without alpha."""
+        red, green, blue = rgba(value)[:3]
+        handle: ColorHandle = self._shown(
+            ColorHandle(self.panel, messages.ColorInput(self._path(name), value=(red, green, blue)))
+        )
+        return handle
+
+    def add_plot(self, name: Key, *series: str, seconds: float = 30.0, unit: str = "") -> PlotHandle:
+        """Add a plot.
+
+        Args:
+            name: name, or path in this folder.
+            series: names of the curves.
+            seconds: length of the time axis.
+            unit: unit of the values.
+        """
+        plot = messages.Plot(self._path(name), series, seconds=seconds, unit=unit)
+        handle: PlotHandle = self._shown(PlotHandle(self.panel, plot))
+        return handle
+
+    def add_gizmo(self, name: Key, node: Key) -> GizmoHandle:
+        """Add handles in the view that move and turn a node, and fields for its pose in the panel."""
+        gizmo = messages.Gizmo(self._path(name), path_of(node))
+        handle: GizmoHandle = self._shown(GizmoHandle(self.panel, gizmo))
+        return handle
+
+    def add_joint_sliders(self, robot: PublishedRobot, name: Key | None = None) -> JointSliders:
+        """Add a folder with a slider for each joint of a robot, which moves it, and a button that resets them.
+
+        Args:
+            robot: result of ``TreeViewer.robot``.
+            name: name of the folder; None: the robot's path.
+        """
+        folder = ("/".join(map(str, robot.path)),) if name is None else path_of(name)
+        return JointSliders(self.panel, self.path + folder, robot)

@@ -1,0 +1,81 @@
+"""Read the commands of controls in the page: ``setcontrols`` and ``setvalues``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import msgspec
+
+from gateway.scene.tree import Path
+from gateway.treeviewer import fields
+from gateway.treeviewer.command_lists import commands
+from gateway.treeviewer.context import ReadContext
+from gateway.treeviewer.fields import CommandError, show
+from gateway.treeviewer.packed_arrays import ArrayError
+from gateway.treeviewer.requests import ControlChange, Finding, Request
+from scenegate.messages.controls import MAX_SAMPLES, MAX_SERIES, AnyControl
+
+_SAMPLE_COLUMNS: Final = tuple(range(2, 2 + MAX_SERIES))
+
+
+def read_controls(value: Any, request: Request, context: ReadContext) -> None:
+    """Read ``setcontrols``: set ``request.controls``. One invalid control fails the whole command."""
+    if not _is_short("setcontrols", value, request, context):
+        return
+    controls: list[AnyControl] = []
+    failures_before = len(request.failures)
+    for index, command in commands("setcontrols", value, request, context):
+        path = None
+        try:
+            path = fields.path(command, context)
+            controls.append(_control(command, path, context))
+        except CommandError as error:
+            request.fail(Finding("setcontrols", index, path, str(error)), context.limits)
+    if len(request.failures) == failures_before:
+        request.controls = controls
+
+
+def read_values(value: Any, request: Request, context: ReadContext) -> None:
+    """Read ``setvalues``: add the values and samples of controls to ``request.control_changes``."""
+    if not _is_short("setvalues", value, request, context):
+        return
+    for index, command in commands("setvalues", value, request, context):
+        path = None
+        try:
+            path = fields.path(command, context)
+            if ("value" in command) == ("samples" in command):
+                raise CommandError("a command has either a value or samples")
+            samples = None
+            if "samples" in command:
+                samples = context.arrays.doubles(command["samples"], _SAMPLE_COLUMNS, MAX_SAMPLES)
+        except ArrayError as error:
+            request.fail(Finding("setvalues", index, path, f"samples {error}"), context.limits)
+        except CommandError as error:
+            request.fail(Finding("setvalues", index, path, str(error)), context.limits)
+        else:
+            request.control_changes.append(ControlChange(index, path, command.get("value"), samples))
+
+
+def _is_short(name: str, value: Any, request: Request, context: ReadContext) -> bool:
+    """Return True if a command has as many elements as the limit allows; else add a failure."""
+    limit = context.limits.controls
+    if isinstance(value, list) and len(value) > limit:
+        request.fail(Finding(name, 0, None, f"{name} has {len(value)} elements, the limit is {limit}"), context.limits)
+        return False
+    return True
+
+
+def _control(command: Mapping[str, Any], path: Path, context: ReadContext) -> AnyControl:
+    """Return the control that a command describes."""
+    values = {**command, "path": path}
+    if "node" in values:
+        values["node"] = fields.path({"path": values["node"]}, context)
+    try:
+        control: AnyControl = msgspec.convert(values, AnyControl)
+    except msgspec.ValidationError as error:
+        # msgspec: Expected `float`, got `str` - at `$.min`
+        reason, _, place = str(error).partition(" - at `$.")
+        name = place.rstrip("`")
+        raise CommandError(f"{name} is {show(values.get(name))}: {reason}" if name in values else str(error)) from None
+    return control

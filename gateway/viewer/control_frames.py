@@ -1,0 +1,71 @@
+"""Controls of the page: the frames with them and their values, and the changes that a page sends.
+
+A page numbers its changes. It ignores values of a control that were sent before the gateway has received its last
+change of that control: a frame ``received`` has the number.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from gateway.scene.controls import ControlStore
+from gateway.scene.live import LiveTree
+from gateway.scene.tree import Pose
+from gateway.viewer.frames import FrameBuilder
+from scenegate.messages import controls
+
+
+class ControlChange(msgspec.Struct):
+    """A change of a control, as the page sends it in JSON. The value of a button is ignored: it counts a click."""
+
+    control: int
+    """Id of the control."""
+    number: int
+    value: Any = None
+
+
+class ControlFrames:
+    """Encodes the controls. Pages that have the same revision share a frame."""
+
+    def __init__(self, store: ControlStore, tree: LiveTree) -> None:
+        self.store = store
+        self._tree = tree
+        self._frames: dict[int, bytes] = {}
+        """Frames that lead to the newest revision, by the revision that the page has."""
+        self._revision = store.revision
+
+    def since(self, revision: int) -> bytes:
+        """Return the frame with all that has changed since a revision."""
+        store = self.store
+        if self._revision != store.revision:
+            self._revision = store.revision
+            self._frames.clear()
+        frame = self._frames.get(revision)
+        if frame is None:
+            builder = FrameBuilder()
+            samples = [(control_id, builder.add_array(rows)) for control_id, rows in store.samples_since(revision)]
+            header = {
+                "kind": "controls",
+                "controls": store.controls_since(revision),
+                "values": store.values_since(revision),
+                "samples": samples,
+            }
+            frame = self._frames[revision] = builder.finish(header)
+        return frame
+
+    def change(self, change: ControlChange) -> None:
+        """Execute a change of a page. A gizmo moves its node, if there is one."""
+        entry = self.store.change(change.control, change.value)
+        if entry is None or not isinstance(entry.control, controls.Gizmo) or not isinstance(entry.value, controls.Pose):
+            return
+        pose: Pose = (*entry.value.translation, *entry.value.quaternion)
+        if self._tree.snapshot.root.find(entry.control.node) is not None:
+            with self._tree.edit() as edit:
+                edit.set_pose(entry.control.node, pose)
+
+
+def received_frame(number: int) -> bytes:
+    """Return the frame that tells a page the number of its last change that was executed."""
+    return FrameBuilder().finish({"kind": "received", "number": number})
