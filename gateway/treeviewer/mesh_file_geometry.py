@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import binascii
-from collections.abc import Mapping
 from pathlib import PurePosixPath
-from typing import Any, Final
+from typing import Any
 from urllib.parse import unquote
 
 import msgspec
@@ -22,30 +21,21 @@ from gateway.assets.mesh_formats import (
 )
 from gateway.gltf import GltfError
 from gateway.scene.geometry import Part
-from gateway.scene.materials import Color, tinted
+from gateway.scene.materials import WHITE, Color, tinted
 from gateway.scene.transforms import scaling
-from gateway.treeviewer import fields
 from gateway.treeviewer.context import ReadContext
-from gateway.treeviewer.fields import CommandError, NothingToDraw, show
 from gateway.treeviewer.images import check_image
 from renderers.drawlist import Image, ImageError
-
-MAX_FILES: Final = 1000
-"""Maximum number of files beside the mesh file: scans have a texture for each of some hundred tiles."""
-
-Params = Mapping[str, Any]
-"""Fields of a decoded geometry, by name."""
+from scenegate.messages.field_kinds import CommandError, NothingToDraw, read_color, show
+from scenegate.messages.mesh_file import MAX_FILES
 
 
-def mesh_file(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
+def mesh_file(
+    rgba: Color, context: ReadContext, *, filename: str, scale: Any, data: Any, **sent: Any
+) -> tuple[Part, ...]:
     """Return the parts of a mesh file with the command's colour."""
-    filename = params.get("filename")
-    if not isinstance(filename, str):
-        raise CommandError(
-            "filename is missing" if filename is None else f"filename must be a string, not {show(filename)}"
-        )
-    scale = _scale(params)
-    parts = _opened(filename, scale, context) if params.get("data") is None else _sent(params, filename, scale, context)
+    xyz = (scale,) * 3 if isinstance(scale, float) else scale
+    parts = _opened(filename, xyz, context) if data is None else _sent(filename, xyz, context, data, **sent)
     return tuple(
         msgspec.structs.replace(part, material=tinted(part.material, rgba), source=part.source or filename)
         for part in parts
@@ -65,15 +55,23 @@ def _opened(filename: str, scale: tuple[float, float, float], context: ReadConte
         raise CommandError(f"filename: {reason}") from None
 
 
-def _sent(params: Params, filename: str, scale: tuple[float, float, float], context: ReadContext) -> tuple[Part, ...]:
+def _sent(
+    filename: str,
+    scale: tuple[float, float, float],
+    context: ReadContext,
+    data: Any,
+    files: Any,
+    up: Any,
+    default_color: Any,
+    default_texture: Any,
+) -> tuple[Part, ...]:
     """Return the parts of a file in the command. What cannot be read is left out, with a warning."""
     extension = PurePosixPath(filename).suffix[1:].lower()
     if extension not in FORMATS:
         raise NothingToDraw(f"{show(filename)} is not a file of a known format ({', '.join(sorted(FORMATS))})")
-    others = params.get("files") or {}
+    others = files or {}
     if not isinstance(others, dict) or len(others) > MAX_FILES:
         raise CommandError(f"files must be an object of at most {MAX_FILES} files, not {show(others)}")
-    up = params.get("up")
     if up not in (None, "z"):
         raise CommandError(f"up must be 'z' or missing, not {show(up)}")
 
@@ -85,27 +83,24 @@ def _sent(params: Params, filename: str, scale: tuple[float, float, float], cont
 
     found: list[str] = []
     try:
-        data = _content(params["data"], "data")
+        content = _content(data, "data")
         parts = parse_mesh(
-            data, extension, resolve, MESH_LIMITS, found, collada_up_axis=up is None, gltf_up="z" if up else "auto"
+            content, extension, resolve, MESH_LIMITS, found, collada_up_axis=up is None, gltf_up="z" if up else "auto"
         )
     except (MeshFormatError, GltfError) as error:
         raise NothingToDraw(f"{show(filename)}: {error}, so nothing is drawn") from None
     context.warnings += [f"{show(filename)}: {text}" for text in found]
-    if params.get("default_color") is not None or params.get("default_texture") is not None:
-        color = np.array(fields.color(params, context.warnings, "default_color"))
-        texture = _texture(params, context)
+    if default_color is not None or default_texture is not None:
+        color = np.array(WHITE if default_color is None else read_color(default_color, "default_color", context))
+        texture = None if default_texture is None else _texture(default_texture, context)
         plain = diffuse_material(color, None)
         parts = with_default_materials(parts, plain, plain if texture is None else diffuse_material(color, texture))
     X = scaling(*scale)
     return tuple(msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in parts)
 
 
-def _texture(params: Params, context: ReadContext) -> Image | None:
+def _texture(value: Any, context: ReadContext) -> Image | None:
     """Return the image of ``default_texture``; None, with a warning, if it cannot be decoded."""
-    value = params.get("default_texture")
-    if value is None:
-        return None
     try:
         return check_image(_content(value, "default_texture"), context.limits.image_pixels).image
     except ImageError as error:
@@ -123,18 +118,3 @@ def _content(value: Any, name: str) -> bytes:
         return pybase64.b64decode(value, validate=True)
     except (binascii.Error, ValueError) as error:
         raise CommandError(f"{name} is not base64: {error}") from None
-
-
-def _scale(params: Params) -> tuple[float, float, float]:
-    """Return the scale factors along x, y, z. The field has one number for all axes, or three."""
-    value = params.get("scale")
-    if value is None:
-        return 1.0, 1.0, 1.0
-    if isinstance(value, list) and len(value) == 3:
-        x, y, z = (fields.drawable(v, "scale") for v in fields.numbers(value, "scale", 3))
-        return x, y, z
-    single = value[0] if isinstance(value, list) and len(value) == 1 else value
-    if not isinstance(single, (int, float)):
-        raise CommandError(f"scale must be a number or three, not {show(value)}")
-    scale = fields.drawable(fields.number(single, "scale"), "scale")
-    return scale, scale, scale

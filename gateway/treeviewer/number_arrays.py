@@ -1,7 +1,7 @@
 """Read the number arrays of a request, from JSON text, Python lists and packed arrays (MessagePack), as NumPy arrays.
 
-``json_kernels`` parses long arrays in JSON text. In the text that the JSON decoder gets, a short string stands for each
-of them: a random token, which no client can guess, and the array's index.
+``json_kernels`` parses long arrays in JSON text. In the text that the JSON decoder gets, ``[{"token": index}]`` stands
+for each of them, with a random token, which no client can guess. No field but an array accepts such a value.
 """
 
 from __future__ import annotations
@@ -53,43 +53,45 @@ class _TextArray:
 class NumberArrays:
     """Number arrays of one request, whatever its format."""
 
-    __slots__ = ("_arrays", "_prefix", "_text")
+    __slots__ = ("_arrays", "_text", "_token")
 
     def __init__(self) -> None:
-        self._prefix = ""
+        self._token = ""
         self._text: NDArray[np.uint8] | None = None
         self._arrays: list[_TextArray] = []
 
     def extract(self, data: memoryview) -> bytes:
-        """Return the JSON text ``data`` with strings in place of its long arrays. Keeps a reference to ``data``."""
+        """Return the JSON text with short values in place of its long arrays. Keeps a reference to ``data``."""
         text = np.frombuffer(data, np.uint8)
         max_arrays = MAX_ARRAYS if len(data) > MAX_ARRAYS else _MAX_ARRAYS_OF_SMALL_REQUEST
         table = json_kernels.find_arrays(text, max_arrays, MIN_NUMBERS)
         if not len(table):
             return bytes(data)
         self._text = text
-        self._prefix = f"\x00{os.urandom(12).hex()}:"
-        json_prefix = '"\\u0000' + self._prefix[1:]
+        self._token = f"\x00{os.urandom(12).hex()}"
         pieces: list[bytes | memoryview] = []
         position = 0
         for index, row in enumerate(table.tolist()):
             array = _TextArray(*row)
             self._arrays.append(array)
             pieces.append(data[position : array.begin])
-            pieces.append(f'{json_prefix}{index}"'.encode())
+            pieces.append(f'[{{"\\u0000{self._token[1:]}":{index}}}]'.encode())
             position = array.end
         pieces.append(data[position:])
         return b"".join(pieces)
 
-    def is_reference(self, value: str) -> bool:
-        """Return True if a string stands for an array that was taken out."""
-        return bool(self._prefix) and value.startswith(self._prefix)
+    def _extracted(self, value: Any) -> _TextArray | None:
+        """Return the array of the JSON text that a decoded value stands for; None for other values."""
+        if self._text is None or not isinstance(value, list) or len(value) != 1 or not isinstance(value[0], dict):
+            return None
+        index = value[0].get(self._token)
+        return None if index is None else self._arrays[index]
 
     def floats(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float32]:
         """Return a field's numbers as float32: (N, one of ``columns``), or (N,) for one column.
 
         Args:
-            value: decoded field: a list, a packed array, or the string that stands for an array in the JSON text.
+            value: decoded field: a list, a packed array, or the value that stands for an array in the JSON text.
             columns: numbers of columns that the field may have. An empty list gets the first.
             max_rows: maximum number of rows.
         Raises:
@@ -141,17 +143,16 @@ class NumberArrays:
         return rows.reshape(-1, columns).astype(np.float32)
 
     def _row_length(self, value: Any) -> int:
-        """Return the number of columns of the first row of a list, or of the array that a string stands for."""
-        if isinstance(value, str) and self.is_reference(value):
-            array = self._arrays[int(value[len(self._prefix) :])]
+        """Return the number of columns of the first row of a list, or of the array that a value stands for."""
+        array = self._extracted(value)
+        if array is not None:
             return array.columns if array.dimensions == 2 and array.columns > 0 else 2
         return len(value[0]) if isinstance(value, list) and value and isinstance(value[0], list) and value[0] else 2
 
     def _read(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
-        """Return the numbers of a list, or of the array that a string stands for."""
-        if isinstance(value, str) and self.is_reference(value):
-            return self._parse(self._arrays[int(value[len(self._prefix) :])], columns, max_rows)
-        return _from_list(value, columns, max_rows)
+        """Return the numbers of a list, or of the array that a value stands for."""
+        array = self._extracted(value)
+        return _from_list(value, columns, max_rows) if array is None else self._parse(array, columns, max_rows)
 
     def _parse(self, array: _TextArray, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
         column_count = _checked_columns(array, columns, max_rows)

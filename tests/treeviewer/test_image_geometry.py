@@ -162,7 +162,7 @@ def test_equal_images_are_one_object(viewer: Viewer) -> None:
         ({"type": "heightmap", "heights": [[1, 2], [3]], "lengths": [1, 1]}, "heights has 1 number in row 1"),
         ({"type": "heightmap", "heights": [1, 2], "lengths": [1, 1]}, "heights has numbers, not rows of 2 numbers"),
         ({"type": "heightmap", "heights": [[1] * 5] * 5, "lengths": [1, 1]}, "heights has 25 numbers, the limit is 20"),
-        ({"type": "heightmap", "heights": [[1, 2]] * 2}, "lengths must be a list of 2 numbers, not null"),
+        ({"type": "heightmap", "heights": [[1, 2]] * 2}, "lengths is missing"),
         ({"type": "heightmap", "heights": [[1, 2]] * 2, "lengths": [1, -1]}, "lengths must be above 0, not -1"),
         ({"type": "heightmap", "heights": [[1, 2]] * 2, "lengths": [1, 1], "colors": [[1, 1, 1]]}, "colors has 1 rows"),
         ({"type": "text"}, "text is missing"),
