@@ -10,9 +10,9 @@ import pytest
 from gateway.scene.cameras import LookAtCamera
 from gateway.scene.clicks import Click, ClickLimits, ClickSubscriptions
 from gateway.scene.live_page import PageView
-from gateway.treeviewer import wire
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.page_commands import ClickReceiver
+from scenegate.messages import wire
 from tests.treeviewer.conversation import BOX, Viewer, message
 
 
@@ -29,7 +29,7 @@ class Talk:
         """Send a request and return the response."""
         data = message(request)
         if self._binary:
-            data = wire.encode(msgspec.msgpack.encode(request), 7, wire.BINARY_FORMAT)
+            data = wire.encode(msgspec.msgpack.encode(request), 7, wire.BINARY)
         response = self.viewer.protocol.handle(data, self.receiver)
         answer: dict[str, Any] = msgspec.to_builtins(response)
         return answer

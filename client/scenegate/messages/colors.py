@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scenegate.messages.css_colors import CSS_COLORS
-from scenegate.messages.wire import empty_with_header
+from scenegate.messages.request_encoding import empty_with_header
 from scenegate.regular_files import read_regular
 
 WHITE: Final = (1.0, 1.0, 1.0, 1.0)

@@ -18,7 +18,7 @@ from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
 from scenegate.messages.colors import ImageLike, color_rows, image_field, rgba
-from scenegate.messages.wire import empty_with_header
+from scenegate.messages.request_encoding import empty_with_header
 
 MAX_DISTANCE: Final = 1e15
 """Maximum of drawable lengths and coordinates, in metres. The squares of larger ones may overflow float32."""
