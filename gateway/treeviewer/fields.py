@@ -39,16 +39,19 @@ def pose(value: Any, name: str = "transform") -> Pose:
 
 
 def local_transform(params: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Return the transform from a geometry's frame to its path's, (4, 4); the object ``IDENTITY`` if there is none."""
+    """Return the transform from a geometry's frame to its path's, as ``matrix_of`` does."""
     value = params.get("transform")
     if value is None:
         return IDENTITY
     translation_quaternion = pose(value)
-    if translation_quaternion == _IDENTITY_POSE:
-        return IDENTITY
     if not all(abs(v) <= MAX_DISTANCE for v in translation_quaternion):
         raise NothingToDraw("transform is not finite, so nothing is drawn")
-    return from_pose(translation_quaternion[:3], translation_quaternion[3:])
+    return matrix_of(translation_quaternion)
+
+
+def matrix_of(X: Pose) -> NDArray[np.float64]:
+    """Return a pose as a matrix, (4, 4); the object ``IDENTITY`` for the identity."""
+    return IDENTITY if X == _IDENTITY_POSE else from_pose(X[:3], X[3:])
 
 
 def path(command: Mapping[str, Any], context: ReadContext) -> Path:

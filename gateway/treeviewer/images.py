@@ -88,12 +88,17 @@ def drawn_image(pixels: NDArray[np.uint8]) -> CheckedImage:
 
 def _encoded_file(value: Any, name: str, limits: Limits) -> bytes:
     """Return the encoded file of an image field."""
-    if isinstance(value, bytes):
-        return value
     if isinstance(value, PackedArray):
         return png_rgba(_rgba(value.pixels(limits.image_pixels)))
+    return file_content(value, name, "a PNG or JPEG file (base64 in JSON) or a uint8 array")
+
+
+def file_content(value: Any, name: str, expected: str = "the content of a file (base64 in JSON)") -> bytes:
+    """Return the content of a file: bytes in MessagePack, base64 in JSON; ``expected`` is for an error text."""
+    if isinstance(value, bytes):
+        return value
     if not isinstance(value, str):
-        raise CommandError(f"{name} must be a PNG or JPEG file (base64 in JSON) or a uint8 array, not {show(value)}")
+        raise CommandError(f"{name} must be {expected}, not {show(value)}")
     try:
         return pybase64.b64decode(value, validate=True)
     except (binascii.Error, ValueError) as error:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import binascii
 from pathlib import PurePosixPath
 from typing import Any
 from urllib.parse import unquote
 
 import msgspec
 import numpy as np
-import pybase64
 
 from gateway.assets.mesh_formats import (
     FORMATS,
@@ -24,7 +22,7 @@ from gateway.scene.geometry import Part
 from gateway.scene.materials import WHITE, Color, tinted
 from gateway.scene.transforms import scaling
 from gateway.treeviewer.context import ReadContext
-from gateway.treeviewer.images import check_image
+from gateway.treeviewer.images import check_image, file_content
 from renderers.drawlist import Image, ImageError
 from scenegate.messages.field_kinds import CommandError, NothingToDraw, read_color, show
 from scenegate.messages.mesh_file import MAX_FILES
@@ -78,12 +76,12 @@ def _sent(
     def resolve(name: str) -> bytes:
         for spelling in (name, unquote(name), unquote(name).replace("\\", "/")):
             if spelling in others:
-                return _content(others[spelling], "files")
+                return file_content(others[spelling], "files")
         raise FileNotFoundError(2, "it was not sent", name)
 
     found: list[str] = []
     try:
-        content = _content(data, "data")
+        content = file_content(data, "data")
         parts = parse_mesh(
             content, extension, resolve, MESH_LIMITS, found, collada_up_axis=up is None, gltf_up="z" if up else "auto"
         )
@@ -102,19 +100,7 @@ def _sent(
 def _texture(value: Any, context: ReadContext) -> Image | None:
     """Return the image of ``default_texture``; None, with a warning, if it cannot be decoded."""
     try:
-        return check_image(_content(value, "default_texture"), context.limits.image_pixels).image
+        return check_image(file_content(value, "default_texture"), context.limits.image_pixels).image
     except ImageError as error:
         context.warnings.append(f"default_texture cannot be decoded: {error}; it is not shown")
         return None
-
-
-def _content(value: Any, name: str) -> bytes:
-    """Return the content of a file: bytes in MessagePack, base64 in JSON."""
-    if isinstance(value, bytes):
-        return value
-    if not isinstance(value, str):
-        raise CommandError(f"{name} must be the content of a file (base64 in JSON), not {show(value)}")
-    try:
-        return pybase64.b64decode(value, validate=True)
-    except (binascii.Error, ValueError) as error:
-        raise CommandError(f"{name} is not base64: {error}") from None

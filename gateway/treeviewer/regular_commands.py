@@ -6,7 +6,6 @@ reads them command by command. A type here may be stricter than the protocol, bu
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Union
 
@@ -14,37 +13,32 @@ import msgspec
 
 from gateway.scene.geometry import Part, Solid
 from gateway.scene.materials import WHITE, material
-from gateway.scene.transforms import IDENTITY, from_pose
+from gateway.scene.transforms import IDENTITY
 from gateway.scene.tree import Path, Pose
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.fields import IDENTITY_QUATERNION, ZERO_TRANSLATION
+from gateway.treeviewer.fields import IDENTITY_QUATERNION, ZERO_TRANSLATION, matrix_of
 from scenegate.messages.field_kinds import MAX_DISTANCE
 from scenegate.messages.geometry import fields_of
 
-_Finite = Annotated[float, msgspec.Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
 _Coordinate = Annotated[float, msgspec.Meta(ge=-MAX_DISTANCE, le=MAX_DISTANCE)]
 _Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 
 
 class _Transform(msgspec.Struct, gc=False):
-    """Transform of a settransform command: from the path's frame to its parent's."""
+    """Transform from a path's frame to its parent's, or from a geometry's frame to its path's."""
 
-    translation: tuple[_Finite, _Finite, _Finite] | None = ZERO_TRANSLATION
-    quaternion: tuple[_Finite, _Finite, _Finite, _Finite] | None = IDENTITY_QUATERNION
+    translation: tuple[_Coordinate, _Coordinate, _Coordinate] | None = None
+    quaternion: tuple[_Coordinate, _Coordinate, _Coordinate, _Coordinate] | None = None
 
-
-class _LocalTransform(msgspec.Struct, gc=False):
-    """Transform from a geometry's frame to the frame of its path."""
-
-    translation: tuple[_Coordinate, _Coordinate, _Coordinate] = ZERO_TRANSLATION
-    quaternion: tuple[_Coordinate, _Coordinate, _Coordinate, _Coordinate] = IDENTITY_QUATERNION
+    def pose(self) -> Pose:
+        return (self.translation or ZERO_TRANSLATION) + (self.quaternion or IDENTITY_QUATERNION)
 
 
 class _SolidMessage(msgspec.Struct, gc=False, kw_only=True, tag_field="type"):
     """Base of the types of solids."""
 
     color: tuple[_Fraction, _Fraction, _Fraction, _Fraction] = WHITE
-    transform: _LocalTransform | None = None
+    transform: _Transform | None = None
 
 
 def _solid_type(solid: type[Solid]) -> type[msgspec.Struct]:
@@ -83,13 +77,10 @@ def parts_of(command: Any) -> tuple[Part, ...] | None:
 
 def _part(message: _SolidMessage) -> Part:
     solid, names = _SOLIDS[type(message)]
-    local, X_node_part = message.transform, IDENTITY
-    if local is not None and (local.translation, local.quaternion) != (ZERO_TRANSLATION, IDENTITY_QUATERNION):
-        X_node_part = from_pose(local.translation, local.quaternion)
+    X_node_part = IDENTITY if message.transform is None else matrix_of(message.transform.pose())
     return Part(solid(*[getattr(message, name) for name in names]), material(message.color), X_node_part, solid.kind)
 
 
 def pose_of(command: Any) -> tuple[Path, Pose]:
     """Return path and pose of a regular settransform command."""
-    transform = command.transform
-    return command.path, (transform.translation or ZERO_TRANSLATION) + (transform.quaternion or IDENTITY_QUATERNION)
+    return command.path, command.transform.pose()

@@ -98,10 +98,14 @@ class RequestReader:
             return request
         if not isinstance(message, dict):
             raise RequestError(f"the request must be {self.type_text}, not {show(message)}")
-        self._read_deletes(message.get("delete"), request, context)
-        # as in Director, its older keys override the newer ones
-        self._read_geometries(message["load"] if "load" in message else message.get("setgeometry"), request, context)
-        self._read_transforms(message["draw"] if "draw" in message else message.get("settransform"), request, context)
+        for read, value in (
+            (self._read_deletes, message.get("delete")),
+            # as in Director, its older keys override the newer ones
+            (self._read_geometries, message["load"] if "load" in message else message.get("setgeometry")),
+            (self._read_transforms, message["draw"] if "draw" in message else message.get("settransform")),
+        ):
+            if value is not None and value != []:
+                read(value, request, context)
         read_newer_commands(message, request, context)
         return request
 

@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Final, Literal, Protocol
+from typing import Annotated, Any, Final, Protocol
 
 import numpy as np
 from msgspec import Meta
@@ -338,13 +338,10 @@ Image = Annotated[
 ]
 LabelText = Annotated[str, FieldKind(lambda value, name, reader: reader.text(value, name), _write_text)]
 FileName = Annotated[str, FieldKind(_read_name, _write_text)]
-Content = Annotated[bytes, FieldKind(_as_it_is, lambda _, value: value)]
-"""Content of a file."""
-Contents = Annotated[Mapping[str, bytes], FieldKind(_as_it_is, lambda _, value: dict(value))]
-"""Content of files by name."""
-UpAxis = Annotated[Literal["z"], FieldKind(_as_it_is, lambda _, value: value)]
+UNREAD: Final = FieldKind(_as_it_is, lambda _, value: value)
+"""Kind of a field that is read with others of its geometry."""
 LateColor = Annotated[ArrayLike, FieldKind(_as_it_is, lambda _, value: rgba(value))]
-"""A colour that is read after others of its geometry."""
+"""A colour that is read with other fields of its geometry."""
 Faces = Annotated[ArrayLike, FieldKind(_as_it_is, _write_faces)]
 """Vertex indices, which are checked with the vertices."""
 TextureCoordinates = Annotated[ArrayLike, FieldKind(_as_it_is, lambda name, value: number_rows(name, value, 2))]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final, Literal
 from urllib.parse import unquote
 
 import msgspec
 
-from scenegate.messages.field_kinds import Content, Contents, FileName, LateColor, Scale, UpAxis
+from scenegate.messages.field_kinds import UNREAD, FileName, LateColor, Scale
 from scenegate.messages.geometry import Geometry
 from scenegate.regular_files import read_regular
 
@@ -39,15 +39,15 @@ class MeshFile(Geometry, frozen=True):
     ``data``: name of the file, whose suffix is its format."""
     scale: Scale = 1.0
     """Scale factor, or one each for x, y, z."""
-    data: Content | None = None
+    data: Annotated[bytes, UNREAD] | None = None
     """Content of the file; None: the viewer opens the file."""
-    files: Contents = msgspec.field(default_factory=dict)
+    files: Annotated[Mapping[str, bytes], UNREAD] = msgspec.field(default_factory=dict)
     """Content of the files that ``data`` refers to, by the name that it has for them: materials, buffers, images."""
-    up: UpAxis | None = None
+    up: Annotated[Literal["z"], UNREAD] | None = None
     """``z``: coordinates are used as they are in the file; None: as its format and content define the up axis."""
     default_color: LateColor | None = None
     """Colour of meshes without a material of their own, in any form of ``color``; None: the viewer's."""
-    default_texture: Content | None = None
+    default_texture: Annotated[bytes, UNREAD] | None = None
     """PNG or JPEG file for meshes with texture coordinates, but without a material of their own."""
 
     @classmethod
@@ -72,7 +72,9 @@ class MeshFile(Geometry, frozen=True):
 
     def _fields(self) -> dict[str, Any]:
         fields = Geometry._fields(self)
-        return {name: fields[name] for name in ("filename", "scale")} if self.data is None else fields
+        if self.data is None:
+            return {name: fields[name] for name in ("filename", "scale")}
+        return fields | {"files": dict(self.files)}
 
 
 def referenced_files(data: bytes, suffix: str, read: Callable[[str], bytes]) -> dict[str, bytes]:
