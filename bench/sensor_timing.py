@@ -24,8 +24,8 @@ import numpy as np
 
 from bench.gateways import gateway
 from bench.table import heading
-from gateway.treeviewer import wire
 from scenegate.camera import image_interface_pb2 as pb
+from scenegate.messages import wire
 
 CAMERA_RATE: Final = 25.0
 """Sets per second at quality Low."""

@@ -14,9 +14,9 @@ from typing import Any, Final
 
 import grpc
 
-from gateway.treeviewer import wire
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, publish_header, subscription_frame
+from scenegate.messages import wire
 
 HELD_SECONDS: Final = 2.0
 """Seconds that an idle client stays connected."""

@@ -8,7 +8,7 @@ import random
 from collections.abc import Callable
 from typing import Any
 
-from gateway.treeviewer import wire
+from scenegate.messages import wire
 
 BOXES = 1000
 VERTICES = POINTS = 100_000

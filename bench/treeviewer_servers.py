@@ -25,11 +25,12 @@ import uvloop
 from gateway.lcm.config import LcmConfig
 from gateway.runtime.process_tuning import tune
 from gateway.scene.live import LiveTree
-from gateway.treeviewer import responses, wire
+from gateway.treeviewer import responses
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, response_channel
 from gateway.treeviewer.service import TreeViewerService
 from scenegate.lcm.receive_buffer import raise_receive_buffer
+from scenegate.messages import wire
 
 
 async def serve(url: str, port: int) -> None:

@@ -19,14 +19,12 @@ from gateway.assets.mesh_formats import (
 from gateway.assets.scene_file import Up
 from gateway.gltf import GltfError
 from gateway.robots.limits import RobotLimits
-from gateway.scene import geometry as scene
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.materials import mean_color
 from gateway.scene.transforms import scaling, translation
 from renderers import primitives
 from renderers.drawlist import Image, ImageError, Material, Texture
 from renderers.images import image_from_bytes
-from scenegate.messages import geometry as message
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.link_geometry import DEFAULT_RGBA, LFS_POINTER
@@ -63,7 +61,7 @@ class LinkParts:
             X_cone = translation(0.0, 0.0, 0.5 * shape.length) @ scaling(shape.radius, shape.radius, shape.length)
             return [Part(Surface(primitives.cone()), material, X @ X_cone)]
         if not isinstance(shape, MeshReference):
-            return [Part(_scene_shape(shape), material, X)]
+            return [Part(shape, material, X)]
         try:
             parts = self._mesh(link, shape.filename)
         except (RobotFileError, MeshFormatError, GltfError, OSError) as error:
@@ -130,19 +128,3 @@ class LinkParts:
             )
             self._warnings += [f"link {link!r}, {name}: {text}" for text in warnings]
         return self._meshes[path]
-
-
-def _scene_shape(shape: message.Geometry) -> scene.Shape:
-    """Return a primitive as a shape of the scene."""
-    match shape:
-        case message.Box(lengths=(x, y, z)):
-            return scene.Box((x, y, z))
-        case message.Sphere(radius=radius):
-            return scene.Sphere(radius)
-        case message.Ellipsoid(radii=(x, y, z)):
-            return scene.Ellipsoid((x, y, z))
-        case message.Capsule(radius=radius, length=length):  # before Cylinder, its base class
-            return scene.Capsule(radius, length)
-        case message.Cylinder(radius=radius, length=length):
-            return scene.Cylinder(radius, length)
-    raise TypeError(type(shape).__name__)

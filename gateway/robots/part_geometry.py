@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,17 +19,7 @@ from gateway.scene.meshing import meshes_of
 from gateway.scene.transforms import quaternions_of
 from renderers.color import srgb_from_linear
 from renderers.drawlist import Material
-from scenegate.messages.geometry import (
-    Box,
-    Capsule,
-    Cylinder,
-    Ellipsoid,
-    Geometry,
-    Mesh,
-    PointCloud,
-    Sphere,
-    Transform,
-)
+from scenegate.messages.geometry import Geometry, Mesh, PointCloud, Solid, Transform
 
 _RIGID_TOLERANCE = 1e-9
 """Maximum deviation of an element of R^T R from the identity, for shapes that are published with a transform."""
@@ -45,9 +36,9 @@ def geometries_of(part: Part, images: PartImages | None) -> Iterator[Geometry]:
         points = shape.points @ X[:3, :3].T + X[:3, 3]
         yield PointCloud(points, rgb=shape.channels.get("rgb"), color=_color(part.material))
         return
-    primitive = _primitive(shape, X, part.material)
-    if primitive is not None:
-        yield primitive
+    if isinstance(shape, Solid) and _is_rigid(X):
+        transform = Transform(X[:3, 3].tolist(), quaternions_of(X[None, :3, :3])[0].tolist())
+        yield msgspec.structs.replace(shape, color=_color(part.material), transform=transform)
         return
     for mesh, _, X_part_mesh in meshes_of(shape, part.material):
         if mesh.elements.shape[1] != 3:
@@ -60,27 +51,10 @@ def geometries_of(part: Part, images: PartImages | None) -> Iterator[Geometry]:
         yield Mesh(mesh.positions @ X_node_mesh[:3, :3].T + X_node_mesh[:3, 3], faces, color=color, **fields)
 
 
-def _primitive(shape: scene.Shape, X: NDArray[np.float64], material: Material) -> Geometry | None:
-    """Return a shape as a primitive of the protocol.
-
-    Returns:
-        None if the protocol has no such primitive, or ``X`` scales, shears or mirrors it.
-    """
+def _is_rigid(X: NDArray[np.float64]) -> bool:
+    """Return True if a transform, (4, 4), neither scales nor shears nor mirrors."""
     R = X[:3, :3]
-    if not np.allclose(R.T @ R, np.eye(3), rtol=0.0, atol=_RIGID_TOLERANCE) or np.linalg.det(R) < 0.0:
-        return None
-    transform, color = Transform(X[:3, 3].tolist(), quaternions_of(R[None])[0].tolist()), _color(material)
-    if isinstance(shape, scene.Box):
-        return Box(shape.lengths, color=color, transform=transform)
-    if isinstance(shape, scene.Sphere):
-        return Sphere(shape.radius, color=color, transform=transform)
-    if isinstance(shape, scene.Ellipsoid):
-        return Ellipsoid(shape.radii, color=color, transform=transform)
-    if isinstance(shape, scene.Capsule):
-        return Capsule(shape.radius, shape.length, color=color, transform=transform)
-    if isinstance(shape, scene.Cylinder):
-        return Cylinder(shape.radius, shape.length, color=color, transform=transform)
-    return None
+    return np.allclose(R.T @ R, np.eye(3), rtol=0.0, atol=_RIGID_TOLERANCE) and float(np.linalg.det(R)) > 0.0
 
 
 def _color(material: Material, *, with_texture: bool = True) -> NDArray[np.float64]:

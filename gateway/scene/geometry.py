@@ -1,10 +1,14 @@
-"""Shapes and their parts, which are the geometry of nodes. Lengths in metres, in the shape's own frame, Z up."""
+"""Shapes and their parts, which are the geometry of nodes. Lengths in metres, in the shape's own frame, Z up.
+
+Solids are those of the tree viewer's protocol.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -12,47 +16,15 @@ from numpy.typing import NDArray
 
 from gateway.scene.transforms import IDENTITY
 from renderers.drawlist import Material, Mesh
+from scenegate.messages.geometry import Box as Box
+from scenegate.messages.geometry import Capsule as Capsule
+from scenegate.messages.geometry import Cylinder as Cylinder
+from scenegate.messages.geometry import Ellipsoid as Ellipsoid
+from scenegate.messages.geometry import Solid as Solid
+from scenegate.messages.geometry import Sphere as Sphere
+from scenegate.messages.geometry import Triad as Triad
 
 _NO_CHANNELS: Mapping[str, NDArray[np.float32]] = MappingProxyType({})
-
-
-class Value(msgspec.Struct, frozen=True, gc=False):
-    """Base of shapes that are compared by value. A msgspec struct is created 30 times as fast as a frozen dataclass."""
-
-
-class Box(Value, frozen=True, gc=False):
-    """A box centred on the origin."""
-
-    lengths: tuple[float, float, float]
-    """Full side lengths along x, y, z."""
-
-
-class Sphere(Value, frozen=True, gc=False):
-    """A sphere around the origin."""
-
-    radius: float
-
-
-class Ellipsoid(Value, frozen=True, gc=False):
-    """An ellipsoid around the origin."""
-
-    radii: tuple[float, float, float]
-    """Half lengths of the axes along x, y, z."""
-
-
-class Cylinder(Value, frozen=True, gc=False):
-    """A closed cylinder along z, centred on the origin."""
-
-    radius: float
-    length: float
-
-
-class Capsule(Value, frozen=True, gc=False):
-    """A cylinder along z, centred on the origin, with a hemisphere at each end."""
-
-    radius: float
-    length: float
-    """Length of the cylinder, without the hemispheres."""
 
 
 class Surface(msgspec.Struct, frozen=True, gc=False, eq=False):
@@ -70,15 +42,6 @@ class PointCloud:
     channels: Mapping[str, NDArray[np.float32]] = field(default_factory=lambda: _NO_CHANNELS)
     """(N,) or (N, k) float32 by name. The colours of the points are ``rgb``, (N, 3 | 4) in 0 .. 1. Without ``rgb``,
     the points are grey by ``intensity``, (N,) in 0 .. 1."""
-
-
-class Triad(Value, frozen=True, gc=False):
-    """Three axes from the origin: x red, y green, z blue."""
-
-    scale: float = 1.0
-    """Length of the axes."""
-    tube: bool = False
-    """True: tubes of 2 mm radius; False: hairlines."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -100,7 +63,8 @@ class Line:
     """Length of an arrowhead, whose tip lies at the end point; None: ``head_radius``."""
 
 
-Shape = Box | Sphere | Ellipsoid | Cylinder | Capsule | Surface | PointCloud | Triad | Line
+Shape = Solid | Surface | PointCloud | Line
+SHAPES: Final[tuple[type[Shape], ...]] = (*Solid.__subclasses__(), Surface, PointCloud, Line)
 
 
 class Part(msgspec.Struct, frozen=True, gc=False, eq=False):

@@ -27,7 +27,6 @@ def mean_color(image: Image) -> tuple[float, float, float]:
     return red, green, blue
 
 
-@lru_cache(maxsize=4096)
 def material(rgba: Color, point_size: float = POINT_SIZE, line_width: float = 1.0) -> Material:
     """Return a diffuse, double-sided material, as Director and Drake draw geometries of this colour.
 
@@ -35,7 +34,15 @@ def material(rgba: Color, point_size: float = POINT_SIZE, line_width: float = 1.
         rgba: Colour.
         point_size: Width of points, pixels.
         line_width: Width of hairlines, pixels.
+
+    Returns:
+        The same object for the same arguments.
     """
+    return _material(rgba, point_size, line_width)
+
+
+@lru_cache(maxsize=4096)
+def _material(rgba: Color, point_size: float, line_width: float) -> Material:
     r, g, b, a = rgba
     return Material(
         base_color=(linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b), a),

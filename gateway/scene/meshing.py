@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Final
@@ -86,9 +87,10 @@ def _shape_meshes(shape: Shape) -> tuple[_ShapeMesh, ...]:
             return _triad(scale, with_tubes)
         case PointCloud() | Line():
             return _cached_meshes(shape)
+    raise TypeError(f"{type(shape).__name__} has no meshes")
 
 
-def _scaled_unit_mesh(mesh: Mesh, scale: tuple[float, float, float]) -> tuple[_ShapeMesh, ...]:
+def _scaled_unit_mesh(mesh: Mesh, scale: Sequence[float]) -> tuple[_ShapeMesh, ...]:
     """Return a unit mesh with a scale along x, y, z; nothing if the scale is zero, too large or not finite."""
     x, y, z = (abs(float(value)) for value in scale)
     longest = max(x, y, z)

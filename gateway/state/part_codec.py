@@ -25,34 +25,28 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene import geometry
-from gateway.scene.geometry import Part
+from gateway.scene.geometry import SHAPES, Part, Solid
 from gateway.scene.transforms import IDENTITY
 from renderers.drawlist import AlphaMode, Image, ImageError, Material, Mesh, Sampler, Texture, Wrap
 from renderers.encode import png_rgba
 from renderers.images import image_from_bytes
+from scenegate.messages.geometry import fields_of
 
 INLINE_BYTES: Final = 256
 """Maximum bytes of an array inside the structure. As a blob, a small array would cost more than its content."""
 CLASSES: Final[Mapping[str, type[Any]]] = MappingProxyType(
-    {
-        cls.__name__: cls
-        for cls in (
-            *(geometry.Box, geometry.Sphere, geometry.Ellipsoid, geometry.Cylinder, geometry.Capsule),
-            *(geometry.Surface, geometry.PointCloud, geometry.Triad, geometry.Line, Part),
-            *(Material, Mesh, Sampler, Texture),
-        )
-    }
+    {cls.__name__: cls for cls in (*SHAPES, Part, Material, Mesh, Sampler, Texture)}
 )
 _ENUMS: Final[Mapping[str, type[Enum]]] = MappingProxyType({cls.__name__: cls for cls in (AlphaMode, Wrap)})
-_FIELDS: Final[Mapping[type[Any], tuple[str, ...]]] = {
-    cls: cls.__struct_fields__ if issubclass(cls, msgspec.Struct) else tuple(field.name for field in fields(cls))
-    for cls in CLASSES.values()
-}
-_SIMPLE_SHAPES: Final = frozenset(
-    (geometry.Box, geometry.Sphere, geometry.Ellipsoid, geometry.Cylinder, geometry.Capsule)
-)
-"""Shapes that consist of a few numbers. Clients send thousands of them."""
+
+
+def _field_names(cls: type[Any]) -> tuple[str, ...]:
+    if issubclass(cls, Solid):
+        return tuple(field.name for field in fields_of(cls))
+    return cls.__struct_fields__ if issubclass(cls, msgspec.Struct) else tuple(field.name for field in fields(cls))
+
+
+_FIELDS: Final[Mapping[type[Any], tuple[str, ...]]] = {cls: _field_names(cls) for cls in CLASSES.values()}
 _SHARED: Final = (Material, Mesh)
 """Classes of objects that many parts share (``once``)."""
 _ARRAY_KINDS: Final = frozenset("fiub")
@@ -71,12 +65,12 @@ class DamagedError(ValueError):
 def memo_key(parts: tuple[Part, ...]) -> Hashable:
     """Return a key of parts. Equal keys mean equal bytes, as long as the parts and their materials exist.
 
-    Simple shapes are compared by value, so that 1000 equal boxes are encoded once. Numbers are compared as they are
-    stored: 1 and 1.0, 0.0 and -0.0 differ.
+    Solids are compared by value, so that 1000 equal boxes are encoded once. Numbers are compared as they are stored:
+    0.0 and -0.0 differ.
     """
     key = []
     for part in parts:
-        if type(part.shape) not in _SIMPLE_SHAPES or part.X_node_part is not IDENTITY:
+        if not isinstance(part.shape, Solid) or part.X_node_part is not IDENTITY:
             return id(parts)
         key.append((type(part.shape), _encoder.encode(part.shape), id(part.material), part.kind, part.source))
     return tuple(key)

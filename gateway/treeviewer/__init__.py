@@ -7,8 +7,8 @@ A request passes through the files in this order:
   requests in order, ``delayed_responses`` holds back responses that Director's client would lose.
 - ``protocol``: the protocol without I/O. ``wire`` decodes the message; ``json_reader`` or ``msgpack_reader`` decodes
   the data in the message.
-- ``request_reader``: turns decoded data into a ``requests.Request``. ``fast_schema`` reads the most frequent commands;
-  ``fields``, ``geometry`` and ``array_geometry`` read all commands, including irregular and invalid ones.
+- ``request_reader``: turns decoded data into a ``requests.Request``. ``regular_commands`` has the types of frequent
+  commands; ``fields``, ``geometry`` and ``array_geometry`` read all commands, including irregular and invalid ones.
   ``newer_commands`` reads those that Director does not have; ``command_lists`` iterates over commands.
 - ``number_arrays``, ``json_kernels``, ``packed_arrays``, ``msgpack_kernels``: long arrays in JSON and MessagePack.
 - ``apply``: executes the request on the live tree within the limits of ``quota``. ``responses`` defines the responses.

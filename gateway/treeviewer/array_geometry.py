@@ -1,11 +1,10 @@
-"""Read shapes that consist of arrays: lines, meshes, point clouds and planar lidars. ``geometry`` calls these readers.
+"""Make parts of lines, meshes, point clouds and planar lidars. ``geometry`` calls these functions.
 
-"Drawable" means finite and within ``fields.MAX_DISTANCE``.
+"Drawable" means finite and within ``MAX_DISTANCE``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -13,92 +12,89 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.crease_normals import smooth_mesh
-from gateway.scene.geometry import Line, PointCloud, Shape, Surface
-from gateway.treeviewer import fields
-from gateway.treeviewer.context import ReadContext
-from gateway.treeviewer.fields import CommandError, show
+from gateway.scene.geometry import Line, Part, PointCloud, Surface
+from gateway.scene.materials import POINT_SIZE, Color, material
+from gateway.treeviewer.context import ReadContext, scale_colors
 from gateway.treeviewer.packed_arrays import ArrayError, PackedArray
 from renderers.color import linear_colors_from_srgb
 from renderers.drawlist import Mesh
+from scenegate.messages.field_kinds import MAX_CHANNEL_COLUMNS, MAX_DISTANCE, CommandError, show
 
-MAX_DISTANCE_F32: Final = np.float32(fields.MAX_DISTANCE)
-MAX_CHANNEL_COLUMNS: Final = 16
-"""Maximum number of values per point in one channel."""
-
-Params = Mapping[str, Any]
-"""Fields of a decoded geometry."""
+MAX_DISTANCE_F32: Final = np.float32(MAX_DISTANCE)
 
 
-def line(params: Params, context: ReadContext) -> Shape | None:
-    """Return a polyline through the drawable points; None if there are fewer than two."""
-    points, _ = _drop_undrawable(floats(params, "points", (3,), context.limits.points, context))
-    radius = params.get("radius")
-    default_radius = 0.01 if params.get("line_width") is None else 0.0
-    head_radius = fields.size(params, "head_radius", 0.05)
-    if len(points) < 2:
-        return None
-    return Line(
-        points,
-        default_radius if radius is None else fields.drawable(fields.number(radius, "radius"), "radius"),
-        bool(params.get("closed")),
-        bool(params.get("start_head")),
-        bool(params.get("end_head")),
-        head_radius,
-        fields.size(params, "head_length", head_radius),
-    )
+def line(
+    rgba: Color,
+    context: ReadContext,
+    *,
+    points: NDArray[np.float32],
+    radius: float | None,
+    line_width: float | None,
+    **heads: Any,
+) -> tuple[Part, ...]:
+    """Return a polyline through the drawable points; nothing if there are fewer than two."""
+    drawable_points, _ = _drop_undrawable(points)
+    if len(drawable_points) < 2:
+        return ()
+    if radius is None:
+        radius = 0.01 if line_width is None else 0.0
+    if heads["head_length"] is None:
+        heads["head_length"] = heads["head_radius"]
+    return (Part(Line(drawable_points, radius, **heads), material(rgba, POINT_SIZE, line_width or 1.0)),)
 
 
-def mesh_data(params: Params, context: ReadContext) -> Shape | None:
-    """Return a triangle mesh; None if no face is left. Faces with an undrawable vertex are left out."""
-    vertices, faces = triangles(params, context)
-    if not len(faces):
-        return None
-    positions, triangle_indices, normals = smooth_mesh(vertices, faces)
-    return Surface(Mesh(positions, triangle_indices, normals))
+def mesh_data(rgba: Color, context: ReadContext, *, vertices: NDArray[np.float32], faces: Any) -> tuple[Part, ...]:
+    """Return a triangle mesh; nothing if no face is left. Faces with an undrawable vertex are left out."""
+    triangle_indices = triangles(vertices, faces, context)
+    if not len(triangle_indices):
+        return ()
+    return (Part(Surface(Mesh(*smooth_mesh(vertices, triangle_indices))), material(rgba)),)
 
 
-def triangles(params: Params, context: ReadContext) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """Return ``vertices``, (N, 3), and those of ``faces``, (M, 3), whose vertices are drawable. Others become 0."""
-    vertices = floats(params, "vertices", (3,), context.limits.vertices, context)
-    if params.get("faces") is None:
-        raise CommandError("faces is missing")
+def triangles(vertices: NDArray[np.float32], faces: Any, context: ReadContext) -> NDArray[np.uint32]:
+    """Return those of ``faces``, (M, 3), whose ``vertices``, (N, 3), are drawable. Other vertices become 0."""
     try:
-        faces = context.arrays.indices(params["faces"], len(vertices), context.limits.faces)
+        indices = context.arrays.indices(faces, len(vertices), context.limits.faces)
     except ArrayError as error:
         raise CommandError(f"faces {error}") from None
     drawable = _drawable_rows(vertices)
     if drawable is not None:
-        faces = np.ascontiguousarray(faces[drawable[faces].all(axis=1)])
+        indices = np.ascontiguousarray(indices[drawable[indices].all(axis=1)])
         vertices[~drawable] = 0.0
         context.warnings.append(f"{int((~drawable).sum())} vertices are not finite; their faces are not drawn")
-    return vertices, faces
+    return indices
 
 
-def pointcloud(params: Params, context: ReadContext) -> Shape:
+def pointcloud(
+    rgba: Color, context: ReadContext, *, points: NDArray[np.float32], channels: Any, point_size: float | None
+) -> tuple[Part, ...]:
     """Return the drawable points with their channels."""
-    points = floats(params, "points", (3,), context.limits.points, context)
-    return _cloud(points, params, context)
-
-
-def planar_lidar(params: Params, context: ReadContext) -> Shape:
-    """Return the points of a scan in the plane z = 0. Range i is at the angle ``angle_start + i * angle_step`` to x."""
-    ranges = floats(params, "ranges", (1,), context.limits.points, context).astype(np.float64)
-    start, step = fields.required(params, "angle_start"), fields.required(params, "angle_step")
-    angles = start + step * np.arange(len(ranges))
-    points = np.zeros((len(ranges), 3), np.float32)
-    with np.errstate(invalid="ignore", over="ignore"):
-        points[:, 0] = ranges * np.cos(angles)
-        points[:, 1] = ranges * np.sin(angles)
-    return _cloud(points, params, context)
-
-
-def _cloud(points: NDArray[np.float32], params: Params, context: ReadContext) -> PointCloud:
-    """Return the drawable ones of ``points``, with their channels from ``params``."""
     drawable_points, drawable = _drop_undrawable(points)
-    channels = _channels(params.get("channels"), len(points), context)
+    arrays = _channels(channels, len(points), context)
     if drawable is not None:
-        channels = {name: np.ascontiguousarray(values[drawable]) for name, values in channels.items()}
-    return PointCloud(drawable_points, MappingProxyType(channels))
+        arrays = {name: np.ascontiguousarray(values[drawable]) for name, values in arrays.items()}
+    if "rgb" in arrays or "intensity" in arrays:
+        rgba = (1.0, 1.0, 1.0, rgba[3])
+    return (Part(PointCloud(drawable_points, MappingProxyType(arrays)), material(rgba, point_size or POINT_SIZE)),)
+
+
+def planar_lidar(
+    rgba: Color,
+    context: ReadContext,
+    *,
+    ranges: NDArray[np.float32],
+    angle_start: float,
+    angle_step: float,
+    **cloud: Any,
+) -> tuple[Part, ...]:
+    """Return the points of a scan in the plane z = 0. Range i is at the angle ``angle_start + i * angle_step`` to x."""
+    distances = ranges.astype(np.float64)
+    angles = angle_start + angle_step * np.arange(len(distances))
+    points = np.zeros((len(distances), 3), np.float32)
+    with np.errstate(invalid="ignore", over="ignore"):
+        points[:, 0] = distances * np.cos(angles)
+        points[:, 1] = distances * np.sin(angles)
+    return pointcloud(rgba, context, points=points, **cloud)
 
 
 def _channels(value: Any, count: int, context: ReadContext) -> dict[str, NDArray[np.float32]]:
@@ -129,51 +125,25 @@ def _channels(value: Any, count: int, context: ReadContext) -> dict[str, NDArray
             context.warnings.append(f"channel {show(name)} has {len(array)} values for {count} points; it is ignored")
             continue
         if name in ("rgb", "intensity"):
-            _scale_colors(array, values)
+            scale_colors(array, values)
         channels[name] = array
     return channels
 
 
-def vertex_colors(params: Params, count: int, context: ReadContext) -> NDArray[np.float32] | None:
-    """Return the field ``colors`` of ``count`` vertices as linear RGBA, (count, 4); None if it is absent."""
-    if params.get("colors") is None:
+def vertex_colors(srgb: NDArray[np.float32] | None, count: int) -> NDArray[np.float32] | None:
+    """Return sRGB colours of ``count`` vertices, (N, 3) or (N, 4), as linear RGBA, (count, 4); None for None."""
+    if srgb is None:
         return None
-    srgb = per_vertex(params, "colors", (3, 4), count, context)
-    _scale_colors(srgb, params["colors"])
+    check_row_count("colors", srgb, count)
     colors = np.ones((count, 4), np.float32)
     colors[:, : srgb.shape[1]] = linear_colors_from_srgb(srgb)
     return colors
 
 
-def per_vertex(
-    params: Params, name: str, columns: tuple[int, ...], count: int, context: ReadContext
-) -> NDArray[np.float32]:
-    """Return a field with a row for each of ``count`` vertices, as ``floats`` does."""
-    values = floats(params, name, columns, context.limits.vertices, context)
-    if len(values) != count:
-        raise CommandError(f"{name} has {len(values)} rows for {count} vertices")
-    return values
-
-
-def _scale_colors(colors: NDArray[np.float32], field: Any) -> None:
-    """Scale the colours read from a field, in place, to 0 to 1. NaN becomes 0."""
-    if isinstance(field, PackedArray) and field.is_uint8:
-        colors /= np.float32(255.0)
-    colors[np.isnan(colors)] = 0.0
-    np.clip(colors, 0.0, 1.0, out=colors)
-
-
-def floats(
-    params: Params, name: str, columns: tuple[int, ...], max_rows: int, context: ReadContext
-) -> NDArray[np.float32]:
-    """Return a required field as ``NumberArrays.floats`` does."""
-    value = params.get(name)
-    if value is None:
-        raise CommandError(f"{name} is missing")
-    try:
-        return context.arrays.floats(value, columns, max_rows)
-    except ArrayError as error:
-        raise CommandError(f"{name} {error}") from None
+def check_row_count(name: str, rows: NDArray[np.float32], count: int) -> None:
+    """Raise CommandError if a field does not have one row for each of ``count`` vertices."""
+    if len(rows) != count:
+        raise CommandError(f"{name} has {len(rows)} rows for {count} vertices")
 
 
 def _drop_undrawable(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.bool_] | None]:

@@ -1,13 +1,19 @@
-"""State of one request while ``request_reader``, ``fields`` and ``geometry`` read it."""
+"""State of one request while it is read, and the readers of arrays, images and text in it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gateway.scene.geometry import Part
 from gateway.treeviewer.config import Limits
+from gateway.treeviewer.images import CheckedImage, read_image
 from gateway.treeviewer.number_arrays import NumberArrays
+from gateway.treeviewer.packed_arrays import ArrayError, PackedArray
+from scenegate.messages.field_kinds import CommandError, show
 
 
 class MeshLoader(Protocol):
@@ -24,7 +30,7 @@ class MeshLoader(Protocol):
 
 @dataclass(slots=True)
 class ReadContext:
-    """Limits, arrays and warnings of the request being read."""
+    """Limits, arrays and warnings of the request being read: the ``FieldReader`` of its geometries."""
 
     limits: Limits = field(default_factory=Limits)
     arrays: NumberArrays = field(default_factory=NumberArrays)
@@ -36,3 +42,43 @@ class ReadContext:
     """True: ``warnings`` are errors."""
     warnings: list[str] = field(default_factory=list)
     """One sentence for each irregularity of the current command that was tolerated."""
+
+    def rows(self, value: Any, name: str, columns: tuple[int, ...], limit: str) -> NDArray[np.float32]:
+        try:
+            return self.arrays.floats(value, columns, getattr(self.limits, limit))
+        except ArrayError as error:
+            raise CommandError(f"{name} {error}") from None
+
+    def grid(self, value: Any, name: str) -> NDArray[np.float32]:
+        try:
+            return self.arrays.grid(value, self.limits.heights)
+        except ArrayError as error:
+            raise CommandError(f"{name} {error}") from None
+
+    def colors(self, value: Any, name: str) -> NDArray[np.float32]:
+        colors = self.rows(value, name, (3, 4), "vertices")
+        scale_colors(colors, value)
+        return colors
+
+    def image(self, value: Any, name: str) -> CheckedImage:
+        return read_image(value, name, self.limits)
+
+    def text(self, value: Any, name: str) -> str:
+        if not isinstance(value, str):
+            raise CommandError(f"{name} must be a string, not {show(value)}")
+        if len(value) > self.limits.text_chars:
+            raise CommandError(f"{name} has {len(value)} characters, the limit is {self.limits.text_chars}")
+        self.text_labels += 1
+        if self.text_labels > self.limits.text_labels:
+            raise CommandError(
+                f"{name} is label {self.text_labels} of the request, the limit is {self.limits.text_labels}"
+            )
+        return value
+
+
+def scale_colors(colors: NDArray[np.float32], field: Any) -> None:
+    """Scale the colours read from a field, in place, to 0 to 1. NaN becomes 0."""
+    if isinstance(field, PackedArray) and field.is_uint8:
+        colors /= np.float32(255.0)
+    colors[np.isnan(colors)] = 0.0
+    np.clip(colors, 0.0, 1.0, out=colors)

@@ -16,7 +16,7 @@ import structlog
 
 from gateway.runtime.pool_errors import UnavailableErrors
 from gateway.runtime.worker_pool import WorkerPool
-from gateway.treeviewer import responses, wire
+from gateway.treeviewer import responses
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, ClientQueue, Message, Publish, size_of
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.delayed_responses import DelayedResponses, PendingResponse
@@ -25,6 +25,7 @@ from gateway.treeviewer.protocol import RequestRefused, TreeViewerProtocol, clie
 from gateway.treeviewer.responses import AnyResponse, ClickMessage, PageMessage, Response
 from renderers.compiler.pending import any_pending
 from scenegate.lcm.arrival import set_arrival
+from scenegate.messages import wire
 
 _log = structlog.get_logger("gateway.treeviewer")
 

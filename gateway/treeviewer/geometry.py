@@ -1,7 +1,7 @@
 """Read the geometries of setgeometry commands as parts of the scene. ``request_reader`` calls ``read_parts``.
 
-Director has eleven types of geometry. Shapes that consist of arrays are read by ``array_geometry``. The other types are
-additions of Scenegate, read by ``image_geometry``.
+The classes of ``scenegate.messages`` define types and fields. A solid is a shape of the scene as it is; functions of
+``array_geometry``, ``image_geometry`` and ``mesh_file_geometry`` make parts of the others.
 """
 
 from __future__ import annotations
@@ -13,21 +13,19 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, PointCloud, Shape, Sphere, Triad
-from gateway.scene.materials import POINT_SIZE, Color, material
+from gateway.scene.geometry import Part, Solid
+from gateway.scene.materials import WHITE, material
 from gateway.scene.transforms import IDENTITY
 from gateway.treeviewer import array_geometry, fields, image_geometry, mesh_file_geometry
 from gateway.treeviewer.context import ReadContext
-from gateway.treeviewer.fields import CommandError, NothingToDraw, show
-
-MIN_TRIAD_SCALE: Final = 1e-6
-"""Minimum length of a triad's axes, in metres."""
-
-Params = Mapping[str, Any]
-"""Fields of a decoded JSON object."""
+from scenegate.messages import geometry as messages
+from scenegate.messages import image_geometry as image_messages
+from scenegate.messages.field_kinds import CommandError, NothingToDraw, read_color, show
+from scenegate.messages.geometry import Geometry, read_fields
+from scenegate.messages.mesh_file import MeshFile
 
 
-def read_parts(command: Params, context: ReadContext) -> tuple[Part, ...]:
+def read_parts(command: Mapping[str, Any], context: ReadContext) -> tuple[Part, ...]:
     """Return the parts of a setgeometry command. ``geometry`` overrides ``geometries``, as in Director.
 
     Raises:
@@ -62,25 +60,23 @@ def read_geometry(params: Any, context: ReadContext, name: str = "geometry") -> 
     if not isinstance(params, dict):
         raise CommandError(f"{name} must be an object, not {show(params)}")
     kind = params.get("type")
-    if not isinstance(kind, str) or (kind not in _SHAPES and kind not in _PARTS):
+    if not isinstance(kind, str) or kind not in _TYPES:
         raise CommandError(f"{name}.type is missing" if kind is None else f"{name}.type {show(kind)} is not supported")
+    geometry, make_parts = _TYPES[kind]
     try:
-        rgba = fields.color(params, context.warnings)
+        color = params.get("color")
+        rgba = WHITE if color is None else read_color(color, "color", context)
         X_node_geometry = fields.local_transform(params)
-        if kind in _PARTS:
-            return _placed(_PARTS[kind](params, rgba, context), kind, X_node_geometry)
-        shape = _SHAPES[kind](params, context)
-        sizes = _sizes(kind, params)
+        values = read_fields(geometry, params, context)
+        if make_parts is not None:
+            return _placed(make_parts(rgba, context, **values), kind, X_node_geometry)
+        solid: Any = geometry(**values)
+        return (Part(solid, material(rgba), X_node_geometry, kind),)
     except NothingToDraw as nothing:
         context.warnings.append(f"{name}: {nothing}")
         return ()
     except CommandError as error:
         raise CommandError(f"{name}.{error}") from None
-    if shape is None:
-        return ()
-    if isinstance(shape, PointCloud) and ("rgb" in shape.channels or "intensity" in shape.channels):
-        rgba = (1.0, 1.0, 1.0, rgba[3])
-    return (Part(shape, material(rgba, *sizes), X_node_geometry, kind),)
 
 
 def _placed(parts: tuple[Part, ...], kind: str, X_node_geometry: NDArray[np.float64]) -> tuple[Part, ...]:
@@ -94,61 +90,20 @@ def _placed(parts: tuple[Part, ...], kind: str, X_node_geometry: NDArray[np.floa
     )
 
 
-def _sizes(kind: str, params: Params) -> tuple[float, ...]:
-    """Return the arguments ``point_size`` and ``line_width`` of ``material``; none for other types than these two."""
-    if kind in ("pointcloud", "planar_lidar"):
-        return (fields.pixels(params, "point_size", POINT_SIZE),) if "point_size" in params else ()
-    return (POINT_SIZE, fields.pixels(params, "line_width", 1.0)) if kind == "line" and "line_width" in params else ()
-
-
-def _box(params: Params, context: ReadContext) -> Shape:
-    return Box(fields.lengths_xyz(params, "lengths", context.warnings))
-
-
-def _sphere(params: Params, context: ReadContext) -> Shape:
-    return Sphere(fields.radius(params, context.warnings))
-
-
-def _ellipsoid(params: Params, context: ReadContext) -> Shape:
-    return Ellipsoid(fields.lengths_xyz(params, "radii", context.warnings))
-
-
-def _cylinder(params: Params, context: ReadContext) -> Shape:
-    return Cylinder(fields.radius(params, context.warnings), fields.length(params, context.warnings))
-
-
-def _capsule(params: Params, context: ReadContext) -> Shape:
-    return Capsule(fields.radius(params, context.warnings), fields.length(params, context.warnings))
-
-
-def _triad(params: Params, context: ReadContext) -> Shape:
-    value = params.get("scale")
-    scale = 1.0 if value is None else fields.drawable(fields.number(value, "scale"), "scale")
-    if abs(scale) < MIN_TRIAD_SCALE:
-        raise NothingToDraw(f"scale is {scale:g}, so nothing is drawn")
-    return Triad(scale, bool(params.get("tube")))
-
-
-_SHAPES: Final[dict[str, Callable[[Params, ReadContext], Shape | None]]] = {
-    "box": _box,
-    "sphere": _sphere,
-    "ellipsoid": _ellipsoid,
-    "cylinder": _cylinder,
-    "capsule": _capsule,
-    "triad": _triad,
-    "line": array_geometry.line,
-    "mesh_data": array_geometry.mesh_data,
-    "pointcloud": array_geometry.pointcloud,
-    "planar_lidar": array_geometry.planar_lidar,
+_TYPES: Final[Mapping[str, tuple[type[Geometry], Callable[..., tuple[Part, ...]] | None]]] = {
+    **{solid.kind: (solid, None) for solid in Solid.__subclasses__()},
+    "line": (messages.Line, array_geometry.line),
+    "mesh_data": (messages.PlainMesh, array_geometry.mesh_data),
+    "mesh": (messages.Mesh, image_geometry.mesh),
+    "pointcloud": (messages.PointCloud, array_geometry.pointcloud),
+    "planar_lidar": (messages.PlanarLidar, array_geometry.planar_lidar),
+    "mesh_file": (MeshFile, mesh_file_geometry.mesh_file),
+    "image": (image_messages.ImagePlane, image_geometry.image),
+    "heightmap": (image_messages.Heightmap, image_geometry.heightmap),
+    "text": (image_messages.Text, image_geometry.text),
+    "camera_frustum": (image_messages.CameraFrustum, image_geometry.camera_frustum),
 }
-"""Readers of geometries that become one shape in the command's colour."""
+"""Class of each type and, unless it is a solid, the function that returns its parts in the geometry's frame.
 
-_PARTS: Final[dict[str, Callable[[Params, Color, ReadContext], tuple[Part, ...]]]] = {
-    "mesh_file": mesh_file_geometry.mesh_file,
-    "mesh": image_geometry.mesh,
-    "image": image_geometry.image,
-    "heightmap": image_geometry.heightmap,
-    "text": image_geometry.text,
-    "camera_frustum": image_geometry.camera_frustum,
-}
-"""Readers of geometries with materials of their own. Kind and transform of the parts are set by ``read_geometry``."""
+The function's arguments are the colour, the context, and the class's fields by name.
+"""

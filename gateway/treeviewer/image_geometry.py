@@ -1,12 +1,9 @@
-"""Read the geometry types that Scenegate adds to Director's: images, heightmaps, text, camera frustums, and meshes
-with textures or vertex colours.
-
-``geometry`` calls these readers. Each returns parts of the scene, in metres in the geometry's frame.
+"""Make parts of the geometry types that Scenegate adds to Director's: images, heightmaps, text, camera frustums, and
+meshes with textures or vertex colours. ``geometry`` calls these functions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -17,38 +14,42 @@ from gateway.scene.crease_normals import smooth_vertices, with_creases
 from gateway.scene.fonts import font_for
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.image_meshes import frustum_edges, heightmap_mesh, rectangle
-from gateway.scene.materials import Color, material, textured
+from gateway.scene.materials import WHITE, Color, material, textured
 from gateway.scene.text_images import text_image
 from gateway.scene.transforms import translation
-from gateway.treeviewer import fields
-from gateway.treeviewer.array_geometry import MAX_DISTANCE_F32, per_vertex, triangles, vertex_colors
+from gateway.treeviewer.array_geometry import MAX_DISTANCE_F32, check_row_count, triangles, vertex_colors
 from gateway.treeviewer.context import ReadContext
-from gateway.treeviewer.fields import CommandError, show
-from gateway.treeviewer.images import CheckedImage, drawn_image, read_image
-from gateway.treeviewer.packed_arrays import ArrayError
+from gateway.treeviewer.images import CheckedImage, drawn_image
 from renderers.drawlist import AlphaMode, Material, Mesh
+from scenegate.messages.field_kinds import MAX_DISTANCE, CommandError, NothingToDraw, drawable, show
 
 MAX_UV: Final = np.float32(1e4)
 """Texture coordinates beyond this are clamped: float32 still resolves a thousandth of the image there."""
 
-Params = Mapping[str, Any]
-"""Fields of a decoded geometry, by name."""
 
-
-def mesh(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
+def mesh(
+    rgba: Color,
+    context: ReadContext,
+    *,
+    vertices: NDArray[np.float32],
+    faces: Any,
+    colors: NDArray[np.float32] | None,
+    uv: Any,
+    image: CheckedImage | None,
+) -> tuple[Part, ...]:
     """Return a triangle mesh with vertex colours, a texture, or both. Each of them multiplies ``rgba``."""
-    vertices, faces = triangles(params, context)
-    colors = vertex_colors(params, len(vertices), context)
-    checked = read_image(params, context)
-    uv = None
-    if checked is not None:
-        if params.get("uv") is None:
+    triangle_indices = triangles(vertices, faces, context)
+    linear_colors, coordinates = vertex_colors(colors, len(vertices)), None
+    if image is not None:
+        if uv is None:
             raise CommandError("uv is missing, which an image needs")
-        uv = per_vertex(params, "uv", (2,), len(vertices), context)
-        uv = np.clip(np.nan_to_num(uv), -MAX_UV, MAX_UV)
-    if not len(faces):
+        coordinates = context.rows(uv, "uv", (2,), "vertices")
+        check_row_count("uv", coordinates, len(vertices))
+        coordinates = np.clip(np.nan_to_num(coordinates), -MAX_UV, MAX_UV)
+    if not len(triangle_indices):
         return ()
-    return (Part(Surface(_smooth_mesh(vertices, faces, uv, colors)), _material(rgba, checked, colors)),)
+    surface = Surface(_smooth_mesh(vertices, triangle_indices, coordinates, linear_colors))
+    return (Part(surface, _material(rgba, image, linear_colors)),)
 
 
 def _smooth_mesh(
@@ -75,79 +76,80 @@ def _smooth_mesh(
     return Mesh(vertices[source_vertex], smooth_faces, normals, colors=colors)
 
 
-def image(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
-    """Return an image on a rectangle in the plane z = 0. It is not lit."""
-    checked = _required_image(params, context)
-    return (Part(Surface(rectangle(*_image_size(params, checked))), _unlit(rgba, checked)),)
+def image(
+    rgba: Color, _: ReadContext, *, image: CheckedImage, width: float | None, height: float | None
+) -> tuple[Part, ...]:
+    """Return an image on a rectangle in the plane z = 0, not lit. A missing extent is computed for square pixels."""
+    if width is None and height is None:
+        raise CommandError("width or height is missing")
+    if width is None:
+        assert height is not None
+        width = drawable(height * image.width / image.height, "width")
+    elif height is None:
+        height = drawable(width * image.height / image.width, "height")
+    return (Part(Surface(rectangle(width, height)), _unlit(rgba, image)),)
 
 
-def heightmap(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
+def heightmap(
+    rgba: Color,
+    context: ReadContext,
+    *,
+    heights: NDArray[np.float32],
+    lengths: tuple[float, float],
+    colors: NDArray[np.float32] | None,
+    image: CheckedImage | None,
+) -> tuple[Part, ...]:
     """Return a surface z(x, y) over a rectangle, with vertex colours, a texture, or both."""
-    if params.get("heights") is None:
-        raise CommandError("heights is missing")
-    try:
-        heights = context.arrays.grid(params["heights"], context.limits.heights)
-    except ArrayError as error:
-        raise CommandError(f"heights {error}") from None
     if min(heights.shape) < 2:
         raise CommandError(f"heights has {heights.shape[0]} rows of {heights.shape[1]} numbers, 2 rows of 2 are needed")
-    x, y = (fields.drawable(value, "lengths") for value in fields.numbers(params.get("lengths"), "lengths", 2))
-    if min(x, y) <= 0.0:
-        raise CommandError(f"lengths must be above 0, not {min(x, y):g}")
-    colors = vertex_colors(params, heights.size, context)
-    checked = read_image(params, context)
-    undrawable = int((~(np.abs(heights) <= MAX_DISTANCE_F32)).sum())
-    if undrawable:
-        heights[~(np.abs(heights) <= MAX_DISTANCE_F32)] = np.nan
-        context.warnings.append(f"{undrawable} heights are not finite; the surface has holes there")
-    surface = heightmap_mesh(heights, (x, y), colors)
-    return () if surface is None else (Part(Surface(surface), _material(rgba, checked, colors, repeats=False)),)
+    linear_colors = vertex_colors(colors, heights.size)
+    undrawable = ~(np.abs(heights) <= MAX_DISTANCE_F32)
+    if undrawable.any():
+        heights[undrawable] = np.nan
+        context.warnings.append(f"{int(undrawable.sum())} heights are not finite; the surface has holes there")
+    surface = heightmap_mesh(heights, lengths, linear_colors)
+    return () if surface is None else (Part(Surface(surface), _material(rgba, image, linear_colors, repeats=False)),)
 
 
-def text(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
-    """Return text on a rectangle in the plane z = 0. It is not lit."""
-    value = params.get("text")
-    if not isinstance(value, str):
-        raise CommandError("text is missing" if value is None else f"text must be a string, not {show(value)}")
-    if len(value) > context.limits.text_chars:
-        raise CommandError(f"text has {len(value)} characters, the limit is {context.limits.text_chars}")
-    context.text_labels += 1
-    if context.text_labels > context.limits.text_labels:
-        raise CommandError(
-            f"text is label {context.text_labels} of the request, the limit is {context.limits.text_labels}"
-        )
-    line_height = 0.1 if params.get("size") is None else fields.positive(params, "size")
-    background = fields.color(params, context.warnings, "background", (0.0, 0.0, 0.0, 0.0))
-    printable = "".join(char if char.isprintable() or char == "\n" else " " for char in value)
+def text(rgba: Color, context: ReadContext, *, text: str, size: float, background: Color | None) -> tuple[Part, ...]:
+    """Return text on a rectangle in the plane z = 0. It is not lit. ``size`` is the height of a line."""
+    printable = "".join(char if char.isprintable() or char == "\n" else " " for char in text)
     if not printable.strip():
-        raise fields.NothingToDraw("text is empty, so nothing is drawn")
+        raise NothingToDraw("text is empty, so nothing is drawn")
     font = font_for(printable)
     if font.missing:
         context.warnings.append(f"no font has the characters {show(font.missing)}; boxes stand for them")
-    pixels, lines = text_image(printable, font, rgba, background)
+    pixels, lines = text_image(printable, font, rgba, background or (0.0, 0.0, 0.0, 0.0))
     checked = drawn_image(pixels)
-    height = line_height * lines
-    width = fields.drawable(height * checked.width / checked.height, "size")
-    label_rectangle = rectangle(width, fields.drawable(height, "size"))
-    return (Part(Surface(label_rectangle), _unlit((1.0, 1.0, 1.0, 1.0), checked)),)
+    height = size * lines
+    width = drawable(height * checked.width / checked.height, "size")
+    label_rectangle = rectangle(width, drawable(height, "size"))
+    return (Part(Surface(label_rectangle), _unlit(WHITE, checked)),)
 
 
-def camera_frustum(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
+def camera_frustum(
+    rgba: Color,
+    _: ReadContext,
+    *,
+    width: float,
+    height: float,
+    fx: float,
+    fy: float | None,
+    cx: float | None,
+    cy: float | None,
+    depth: float,
+    image: CheckedImage | None,
+    line_width: float | None,
+) -> tuple[Part, ...]:
     """Return the edges of a camera's frustum in its optical frame, and its image, if any, on the image plane."""
-    width, height = fields.positive(params, "width"), fields.positive(params, "height")
-    fx = fields.positive(params, "fx")
-    fy = fx if params.get("fy") is None else fields.positive(params, "fy")
-    cx = width / 2.0 if params.get("cx") is None else fields.required(params, "cx")
-    cy = height / 2.0 if params.get("cy") is None else fields.required(params, "cy")
-    depth = 0.3 if params.get("depth") is None else fields.positive(params, "depth")
-    checked = read_image(params, context)
-    edges, corners = frustum_edges(width, height, (fx, fy), (cx, cy), depth)
-    if not (np.abs(corners) <= fields.MAX_DISTANCE).all():
-        raise fields.NothingToDraw("the image plane is too large, so nothing is drawn")
-    lines = material(rgba, line_width=fields.pixels(params, "line_width", 1.0))
-    parts = [Part(Surface(edges), lines)]
-    if checked is not None:
-        parts.append(_image_plane(corners, _unlit((1.0, 1.0, 1.0, rgba[3]), checked)))
+    focal_lengths = (fx, fx if fy is None else fy)
+    principal_point = (width / 2.0 if cx is None else cx, height / 2.0 if cy is None else cy)
+    edges, corners = frustum_edges(width, height, focal_lengths, principal_point, depth)
+    if not (np.abs(corners) <= MAX_DISTANCE).all():
+        raise NothingToDraw("the image plane is too large, so nothing is drawn")
+    parts = [Part(Surface(edges), material(rgba, line_width=line_width or 1.0))]
+    if image is not None:
+        parts.append(_image_plane(corners, _unlit((1.0, 1.0, 1.0, rgba[3]), image)))
     return tuple(parts)
 
 
@@ -162,33 +164,6 @@ def _image_plane(corners: NDArray[np.float64], plane_material: Material) -> Part
     X_camera_image = translation(*(0.5 * (corners[0] + corners[2])).tolist())
     X_camera_image[1, 1] = X_camera_image[2, 2] = -1.0  # +y is down in the optical frame
     return Part(Surface(rectangle(float(extent[0]), float(extent[1]))), plane_material, X_camera_image)
-
-
-def _required_image(params: Params, context: ReadContext) -> CheckedImage:
-    checked = read_image(params, context)
-    if checked is None:
-        raise CommandError("image is missing")
-    return checked
-
-
-def _image_size(params: Params, checked: CheckedImage) -> tuple[float, float]:
-    """Return width and height of an image plane in metres. A missing one is computed for square pixels.
-
-    Raises:
-        CommandError: both are missing, or one is not a positive number.
-        NothingToDraw: the computed one is too large.
-    """
-    has_width, has_height = params.get("width") is not None, params.get("height") is not None
-    if not has_width and not has_height:
-        raise CommandError("width or height is missing")
-    width = fields.positive(params, "width") if has_width else None
-    height = fields.positive(params, "height") if has_height else None
-    if width is None:
-        assert height is not None
-        return fields.drawable(height * checked.width / checked.height, "width"), height
-    if height is None:
-        height = fields.drawable(width * checked.height / checked.width, "height")
-    return width, height
 
 
 def _unlit(rgba: Color, checked: CheckedImage) -> Material:

@@ -7,7 +7,6 @@ to check that it can be drawn.
 from __future__ import annotations
 
 import binascii
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -16,13 +15,13 @@ import numpy as np
 import pybase64
 from numpy.typing import NDArray
 
-from gateway.treeviewer.context import ReadContext
-from gateway.treeviewer.fields import CommandError, show
+from gateway.treeviewer.config import Limits
 from gateway.treeviewer.packed_arrays import ArrayError, PackedArray
 from renderers.cache import WeakCache
 from renderers.drawlist import Image, ImageError
 from renderers.encode import png_rgba
 from renderers.images import image_from_bytes
+from scenegate.messages.field_kinds import CommandError, show
 
 _RGBA_CONVERSIONS: Final = {1: cv2.COLOR_GRAY2RGBA, 3: cv2.COLOR_RGB2RGBA}
 """OpenCV's conversion to RGBA, by number of channels."""
@@ -48,24 +47,21 @@ _cached_properties: Final[WeakCache[Image, tuple[int, int, bool]]] = WeakCache("
 """Width, height and ``has_alpha`` of decoded images."""
 
 
-def read_image(params: Mapping[str, Any], context: ReadContext) -> CheckedImage | None:
-    """Return the image in the field ``image``; None if there is none.
+def read_image(value: Any, name: str, limits: Limits) -> CheckedImage:
+    """Return the image in the field ``name``.
 
     Raises:
         CommandError: the image cannot be decoded, or exceeds a limit.
     """
-    value = params.get("image")
-    if value is None:
-        return None
     try:
-        data = _encoded_file(value, context)
-        if len(data) > context.limits.image_bytes:
-            raise CommandError(f"image has {len(data)} bytes, the limit is {context.limits.image_bytes}")
-        return check_image(data, context.limits.image_pixels)
+        data = _encoded_file(value, name, limits)
+        if len(data) > limits.image_bytes:
+            raise CommandError(f"{name} has {len(data)} bytes, the limit is {limits.image_bytes}")
+        return check_image(data, limits.image_pixels)
     except ArrayError as error:
-        raise CommandError(f"image {error}") from None
+        raise CommandError(f"{name} {error}") from None
     except ImageError as error:
-        raise CommandError(f"image cannot be decoded: {error}") from None
+        raise CommandError(f"{name} cannot be decoded: {error}") from None
 
 
 def check_image(data: bytes, max_pixels: int) -> CheckedImage:
@@ -90,18 +86,23 @@ def drawn_image(pixels: NDArray[np.uint8]) -> CheckedImage:
     return CheckedImage(image, width, height, bool((pixels[:, :, 3] < 255).any()))
 
 
-def _encoded_file(value: Any, context: ReadContext) -> bytes:
-    """Return the encoded file of an ``image`` field."""
+def _encoded_file(value: Any, name: str, limits: Limits) -> bytes:
+    """Return the encoded file of an image field."""
+    if isinstance(value, PackedArray):
+        return png_rgba(_rgba(value.pixels(limits.image_pixels)))
+    return file_content(value, name, "a PNG or JPEG file (base64 in JSON) or a uint8 array")
+
+
+def file_content(value: Any, name: str, expected: str = "the content of a file (base64 in JSON)") -> bytes:
+    """Return the content of a file: bytes in MessagePack, base64 in JSON; ``expected`` is for an error text."""
     if isinstance(value, bytes):
         return value
-    if isinstance(value, PackedArray):
-        return png_rgba(_rgba(value.pixels(context.limits.image_pixels)))
     if not isinstance(value, str):
-        raise CommandError(f"image must be a PNG or JPEG file (base64 in JSON) or a uint8 array, not {show(value)}")
+        raise CommandError(f"{name} must be {expected}, not {show(value)}")
     try:
         return pybase64.b64decode(value, validate=True)
     except (binascii.Error, ValueError) as error:
-        raise CommandError(f"image is not base64: {error}") from None
+        raise CommandError(f"{name} is not base64: {error}") from None
 
 
 def _rgba(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:

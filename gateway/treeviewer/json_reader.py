@@ -9,7 +9,6 @@ import msgspec
 
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import MeshLoader
-from gateway.treeviewer.fast_schema import message_type
 from gateway.treeviewer.number_arrays import JsonError
 from gateway.treeviewer.request_reader import DECODE_ERRORS, RequestReader
 from gateway.treeviewer.requests import Request, RequestError
@@ -24,9 +23,7 @@ class JsonReader(RequestReader):
     type_text = "a JSON object"
 
     def __init__(self, limits: Limits | None = None, *, strict: bool = False) -> None:
-        super().__init__(limits, strict=strict)
-        self._schema_decoder: msgspec.json.Decoder[Any] = msgspec.json.Decoder(message_type(self.limits))
-        self._plain_decoder = msgspec.json.Decoder()
+        super().__init__(msgspec.json.Decoder, limits, strict=strict)
 
     def read(self, data: memoryview, meshes: MeshLoader | None = None) -> Request:
         context = self.context(meshes)
@@ -34,23 +31,17 @@ class JsonReader(RequestReader):
         if len(json_text) > self.limits.json_bytes:
             raise RequestError(f"the request has {len(json_text)} bytes of JSON, the limit is {self.limits.json_bytes}")
         try:
-            request = self.from_schema(self._schema_decoder.decode(json_text), context)
-            if request is not None:
-                return request
-        except DECODE_ERRORS:
-            pass
-        try:
-            return self.from_plain(self._decode_plain(json_text), context)
+            return self.read_commands(self._decode_leniently(json_text), context)
         except JsonError as error:
             raise RequestError(f"the request is not valid JSON {error}") from None
 
-    def _decode_plain(self, json_text: bytes | memoryview) -> Any:
-        """Return dicts, lists, strings and numbers.
+    def _decode_leniently(self, json_text: bytes | memoryview) -> Any:
+        """Return the decoded message.
 
         Python clients write NaN and Infinity, which msgspec refuses and Python's json accepts.
         """
         try:
-            return self._plain_decoder.decode(json_text)
+            return self.decode(json_text)
         except DECODE_ERRORS:
             pass
         try:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import binascii
-from collections.abc import Mapping
 from pathlib import PurePosixPath
-from typing import Any, Final
+from typing import Any
 from urllib.parse import unquote
 
 import msgspec
 import numpy as np
-import pybase64
 
 from gateway.assets.mesh_formats import (
     FORMATS,
@@ -22,30 +19,21 @@ from gateway.assets.mesh_formats import (
 )
 from gateway.gltf import GltfError
 from gateway.scene.geometry import Part
-from gateway.scene.materials import Color, tinted
+from gateway.scene.materials import WHITE, Color, tinted
 from gateway.scene.transforms import scaling
-from gateway.treeviewer import fields
 from gateway.treeviewer.context import ReadContext
-from gateway.treeviewer.fields import CommandError, NothingToDraw, show
-from gateway.treeviewer.images import check_image
+from gateway.treeviewer.images import check_image, file_content
 from renderers.drawlist import ImageError, Texture
-
-MAX_FILES: Final = 1000
-"""Maximum number of files beside the mesh file: scans have a texture for each of some hundred tiles."""
-
-Params = Mapping[str, Any]
-"""Fields of a decoded geometry, by name."""
+from scenegate.messages.field_kinds import CommandError, NothingToDraw, read_color, show
+from scenegate.messages.mesh_file import MAX_FILES
 
 
-def mesh_file(params: Params, rgba: Color, context: ReadContext) -> tuple[Part, ...]:
+def mesh_file(
+    rgba: Color, context: ReadContext, *, filename: str, scale: Any, data: Any, **sent: Any
+) -> tuple[Part, ...]:
     """Return the parts of a mesh file with the command's colour."""
-    filename = params.get("filename")
-    if not isinstance(filename, str):
-        raise CommandError(
-            "filename is missing" if filename is None else f"filename must be a string, not {show(filename)}"
-        )
-    scale = _scale(params)
-    parts = _opened(filename, scale, context) if params.get("data") is None else _sent(params, filename, scale, context)
+    xyz = (scale,) * 3 if isinstance(scale, float) else scale
+    parts = _opened(filename, xyz, context) if data is None else _sent(filename, xyz, context, data, **sent)
     return tuple(
         msgspec.structs.replace(part, material=tinted(part.material, rgba), source=part.source or filename)
         for part in parts
@@ -65,77 +53,55 @@ def _opened(filename: str, scale: tuple[float, float, float], context: ReadConte
         raise CommandError(f"filename: {reason}") from None
 
 
-def _sent(params: Params, filename: str, scale: tuple[float, float, float], context: ReadContext) -> tuple[Part, ...]:
+def _sent(
+    filename: str,
+    scale: tuple[float, float, float],
+    context: ReadContext,
+    data: Any,
+    files: Any,
+    up: Any,
+    default_color: Any,
+    default_texture: Any,
+) -> tuple[Part, ...]:
     """Return the parts of a file in the command. What cannot be read is left out, with a warning."""
     extension = PurePosixPath(filename).suffix[1:].lower()
     if extension not in FORMATS:
         raise NothingToDraw(f"{show(filename)} is not a file of a known format ({', '.join(sorted(FORMATS))})")
-    others = params.get("files") or {}
+    others = files or {}
     if not isinstance(others, dict) or len(others) > MAX_FILES:
         raise CommandError(f"files must be an object of at most {MAX_FILES} files, not {show(others)}")
-    up = params.get("up")
     if up not in (None, "z"):
         raise CommandError(f"up must be 'z' or missing, not {show(up)}")
 
     def resolve(name: str) -> bytes:
         for spelling in (name, unquote(name), unquote(name).replace("\\", "/")):
             if spelling in others:
-                return _content(others[spelling], "files")
+                return file_content(others[spelling], "files")
         raise FileNotFoundError(2, "it was not sent", name)
 
     found: list[str] = []
     try:
-        data = _content(params["data"], "data")
+        content = file_content(data, "data")
         parts = parse_mesh(
-            data, extension, resolve, MESH_LIMITS, found, collada_up_axis=up is None, gltf_up="z" if up else "auto"
+            content, extension, resolve, MESH_LIMITS, found, collada_up_axis=up is None, gltf_up="z" if up else "auto"
         )
     except (MeshFormatError, GltfError) as error:
         raise NothingToDraw(f"{show(filename)}: {error}, so nothing is drawn") from None
     context.warnings += [f"{show(filename)}: {text}" for text in found]
-    if params.get("default_color") is not None or params.get("default_texture") is not None:
-        color = np.array(fields.color(params, context.warnings, "default_color"))
-        texture = _texture(params, context)
+    if default_color is not None or default_texture is not None:
+        color = np.array(WHITE if default_color is None else read_color(default_color, "default_color", context))
+        texture = None if default_texture is None else _texture(default_texture, context)
         plain = diffuse_material(color, None)
         parts = with_default_materials(parts, plain, plain if texture is None else diffuse_material(color, texture))
     X = scaling(*scale)
     return tuple(msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in parts)
 
 
-def _texture(params: Params, context: ReadContext) -> Texture | None:
+def _texture(value: Any, context: ReadContext) -> Texture | None:
     """Return ``default_texture``; None, with a warning, if it cannot be decoded."""
-    value = params.get("default_texture")
-    if value is None:
-        return None
     try:
-        image = check_image(_content(value, "default_texture"), context.limits.image_pixels).image
+        image = check_image(file_content(value, "default_texture"), context.limits.image_pixels).image
         return Texture(image, name="default_texture")
     except ImageError as error:
         context.warnings.append(f"default_texture cannot be decoded: {error}; it is not shown")
         return None
-
-
-def _content(value: Any, name: str) -> bytes:
-    """Return the content of a file: bytes in MessagePack, base64 in JSON."""
-    if isinstance(value, bytes):
-        return value
-    if not isinstance(value, str):
-        raise CommandError(f"{name} must be the content of a file (base64 in JSON), not {show(value)}")
-    try:
-        return pybase64.b64decode(value, validate=True)
-    except (binascii.Error, ValueError) as error:
-        raise CommandError(f"{name} is not base64: {error}") from None
-
-
-def _scale(params: Params) -> tuple[float, float, float]:
-    """Return the scale factors along x, y, z. The field has one number for all axes, or three."""
-    value = params.get("scale")
-    if value is None:
-        return 1.0, 1.0, 1.0
-    if isinstance(value, list) and len(value) == 3:
-        x, y, z = (fields.drawable(v, "scale") for v in fields.numbers(value, "scale", 3))
-        return x, y, z
-    single = value[0] if isinstance(value, list) and len(value) == 1 else value
-    if not isinstance(single, (int, float)):
-        raise CommandError(f"scale must be a number or three, not {show(value)}")
-    scale = fields.drawable(fields.number(single, "scale"), "scale")
-    return scale, scale, scale

@@ -6,7 +6,8 @@ docs/tree-viewer-binary.md.
 
 from __future__ import annotations
 
-from typing import Any, Final
+from functools import partial
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -14,7 +15,6 @@ import numpy as np
 from gateway.treeviewer import msgpack_kernels
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import MeshLoader
-from gateway.treeviewer.fast_schema import message_type
 from gateway.treeviewer.packed_arrays import EXTENSION, unpack
 from gateway.treeviewer.request_reader import DECODE_ERRORS, RequestReader
 from gateway.treeviewer.requests import Request, RequestError
@@ -44,26 +44,19 @@ class MsgpackReader(RequestReader):
     type_text = "a MessagePack map"
 
     def __init__(self, limits: Limits | None = None, *, strict: bool = False) -> None:
-        super().__init__(limits, strict=strict)
-        self._schema_decoder: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(
-            message_type(self.limits), ext_hook=_decode_extension
-        )
-        self._plain_decoder = msgspec.msgpack.Decoder(ext_hook=_decode_extension)
+        super().__init__(partial(msgspec.msgpack.Decoder, ext_hook=_decode_extension), limits, strict=strict)
 
     def read(self, data: memoryview, meshes: MeshLoader | None = None) -> Request:
         if len(data) > self.limits.binary_objects:  # each value takes at least a byte
             self._check_value_count(data)
         try:
-            request = self.from_schema(self._schema_decoder.decode(data), self.context(meshes))
-            if request is not None:
-                return request
+            message = self.decode(data)
         except DECODE_ERRORS:
-            pass
-        try:
-            message = self._plain_decoder.decode(data)
-        except DECODE_ERRORS as error:
-            raise RequestError(f"the request is not valid MessagePack ({error})") from None
-        return self.from_plain(message, self.context(meshes))
+            try:
+                message = self._plain.decode(data)
+            except DECODE_ERRORS as error:
+                raise RequestError(f"the request is not valid MessagePack ({error})") from None
+        return self.read_commands(message, self.context(meshes))
 
     def _check_value_count(self, data: memoryview) -> None:
         """Raise RequestError if decoding would create more Python objects than the limit."""

@@ -1,7 +1,7 @@
 """Read the number arrays of a request, from JSON text, Python lists and packed arrays (MessagePack), as NumPy arrays.
 
-``json_kernels`` parses long arrays in JSON text. In the text that the JSON decoder gets, a short string stands for each
-of them: a random token, which no client can guess, and the array's index.
+``json_kernels`` parses long arrays in JSON text. In the text that the JSON decoder gets, ``[{"token": index}]`` stands
+for each of them, with a random token, which no client can guess. No field but an array accepts such a value.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.treeviewer import json_kernels
-from gateway.treeviewer.packed_arrays import ArrayError, PackedArray, check_size, columns_text, shape_text
+from gateway.treeviewer.packed_arrays import ArrayError, PackedArray
 
 MIN_NUMBERS: Final = 256
 """Shorter arrays stay in the JSON text. Paths must stay there, and Python decodes few numbers quickly."""
@@ -53,59 +53,50 @@ class _TextArray:
 class NumberArrays:
     """Number arrays of one request, whatever its format."""
 
-    __slots__ = ("_arrays", "_prefix", "_text")
+    __slots__ = ("_arrays", "_text", "_token")
 
     def __init__(self) -> None:
-        self._prefix = ""
+        self._token = ""
         self._text: NDArray[np.uint8] | None = None
         self._arrays: list[_TextArray] = []
 
     def extract(self, data: memoryview) -> bytes:
-        """Return the JSON text ``data`` with strings in place of its long arrays. Keeps a reference to ``data``."""
+        """Return the JSON text with short values in place of its long arrays. Keeps a reference to ``data``."""
         text = np.frombuffer(data, np.uint8)
         max_arrays = MAX_ARRAYS if len(data) > MAX_ARRAYS else _MAX_ARRAYS_OF_SMALL_REQUEST
         table = json_kernels.find_arrays(text, max_arrays, MIN_NUMBERS)
         if not len(table):
             return bytes(data)
         self._text = text
-        self._prefix = f"\x00{os.urandom(12).hex()}:"
-        json_prefix = '"\\u0000' + self._prefix[1:]
+        self._token = f"\x00{os.urandom(12).hex()}"
         pieces: list[bytes | memoryview] = []
         position = 0
         for index, row in enumerate(table.tolist()):
             array = _TextArray(*row)
             self._arrays.append(array)
             pieces.append(data[position : array.begin])
-            pieces.append(f'{json_prefix}{index}"'.encode())
+            pieces.append(f'[{{"\\u0000{self._token[1:]}":{index}}}]'.encode())
             position = array.end
         pieces.append(data[position:])
         return b"".join(pieces)
 
-    def is_reference(self, value: str) -> bool:
-        """Return True if a string stands for an array that was taken out."""
-        return bool(self._prefix) and value.startswith(self._prefix)
-
     def floats(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float32]:
-        """Return a field's numbers as float32: (N, one of ``columns``), or (N,) for one column.
+        """Return a copy of a field's numbers as float32: (N, one of ``columns``), or (N,) for one column.
 
         Args:
-            value: decoded field: a list, a packed array, or the string that stands for an array in the JSON text.
+            value: decoded field: a list, a packed array, or the value that stands for an array in the JSON text.
             columns: numbers of columns that the field may have. An empty list gets the first.
             max_rows: maximum number of rows.
         Raises:
             ArrayError: wrong shape, not numbers, or too many rows.
             JsonError: the text of the array is not JSON.
         """
-        if isinstance(value, PackedArray):
-            return value.floats(columns, max_rows)
-        with np.errstate(over="ignore"):
-            return self._read(value, columns, max_rows).astype(np.float32)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._rows(value, columns, max_rows).astype(np.float32, order="C")
 
     def doubles(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
         """Return a field's numbers as float64. See ``floats``."""
-        if isinstance(value, PackedArray):
-            return value.doubles(columns, max_rows)
-        return self._read(value, columns, max_rows)
+        return self._rows(value, columns, max_rows).astype(np.float64, order="C")
 
     def indices(self, value: Any, count: int, max_rows: int) -> NDArray[np.uint32]:
         """Return a field's triangles, (N, 3) uint32 indices of ``count`` vertices.
@@ -118,17 +109,23 @@ class NumberArrays:
             ArrayError: wrong shape, a value that is not an index from 0 to ``count`` - 1, or too many rows.
             JsonError: the text of the array is not JSON.
         """
-        if isinstance(value, PackedArray):
-            return value.indices(count, max_rows)
-        values = self._read(value, (3,), max_rows)
-        invalid = ~((values >= 0.0) & (values < count) & (values == np.floor(values)))
-        if invalid.any():
-            row, column = divmod(int(np.argmax(invalid)), 3)
-            raise ArrayError(f"has {float(values[row, column]):.17g} in row {row}, but there are {count} vertices")
-        return values.astype(np.uint32)
+        values = self._rows(value, (3,), max_rows)
+        valid = values < count
+        if values.dtype.kind == "f":
+            if isinstance(value, PackedArray):
+                raise ArrayError("has floating-point numbers, not indices")
+            valid &= values == np.floor(values)
+        if values.dtype.kind != "u":
+            valid &= values >= 0
+        if not valid.all():
+            row, column = divmod(int(np.argmin(valid)), 3)
+            number = values[row, column].item()
+            text = f"{number:.17g}" if isinstance(number, float) else number
+            raise ArrayError(f"has {text} in row {row}, but there are {count} vertices")
+        return values.astype(np.uint32, order="C")
 
     def grid(self, value: Any, max_numbers: int) -> NDArray[np.float32]:
-        """Return a field's rows of numbers as float32, (R, C), whatever their length.
+        """Return a copy of a field's rows of numbers as float32, (R, C), whatever their length.
 
         Args:
             value: as in ``floats``.
@@ -137,60 +134,65 @@ class NumberArrays:
             ArrayError: rows of different lengths, not numbers, or too many.
             JsonError: the text of the array is not JSON.
         """
+        first = value[0] if isinstance(value, list) and value else None
+        values = self._values(value, (len(first) if isinstance(first, list) else 2,), max_numbers)
+        if values.ndim != 2:
+            raise ArrayError(f"has {_shape_text(values)}, not rows of numbers")
+        if values.size > max_numbers:
+            raise ArrayError(f"has {values.size} numbers, the limit is {max_numbers}")
+        with np.errstate(over="ignore", invalid="ignore"):
+            return values.astype(np.float32, order="C")
+
+    def _rows(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[Any]:
+        """Return a field's numbers after a check of their shape: (N, columns), or (N,) for one column."""
+        values = self._values(value, columns, max_rows)
+        column_count = values.shape[1] if values.ndim == 2 else 1
+        if values.ndim > 2 or column_count not in columns:
+            raise ArrayError(f"has {_shape_text(values)}, not {_columns_text(columns)}")
+        return values.reshape(-1) if column_count == 1 else values
+
+    def _values(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[Any]:
+        """Return a field's numbers, of any shape and type, as they were sent; ``columns`` are for an error text."""
         if isinstance(value, PackedArray):
-            return value.grid(max_numbers)
-        columns = self._row_length(value)
-        check_size(len(value) * columns if isinstance(value, list) else 0, max_numbers)
-        with np.errstate(over="ignore"):
-            rows = self._read(value, (columns,), max_numbers)
-        check_size(rows.size, max_numbers)
-        return rows.reshape(-1, columns).astype(np.float32)
+            if value.values is None:
+                raise ArrayError(value.fault)
+            _check_rows(len(value.values), max_rows)
+            return value.values
+        array = self._extracted(value)
+        if array is not None:
+            _check_rows(array.rows if array.dimensions == 2 else array.count, max_rows)
+            return self._parse(array)
+        if not isinstance(value, list):
+            raise ArrayError(f"must be a list of {_columns_text(columns)}")
+        _check_rows(len(value), max_rows)
+        return _from_list(value, columns)
 
-    def _row_length(self, value: Any) -> int:
-        """Return the number of columns of the first row of a list, or of the array that a string stands for."""
-        if isinstance(value, str) and self.is_reference(value):
-            array = self._arrays[int(value[len(self._prefix) :])]
-            return array.columns if array.dimensions == 2 and array.columns > 0 else 2
-        return len(value[0]) if isinstance(value, list) and value and isinstance(value[0], list) and value[0] else 2
+    def _extracted(self, value: Any) -> _TextArray | None:
+        """Return the array of the JSON text that a decoded value stands for; None for other values."""
+        if self._text is None or not isinstance(value, list) or len(value) != 1 or not isinstance(value[0], dict):
+            return None
+        index = value[0].get(self._token)
+        return None if index is None else self._arrays[index]
 
-    def _read(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
-        """Return the numbers of a list, or of the array that a string stands for."""
-        if isinstance(value, str) and self.is_reference(value):
-            return self._parse(self._arrays[int(value[len(self._prefix) :])], columns, max_rows)
-        return _from_list(value, columns, max_rows)
-
-    def _parse(self, array: _TextArray, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
-        column_count = _checked_columns(array, columns, max_rows)
+    def _parse(self, array: _TextArray) -> NDArray[np.float64]:
+        """Return the numbers of an array in the JSON text."""
+        if array.dimensions == 2 and array.columns == json_kernels.MIXED_COLUMNS:
+            raise ArrayError("has rows of different lengths")
         assert self._text is not None
         numbers, error_at = json_kernels.read_numbers(self._text, array.begin, array.end, array.count)
         if error_at >= 0:
             excerpt = bytes(self._text[error_at : error_at + 12]).decode("ascii", "replace")
             raise JsonError(f"at byte {error_at}: {excerpt!r} where a number should be")
-        return numbers if column_count == 1 else numbers.reshape(-1, column_count)
+        return numbers.reshape(array.rows, array.columns) if array.dimensions == 2 else numbers
 
 
-def _checked_columns(array: _TextArray, columns: tuple[int, ...], max_rows: int) -> int:
-    """Return the array's number of columns; raise ArrayError if it is not one of ``columns`` or has too many rows."""
-    nested = array.dimensions == 2
-    rows = array.rows if nested else array.count
-    column_count = array.columns if nested else 1
+def _check_rows(rows: int, max_rows: int) -> None:
     if rows > max_rows:
         raise ArrayError(f"has {rows} rows, the limit is {max_rows}")
-    if nested and column_count == json_kernels.MIXED_COLUMNS:
-        raise ArrayError("has rows of different lengths")
-    if nested and column_count == 1 and 1 in columns:
-        return 1
-    if column_count not in columns or nested != (column_count != 1):
-        raise ArrayError(f"has {shape_text(array.dimensions, column_count)}, not {columns_text(columns)}")
-    return column_count
 
 
-def _from_list(value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
+def _from_list(value: list[Any], columns: tuple[int, ...]) -> NDArray[Any]:
     """Return the numbers of a Python list, or of a list of lists."""
-    if not isinstance(value, list):
-        raise ArrayError(f"must be a list of {columns_text(columns)}")
-    if len(value) > max_rows:
-        raise ArrayError(f"has {len(value)} rows, the limit is {max_rows}")
     if not value:
         return np.empty((0, columns[0]) if columns[0] > 1 else (0,))
     try:
@@ -202,12 +204,18 @@ def _from_list(value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[n
             array = array.astype(np.float64)  # None becomes NaN
     if array.dtype.kind not in "iufb":
         raise ArrayError("has something that is not a number")
-    if array.ndim == 2 and array.shape[1] == 1 and 1 in columns:
-        array = array.reshape(-1)
-    column_count = array.shape[1] if array.ndim == 2 else 1
-    if array.ndim > 2 or column_count not in columns or (array.ndim == 2) != (column_count != 1):
-        raise ArrayError(f"has {shape_text(array.ndim, column_count)}, not {columns_text(columns)}")
     return array.astype(np.float64)
+
+
+def _shape_text(values: NDArray[Any]) -> str:
+    if values.ndim == 2:
+        return f"rows of {values.shape[1]}"
+    return "numbers" if values.ndim == 1 else f"{values.ndim} dimensions"
+
+
+def _columns_text(columns: tuple[int, ...]) -> str:
+    """Return a description of the allowed rows. ``columns`` are the allowed numbers of columns."""
+    return "numbers" if columns == (1,) else f"rows of {' or '.join(map(str, columns))} numbers"
 
 
 def _describe_ragged(value: list[Any], columns: tuple[int, ...]) -> str:

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Final
 
 from gateway.runtime.warning_list import WarningList
 from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
-from gateway.treeviewer import responses, wire
+from gateway.treeviewer import responses
 from gateway.treeviewer.apply import RequestApplier
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import MeshLoader
@@ -22,11 +21,9 @@ from gateway.treeviewer.page_commands import PageClient, update_page
 from gateway.treeviewer.quota import TreeQuota
 from gateway.treeviewer.requests import RequestError
 from gateway.treeviewer.responses import AnyResponse
-
-REQUEST: Final = "DIRECTOR_TREE_VIEWER_REQUEST"
-"""Channel of requests; ``_<client id>`` may follow."""
-RESPONSE: Final = "DIRECTOR_TREE_VIEWER_RESPONSE"
-"""Channel of responses and announcements; ``_<client id>`` may follow."""
+from scenegate.messages import wire
+from scenegate.messages.wire import REQUEST as REQUEST
+from scenegate.messages.wire import RESPONSE as RESPONSE
 
 
 def client_of(channel: str) -> str:
@@ -77,8 +74,8 @@ class TreeViewerProtocol:
         """Warnings about the newest command of each name and path, by ``Subject``."""
         self._live = live
         self.readers = {
-            wire.FORMAT: JsonReader(self.limits, strict=strict),
-            wire.BINARY_FORMAT: MsgpackReader(self.limits, strict=strict),
+            wire.JSON: JsonReader(self.limits, strict=strict),
+            wire.BINARY: MsgpackReader(self.limits, strict=strict),
         }
         """Readers by the name of the format."""
 

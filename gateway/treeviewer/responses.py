@@ -8,7 +8,7 @@ import msgspec
 
 from gateway.scene.clicks import Click
 from gateway.scene.tree import Path
-from gateway.treeviewer import wire
+from scenegate.messages import wire
 from scenegate.messages.controls import Value
 
 OK: Final = 0
@@ -18,9 +18,7 @@ UNKNOWN_FORMAT_VERSION: Final = -2
 ERROR_HANDLING_REQUEST: Final = -3
 """A command failed. Director defines this status, but sends no response in this case. The thread of its Python client
 that handles responses ends at a negative status, so irregularities that are tolerated get a warning instead."""
-SUPPORTED_FORMATS: Final = {
-    name: [f"{wire.VERSION[0]}.{wire.VERSION[1]}"] for name in (wire.FORMAT, wire.BINARY_FORMAT)
-}
+SUPPORTED_FORMATS: Final = {name: [f"{wire.VERSION[0]}.{wire.VERSION[1]}"] for name in (wire.JSON, wire.BINARY)}
 
 
 class CommandProblem(msgspec.Struct, omit_defaults=True):
@@ -105,7 +103,7 @@ _msgpack: Final = msgspec.msgpack.Encoder()
 def encode(response: AnyMessage, *, binary: bool = False) -> bytes:
     """Return a response as LCM message, in MessagePack if ``binary``, otherwise in JSON."""
     if binary:
-        return wire.encode(_msgpack.encode(response), name=wire.BINARY_FORMAT)
+        return wire.encode(_msgpack.encode(response), name=wire.BINARY)
     return wire.encode(_json.encode(response))
 
 

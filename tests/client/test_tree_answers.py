@@ -11,6 +11,7 @@ import pytest
 from scenegate.messages import wire
 from scenegate.messages.changes import Changes, PublishedTree, path_of
 from scenegate.messages.geometry import Sphere
+from scenegate.messages.request_encoding import encode_request
 from scenegate.tree import viewer as viewer_module
 from scenegate.tree.answer import Answer, TreeViewerError
 from scenegate.tree.viewer import TreeViewer
@@ -44,7 +45,7 @@ def wire_body(message: Any) -> dict[str, Any]:
 
 
 def response(**body: Any) -> bytes:
-    return bytes(wire.encode(body, 0, wire.JSON))
+    return bytes(encode_request(body, 0, wire.JSON))
 
 
 @pytest.fixture

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from gateway.scene.materials import material
 from gateway.scene.transforms import from_pose
-from gateway.treeviewer import wire as server_wire
 from gateway.treeviewer.packed_arrays import unpack
 from scenegate import (
     Box,
@@ -36,6 +35,7 @@ from scenegate import (
     Triad,
 )
 from scenegate.messages import wire
+from scenegate.messages.request_encoding import decode_response, empty_with_header, encode_request, pack
 from tests.treeviewer.conversation import Viewer
 
 POINTS = np.arange(12, dtype=np.float64).reshape(4, 3)
@@ -67,7 +67,7 @@ ALL = [
 
 
 def encoded(body: dict[str, Any], utime: int, name: str) -> bytes:
-    return bytes(wire.encode(body, utime, name))
+    return bytes(encode_request(body, utime, name))
 
 
 @pytest.mark.parametrize("name", [wire.JSON, wire.BINARY])
@@ -260,10 +260,10 @@ def test_copies_arrays() -> None:
 
 
 def test_client_and_server_encode_alike() -> None:
-    assert encoded({}, 9, wire.JSON) == server_wire.encode(b"{}", 9)
-    assert wire.decode(b"") is None
-    assert wire.decode(encoded({"timestamp": "x", "status": 0}, 1, wire.JSON)) is None
-    assert wire.decode(b"x" * 60) is None
+    assert encoded({}, 9, wire.JSON) == wire.encode(b"{}", 9)
+    assert decode_response(b"") is None
+    assert decode_response(encoded({"timestamp": "x", "status": 0}, 1, wire.JSON)) is None
+    assert decode_response(b"x" * 60) is None
 
 
 def test_json_encoding_does_not_change_colours() -> None:
@@ -283,11 +283,11 @@ def test_packs_arrays_with_and_without_reserved_header_alike(shape: list[int], k
     values = np.arange(np.prod(shape), dtype=kind).reshape(shape)
     array: Any = values
     if reserved:
-        array = wire.empty_with_header(tuple(shape), kind)
+        array = empty_with_header(tuple(shape), kind)
         array[...] = values
     reversed_ = array[::-1]  # not contiguous
     for given_, wanted in ((array, values), (reversed_, values[::-1])):
-        values_found = unpack(memoryview(wire.pack(given_).data)).values
+        values_found = unpack(memoryview(pack(given_).data)).values
         assert values_found is not None
         assert values_found.tolist() == wanted.tolist()
     assert array.tolist() == values.tolist()

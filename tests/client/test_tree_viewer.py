@@ -33,6 +33,7 @@ from scenegate import (
     TreeViewerError,
 )
 from scenegate.messages import wire
+from scenegate.messages.request_encoding import encode_request
 from scenegate.tree import viewer
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
@@ -248,7 +249,11 @@ def test_ignores_foreign_messages() -> None:
     other = join(url)
     with TreeViewer(url, timeout=0.05) as tree_viewer:  # short: no viewer
         threads = threading.active_count()
-        for message in (b"", b"junk", bytes(wire.encode({"timestamp": 0, "status": 0, "ready": True}, 0, wire.JSON))):
+        for message in (
+            b"",
+            b"junk",
+            bytes(encode_request({"timestamp": 0, "status": 0, "ready": True}, 0, wire.JSON)),
+        ):
             other.publish(wire.RESPONSE, message)
             other.publish(f"{wire.RESPONSE}_<{tree_viewer.client_id}>", message)
         with pytest.raises(TimeoutError):

@@ -10,10 +10,10 @@ import pytest
 
 from gateway.lcm.config import LcmConfig
 from gateway.scene.live import LiveTree
-from gateway.treeviewer import wire
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 from scenegate.lcm.tcpq import MAX_CHANNEL_BYTES, FrameType
+from scenegate.messages import wire
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
 from tests.support.waiting import MILLISECONDS, SECONDS, until

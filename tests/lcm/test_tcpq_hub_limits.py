@@ -8,10 +8,10 @@ from functools import partial
 
 import pytest
 
-from gateway.treeviewer import wire
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
 from gateway.treeviewer.service import TreeViewerService
 from scenegate.lcm.tcpq import CLIENT_HELLO, FrameType, publish_header
+from scenegate.messages import wire
 from tests.support.waiting import SECONDS, until
 from tests.treeviewer.conversation import ONE_BOX, decoded, message
 from tests.treeviewer.transports import HubClient, serving

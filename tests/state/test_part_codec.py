@@ -1,13 +1,12 @@
 from __future__ import annotations
 
-from typing import get_args
-
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway.scene.geometry import Box, Part, PointCloud, Shape, Surface
+from gateway.scene.geometry import Box, Part, PointCloud, Shape, Surface, Triad
 from gateway.scene.transforms import IDENTITY
 from gateway.state import part_codec as codec
 from gateway.state.part_codec import DamagedError, PartDecoder, PartEncoder
@@ -36,8 +35,21 @@ def test_texture_names_survive_the_round_trip() -> None:
     np.testing.assert_array_equal(texture.image.decode(), pixels)
 
 
-def test_all_shapes_are_supported() -> None:
-    assert set(get_args(Shape)) <= set(codec.CLASSES.values())
+def test_shapes_have_the_names_that_are_stored() -> None:
+    stored = {"Box", "Sphere", "Ellipsoid", "Cylinder", "Capsule", "Triad", "Surface", "PointCloud", "Line", "Part"}
+    assert stored <= set(codec.CLASSES)
+
+
+@pytest.mark.parametrize(
+    ("shape", "stored"),
+    [
+        (Box((1, 2, 3)), ["value", "Box", {"lengths": ["tuple", [1.0, 2.0, 3.0]]}]),
+        (Triad(2, tube=True), ["value", "Triad", {"scale": 2.0, "tube": True}]),
+    ],
+)
+def test_solids_are_stored_by_name_and_fields(shape: Shape, stored: list[object]) -> None:
+    data, _ = PartEncoder().encode((Part(shape, Material()),))
+    assert msgspec.msgpack.decode(data)[0][2]["shape"] == stored
 
 
 def test_shared_objects_are_shared_after_decoding() -> None:

@@ -10,10 +10,10 @@ import msgspec
 from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Node, Path
-from gateway.treeviewer import wire
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import MeshLoader
 from gateway.treeviewer.protocol import TreeViewerProtocol
+from scenegate.messages import wire
 
 BOX = {"type": "box", "lengths": [1, 2, 3]}
 CLOUD = {"type": "pointcloud", "points": [[0, 0, 0], [1, 0, 0], [0, 1, 0]]}

@@ -20,7 +20,7 @@ from typing import Any
 
 import lcm
 
-from gateway.treeviewer import wire
+from scenegate.messages import wire
 from tests.support.waiting import SECONDS
 
 CLIENT = "<director>"

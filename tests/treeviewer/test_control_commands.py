@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.packed_arrays import EXTENSION, pack
+from scenegate.messages.request_encoding import pack
 from tests.treeviewer.test_newer_commands import Talk
 
 SLIDER = {"path": ["arm", "speed"], "type": "slider", "min": 0, "max": 2, "unit": "m/s"}
@@ -66,7 +65,7 @@ def test_samples_as_bytes() -> None:
     talk = Talk(binary=True)
     talk.tell(setcontrols=[PLOT])
     samples = np.array([[1.7e9, 1.0, np.nan]])
-    talk.tell(setvalues=[{"path": "loads", "samples": msgspec.msgpack.Ext(EXTENSION, pack(samples))}])
+    talk.tell(setvalues=[{"path": "loads", "samples": pack(samples)}])
     ((_, stored),) = talk.viewer.protocol.page.controls.samples_since(0)
     np.testing.assert_array_equal(stored, samples)
 

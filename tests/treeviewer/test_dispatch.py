@@ -14,13 +14,14 @@ from structlog.testing import capture_logs
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node
-from gateway.treeviewer import responses, wire
+from gateway.treeviewer import responses
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, size_of
 from gateway.treeviewer.config import Limits, TreeViewerConfig
 from gateway.treeviewer.dispatch import MAX_LOGGED, Dispatcher
 from gateway.treeviewer.protocol import REQUEST, TreeViewerProtocol
 from renderers.compiler import pending
 from scenegate.lcm.arrival import arrival_time, set_arrival
+from scenegate.messages import wire
 from tests.support.waiting import until
 from tests.treeviewer.conversation import BOX, ONE_BOX, Viewer, decoded, message
 

@@ -147,7 +147,7 @@ def test_warns_about_undrawable_geometry(viewer: Viewer, geometry: dict[str, Any
             {"type": "pointcloud", "points": [[0, 0, 0], [1]]},
             "geometry.points has 1 number in row 1, rows of 3 are wanted",
         ),
-        ({"type": "pointcloud", "points": [[[0]]]}, "geometry.points has rows of 1, not rows of 3 numbers"),
+        ({"type": "pointcloud", "points": [[[0]]]}, "geometry.points has 3 dimensions, not rows of 3 numbers"),
         ({"type": "pointcloud", "points": [[0, 0, "1"]]}, "geometry.points has something that is not a number"),
         ({"type": "planar_lidar", "ranges": [1], "angle_start": 0}, "geometry.angle_step is missing"),
         (

@@ -6,7 +6,6 @@ import base64
 import io
 from typing import Any
 
-import msgspec
 import numpy as np
 import PIL.Image
 import pytest
@@ -14,9 +13,9 @@ from numpy.typing import NDArray
 
 from gateway.scene.geometry import Line, PointCloud
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.packed_arrays import EXTENSION, pack
 from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode, Topology
+from scenegate.messages.request_encoding import pack
 from tests.treeviewer.conversation import BOX, CLOUD, TRIANGLE, Viewer
 from tests.treeviewer.test_msgpack import tell
 
@@ -125,7 +124,7 @@ def test_images_may_be_jpeg_or_have_alpha(viewer: Viewer) -> None:
 @pytest.mark.parametrize("pixels", [PIXELS, PIXELS[:, :, 0], PIXELS[:, :, :1], np.dstack((PIXELS, PIXELS[:, :, 0]))])
 def test_images_come_as_arrays_or_files_in_messagepack(viewer: Viewer, pixels: NDArray[np.uint8]) -> None:
     rgb = np.broadcast_to(pixels.reshape(2, 3, -1)[:, :, :3], (2, 3, 3))
-    packed = msgspec.msgpack.Ext(EXTENSION, pack(pixels))
+    packed = pack(pixels)
     geometries = [{"type": "image", "image": value, "width": 1} for value in (packed, file(rgb))]
     assert tell(viewer, {"setgeometry": [{"path": ["it"], "geometries": geometries}]})["status"] == 0
     for part in viewer.parts():
@@ -160,9 +159,9 @@ def test_equal_images_are_one_object(viewer: Viewer) -> None:
         ({"type": "heightmap", "lengths": [1, 1]}, "heights is missing"),
         ({"type": "heightmap", "heights": [[1, 2]], "lengths": [1, 1]}, "heights has 1 rows of 2 numbers, 2 rows of 2"),
         ({"type": "heightmap", "heights": [[1, 2], [3]], "lengths": [1, 1]}, "heights has 1 number in row 1"),
-        ({"type": "heightmap", "heights": [1, 2], "lengths": [1, 1]}, "heights has numbers, not rows of 2 numbers"),
+        ({"type": "heightmap", "heights": [1, 2], "lengths": [1, 1]}, "heights has numbers, not rows of numbers"),
         ({"type": "heightmap", "heights": [[1] * 5] * 5, "lengths": [1, 1]}, "heights has 25 numbers, the limit is 20"),
-        ({"type": "heightmap", "heights": [[1, 2]] * 2}, "lengths must be a list of 2 numbers, not null"),
+        ({"type": "heightmap", "heights": [[1, 2]] * 2}, "lengths is missing"),
         ({"type": "heightmap", "heights": [[1, 2]] * 2, "lengths": [1, -1]}, "lengths must be above 0, not -1"),
         ({"type": "heightmap", "heights": [[1, 2]] * 2, "lengths": [1, 1], "colors": [[1, 1, 1]]}, "colors has 1 rows"),
         ({"type": "text"}, "text is missing"),
@@ -194,7 +193,7 @@ def test_names_what_is_wrong(geometry: dict[str, Any], reason: str) -> None:
     ],
 )
 def test_names_what_is_wrong_with_an_array(pixels: NDArray[Any], reason: str) -> None:
-    packed = msgspec.msgpack.Ext(EXTENSION, pack(pixels))
+    packed = pack(pixels)
     request = {"setgeometry": [{"path": ["it"], "geometry": {"type": "image", "image": packed, "width": 1}}]}
     assert reason in tell(Viewer(Limits(image_pixels=80)), request)["error"]
 
@@ -230,7 +229,7 @@ def test_large_heightmaps_in_both_formats(viewer: Viewer) -> None:
     geometry = {"type": "heightmap", "lengths": [1, 1]}
     assert viewer.publish({**geometry, "heights": heights.tolist()})["status"] == 0
     first = only_part(viewer).shape.mesh
-    packed = msgspec.msgpack.Ext(EXTENSION, pack(heights))
+    packed = pack(heights)
     request = {"setgeometry": [{"path": ["it"], "geometry": {**geometry, "heights": packed}}]}
     assert tell(viewer, request)["status"] == 0
     np.testing.assert_array_equal(only_part(viewer).shape.mesh.positions, first.positions)

@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from gateway.treeviewer import wire
 from gateway.treeviewer.config import Limits
+from scenegate.messages import wire
 from tests.treeviewer.conversation import BOX, Viewer
 
 POINT = [0.0, 0.0, 0.0]
@@ -111,7 +111,7 @@ def test_limits_of_the_text_at_their_value(name: str) -> None:
 def test_limit_of_binary_values_at_its_value() -> None:
     data = msgspec.msgpack.encode({"x": [1] * 97})  # the map, its key, the list and 97 numbers
     for limit, status in ((100, 0), (99, -3)):
-        response = Viewer(Limits(binary_objects=limit)).protocol.handle(wire.encode(data, name=wire.BINARY_FORMAT))
+        response = Viewer(Limits(binary_objects=limit)).protocol.handle(wire.encode(data, name=wire.BINARY))
         assert response.status == status
 
 
@@ -134,5 +134,5 @@ def test_messagepack_warns_about_transforms_that_are_not_finite() -> None:
     viewer = Viewer()
     command = {"path": ["a"], "transform": {"translation": [float("nan"), 0.0, 0.0]}}
     data = msgspec.msgpack.encode({"settransform": [command]})
-    response: Any = viewer.protocol.handle(wire.encode(data, name=wire.BINARY_FORMAT))
+    response: Any = viewer.protocol.handle(wire.encode(data, name=wire.BINARY))
     assert response.warnings == ['settransform[0] ["a"]: transform is not finite, so nothing below it is drawn']

@@ -12,9 +12,9 @@ import pytest
 from gateway.scene.geometry import Part, Sphere, Surface
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import from_pose, scaling
-from gateway.treeviewer import wire
 from gateway.treeviewer.protocol import TreeViewerProtocol
 from renderers.drawlist import AlphaMode, Material, Mesh
+from scenegate.messages import wire
 from tests.treeviewer.conversation import TRIANGLE, Viewer, message
 
 NAN = float("nan")
@@ -120,6 +120,6 @@ def test_programs_on_this_machine_name_files_of_their_own_loader() -> None:
     geometry = {"type": "mesh_file", "filename": "a.obj"}
     for binary in (False, True):
         request = {"setgeometry": [{"path": ["a"], "geometry": geometry}]}
-        data = wire.encode(msgspec.msgpack.encode(request), 1, wire.BINARY_FORMAT) if binary else message(request)
+        data = wire.encode(msgspec.msgpack.encode(request), 1, wire.BINARY) if binary else message(request)
         assert protocol.handle(data).status == protocol.handle(data, is_local=True).status == 0
     assert everybody.asked == local.asked == [("a.obj", (1.0, 1.0, 1.0))] * 2

@@ -14,9 +14,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gateway.scene.geometry import Line, Part, PointCloud, Surface
-from gateway.treeviewer import msgpack_kernels, responses, wire
+from gateway.treeviewer import msgpack_kernels, responses
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.packed_arrays import DTYPES, EXTENSION, pack, unpack
+from gateway.treeviewer.packed_arrays import DTYPES, EXTENSION, unpack
+from scenegate.messages import wire
+from scenegate.messages.request_encoding import pack
 from tests.treeviewer.conversation import BOX, Viewer
 
 PADDING = 64 * 1024
@@ -25,12 +27,12 @@ VERTICES = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.5]]
 
 def packed(value: Any) -> Any:
     """Return numbers as an extension."""
-    return msgspec.msgpack.Ext(EXTENSION, pack(np.asarray(value)))
+    return pack(np.asarray(value))
 
 
 def message(request: Any, utime: int = 7, version: tuple[int, int] = (1, 0)) -> bytes:
     data = request if isinstance(request, bytes) else msgspec.msgpack.encode(request)
-    return wire.encode(data, utime, wire.BINARY_FORMAT, version)
+    return wire.encode(data, utime, wire.BINARY, version)
 
 
 def tell(viewer: Viewer, request: Any, **options: Any) -> dict[str, Any]:
@@ -114,7 +116,9 @@ def test_arrays_come_as_bytes(padding: int) -> None:
 )
 def test_rejects_invalid_arrays(geometry: dict[str, Any], reason: str) -> None:
     made = {
-        name: msgspec.msgpack.Ext(EXTENSION, value if isinstance(value, bytes) else pack(value))
+        name: msgspec.msgpack.Ext(EXTENSION, value)
+        if isinstance(value, bytes)
+        else pack(value)
         if not isinstance(value, str)
         else value
         for name, value in geometry.items()
@@ -268,7 +272,7 @@ def test_same_result_as_json(several: list[dict[str, Any]], padded: bool) -> Non
 )
 def test_packed_arrays_round_trip(name: str, size: tuple[int, ...], offset: int) -> None:
     values: NDArray[Any] = (np.arange(np.prod(size)) % 100).reshape(size).astype(DTYPES[name])
-    payload = memoryview(bytes(offset) + pack(values))[offset:]
+    payload = memoryview(bytes(offset) + bytes(pack(values).data))[offset:]
     found = unpack(payload)
     assert found.fault == ""
     assert found.values is not None

@@ -11,10 +11,10 @@ from gateway.scene.cameras import LookAtCamera
 from gateway.scene.clicks import Click, ClickLimits, ClickSubscriptions
 from gateway.scene.live_page import PageView
 from gateway.scene.tree import Path
-from gateway.treeviewer import wire
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.page_commands import PageClient
 from gateway.treeviewer.responses import ClickMessage, PageMessage
+from scenegate.messages import wire
 from scenegate.messages.controls import Value
 from tests.treeviewer.conversation import BOX, Viewer, message
 
@@ -39,7 +39,7 @@ class Talk:
     def tell(self, **request: Any) -> dict[str, Any]:
         """Send a request and return the response."""
         if self._binary:
-            data = wire.encode(msgspec.msgpack.encode(request), 7, wire.BINARY_FORMAT)
+            data = wire.encode(msgspec.msgpack.encode(request), 7, wire.BINARY)
         else:
             data = message(request)
         response = self.viewer.protocol.handle(data, self.receiver)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gateway.scene.geometry import Line, Part, PointCloud, Surface
-from gateway.treeviewer import wire
+from scenegate.messages import wire
 from tests.treeviewer.conversation import Viewer, message
 
 COUNTS = [4, 300]
@@ -61,7 +61,7 @@ def shown(request: bytes) -> tuple[dict[str, Any], list[np.ndarray]]:
 def test_null_is_nan(count: int, binary: bool) -> None:
     def request(hole: Any) -> bytes:
         command = {"setgeometry": [{"path": ["it"], "geometries": geometries(count, hole)}]}
-        return wire.encode(msgspec.msgpack.encode(command), 7, wire.BINARY_FORMAT) if binary else message(command)
+        return wire.encode(msgspec.msgpack.encode(command), 7, wire.BINARY) if binary else message(command)
 
     answer, found = shown(request(None))
     expected_answer, expected = shown(request(float("nan")))

@@ -101,16 +101,35 @@ def test_number_grammar_of_extracted_arrays(number: str, good: bool) -> None:
 
 def test_clients_cannot_forge_references() -> None:
     rows = [[0.0, 1.0, 2.0]] * 100
-    for name in ("\x00:0", "\x00" + "0" * 24 + ":0"):
+    for name in ("\x00", "\x00" + "0" * 24):
         data = {
             "setgeometry": [
                 {"path": [name], "geometry": {"type": "line", "points": rows}},
-                {"path": ["b"], "geometry": {"type": "line", "points": name}},
+                {"path": ["b"], "geometry": {"type": "line", "points": [{name: 0}]}},
             ]
         }
         request = read(data)
         assert request.geometries[0][0] == (name,)
-        assert "points must be a list" in request.failures[0].reason
+        assert "points has something that is not a number" in request.failures[0].reason
+
+
+@pytest.mark.parametrize("numbers", [[0.5] * 300, [[1, 2, 3]] * 100], ids=["numbers", "rows"])
+def test_only_arrays_may_be_long_lists_of_numbers(numbers: Any) -> None:
+    box = {"type": "box", "lengths": [1, 2, 3]}
+    refused = [
+        {"path": numbers, "geometry": box},
+        {"path": [numbers], "geometry": box},
+        {"path": ["a"], "geometry": {**box, "transform": numbers}},
+        {"path": ["a"], "geometry": {**box, "lengths": numbers}},
+        {"path": ["a"], "geometry": {"type": "text", "text": numbers}},
+        {"path": ["a"], "geometry": numbers},
+        {"path": ["a"], "geometries": numbers},
+        numbers,
+    ]
+    request = read({"setgeometry": refused, "settransform": [{"path": ["a"], "transform": numbers}]})
+    assert (request.geometries, request.transforms) == ([], [])
+    assert len(request.failures) == len(refused) + 1
+    assert all("\\u0000" not in failure.reason for failure in request.failures)
 
 
 @pytest.mark.parametrize(("count", "taken_out"), [(MIN_NUMBERS - 1, False), (MIN_NUMBERS, True)])

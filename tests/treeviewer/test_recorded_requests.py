@@ -13,8 +13,8 @@ from gateway.scene.geometry import Line
 from gateway.scene.live import LiveTree
 from gateway.scene.meshing import meshes_of
 from gateway.scene.tree import Node, Path
-from gateway.treeviewer import wire
 from gateway.treeviewer.protocol import TreeViewerProtocol
+from scenegate.messages import wire
 from tests.treeviewer import recordings
 from tests.treeviewer.differences import DIFFERENCES, Difference
 from tests.treeviewer.director_model import DirectorModel
@@ -40,7 +40,7 @@ def unordered(answer: dict[str, Any] | None) -> dict[str, Any]:
     result = dict(answer)
     if "supported_formats" in result:
         formats = result["supported_formats"]
-        result["supported_formats"] = {name: formats[name] for name in formats if name != wire.BINARY_FORMAT}
+        result["supported_formats"] = {name: formats[name] for name in formats if name != wire.BINARY}
     for name in LISTS:
         if name in answer:
             result[name] = {json.dumps(path) for path in answer[name]}

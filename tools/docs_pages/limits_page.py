@@ -95,7 +95,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Faces at a vertex: meshes without normals", "gateway.scene.crease_normals", ("MAX_FACES_PER_VERTEX",)),
     ("Tree viewer: extents", "gateway.scene.meshing", ("MAX_EXTENT",)),
     ("Tree viewer: number arrays in JSON", "gateway.treeviewer.number_arrays", ("MAX_ARRAYS",)),
-    ("Tree viewer: formats", "gateway.treeviewer.wire", ("MAX_FORMAT_BYTES",)),
+    ("Tree viewer: formats", "scenegate.messages.wire", ("MAX_FORMAT_BYTES",)),
     (
         "TCPQ: frames",
         "scenegate.lcm.tcpq",

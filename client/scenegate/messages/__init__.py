@@ -1,6 +1,7 @@
 """Messages of the tree viewer's protocol.
 
-- ``geometry``, ``image_geometry``, ``mesh_file``, ``colors``: geometry that can be published.
+- ``geometry``, ``image_geometry``, ``mesh_file``: the definition of each type of geometry.
+- ``field_kinds``, ``colors``: how the fields of geometries are written and read.
 - ``changes``: changes of a request, and a record of published geometry.
-- ``wire``: encoding of requests and responses.
+- ``wire``: the LCM message, both ways; ``request_encoding``: requests and responses of a client.
 """

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scenegate.messages.css_colors import CSS_COLORS
-from scenegate.messages.wire import empty_with_header
+from scenegate.messages.request_encoding import empty_with_header
 from scenegate.regular_files import read_regular
 
+WHITE: Final = (1.0, 1.0, 1.0, 1.0)
 RANGE_TOLERANCE: Final = 1e-5
 """Accepted excess of a float beyond 0 or 1, for rounding errors. The viewer clamps such values."""
 
@@ -59,24 +60,30 @@ def rgba(value: ArrayLike) -> list[float]:
     return channels
 
 
-def color_rows(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
-    """Return a copy of vertex colours, (count, 3) or (count, 4), uint8 or float32.
+def color_rows(name: str, values: ArrayLike) -> NDArray[Any]:
+    """Return a copy of vertex colours, (N, 3) or (N, 4), uint8 or float32.
 
     Args:
         name: name of the field, for the error text.
         values: an array whose last axis has 3 or 4 channels; a grid of colours is flattened row by row.
-        count: number of vertices.
 
     Raises:
         ValueError: wrong shape, or a value outside of its range.
     """
     array = as_uint8_or_floats(values)
-    if array.ndim < 2 or array.shape[-1] not in (3, 4) or array.size != count * array.shape[-1]:
-        raise ValueError(f"{name} must have 3 or 4 numbers for each of {count} vertices, not shape {array.shape}")
-    copy = empty_with_header((count, array.shape[-1]), np.uint8 if array.dtype == np.uint8 else np.float32)
-    copy[...] = array.reshape(copy.shape)
+    if array.ndim < 2 or array.shape[-1] not in (3, 4):
+        raise ValueError(f"{name} must have 3 or 4 numbers for each vertex, not shape {array.shape}")
+    rows = array.reshape(-1, array.shape[-1])
+    copy = empty_with_header(rows.shape, np.uint8 if array.dtype == np.uint8 else np.float32)
+    copy[...] = rows
     check_range(name, copy)
     return copy
+
+
+def check_color_count(colors: NDArray[Any], count: int) -> None:
+    """Raise ValueError if there is not one colour for each of ``count`` vertices."""
+    if len(colors) != count:
+        raise ValueError(f"colors must have 3 or 4 numbers for each of {count} vertices, not shape {colors.shape}")
 
 
 def image_field(value: ImageLike) -> NDArray[np.uint8] | bytes:

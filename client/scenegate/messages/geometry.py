@@ -1,22 +1,48 @@
-"""Geometry that clients publish with ``viewer``. Lengths are in metres, angles in radians, colours in sRGB."""
+"""Geometry of the tree viewer's protocol. Lengths are in metres, angles in radians, colours in sRGB.
+
+One class defines a type: clients create it, its fields' kinds encode and decode it, and a solid is also the shape that
+the viewer's scene draws and stores.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, ClassVar, Final, NamedTuple, get_args
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scenegate.messages.colors import ImageLike, as_uint8_or_floats, check_range, color_rows, image_field, rgba
-from scenegate.messages.wire import empty_with_header
+from scenegate.messages.colors import WHITE, as_uint8_or_floats, check_color_count, check_range, rgba
+from scenegate.messages.field_kinds import (
+    AxisLength,
+    Channels,
+    CommandError,
+    Faces,
+    FieldKind,
+    FieldReader,
+    Flag,
+    Image,
+    Length,
+    Lengths,
+    Number,
+    Pixels,
+    Points,
+    Radius,
+    Ranges,
+    Size,
+    TextureCoordinates,
+    VertexColors,
+    Vertices,
+    number_list,
+    number_rows,
+)
 from scenegate.transforms import quaternions_of
 
 ROTATION_TOLERANCE: Final = 1e-4
 """Maximum deviation of an element of R R^T from the identity. float32 rounding causes 1e-7, calibration more."""
-MAX_CHANNEL_COLUMNS: Final = 16
-"""Maximum number of values per point in one channel of a point cloud."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,44 +81,22 @@ class Transform:
         }
 
 
-def number_list(name: str, values: ArrayLike, *counts: int) -> list[float]:
-    """Return a field's values as floats. Raises ValueError if their number is not one of ``counts``."""
-    array = np.asarray(values, np.float64)
-    if array.ndim != 1 or len(array) not in counts:
-        wanted = " or ".join(map(str, counts))
-        raise ValueError(f"{name} must have {wanted} numbers, not shape {array.shape}")
-    numbers: list[float] = array.tolist()
-    return numbers
+class Field(NamedTuple):
+    """A field of a geometry's class."""
+
+    name: str
+    kind: FieldKind
+    required: bool
+    default: Any
+    """Value of an absent field; None if it has a factory."""
 
 
-def number_rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.generic] = np.float32) -> NDArray[Any]:
-    """Return a copy of a field's values: (N, one of ``columns``), or (N,) if ``columns`` is 1.
-
-    Raises:
-        ValueError: the values have another shape, or are not numbers (integers for an integer ``dtype``).
-    """
-    array = np.ascontiguousarray(values)
-    if array.size == 0:
-        return np.empty((0, columns[0]) if columns[0] > 1 else (0,), dtype)
-    width = array.shape[1] if array.ndim == 2 else 1
-    if array.ndim != (1 if columns == (1,) else 2) or width not in columns:
-        wanted = "numbers" if columns == (1,) else f"rows of {' or '.join(map(str, columns))}"
-        raise ValueError(f"{name} must have {wanted}, not shape {array.shape}")
-    needs_integers = dtype in (np.int64, np.uint32)
-    if array.dtype.kind not in ("iub" if needs_integers else "fiub"):
-        raise ValueError(f"{name} must have {'integers' if needs_integers else 'numbers'}, not {array.dtype}")
-    copy = empty_with_header(array.shape, dtype)  # PublishedTree keeps it, so the caller's array may change
-    copy[...] = array
-    return copy
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Geometry:
+class Geometry(msgspec.Struct, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     """Base class of geometries, with the fields that all of them have."""
 
     kind: ClassVar[str]
     """``type`` in the protocol."""
-    color: ArrayLike = (1.0, 1.0, 1.0, 1.0)
+    color: ArrayLike = WHITE
     """RGB or RGBA from 0 to 1, a uint8 array (0 to 255), a CSS name (``"orange"``), or ``"#ff8000"``."""
     transform: Transform | ArrayLike | None = None
     """Transform from the geometry's frame to the frame of its path; None: identity."""
@@ -118,132 +122,152 @@ class Geometry:
 
     def _fields(self) -> dict[str, Any]:
         """Return the protocol's fields of this type of geometry."""
-        raise NotImplementedError
+        values = {field.name: (field.kind, getattr(self, field.name)) for field in fields_of(type(self))}
+        return {name: kind.write(name, value) for name, (kind, value) in values.items() if value is not None}
 
 
-@dataclass(frozen=True, slots=True)
-class Box(Geometry):
+@cache
+def fields_of(geometry: type[Geometry]) -> tuple[Field, ...]:
+    """Return the fields of a class that have a kind, but not those of ``Geometry``."""
+    found = []
+    for field in msgspec.structs.fields(geometry):
+        for hint in (field.type, *get_args(field.type)):
+            kinds = [each for each in getattr(hint, "__metadata__", ()) if isinstance(each, FieldKind)]
+            if kinds:
+                default = None if field.default is msgspec.NODEFAULT else field.default
+                found.append(Field(field.name, kinds[0], field.required, default))
+                break
+    return tuple(found)
+
+
+def read_fields(geometry: type[Geometry], values: Mapping[str, Any], reader: FieldReader) -> dict[str, Any]:
+    """Return the fields of ``fields_of`` from a decoded JSON object. null counts as absent.
+
+    Raises:
+        CommandError: a field is missing or invalid.
+        NothingToDraw: a field has a value that cannot be drawn.
+    """
+    fields = {}
+    for name, kind, required, default in fields_of(geometry):
+        value = values.get(name)
+        if value is not None:
+            fields[name] = kind.read(value, name, reader)
+        elif required:
+            raise CommandError(f"{name} is missing")
+        else:
+            fields[name] = default
+    return fields
+
+
+class Solid(Geometry, frozen=True):
+    """Base class of shapes that consist of a few numbers. They are compared by value.
+
+    A scene has its own materials and transforms: there, ``color`` and ``transform`` have their defaults.
+    """
+
+    def __post_init__(self) -> None:
+        for name, kind, _, _ in fields_of(type(self)):
+            msgspec.structs.force_setattr(self, name, kind.write(name, getattr(self, name)))
+        if self.color is not WHITE or self.transform is not None:
+            self.body()
+
+
+class Box(Solid, frozen=True):
     """A box centred on the origin."""
 
     kind = "box"
-    lengths: Sequence[float]
+    lengths: Lengths
     """Edge lengths along x, y, z."""
 
-    def _fields(self) -> dict[str, Any]:
-        return {"lengths": number_list("lengths", self.lengths, 3)}
 
-
-@dataclass(frozen=True, slots=True)
-class Sphere(Geometry):
+class Sphere(Solid, frozen=True):
     """A sphere centred on the origin."""
 
     kind = "sphere"
-    radius: float
-
-    def _fields(self) -> dict[str, Any]:
-        return {"radius": float(self.radius)}
+    radius: Radius
 
 
-@dataclass(frozen=True, slots=True)
-class Ellipsoid(Geometry):
+class Ellipsoid(Solid, frozen=True):
     """An ellipsoid centred on the origin."""
 
     kind = "ellipsoid"
-    radii: Sequence[float]
+    radii: Lengths
     """Half axes along x, y, z."""
 
-    def _fields(self) -> dict[str, Any]:
-        return {"radii": number_list("radii", self.radii, 3)}
 
-
-@dataclass(frozen=True, slots=True)
-class Cylinder(Geometry):
-    """A cylinder along z, centred on the origin."""
+class Cylinder(Solid, frozen=True):
+    """A closed cylinder along z, centred on the origin."""
 
     kind = "cylinder"
-    radius: float
-    length: float
-
-    def _fields(self) -> dict[str, Any]:
-        return {"radius": float(self.radius), "length": float(self.length)}
+    radius: Radius
+    length: Length
 
 
-@dataclass(frozen=True, slots=True)
-class Capsule(Cylinder):
+class Capsule(Solid, frozen=True):
     """A cylinder along z, centred on the origin, with a hemisphere at each end. ``length`` is without hemispheres."""
 
     kind = "capsule"
+    radius: Radius
+    length: Length
 
 
-@dataclass(frozen=True, slots=True)
-class Triad(Geometry):
+class Triad(Solid, frozen=True):
     """Coordinate axes: x red, y green, z blue."""
 
     kind = "triad"
-    scale: float = 1.0
+    scale: AxisLength = 1.0
     """Length of the axes."""
-    tube: bool = False
-    """True: draw tubes in place of hairlines."""
-
-    def _fields(self) -> dict[str, Any]:
-        return {"scale": float(self.scale), "tube": bool(self.tube)}
+    tube: Flag = False
+    """True: draw tubes of 2 mm radius in place of hairlines."""
 
 
-@dataclass(frozen=True, slots=True)
-class Line(Geometry):
+class Line(Geometry, frozen=True):
     """Straight segments from point to point, with optional arrow heads."""
 
     kind = "line"
-    points: ArrayLike
+    points: Points
     """(N, 3)."""
-    radius: float | None = None
+    radius: Number | None = None
     """Radius of the tube; 0: a hairline; None: 0.01, or 0 if there is a ``line_width``."""
-    closed: bool = False
+    closed: Flag = False
     """True: join the last point to the first."""
-    start_head: bool = False
+    start_head: Flag = False
     """True: draw an arrow head at the first point."""
-    end_head: bool = False
+    end_head: Flag = False
     """True: draw an arrow head at the last point."""
-    head_radius: float = 0.05
-    head_length: float | None = None
+    head_radius: Size = 0.05
+    head_length: Size | None = None
     """Length of the arrow heads; None: the viewer's default."""
-    line_width: float | None = None
+    line_width: Pixels | None = None
     """Width of a hairline in pixels, 1 to 256; None: 1. Other viewers ignore it."""
 
     def _fields(self) -> dict[str, Any]:
-        line_width = {} if self.line_width is None else {"line_width": float(self.line_width)}
-        head_length = {} if self.head_length is None else {"head_length": float(self.head_length)}
-        return {
-            "points": number_rows("points", self.points, 3),
-            "radius": (0.01 if self.line_width is None else 0.0) if self.radius is None else float(self.radius),
-            "closed": bool(self.closed),
-            "start_head": bool(self.start_head),
-            "end_head": bool(self.end_head),
-            "head_radius": float(self.head_radius),
-            **head_length,
-            **line_width,
-        }
+        return {"radius": 0.01 if self.line_width is None else 0.0} | Geometry._fields(self)
 
 
-@dataclass(frozen=True, slots=True)
-class Mesh(Geometry):
+class PlainMesh(Geometry, frozen=True):
+    """Triangle mesh in one colour, which every viewer shows."""
+
+    kind = "mesh_data"
+    vertices: Vertices
+    """Positions, (N, 3)."""
+    faces: Faces
+    """Triangles, (M, 3) indices of vertices."""
+
+
+class Mesh(PlainMesh, frozen=True):
     """Triangle mesh, in one colour, with colours of its vertices, or with an image.
 
     A viewer that is not Scenegate refuses meshes with ``colors`` or an ``image``, and shows all others.
     """
 
-    kind = "mesh_data"
-    vertices: ArrayLike
-    """Positions, (N, 3)."""
-    faces: ArrayLike
-    """Triangles, (M, 3) indices of vertices."""
-    colors: ArrayLike | None = None
+    colors: VertexColors | None = None
     """Colours of the vertices, (N, 3) or (N, 4): floats from 0 to 1, or integers from 0 to 255. They multiply
     ``color``."""
-    uv: ArrayLike | None = None
+    uv: TextureCoordinates | None = None
     """Texture coordinates, (N, 2), ignored without ``image``. (0, 0) is the image's top left corner, (1, 1) its bottom
     right one; use ``1 - v`` for coordinates from OBJ files."""
-    image: ImageLike | None = None
+    image: Image | None = None
     """Texture, which multiplies ``color``: a PNG or JPEG file as bytes, its path, or pixels as in ``ImagePlane``."""
 
     def body(self) -> dict[str, Any]:
@@ -251,95 +275,71 @@ class Mesh(Geometry):
         return body | {"type": "mesh"} if "colors" in body or "image" in body else body
 
     def _fields(self) -> dict[str, Any]:
-        is_uint32 = np.asarray(self.faces).dtype == np.uint32  # negative indices of other types must not wrap
-        vertices = number_rows("vertices", self.vertices, 3)
-        faces = number_rows("faces", self.faces, 3, dtype=np.uint32 if is_uint32 else np.int64)
-        if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
-            raise ValueError(f"faces refer to vertex {faces.min()} to {faces.max()}, there are {len(vertices)}")
-        fields: dict[str, Any] = {"vertices": vertices, "faces": faces.astype(np.uint32, copy=False)}
-        if self.colors is not None:
-            fields["colors"] = color_rows("colors", self.colors, len(vertices))
-        if self.image is not None:
-            if self.uv is None:
-                raise ValueError("a mesh with an image needs uv")
-            fields |= {"uv": number_rows("uv", self.uv, 2), "image": image_field(self.image)}
-            if len(fields["uv"]) != len(vertices):
-                raise ValueError(f"uv has {len(fields['uv'])} rows for {len(vertices)} vertices")
+        fields = Geometry._fields(self)
+        count, faces = len(fields["vertices"]), fields["faces"]
+        if len(faces) and not (faces.min() >= 0 and faces.max() < count):
+            raise ValueError(f"faces refer to vertex {faces.min()} to {faces.max()}, there are {count}")
+        fields["faces"] = faces.astype(np.uint32, copy=False)
+        if "colors" in fields:
+            check_color_count(fields["colors"], count)
+        if self.image is None:
+            fields.pop("uv", None)
+        elif self.uv is None:
+            raise ValueError("a mesh with an image needs uv")
+        elif len(fields["uv"]) != count:
+            raise ValueError(f"uv has {len(fields['uv'])} rows for {count} vertices")
         return fields
 
 
-@dataclass(frozen=True, slots=True)
-class PointCloud(Geometry):
+class _Cloud(Geometry, frozen=True):
+    """Base class of points with channels. The protocol has ``rgb`` and ``intensity`` among the ``channels``."""
+
+    def _fields(self) -> dict[str, Any]:
+        fields = Geometry._fields(self)
+        count = len(next(iter(fields.values())))
+        channels: dict[str, NDArray[Any]] = {}
+        for name, columns in (("rgb", (3, 4)), ("intensity", (1,))):
+            values = getattr(self, name)
+            if values is not None:
+                array = as_uint8_or_floats(values) if name == "rgb" else np.asarray(values)
+                is_uint8 = array.dtype == np.uint8
+                channels[name] = number_rows(name, array, *columns, dtype=np.uint8 if is_uint8 else np.float32)
+        channels |= fields.pop("channels")
+        for name, array in channels.items():
+            if len(array) != count:
+                raise ValueError(f"{name} has {len(array)} values for {count} points")
+            if name in ("rgb", "intensity"):
+                check_range(name, array)
+        return fields | ({"channels": channels} if channels else {})
+
+
+class PointCloud(_Cloud, frozen=True):
     """Points with optional colours and other values."""
 
     kind = "pointcloud"
-    points: ArrayLike
+    points: Points
     """Positions, (N, 3)."""
     rgb: ArrayLike | None = None
     """Colours, (N, 3) or (N, 4): floats from 0 to 1, or integers from 0 to 255. They take precedence over
     ``intensity``."""
     intensity: ArrayLike | None = None
     """Grey values, (N,): floats from 0 to 1, or uint8."""
-    channels: Mapping[str, ArrayLike] = field(default_factory=dict)
+    channels: Channels = msgspec.field(default_factory=dict)
     """Other values by name, (N,) or (N, k) with k up to 16."""
-    point_size: float | None = None
+    point_size: Pixels | None = None
     """Width of the points in pixels, 1 to 256; None: 2. Other viewers ignore it."""
 
-    def _fields(self) -> dict[str, Any]:
-        points = number_rows("points", self.points, 3)
-        return {
-            "points": points,
-            **_channels(len(points), self.rgb, self.intensity, self.channels),
-            **_point_size(self.point_size),
-        }
 
-
-@dataclass(frozen=True, slots=True)
-class PlanarLidar(Geometry):
+class PlanarLidar(_Cloud, frozen=True):
     """Scan of a lidar that turns about z. ``rgb``, ``intensity``, ``channels`` and ``point_size`` are as in
     ``PointCloud``."""
 
     kind = "planar_lidar"
-    ranges: ArrayLike
+    ranges: Ranges
     """Distances, (N,). Range i is measured at the angle ``angle_start + i * angle_step``, from x towards y."""
-    angle_start: float
-    angle_step: float
+    angle_start: Number
+    angle_step: Number
     rgb: ArrayLike | None = None
     intensity: ArrayLike | None = None
-    channels: Mapping[str, ArrayLike] = field(default_factory=dict)
-    point_size: float | None = None
-
-    def _fields(self) -> dict[str, Any]:
-        ranges = number_rows("ranges", self.ranges, 1)
-        return {
-            "ranges": ranges,
-            "angle_start": float(self.angle_start),
-            "angle_step": float(self.angle_step),
-            **_channels(len(ranges), self.rgb, self.intensity, self.channels),
-            **_point_size(self.point_size),
-        }
-
-
-def _point_size(value: float | None) -> dict[str, Any]:
-    return {} if value is None else {"point_size": float(value)}
-
-
-def _channels(
-    count: int, rgb: ArrayLike | None, intensity: ArrayLike | None, others: Mapping[str, ArrayLike]
-) -> dict[str, Any]:
-    """Return the protocol's field ``channels`` for ``count`` points; no field if there are no channels."""
-    channels: dict[str, NDArray[Any]] = {}
-    for name, values, columns in (("rgb", rgb, (3, 4)), ("intensity", intensity, (1,))):
-        if values is not None:
-            values = as_uint8_or_floats(values) if name == "rgb" else np.asarray(values)
-            is_uint8 = values.dtype == np.uint8
-            channels[name] = number_rows(name, values, *columns, dtype=np.uint8 if is_uint8 else np.float32)
-    for name, values in others.items():
-        allowed_columns = (1,) if np.ndim(values) == 1 else tuple(range(1, MAX_CHANNEL_COLUMNS + 1))
-        channels[name] = number_rows(name, values, *allowed_columns)
-    for name, array in channels.items():
-        if len(array) != count:
-            raise ValueError(f"{name} has {len(array)} values for {count} points")
-        if name in ("rgb", "intensity"):
-            check_range(name, array)
-    return {"channels": channels} if channels else {}
+    channels: Channels = msgspec.field(default_factory=dict)
+    point_size: Pixels | None = None

@@ -9,112 +9,103 @@ the top is towards +y, so that they are upright as seen from +z. They are not li
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from scenegate.messages.colors import ImageLike, color_rows, image_field, rgba
-from scenegate.messages.geometry import Geometry, number_list, number_rows
+from scenegate.messages.colors import check_color_count
+from scenegate.messages.field_kinds import (
+    Color,
+    Extents,
+    Heights,
+    Image,
+    LabelText,
+    Number,
+    Pixels,
+    Positive,
+    VertexColors,
+)
+from scenegate.messages.geometry import Geometry
 
 
-@dataclass(frozen=True, slots=True)
-class ImagePlane(Geometry):
+class ImagePlane(Geometry, frozen=True):
     """An image on a rectangle that is centred on the origin."""
 
     kind = "image"
-    image: ImageLike
+    image: Image
     """A PNG or JPEG file as bytes, its path, or pixels, top row first: (H, W), (H, W, 3) or (H, W, 4), uint8 or floats
     from 0 to 1. ``color`` multiplies it."""
-    width: float | None = None
+    width: Positive | None = None
     """Extent along x; None: computed from ``height`` for square pixels."""
-    height: float | None = None
+    height: Positive | None = None
     """Extent along y; None: computed from ``width`` for square pixels."""
 
     def _fields(self) -> dict[str, Any]:
         if self.width is None and self.height is None:
             raise ValueError("an image plane needs width or height")
-        sizes = {"width": self.width, "height": self.height}
-        return {
-            "image": image_field(self.image),
-            **{name: float(size) for name, size in sizes.items() if size is not None},
-        }
+        return Geometry._fields(self)
 
 
-@dataclass(frozen=True, slots=True)
-class Heightmap(Geometry):
+class Heightmap(Geometry, frozen=True):
     """A surface over a rectangle in x and y that is centred on the origin."""
 
     kind = "heightmap"
-    heights: ArrayLike
+    heights: Heights
     """z at each point of a grid, (R, C) with R, C >= 2. x grows with the column and y with the row, as in
     ``numpy.meshgrid`` by default. NaN makes a hole."""
-    lengths: Sequence[float]
+    lengths: Extents
     """Extents of the rectangle along x and y."""
-    colors: ArrayLike | None = None
+    colors: VertexColors | None = None
     """A colour for each height, (R, C, 3) or (R, C, 4): floats from 0 to 1, or uint8. They multiply ``color``."""
-    image: ImageLike | None = None
+    image: Image | None = None
     """Texture, as in ``ImagePlane``. Its first row lies along the first row of heights."""
 
     def _fields(self) -> dict[str, Any]:
-        shape = np.shape(self.heights)
-        if len(shape) != 2 or min(shape) < 2:
-            raise ValueError(f"heights must have at least 2 rows of 2 numbers, not shape {shape}")
-        if self.colors is not None and np.ndim(self.colors) == 3 and np.shape(self.colors)[:2] != shape:
-            raise ValueError(f"colors have shape {np.shape(self.colors)} for heights of shape {shape}")
-        colors = {} if self.colors is None else {"colors": color_rows("colors", self.colors, math.prod(shape))}
-        return {
-            "heights": number_rows("heights", self.heights, shape[1]),
-            "lengths": number_list("lengths", self.lengths, 2),
-            **colors,
-            **({} if self.image is None else {"image": image_field(self.image)}),
-        }
+        fields = Geometry._fields(self)
+        shape = fields["heights"].shape
+        if self.colors is not None:
+            if np.ndim(self.colors) == 3 and np.shape(self.colors)[:2] != shape:
+                raise ValueError(f"colors have shape {np.shape(self.colors)} for heights of shape {shape}")
+            check_color_count(fields["colors"], math.prod(shape))
+        return fields
 
 
-@dataclass(frozen=True, slots=True)
-class Text(Geometry):
+class Text(Geometry, frozen=True):
     """Text on a rectangle that is centred on the origin. Characters that no font of the viewer has appear as boxes."""
 
     kind = "text"
-    text: str
+    text: LabelText
     """Up to 1000 characters. Newlines separate lines."""
-    size: float = 0.1
+    size: Positive = 0.1
     """Height of a line."""
-    background: ArrayLike | None = None
+    background: Color | None = None
     """Colour of the rectangle behind the letters, in any form of ``color``; None: no rectangle."""
 
-    def _fields(self) -> dict[str, Any]:
-        background = {} if self.background is None else {"background": rgba(self.background)}
-        return {"text": str(self.text), "size": float(self.size), **background}
 
-
-@dataclass(frozen=True, slots=True)
-class CameraFrustum(Geometry):
+class CameraFrustum(Geometry, frozen=True):
     """The edges of a camera's view in its optical frame: +z forward, +x right, +y down.
 
     Image size, focal length and principal point are in pixels, or all in another unit.
     """
 
     kind = "camera_frustum"
-    width: float
+    width: Positive
     """Width of the image."""
-    height: float
+    height: Positive
     """Height of the image."""
-    fx: float
+    fx: Positive
     """Focal length along x."""
-    fy: float | None = None
+    fy: Positive | None = None
     """Focal length along y; None: ``fx``."""
-    cx: float | None = None
+    cx: Number | None = None
     """Principal point from the left edge; None: the centre."""
-    cy: float | None = None
+    cy: Number | None = None
     """Principal point from the top edge; None: the centre."""
-    depth: float = 0.3
+    depth: Positive = 0.3
     """Distance of the image plane from the camera, in metres."""
-    image: ImageLike | None = None
+    image: Image | None = None
     """Image on the image plane, as in ``ImagePlane``; None: only the edges are shown."""
-    line_width: float | None = None
+    line_width: Pixels | None = None
     """Width of the edges in pixels, 1 to 256; None: 1."""
 
     @classmethod
@@ -132,9 +123,3 @@ class CameraFrustum(Geometry):
         if not 0.0 < fovy < math.pi:
             raise ValueError(f"fovy must be between 0 and pi radians, not {fovy:g}")
         return cls(width=aspect, height=1.0, fx=0.5 / math.tan(0.5 * fovy), **options)
-
-    def _fields(self) -> dict[str, Any]:
-        names = ("width", "height", "fx", "fy", "cx", "cy", "depth", "line_width")
-        values = {name: getattr(self, name) for name in names}
-        fields: dict[str, Any] = {name: float(value) for name, value in values.items() if value is not None}
-        return fields if self.image is None else fields | {"image": image_field(self.image)}

@@ -5,16 +5,15 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 from urllib.parse import unquote
 
-from numpy.typing import ArrayLike
+import msgspec
 
-from scenegate.messages.colors import rgba
-from scenegate.messages.geometry import Geometry, number_list
+from scenegate.messages.field_kinds import UNREAD, FileName, LateColor, Scale
+from scenegate.messages.geometry import Geometry
 from scenegate.regular_files import read_regular
 
 MESH_SUFFIXES: Final = (".dae", ".glb", ".gltf", ".obj", ".ply", ".stl", ".vtk")
@@ -28,28 +27,27 @@ _GLB_HEADER_BYTES: Final = 20
 """Bytes before the JSON of a GLB file, of which the last eight are its length and its type."""
 
 
-@dataclass(frozen=True, slots=True)
-class MeshFile(Geometry):
+class MeshFile(Geometry, frozen=True):
     """Mesh in a file that the viewer reads.
 
     ``data`` and the fields after it are for Scenegate; other viewers look for ``filename``.
     """
 
     kind = "mesh_file"
-    filename: str
+    filename: FileName
     """Path on the viewer's machine, below a folder that the viewer's settings allow, or a ``package://`` URL. With
     ``data``: name of the file, whose suffix is its format."""
-    scale: float | Sequence[float] = 1.0
+    scale: Scale = 1.0
     """Scale factor, or one each for x, y, z."""
-    data: bytes | None = None
+    data: Annotated[bytes, UNREAD] | None = None
     """Content of the file; None: the viewer opens the file."""
-    files: Mapping[str, bytes] = field(default_factory=dict)
+    files: Annotated[Mapping[str, bytes], UNREAD] = msgspec.field(default_factory=dict)
     """Content of the files that ``data`` refers to, by the name that it has for them: materials, buffers, images."""
-    up: Literal["z"] | None = None
+    up: Annotated[Literal["z"], UNREAD] | None = None
     """``z``: coordinates are used as they are in the file; None: as its format and content define the up axis."""
-    default_color: ArrayLike | None = None
+    default_color: LateColor | None = None
     """Colour of meshes without a material of their own, in any form of ``color``; None: the viewer's."""
-    default_texture: bytes | None = None
+    default_texture: Annotated[bytes, UNREAD] | None = None
     """PNG or JPEG file for meshes with texture coordinates, but without a material of their own."""
 
     @classmethod
@@ -73,18 +71,10 @@ class MeshFile(Geometry):
         return cls(source.name, data=data, files=files, **options)
 
     def _fields(self) -> dict[str, Any]:
-        scale = [float(self.scale)] * 3 if isinstance(self.scale, (int, float)) else self.scale
-        fields: dict[str, Any] = {"filename": str(self.filename), "scale": number_list("scale", scale, 3)}
+        fields = Geometry._fields(self)
         if self.data is None:
-            return fields
-        fields |= {"data": self.data, "files": dict(self.files)}
-        if self.up is not None:
-            fields["up"] = self.up
-        if self.default_color is not None:
-            fields["default_color"] = rgba(self.default_color)
-        if self.default_texture is not None:
-            fields["default_texture"] = self.default_texture
-        return fields
+            return {name: fields[name] for name in ("filename", "scale")}
+        return fields | {"files": dict(self.files)}
 
 
 def referenced_files(data: bytes, suffix: str, read: Callable[[str], bytes]) -> dict[str, bytes]:

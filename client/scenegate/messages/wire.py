@@ -1,166 +1,95 @@
-"""Encode requests and decode responses: the LCM type ``viewer2_comms_t`` with JSON or MessagePack as its data.
+"""Encode and decode the LCM type ``robotlocomotion.viewer2_comms_t``: big-endian, with the fingerprint first.
 
-docs/tree-viewer-binary.md defines the MessagePack format. ``viewer`` uses both functions.
+``drake.lcmt_viewer2_comms`` has the same fields and therefore the same fingerprint: LCM hashes fields, not type names.
 """
 
 from __future__ import annotations
 
-import math
 import struct
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import msgspec
-import numpy as np
-from numpy.typing import DTypeLike, NDArray
-
-from scenegate.png import encode_png
 
 FINGERPRINT: Final = 0xD368E03F33C568BE
-"""LCM's hash of the type ``viewer2_comms_t``."""
+"""Hash 0x69b4701f99e2b45f of the fields in lcmtypes/viewer2_comms_t.lcm, rotated left by one bit."""
 JSON: Final = "treeviewer_json"
 BINARY: Final = "treeviewer_msgpack"
+VERSION: Final = (1, 0)
 REQUEST: Final = "DIRECTOR_TREE_VIEWER_REQUEST"
-"""Channel of requests, before the client's id."""
+"""Channel of requests; ``_<client id>`` may follow."""
 RESPONSE: Final = "DIRECTOR_TREE_VIEWER_RESPONSE"
-"""Channel of announcements and, before the client's id, of responses."""
-HEADER_BYTES: Final = 16
-"""Reserved before an array's numbers for its header (at most 12 bytes), padded to 16 for alignment."""
-_ARRAY_EXTENSION: Final = 1
-"""MessagePack type code of number arrays."""
+"""Channel of responses and announcements; ``_<client id>`` may follow."""
+MAX_FORMAT_BYTES: Final = 256
+"""Maximum length of the format's name with its final NUL. A longer name means that the message is damaged."""
+
 _HEADER: Final = struct.Struct(">QqI")
-"""Fields before the format's name: fingerprint, utime, bytes of the name with its final zero."""
+"""Fields before the format's name: fingerprint, utime, length of the name with its final NUL."""
 _TRAILER: Final = struct.Struct(">iii")
-"""Fields after the format's name: major and minor version, bytes of data."""
+"""Fields after the format's name: major version, minor version, num_bytes. The data follows."""
+_NAME_LENGTH_OFFSET: Final = 16
+_BINARY_NAME: Final = struct.pack(">I", len(BINARY) + 1) + BINARY.encode() + b"\0"
+"""Length and name of the MessagePack format, as they are in a message."""
 
 
-@dataclass(frozen=True, slots=True)
-class Response:
-    """A viewer's response."""
-
-    timestamp: int
-    """``utime`` of the request."""
-    status: int
-    body: dict[str, Any]
-    """All fields of the response."""
+class WireError(ValueError):
+    """Some bytes are not a viewer2_comms_t; the message is the reason."""
 
 
-def encode(body: dict[str, Any], utime: int, message_format: str) -> bytearray:
-    """Return a request as LCM message.
+class Comms(msgspec.Struct, frozen=True, gc=False):
+    """A decoded viewer2_comms_t."""
 
-    The body is encoded directly behind the header, because copying a large body takes longer than encoding it.
+    utime: int
+    """The sender's time in microseconds. The response has it as ``timestamp``."""
+    format: str
+    """Name of the format of ``data``."""
+    major: int
+    minor: int
+    data: memoryview
+    """``num_bytes`` bytes, or fewer if the message is truncated."""
+    fault: str = ""
+    """Reason why ``data`` is invalid; empty if it is valid."""
 
-    Args:
-        body: request as the protocol's JSON object, with NumPy arrays in place of long lists.
-        utime: time of the request in microseconds since 1970.
-        message_format: ``JSON`` or ``BINARY``.
+
+def decode(message: bytes | memoryview) -> Comms:
+    """Decode an LCM message. Bytes after its end are ignored, as in LCM.
+
+    Raises:
+        WireError: the fingerprint or the header is invalid, so no response is possible.
     """
-    format_name = message_format.encode() + b"\0"
-    body_start = _HEADER.size + len(format_name) + _TRAILER.size
-    buffer = bytearray(body_start)
-    if message_format == BINARY:
-        _msgpack.encode_into(body, buffer, body_start)
-    else:
-        _json.encode_into(_with_json_values(body), buffer, body_start)
-    trailer = _TRAILER.pack(1, 0, len(buffer) - body_start)
-    buffer[:body_start] = b"".join((_HEADER.pack(FINGERPRINT, utime, len(format_name)), format_name, trailer))
-    return buffer
+    view = memoryview(message)
+    size = len(view)
+    if size < _HEADER.size:
+        raise WireError(
+            f"the message has {size} bytes, a viewer2_comms_t has at least {_HEADER.size + 1 + _TRAILER.size}"
+        )
+    fingerprint, utime, name_length = _HEADER.unpack_from(view)
+    if fingerprint != FINGERPRINT:
+        raise WireError(f"fingerprint {fingerprint:016x} is not viewer2_comms_t's {FINGERPRINT:016x}")
+    if not 1 <= name_length <= MAX_FORMAT_BYTES:
+        raise WireError(f"the format's name has {name_length} bytes with its NUL, 1 to {MAX_FORMAT_BYTES} are possible")
+    trailer_start = _HEADER.size + name_length
+    data_start = trailer_start + _TRAILER.size
+    if size < data_start:
+        raise WireError(f"the message ends after {size} bytes, within its header")
+    format_name = bytes(view[_HEADER.size : trailer_start - 1]).decode("utf-8", "replace")
+    major, minor, num_bytes = _TRAILER.unpack_from(view, trailer_start)
+    data = view[data_start : data_start + max(num_bytes, 0)]
+    fault = "" if len(data) == num_bytes else f"num_bytes is {num_bytes}, but {size - data_start} bytes follow"
+    return Comms(utime, format_name, major, minor, data, fault)
 
 
-def decode(message: bytes) -> Response | None:
-    """Return the response in an LCM message, or None if the message is not a response."""
-    try:
-        fingerprint, _, length = _HEADER.unpack_from(message)
-        trailer_start = _HEADER.size + length
-        _, _, body_bytes = _TRAILER.unpack_from(message, trailer_start)
-        message_format = message[_HEADER.size : trailer_start - 1].decode()
-        data = message[trailer_start + _TRAILER.size :][:body_bytes]
-        if fingerprint != FINGERPRINT:
-            return None
-        body = (msgspec.msgpack if message_format == BINARY else msgspec.json).decode(data)
-        return Response(int(body["timestamp"]), int(body["status"]), body)
-    except (struct.error, msgspec.DecodeError, UnicodeDecodeError, KeyError, TypeError, ValueError):
-        return None
+def is_binary(message: bytes | memoryview) -> bool:
+    """Return True if the data of a message is MessagePack. The message is not decoded."""
+    return message[_NAME_LENGTH_OFFSET : _NAME_LENGTH_OFFSET + len(_BINARY_NAME)] == _BINARY_NAME
 
 
-def empty_with_header(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """Return an uninitialised array with ``HEADER_BYTES`` of memory before it.
-
-    ``pack`` writes the array's header there, so that the header and the numbers are sent without a copy.
-    """
-    dtype = np.dtype(dtype)
-    memory = np.empty(HEADER_BYTES + math.prod(shape) * dtype.itemsize, np.uint8)
-    return memory[HEADER_BYTES:].view(dtype).reshape(shape)
+def encode(data: bytes, utime: int = 0, name: str = JSON, version: tuple[int, int] = VERSION) -> bytes:
+    """Return an LCM message with ``data`` in the format ``name``. Responses have utime 0, as in Director."""
+    return header(len(data), utime, name, version) + data
 
 
-def pack(value: Any) -> Any:
-    """Return a NumPy array as a MessagePack extension, a NumPy number as a Python number (msgspec's ``enc_hook``)."""
-    if not isinstance(value, np.ndarray):
-        return _to_python(value)
-    dtype = value.dtype.newbyteorder("<")
-    header = struct.pack(f"<2sBx{value.ndim}I", dtype.str[1:].encode(), value.ndim, *value.shape)
-    if dtype != value.dtype or not _has_header(value):
-        copy = empty_with_header(value.shape, dtype)
-        copy[...] = value
-        value = copy
-    memory = value.base
-    assert memory is not None
-    memory[HEADER_BYTES - len(header) : HEADER_BYTES] = np.frombuffer(header, np.uint8)
-    return msgspec.msgpack.Ext(_ARRAY_EXTENSION, memory[HEADER_BYTES - len(header) :].data)
-
-
-def _has_header(array: NDArray[Any]) -> bool:
-    """Return True if an array was made by ``empty_with_header``."""
-    memory = array.base
-    return (
-        isinstance(memory, np.ndarray)
-        and memory.dtype == np.uint8
-        and memory.shape == (HEADER_BYTES + array.nbytes,)
-        and array.flags.c_contiguous
-        and array.ctypes.data == memory.ctypes.data + HEADER_BYTES
-    )
-
-
-def _to_python(value: Any) -> Any:
-    """Return a NumPy array as lists, a NumPy number as a Python number (msgspec's ``enc_hook``)."""
-    if isinstance(value, (np.ndarray, np.generic)):
-        return value.tolist()
-    raise TypeError(f"{type(value).__name__} cannot be sent")
-
-
-def _with_json_values(body: dict[str, Any]) -> dict[str, Any]:
-    """Return a body for JSON: uint8 colours as floats from 0 to 1, since JSON does not tell 0-255 from 0-1, and the
-    pixels of images as PNG files, which the encoder writes as base64."""
-    commands = [
-        {**command, "geometries": [_with_json_fields(geometry) for geometry in command["geometries"]]}
-        if "geometries" in command
-        else command
-        for command in body.get("setgeometry", ())
-    ]
-    return {**body, "setgeometry": commands} if commands else body
-
-
-def _with_json_fields(geometry: Any) -> Any:
-    """Return a geometry without uint8 arrays."""
-    if not isinstance(geometry, dict):
-        return geometry
-    result = {**geometry, **_floats_of_colors(geometry, "colors")}
-    channels = geometry.get("channels")
-    if isinstance(channels, dict):
-        result["channels"] = {**channels, **_floats_of_colors(channels, "rgb", "intensity")}
-    if isinstance(geometry.get("image"), np.ndarray):
-        result["image"] = encode_png(geometry["image"])
-    return result
-
-
-def _floats_of_colors(fields: dict[str, Any], *names: str) -> dict[str, Any]:
-    """Return those of the named fields that are uint8 arrays, as floats from 0 to 1."""
-    return {
-        name: fields[name] / np.float32(255.0)
-        for name in names
-        if isinstance(fields.get(name), np.ndarray) and fields[name].dtype == np.uint8
-    }
-
-
-_json: Final = msgspec.json.Encoder(enc_hook=_to_python)
-_msgpack: Final = msgspec.msgpack.Encoder(enc_hook=pack)
+def header(num_bytes: int, utime: int, name: str, version: tuple[int, int] = VERSION) -> bytes:
+    """Return what precedes the ``num_bytes`` bytes of data in an LCM message."""
+    format_name = name.encode() + b"\0"
+    fields = _HEADER.pack(FINGERPRINT, utime, len(format_name))
+    return fields + format_name + _TRAILER.pack(*version, num_bytes)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
 
+import msgspec
 import numpy as np
 
 from scenegate.messages.geometry import Geometry, Mesh, Transform
@@ -74,7 +74,7 @@ class LinkGeometries:
         if isinstance(shape, Cone):
             yield _cone(shape, color, transform)
         else:
-            yield replace(shape, color=color, transform=transform)
+            yield msgspec.structs.replace(shape, color=color, transform=transform)
 
     def _texture(self, link: Link, name: str) -> bytes | None:
         """Return an image file; None, with a warning, if it cannot be read."""

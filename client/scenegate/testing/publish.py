@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from scenegate.messages import wire
 from scenegate.messages.mesh_file import MeshFile
+from scenegate.messages.request_encoding import decode_response, encode_request
 from scenegate.regular_files import read_regular
 from scenegate.tree.connection import LcmConnection
 
@@ -31,9 +32,9 @@ def publish(url: str, request: Mapping[str, Any], seconds: float) -> dict[str, A
     responses: queue.Queue[bytes] = queue.Queue()
     connection = LcmConnection(url, {f"{wire.RESPONSE}_<{_CLIENT_ID}>": responses.put}, seconds)
     try:
-        message = wire.encode({"timestamp": 0, **request}, 0, wire.JSON)
+        message = encode_request({"timestamp": 0, **request}, 0, wire.JSON)
         connection.publish(f"{wire.REQUEST}_<{_CLIENT_ID}>", message)
-        response = wire.decode(responses.get(timeout=seconds))
+        response = decode_response(responses.get(timeout=seconds))
     except queue.Empty:
         raise RuntimeError(f"the gateway did not respond within {seconds:g} s") from None
     finally:

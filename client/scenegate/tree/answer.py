@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from scenegate.messages import wire
 from scenegate.messages.changes import Path
+from scenegate.messages.request_encoding import Response
 
 OK, MISSING_PATHS, UNKNOWN_FORMAT, UNKNOWN_VERSION = 0, 1, -1, -2
 """Status codes of responses. All negative codes are failures."""
@@ -42,7 +42,7 @@ class Answer:
     """Reason of the first failure; empty if no command failed."""
 
 
-def answer_of(response: wire.Response, missing: list[Path]) -> Answer:
+def answer_of(response: Response, missing: list[Path]) -> Answer:
     """Return the result of a request.
 
     Args:

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from scenegate.messages import wire
 from scenegate.messages.changes import Changes, Key, PublishedTree, path_of
 from scenegate.messages.colors import rgba
+from scenegate.messages.request_encoding import Response, decode_response, encode_request
 from scenegate.tree.answer import (
     MISSING_PATHS,
     OK,
@@ -73,7 +74,7 @@ class TreeViewer:
         self._lock = threading.Lock()
         self._last_utime = 0
         """``utime`` of the last request: microseconds since 1970, made unique."""
-        self.pending: dict[int, Future[wire.Response]] = {}
+        self.pending: dict[int, Future[Response]] = {}
         """Requests without a response, by ``utime``."""
         self.client_id = f"sg{os.getpid()}_{next(self._instance_numbers)}_{secrets.token_hex(4)}"
         handlers = {f"{wire.RESPONSE}_<{self.client_id}>": self._on_response, wire.RESPONSE: self._on_announcement}
@@ -281,7 +282,7 @@ class TreeViewer:
             raise TreeViewerError(answer)
         return answer
 
-    def _request(self, changes: Changes) -> wire.Response:
+    def _request(self, changes: Changes) -> Response:
         """Send changes in the negotiated format, and return the response."""
         response = self._exchange(changes.body(), self._negotiated_format())
         refused = response.status in (UNKNOWN_FORMAT, UNKNOWN_VERSION)
@@ -305,7 +306,7 @@ class TreeViewer:
         """
         return not self._negotiate or self._negotiated_format() == wire.BINARY
 
-    def _exchange(self, body: dict[str, Any], message_format: str) -> wire.Response:
+    def _exchange(self, body: dict[str, Any], message_format: str) -> Response:
         """Send one request and wait for its response."""
         utime, future = self._post(body, message_format)
         try:
@@ -316,14 +317,14 @@ class TreeViewer:
         finally:
             self.pending.pop(utime, None)
 
-    def _post(self, body: dict[str, Any], message_format: str) -> tuple[int, Future[wire.Response]]:
+    def _post(self, body: dict[str, Any], message_format: str) -> tuple[int, Future[Response]]:
         """Send one request, and return its ``utime`` and the future of its response."""
         with self._lock:
             utime = self._last_utime = max(self._last_utime + 1, time.time_ns() // 1000)
             future = self.pending[utime] = Future()
         self._panel.sent(body, utime)
         try:
-            message = wire.encode({"timestamp": utime, **body}, utime, message_format)
+            message = encode_request({"timestamp": utime, **body}, utime, message_format)
             self._connection.publish(f"{wire.REQUEST}_<{self.client_id}>", message, future.set_exception)
         except BaseException:
             self.pending.pop(utime, None)
@@ -332,7 +333,7 @@ class TreeViewer:
 
     def _on_response(self, message: bytes) -> None:
         """Complete the future of a response's request, or take a message of the page. Runs in the receiving thread."""
-        response = wire.decode(message)
+        response = decode_response(message)
         if response is not None and "click" in response.body:
             self._clicks.receive(response.body["click"])
             return
@@ -345,7 +346,7 @@ class TreeViewer:
 
     def _on_announcement(self, message: bytes) -> None:
         """Publish everything for a viewer that has just started. Runs in the receiving thread."""
-        response = wire.decode(message)
+        response = decode_response(message)
         if response is None or response.body.get("ready") is not True:
             return
         self._threads.renew_now()
