@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import socket
 import threading
+from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -12,7 +14,8 @@ from gateway.lcm.config import LcmConfig
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
-from scenegate.lcm.tcpq import MAX_CHANNEL_BYTES, FrameType
+from scenegate.lcm.tcpq import HUB_HELLO, MAX_CHANNEL_BYTES, FrameType, publish_header
+from scenegate.lcm.tcpq_transport import TcpqTransport
 from scenegate.messages import wire
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
@@ -169,6 +172,25 @@ async def test_reconnects_to_another_hub() -> None:
             await until(lambda: not service.status()["lcm"]["connected"])
             assert "the hub has gone" in service.status()["lcm"]["warning"]
             await until(lambda: bool(service.status()["lcm"]["connected"]))
+
+
+async def test_a_greeting_can_be_answered_at_once() -> None:
+    """The greeting may come before the task that connects goes on."""
+    answers: asyncio.Queue[bytes] = asyncio.Queue()
+
+    async def greet(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(HUB_HELLO + publish_header("GREETING", 2) + b"hi")
+        with suppress(asyncio.IncompleteReadError):
+            await reader.readuntil(publish_header("ANSWER", 3))
+            answers.put_nowait(await reader.readexactly(3))
+        writer.close()
+
+    server = await asyncio.start_server(greet, "127.0.0.1", 0)
+    transport = TcpqTransport(f"tcpq://127.0.0.1:{server.sockets[0].getsockname()[1]}", "GREETING", 1000)
+    async with server, asyncio.timeout(SECONDS):
+        transport.start(lambda *_: transport.publish("ANSWER", b"you"), lambda: None)
+        assert await answers.get() == b"you"
+        await transport.close()
 
 
 async def test_waits_for_a_hub() -> None:

@@ -110,26 +110,26 @@ class TcpqTransport:
         """Connect, again and again, until cancelled or finished."""
         loop = asyncio.get_running_loop()
         while True:
+            connection = _Connection(self._pattern, self._max_message, on_message, self._set_connection)
             try:
-                connecting = loop.create_connection(
-                    lambda: _Connection(self._pattern, self._max_message, on_message), self.host, self.port
-                )
-                _, connection = await asyncio.wait_for(connecting, CONNECT_SECONDS)
-            except (OSError, asyncio.TimeoutError) as error:
-                self._set_problem(_connect_problem(self.host, error))
-            else:
-                self._connection = connection
+                connecting = loop.create_connection(lambda: connection, self.host, self.port)  # noqa: B023 - used at once
+                await asyncio.wait_for(connecting, CONNECT_SECONDS)
                 _log.info("Connected to the LCM hub %s", self.url)
                 on_connect()
-                try:
-                    reason = await connection.lost
-                finally:
-                    self._connection = None
-                    connection.close("")
-                if self._finishing:
-                    return
-                self._set_problem(f"the hub has gone: {reason}")
+                problem = f"the hub has gone: {await connection.lost}"
+            except (OSError, asyncio.TimeoutError) as error:
+                problem = _connect_problem(self.host, error)
+            finally:
+                self._connection = None
+                connection.close("")
+            if self._finishing:
+                return
+            self._set_problem(problem)
             await asyncio.sleep(RETRY_SECONDS)
+
+    def _set_connection(self, connection: _Connection) -> None:
+        """Publish by this connection from now on: the hub's first message, its greeting, is answered."""
+        self._connection = connection
 
     def _set_problem(self, problem: str) -> None:
         """Record why there is no connection, and log the reason if it is new."""
@@ -150,9 +150,12 @@ def _connect_problem(host: str, error: Exception) -> str:
 class _Connection(asyncio.BufferedProtocol):
     """One TCP connection to the hub."""
 
-    def __init__(self, pattern: str, max_message: int, on_message: OnMessage) -> None:
+    def __init__(
+        self, pattern: str, max_message: int, on_message: OnMessage, on_made: Callable[[_Connection], None]
+    ) -> None:
         self._pattern = pattern
         self._on_message = on_message
+        self._on_made = on_made
         self._parser = FrameParser(MAGIC_HUB, max_message, self._on_frame, lambda _: True)
         self._transport: asyncio.Transport | None = None
         self.lost: asyncio.Future[str] = asyncio.get_running_loop().create_future()
@@ -166,6 +169,7 @@ class _Connection(asyncio.BufferedProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast("asyncio.Transport", transport)
         self._transport.write(CLIENT_HELLO + subscription_frame(FrameType.SUBSCRIBE, self._pattern))
+        self._on_made(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._transport = None
