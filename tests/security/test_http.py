@@ -5,11 +5,11 @@ from __future__ import annotations
 import gzip
 import socket
 import time
+from collections.abc import Callable
 from urllib.parse import urlsplit
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import ClientConnection
 
 from gateway.viewer.routes import MAX_MESSAGE_CHARS
 from tests.support import clients, forms
@@ -172,11 +172,11 @@ def test_head_works_for_every_route_with_get(gateway_url: str) -> None:
             assert head.headers["content-type"] == get.headers["content-type"], path
 
 
-def read_for(socket: ClientConnection, seconds: float) -> None:
-    """Read messages for a time: the page's status comes every second."""
+def receive_for(seconds: float, receive: Callable[[float], object]) -> None:
+    """Receive messages for a time: the page's status comes every second."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
-        socket.recv(seconds)
+        receive(seconds)
 
 
 @pytest.mark.parametrize("message", ["x" * (MAX_MESSAGE_CHARS + 1), "x" * 1_000_000, b"\0" * 100])
@@ -184,7 +184,7 @@ def test_long_messages_close_their_own_websocket_only(gateway_url: str, message:
     with clients.websocket(_websocket(gateway_url), max_size=None) as socket:
         socket.send(message)
         with pytest.raises(ConnectionClosed):
-            read_for(socket, SECONDS)
+            receive_for(SECONDS, socket.recv)
     assert clients.get(f"{gateway_url}/healthz").status_code == 200
 
 

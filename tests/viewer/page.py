@@ -88,7 +88,7 @@ class View(Watched):
     def colors(self) -> NDArray[np.uint8]:
         """Return the pixels of the view without what lies over it, (H, W, 3) uint8."""
         show = """(visibility) => {
-          const over = document.querySelectorAll(".gizmo, .pills, .marks");
+          const over = document.querySelectorAll(".view-axes, .pills, .marks");
           for (const { style } of over) Object.assign(style, { visibility });
         }"""
         self.page.evaluate(show, "hidden")

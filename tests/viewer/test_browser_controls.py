@@ -162,6 +162,12 @@ def test_a_gizmo_moves_a_node(shown: tuple[View, TreeViewer]) -> None:
     gizmo = viewer.controls.add_gizmo("Target", "cell/box")
     view.page.get_by_label("x m").wait_for()
     assert view.page.get_by_label("z m").input_value() == "0"
+    fields = view.page.get_by_role("group", name="Target").bounding_box()
+    panel = view.page.get_by_role("tabpanel", name="Controls").bounding_box()
+    assert fields is not None
+    assert panel is not None
+    assert panel["x"] < fields["x"] < fields["x"] + fields["width"] < panel["x"] + panel["width"] + 1
+    assert panel["y"] < fields["y"]
     node = "scenegate.model.find(['cell', 'box']).world.elements.slice(12, 15)"
     start = place(view, 0.5, 0.25)
 

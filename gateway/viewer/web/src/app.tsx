@@ -5,7 +5,6 @@ import { ControlsPanel } from "./controlspanel";
 import { DetailsPanel } from "./detailspanel";
 import { EmptyState } from "./emptystate";
 import { FollowBar } from "./followbar";
-import { Gizmo } from "./gizmo";
 import { Lightbox } from "./lightbox";
 import { MeasureBar } from "./measurebar";
 import { keep, kept } from "./options";
@@ -18,6 +17,7 @@ import { StatusBar } from "./statusbar";
 import { TabList } from "./tabs";
 import { Toolbar } from "./toolbar";
 import { TreePanel } from "./treepanel";
+import { ViewAxes } from "./viewaxes";
 import type { Viewer } from "./viewer";
 
 const MIN_WIDTH = 160;
@@ -109,7 +109,7 @@ export function App({ viewer, programControls, attach }: AppProps) {
             <FollowBar viewer={viewer} />
             <MeasureBar viewer={viewer} />
           </div>
-          <Gizmo viewer={viewer} />
+          <ViewAxes viewer={viewer} />
           <SideViews viewer={viewer} />
           <p class={isCentred ? "hint centre" : "hint"} role="status" hidden={hint === ""}>
             {hint}

@@ -22,11 +22,11 @@ const ENDS: End[] = [
   { direction: "bottom", axis: "z", sign: -1, label: "Bottom, from −Z" },
 ];
 
-export function Gizmo({ viewer }: { viewer: Viewer }) {
+export function ViewAxes({ viewer }: { viewer: Viewer }) {
   const toCamera = new Quaternion(...viewer.rotation.value).invert();
   const ends = ENDS.map((end) => ({ ...end, at: new Vector3().setComponent("xyz".indexOf(end.axis), end.sign).applyQuaternion(toCamera) }));
   return (
-    <div class="gizmo" role="group" aria-label="Look along an axis">
+    <div class="view-axes" role="group" aria-label="Look along an axis">
       <svg viewBox="-48 -48 96 96" aria-hidden="true">
         {ends.map(({ axis, sign, at }) => sign > 0 && <line key={axis} class={axis} x2={RADIUS * at.x} y2={-RADIUS * at.y} />)}
       </svg>
