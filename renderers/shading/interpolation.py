@@ -62,7 +62,7 @@ def _clear(rows, row, count, pixel_count):
             vec.store(rows, k * STRIDE + x, vec.f32(0.0))
 
 
-@device_function
+@inlined
 def interpolate(segment, begin, end):
     """Fill PIXELS with the attributes of the pixels ``begin .. end - 1``, whose SPANS ``set_up_spans`` has filled.
 

@@ -146,7 +146,7 @@ def fill_spans(segment, span, part_end_span, packed_row):
     color_memory[0] = 0  # the pointer above does not keep the array alive
 
 
-@device_function
+@inlined
 def shade(job, segment, begin, end, packed_row):
     """Shade the pixels ``begin .. end - 1``, at most PART, whose attributes are the first values of PIXELS.
 

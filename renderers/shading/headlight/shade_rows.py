@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.pointers import i32_at
 from renderers.primitive_ids import instance_of
@@ -17,7 +17,7 @@ from renderers.shading.span_setup import set_up_spans
 from renderers.shading.spans import begin_rows, find_spans, next_part, row_memory, segment_end, select_instance
 
 
-@device_function
+@inlined
 def _shade_segment(job, segment, span, end_span, packed_row):
     """Shade the spans ``span .. end_span - 1`` of the selected instance."""
     starts, is_uniform = segment.starts, is_uniform_lambert(job, segment)
