@@ -41,13 +41,16 @@ with TreeViewer(sys.argv[1] if len(sys.argv) > 1 else None) as viewer:
     stop.on_click(stopped.set)
     show()
     samples = []
-    while not stopped.wait(STEP):
-        gravity = {"Earth": 9.81, "Mars": 3.72, "Moon": 1.62}[planet.value]
-        speed -= (gravity / length.value * math.sin(angle) + damping.value * speed) * STEP
-        angle += speed * STEP
-        viewer.set_transforms(["mount/pendulum"], [[0, 0, 0, math.cos(angle / 2), 0, math.sin(angle / 2), 0]])
-        samples.append((time.time(), angle))
-        if len(samples) == 4:  # one message for several samples
-            plot.add_samples(*zip(*samples, strict=True))
-            samples.clear()
+    try:
+        while not stopped.wait(STEP):
+            gravity = {"Earth": 9.81, "Mars": 3.72, "Moon": 1.62}[planet.value]
+            speed -= (gravity / length.value * math.sin(angle) + damping.value * speed) * STEP
+            angle += speed * STEP
+            viewer.set_transforms(["mount/pendulum"], [[0, 0, 0, math.cos(angle / 2), 0, math.sin(angle / 2), 0]])
+            samples.append((time.time(), angle))
+            if len(samples) == 4:  # one message for several samples
+                plot.add_samples(*zip(*samples, strict=True))
+                samples.clear()
+    except KeyboardInterrupt:
+        pass
     viewer["mount"].delete()

@@ -54,13 +54,28 @@ def change(service: TreeViewerService, path: str, *values: Any) -> None:
     store_of(service).deliver_values()
 
 
+async def test_a_refused_value_is_not_kept() -> None:
+    async with serving() as service:
+
+        def talk() -> None:
+            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
+                slider = viewer.controls.add_slider("speed", 0, 10, value=2)
+                slider.delete()
+                with pytest.raises(TreeViewerError):
+                    slider.value = 5
+                assert slider.value == 2
+
+        await in_thread(talk)
+
+
 async def test_all_controls_are_shown() -> None:
     async with serving() as service:
 
         def talk() -> None:
             with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
                 arm = viewer.controls["arm"]
-                arm.add_slider("speed", 0, 10, value=2, step=0.5, unit="m/s")
+                two: Any = np.float32(2)  # programs have NumPy's numbers
+                arm.add_slider("speed", 0, 10, value=two, step=0.5, unit="m/s")
                 arm.add_number("gains/p", 3, min=0)
                 arm.add_text(("gains", "a/b"), "x")
                 viewer.controls.add_checkbox("on", True)

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -195,6 +196,31 @@ def test_a_gizmo_moves_a_node(shown: tuple[View, TreeViewer]) -> None:
     view.until(lambda: np.allclose(pose()[:3, :3], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-5), "it turns")
     viewer["cell"].delete()
     view.page.get_by_text("cell / box is not in the scene").wait_for()
+
+
+def test_a_gizmo_of_a_followed_node(shown: tuple[View, TreeViewer]) -> None:
+    """The camera follows after the drag: otherwise it would move the handle under the pointer on and on."""
+    view, viewer = shown
+    viewer["box"].set(Box((0.2, 0.2, 0.2), color=(1, 0, 0)), transform=(0, 0, 0.25))
+    view.look_at("box")
+    viewer.controls.add_gizmo("Target", "box")
+    view.page.get_by_label("x m").wait_for()
+    view.page.evaluate("scenegate.select(scenegate.model.find(['box']))")
+    view.page.keyboard.press("c")
+    view.until(lambda: "&follow=" in unquote(view.page.url), "the address of a camera that was not moved")
+    moved = "scenegate.model.find(['box']).world.elements[12]"
+    start = place(view, 0, 0.25)
+
+    def dragged() -> bool:
+        view.page.mouse.move(start[0] + 40, start[1])
+        view.page.mouse.down()
+        for step in range(1, 31):
+            view.page.mouse.move(start[0] + 40 + 2 * step, start[1])
+        view.page.mouse.up()
+        return bool(view.page.evaluate(moved) > 0)
+
+    view.until(dragged, "the node moves")
+    assert view.page.evaluate(moved) < 0.3
 
 
 def place(view: View, x: float, z: float) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from scenegate.messages.changes import Changes, Path, is_at_or_below
 from scenegate.messages.controls import AnyControl, Gizmo
-from scenegate.tree.answer import Answer
+from scenegate.tree.answer import Answer, TreeViewerError
 from scenegate.tree.callbacks import CallbackThreads, check_callback
 
 V = TypeVar("V")
@@ -80,10 +80,18 @@ class ControlPanel:
         checked = {handle: handle.control.checked(value) for handle, value in values.items()}
         changes = Changes()
         with self.lock:
+            old = {handle: handle.raw_value for handle in checked}
             for handle, value in checked.items():
                 handle.raw_value = value
                 changes.control_values.append({"path": handle.path, "value": value})
-        return self._send(changes)
+        try:
+            return self._send(changes)
+        except TreeViewerError:
+            with self.lock:
+                for handle, value in checked.items():
+                    if handle.raw_value is value:
+                        handle.raw_value = old[handle]
+            raise
 
     def add_samples(self, path: Path, samples: NDArray[np.float64]) -> Answer:
         """Add samples to a plot."""

@@ -172,9 +172,9 @@ export class Viewer {
     this.followNode(mode === "ride" ? null : node, mode ? "ride" : "follow");
   };
 
-  /** Move the camera as the node that it follows has moved. */
+  /** Move the camera as the node that it follows has moved; while a gizmo's handle is dragged, afterwards. */
   private carryCamera(): void {
-    const motion = this.follow.motion();
+    const motion = this.stage.controls.enabled ? this.follow.motion() : null;
     if (motion) this.stage.carry(motion);
   }
 
@@ -304,7 +304,7 @@ export class Viewer {
   }
 
   private addressText(): string {
-    if (this.stage.placements === this.framed) return "";
+    if (this.stage.placements === this.framed && !this.follow.followed.peek()) return "";
     return addressText(this.cameraText(this.follow.relative(this.stage.view)), this.follow.followed.peek());
   }
 
