@@ -97,9 +97,7 @@ def _undefined_materials(data: bytes, materials: set[bytes]) -> list[str]:
     if not undefined:
         return []
     names = ", ".join(sorted(repr(name[:60].decode("utf-8", "replace")) for name in undefined)[:_MAX_NAMED])
-    return [
-        f"usemtl names {len(undefined)} materials that its MTL files do not define, such as {names}; they are white"
-    ]
+    return [f"materials of usemtl that no MTL file defines ({len(undefined)}): {names}; they are white"]
 
 
 def _single(positions: NDArray[np.float32], triangles: NDArray[np.int64]) -> MeshData:

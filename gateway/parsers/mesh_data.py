@@ -38,7 +38,7 @@ class TextureFile(msgspec.Struct):
     """A texture."""
 
     name: str
-    """As the mesh file names it."""
+    """Name in the mesh file."""
     data: bytes
     """PNG, JPEG or WebP; not decoded, and perhaps damaged."""
 

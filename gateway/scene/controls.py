@@ -50,7 +50,7 @@ class ControlEntry:
     revision: int
     """Revision of the value."""
     samples: NDArray[np.float64] | None
-    """Of a plot: a row for each sample with its revision, its time in seconds and the values. None: no plot."""
+    """A plot's samples, a row for each: its revision, its time in seconds and the values. None: no plot."""
 
 
 @dataclass(slots=True)

@@ -207,8 +207,13 @@ class ControlHandle(Generic[V]):
 
     def _message(self, value: Any) -> Any:
         """Return a value as it is sent."""
-        return value.item() if isinstance(value, np.generic) else value
+        return plain(value)
 
     def _public(self, value: Any) -> Any:
         """Return a value as programs use it."""
         return value
+
+
+def plain(value: Any) -> Any:
+    """Return a NumPy number as a Python number, and other values as they are."""
+    return value.item() if isinstance(value, np.generic) else value

@@ -15,7 +15,7 @@ from scenegate.messages.colors import rgba
 from scenegate.transforms import from_pose
 from scenegate.tree.answer import Answer
 from scenegate.tree.callbacks import check_callback
-from scenegate.tree.control_panel import ControlHandle, ControlPanel
+from scenegate.tree.control_panel import ControlHandle, ControlPanel, plain
 from scenegate.tree.joint_sliders import JointSliders
 from scenegate.tree.robot import PublishedRobot
 
@@ -140,7 +140,7 @@ class ControlFolder:
             step: distance between values; None: any value.
             unit: text behind the value.
         """
-        slider = messages.Slider(self._path(name), float(min), float(max), value=_plain(value), step=step, unit=unit)
+        slider = messages.Slider(self._path(name), float(min), float(max), value=plain(value), step=step, unit=unit)
         handle: ControlHandle[float] = self._shown(ControlHandle(self.panel, slider))
         return handle
 
@@ -155,7 +155,7 @@ class ControlFolder:
         unit: str = "",
     ) -> ControlHandle[float]:
         """Add a field for a number. See ``add_slider``."""
-        number = messages.NumberInput(self._path(name), _plain(value), min, max, step, unit)
+        number = messages.NumberInput(self._path(name), plain(value), min, max, step, unit)
         handle: ControlHandle[float] = self._shown(ControlHandle(self.panel, number))
         return handle
 
@@ -167,7 +167,7 @@ class ControlFolder:
 
     def add_checkbox(self, name: Key, value: bool = False) -> ControlHandle[bool]:
         """Add a check box."""
-        checkbox = messages.Checkbox(self._path(name), value=_plain(value))
+        checkbox = messages.Checkbox(self._path(name), value=plain(value))
         handle: ControlHandle[bool] = self._shown(ControlHandle(self.panel, checkbox))
         return handle
 
@@ -213,8 +213,3 @@ class ControlFolder:
         """
         folder = ("/".join(map(str, robot.path)),) if name is None else path_of(name)
         return JointSliders(self.panel, self.path + folder, robot)
-
-
-def _plain(value: Any) -> Any:
-    """Return a NumPy number as a Python number."""
-    return value.item() if isinstance(value, np.generic) else value

@@ -33,7 +33,7 @@ class JointSliders:
             if len(value) == 1 and robot.joints[name].mimic is None
         }
         self.sliders: dict[str, ControlHandle[float]] = {}
-        """By the names of their joints."""
+        """Sliders by the names of their joints."""
         for name, value in self._first_values.items():
             joint = robot.joints[name]
             low, high = _range(joint, value)

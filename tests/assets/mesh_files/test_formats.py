@@ -101,9 +101,7 @@ def test_undefined_materials_of_obj_files(root: Path, files: MeshFiles) -> None:
     write(root / "t.obj", "mtllib t.mtl\n" + TRIANGLE.replace("f ", "usemtl other\nf "))
     warnings: list[str] = []
     files.load("t.obj", warnings=warnings)
-    assert warnings == [
-        "'t.obj': usemtl names 1 materials that its MTL files do not define, such as 'other'; they are white"
-    ]
+    assert warnings == ["'t.obj': materials of usemtl that no MTL file defines (1): 'other'; they are white"]
 
 
 def test_textures_beyond_the_total_of_pixels_are_left_out(root: Path) -> None:
