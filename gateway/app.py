@@ -121,7 +121,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
 
 def _workers(settings: Settings, name: str = "worker") -> WorkerPool:
     return WorkerPool(
-        settings.threads or max(1, usable_cpus() // settings.workers),
+        settings.threads or max(1, usable_cpus() // settings.processes),
         settings.queue,
         settings.queue_mb * MIB,
         name=name,
@@ -181,7 +181,7 @@ def __getattr__(name: str) -> Any:
     if name != "app":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     settings = settings_module.load()
-    if settings.workers > 1:
+    if settings.processes > 1:
         raise settings_module.SettingsError("SCENEGATE_WORKERS is for `scenegate serve` only; here it must be 1.")
     logs.configure(settings.log_format, settings.log_level, log_uvicorn=True)
     application = create_app(settings)

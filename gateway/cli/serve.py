@@ -116,9 +116,9 @@ def run(settings: Settings) -> int:
         return 1
     url = _url(settings.host, listener.getsockname()[1], tls is not None)
     pages = "/view, / and /docs" if settings.is_enabled("view") else "/ and /docs"
-    workers = {"workers": settings.workers} if settings.workers > 1 else {}
+    workers = {"workers": settings.processes} if settings.processes > 1 else {}
     log.info(f"Scenegate listens; look at {pages}", url=url, **workers)
-    if settings.workers > 1:
+    if settings.processes > 1:
         from gateway.cli.serve_workers import serve_workers
 
         return serve_workers(settings, listener, tls)

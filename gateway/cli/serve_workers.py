@@ -51,7 +51,7 @@ def serve_workers(settings: Settings, listener: socket.socket, tls: tuple[Path, 
             return 1
         supervisor = Supervisor(
             partial(run_worker, settings, folder, listener, tls),
-            settings.workers,
+            settings.processes,
             unresponsive_seconds=settings.unresponsive_seconds,
             stop_seconds=settings.shutdown_seconds,
         )
@@ -78,7 +78,7 @@ def run_worker(
     from gateway.cli.serve_app import serve_app
 
     try:
-        app = create_app(settings, reports=WorkerReports(folder, settings.workers))
+        app = create_app(settings, reports=WorkerReports(folder, settings.processes))
     except SettingsError as error:  # a file has changed since the supervisor started
         structlog.get_logger("gateway").error(f"This process cannot start: {error}")
         time.sleep(RETRY_SECONDS)

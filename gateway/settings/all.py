@@ -9,6 +9,7 @@ from typing import Self
 from pydantic import model_validator
 from pydantic_settings import SettingsConfigDict
 
+from gateway.runtime.scheduling import usable_cpus
 from gateway.settings.interfaces import InterfaceSettings
 from gateway.settings.option import ENV_PREFIX
 from gateway.settings.process import ProcessSettings
@@ -51,9 +52,10 @@ class Settings(ProcessSettings, StereoSettings, InterfaceSettings):  # pydantic 
     def _stateless_workers(self) -> Self:
         if self.workers == 1:
             return self
+        workers = self.workers or "auto"
         if self.only != ("render",):
             raise ValueError(
-                f"--workers {self.workers} needs --only render: the live scene, the stereo camera, LCM and the "
+                f"--workers {workers} needs --only render: the live scene, the stereo camera, LCM and the "
                 "browser view belong to one process"
             )
         conflicts = {
@@ -63,8 +65,13 @@ class Settings(ProcessSettings, StereoSettings, InterfaceSettings):  # pydantic 
         }
         for setting, (given, reason) in conflicts.items():
             if given:
-                raise ValueError(f"--workers {self.workers} and {setting} exclude each other: {reason}")
+                raise ValueError(f"--workers {workers} and {setting} exclude each other: {reason}")
         return self
+
+    @property
+    def processes(self) -> int:
+        """Number of processes that serve the HTTP port, at least 1."""
+        return self.workers or max(1, usable_cpus() // 2)
 
     @property
     def mesh_folders(self) -> tuple[Path, ...]:

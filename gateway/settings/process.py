@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic_settings import BaseSettings
 
 from gateway.settings.option import option
-from gateway.settings.types import FrameOrigins, Names, RootPath
+from gateway.settings.types import FrameOrigins, Names, ProcessCount, RootPath
 
 
 class ProcessSettings(BaseSettings):
@@ -71,12 +71,12 @@ class ProcessSettings(BaseSettings):
     )
 
     # --- Speed and limits
-    workers: int = option(
+    workers: ProcessCount = option(
         1,
         "Speed and limits",
-        "Number of processes that serve the HTTP port, for machines with more cores than one process can use. More "
-        "than 1 needs --only render. All limits of this group hold for each process.",
-        ge=1,
+        "Number of processes that serve the HTTP port, for machines with more cores than one process can use; auto: "
+        "half of the cores. Other numbers than 1 need --only render. All limits of this group hold for each process.",
+        ge=0,
         le=256,
     )
     unresponsive_seconds: float = option(

@@ -82,6 +82,7 @@ def _to_number(value: object) -> object:
 LcmUrl = Annotated[str, AfterValidator(check_lcm_url)]
 Byte = Annotated[int, Field(ge=0, le=255)]
 Port = Annotated[int, Field(ge=0, le=65535)]
+ProcessCount = Annotated[int, BeforeValidator(lambda value: 0 if value == "auto" else value)]
 PortOrOff = Annotated[Port | None, BeforeValidator(lambda value: None if value == "off" else value)]
 MountPose = Annotated[str, AfterValidator(_check_pose)]
 MountPath = Annotated[str, AfterValidator(_check_path)]

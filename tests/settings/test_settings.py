@@ -186,6 +186,16 @@ def test_several_processes_only_render_and_share_nothing(settings: dict[str, obj
     assert str(raised.value).startswith(message)
 
 
+def test_auto_is_half_of_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sixteen processes on sixteen cores render fewer images than eight: clients and kernel need cores, too."""
+    settings = load({"workers": "auto", "only": "render"})
+    for cpus, processes in ((1, 1), (2, 1), (5, 2), (16, 8)):
+        monkeypatch.setattr("gateway.settings.all.usable_cpus", lambda cpus=cpus: cpus)
+        assert settings.processes == processes
+    with pytest.raises(SettingsError, match=r"^--workers auto needs --only render: "):
+        load({"workers": "auto"})
+
+
 def test_several_processes_may_render_before_a_file() -> None:
     assert load({"workers": "4", "only": "render", "backdrop": "room.glb"}).workers == 4
 
