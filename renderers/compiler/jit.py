@@ -9,10 +9,10 @@ from collections.abc import Callable
 from typing import Any, Final, TypeVar
 
 import numpy as np
-from numba.core import sigutils
 from numpy.typing import NDArray
 
 from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.numba_typing import argument_types
 from renderers.compiler.pending import wait_for_kernel
 
 T = TypeVar("T", bound=np.generic)
@@ -37,9 +37,7 @@ class Kernel:
     def compile(self) -> None:
         """Compile the kernel, or load it from the cache."""
         # Without the return type, as at a first call: the cache would have another key with it.
-        normalize: Any = sigutils.normalize_signature
-        arguments, _ = normalize(self._signature)
-        self.dispatcher.compile(tuple(arguments))
+        self.dispatcher.compile(argument_types(self._signature))
 
 
 KERNELS: Final[list[Kernel]] = []

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import extending, types
-from numba.core import cgutils
 from numpy.typing import NDArray
 
 intrinsic: Any = extending.intrinsic
@@ -110,9 +109,9 @@ def stack_array(scalar: Any, count: int) -> Any:
         pointer: Any = types.CPointer(scalar)
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            memory = ir.ArrayType(context.get_data_type(scalar), count)
-            alloca: Any = cgutils.alloca_once
-            return builder.bitcast(alloca(builder, memory), context.get_value_type(pointer))
+            with builder.goto_entry_block():
+                memory = builder.alloca(ir.ArrayType(context.get_data_type(scalar), count))
+            return builder.bitcast(memory, context.get_value_type(pointer))
 
         return pointer(), generate
 

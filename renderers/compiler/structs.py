@@ -17,13 +17,13 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 from llvmlite import ir
 from numba import extending, types
-from numba.core import cgutils
-from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_global, signature
+
+from renderers.compiler.numba_typing import define_fields, define_operator
 
 _extending: Final[Any] = extending  # its stubs lack most names
 _I64: Final = ir.IntType(64)
@@ -115,21 +115,13 @@ def _reference(struct: _StructType) -> Any:
 def _on_stack(struct: _StructType) -> Any:
     def allocate(typing_context: Any) -> Any:
         def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            alloca: Any = cgutils.alloca_once
-            memory = alloca(builder, ir.ArrayType(_I64, -(-struct.size // 8)))
+            with builder.goto_entry_block():
+                memory = builder.alloca(ir.ArrayType(_I64, -(-struct.size // 8)))
             return builder.bitcast(memory, context.get_value_type(struct))
 
         return struct(), generate
 
     return _extending.intrinsic(allocate)
-
-
-@_extending.infer_getattr
-class _Fields(AttributeTemplate):
-    key = _StructType
-
-    def generic_resolve(self, struct: Any, name: str) -> Any:  # type: ignore[override]  # Numba's stubs are wrong
-        return struct.fields.get(name)
 
 
 def _field_address(context: Any, builder: Any, struct: Any, reference: Any, name: str) -> Any:
@@ -138,31 +130,30 @@ def _field_address(context: Any, builder: Any, struct: Any, reference: Any, name
     return builder.bitcast(address, value if name in struct.inline else value.as_pointer())
 
 
-@_extending.lower_getattr_generic(_StructType)  # type: ignore[untyped-decorator]  # Numba has no stubs for it
 def _load_field(context: Any, builder: Any, struct: Any, reference: Any, name: str) -> Any:
     address = _field_address(context, builder, struct, reference, name)
     return address if name in struct.inline else builder.load(address)
 
 
-@_extending.lower_setattr_generic(_StructType)  # type: ignore[untyped-decorator]
 def _store_field(context: Any, builder: Any, sig: Any, args: Any, name: str) -> None:
     struct, given = sig.args
     value = context.cast(builder, args[1], given, struct.fields[name])
     builder.store(value, _field_address(context, builder, struct, args[0], name))
 
 
-@infer_global(operator.getitem)
-class _Element(AbstractTemplate):
-    metadata: ClassVar[dict[str, str]] = {"target": "cpu"}  # type: ignore[misc]  # tried before Numba's own
-
-    def generic(self, args: Any, kws: Any) -> Any:
-        struct, index = args
-        make_signature: Any = signature
-        if isinstance(struct, _StructType) and isinstance(index, types.Integer):
-            return make_signature(struct, struct, types.int64)
-        return None
+def _element_signature(struct: Any, index: Any) -> Any:
+    is_ours = isinstance(struct, _StructType) and isinstance(index, types.Integer)
+    return struct(struct, types.int64) if is_ours else None
 
 
-@_extending.lower_builtin(operator.getitem, _StructType, types.Integer)  # type: ignore[untyped-decorator]
-def _element(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    return builder.gep(args[0], [builder.mul(args[1], ir.Constant(_I64, sig.args[0].size))])
+def _emit_element(builder: Any, sig: Any, reference: Any, index: Any) -> Any:
+    return builder.gep(reference, [builder.mul(index, ir.Constant(_I64, sig.args[0].size))])
+
+
+define_fields(_StructType, lambda struct, name: struct.fields.get(name), _load_field, _store_field)
+define_operator(
+    operator.getitem,
+    (_StructType, types.Integer),
+    _element_signature,
+    _emit_element,
+)

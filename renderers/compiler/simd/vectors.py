@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 from llvmlite import ir
 from numba import extending, types
-from numba.core import cgutils
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numba.extending import lower_builtin, models, register_model
+from numba.extending import models, register_model
+
+from renderers.compiler.numba_typing import define_operator
 
 LANES: Final = 8
 
@@ -77,35 +77,26 @@ def compare(builder: Any, vector: Vector, comparison: str, a: Any, b: Any) -> An
     return emit(comparison, a, b)
 
 
-def _register_operator(key: Any) -> None:
+def _define_vector_operator(key: Any) -> None:
     """Define an operator for vectors of the same type."""
 
-    class Template(AbstractTemplate):
-        metadata: ClassVar[dict[str, str]] = {"target": "cpu"}  # type: ignore[misc]  # tried before Numba's own
+    def signature_of(vector: Any, *others: Any) -> Any:
+        if not isinstance(vector, Vector) or any(other is not vector for other in others):
+            return None
+        return (m8 if key in _COMPARISONS else vector)(vector, *others)
 
-        def generic(self, args: Any, kws: Any) -> Any:
-            vector = args[0]
-            if not all(isinstance(each, Vector) and each is vector for each in args) or kws:
-                return None
-            make_signature: Any = signature
-            return make_signature(m8 if key in _COMPARISONS else vector, *args)
-
-    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    def emit(builder: Any, sig: Any, *operands: Any) -> Any:
         vector = sig.args[0]
         if key in _COMPARISONS:
-            return compare(builder, vector, _COMPARISONS[key], *args)
+            return compare(builder, vector, _COMPARISONS[key], *operands)
         instructions = _FLOAT_INSTRUCTIONS if vector.is_float else _INTEGER_INSTRUCTIONS
-        return getattr(builder, instructions[key])(*args)
+        return getattr(builder, instructions[key])(*operands)
 
-    register_template: Any = infer_global
-    register_lowering: Any = lower_builtin
-    register_template(key)(Template)
-    operands = [Vector] * (1 if key in (operator.neg, operator.invert) else 2)
-    register_lowering(key, *operands)(lower)
+    define_operator(key, (Vector,) * (1 if key in (operator.neg, operator.invert) else 2), signature_of, emit)
 
 
 for _key in {**_FLOAT_INSTRUCTIONS, **_INTEGER_INSTRUCTIONS, **_COMPARISONS}:
-    _register_operator(_key)
+    _define_vector_operator(_key)
 
 
 def define(result_type: Callable[..., Any], emit: Callable[..., Any]) -> Any:
@@ -136,9 +127,10 @@ def define(result_type: Callable[..., Any], emit: Callable[..., Any]) -> Any:
 
 def call_llvm(builder: Any, name: str, result: Any, args: list[Any]) -> Any:
     """Call one of LLVM's intrinsic functions."""
-    function = ir.FunctionType(result, [arg.type for arg in args])
-    declare: Any = cgutils.get_or_insert_function
-    return builder.call(declare(builder.module, function, name), args)
+    function = builder.module.globals.get(name)
+    if function is None:
+        function = ir.Function(builder.module, ir.FunctionType(result, [arg.type for arg in args]), name)
+    return builder.call(function, args)
 
 
 def has_feature(context: Any, name: str) -> bool:

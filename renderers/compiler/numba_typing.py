@@ -1,0 +1,76 @@
+"""Operators, fields and signatures of our own Numba types: all of Numba's private typing API that Scenegate uses.
+
+``device_function`` has its compiler passes, ``cache_locator`` its cache; the rest of the package uses public names of
+``numba`` and ``llvmlite`` only. ``tests/renderers/compiler/test_numba_typing.py`` fails when Numba changes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, ClassVar, Final
+
+from numba import extending, types
+from numba.core import sigutils
+from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_global
+
+_extending: Final[Any] = extending  # its stubs lack most names
+
+
+def define_operator(
+    key: Callable[..., Any],
+    operands: tuple[type[types.Type], ...],
+    signature_of: Callable[..., Any],
+    emit: Callable[..., Any],
+) -> None:
+    """Define an operator of our types.
+
+    Args:
+        key: the operator, from the module ``operator``.
+        operands: classes of the operands' Numba types.
+        signature_of: returns the signature for the operands' types, as ``result(a, b)`` of Numba types, or None if they
+            are not ours. Operands are converted to its types.
+        emit: ``emit(builder, signature, *operands)`` emits its instructions and returns the result.
+    """
+
+    class Template(AbstractTemplate):
+        metadata: ClassVar[dict[str, str]] = {"target": "cpu"}  # type: ignore[misc]  # tried before Numba's own
+
+        def generic(self, args: Any, kws: Any) -> Any:
+            return None if kws else signature_of(*args)
+
+    def lower(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return emit(builder, signature, *args)
+
+    register_template: Any = infer_global
+    register_template(key)(Template)
+    _extending.lower_builtin(key, *operands)(lower)
+
+
+def define_fields(
+    owner: type[types.Type], field_type: Callable[..., Any], load: Callable[..., Any], store: Callable[..., Any]
+) -> None:
+    """Define the fields of all types of a class.
+
+    Args:
+        owner: class of Numba types.
+        field_type: ``field_type(type, name)`` returns a field's type, or None if there is no such field.
+        load: ``load(context, builder, type, value, name)`` emits its instructions and returns the field.
+        store: ``store(context, builder, signature, (value, field), name)`` emits the assignment.
+    """
+
+    class Fields(AttributeTemplate):
+        key = owner
+
+        def generic_resolve(self, value: Any, attr: str) -> Any:  # type: ignore[override]  # Numba's stubs are wrong
+            return field_type(value, attr)
+
+    _extending.infer_getattr(Fields)
+    _extending.lower_getattr_generic(owner)(load)
+    _extending.lower_setattr_generic(owner)(store)
+
+
+def argument_types(signature: str) -> tuple[Any, ...]:
+    """Return the types of the arguments in a signature such as ``void(int64, float64[:, ::1])``."""
+    normalize: Any = sigutils.normalize_signature
+    arguments, _ = normalize(signature)
+    return tuple(arguments)

@@ -1,0 +1,73 @@
+"""Types of our own in kernels: operators, fields and signatures."""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import extending, njit, types
+
+from renderers.compiler.numba_typing import argument_types, define_fields, define_operator
+
+_extending: Any = extending
+_I64 = ir.IntType(64)
+
+
+class Minutes(types.Type):
+    """A duration, as int64 minutes."""
+
+    def __init__(self) -> None:
+        super().__init__("Minutes")
+
+
+minutes = Minutes()
+
+
+@_extending.register_model(Minutes)
+class _Model(_extending.models.PrimitiveModel):
+    def __init__(self, manager: Any, numba_type: Minutes) -> None:
+        super().__init__(manager, numba_type, _I64.as_pointer())
+
+
+@_extending.intrinsic
+def minutes_at(typing_context: Any, address: Any) -> Any:
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.inttoptr(args[0], _I64.as_pointer())
+
+    return minutes(types.int64), generate
+
+
+define_operator(
+    operator.mod,
+    (Minutes, types.Integer),
+    lambda a, b: types.int64(minutes, types.int64) if a is minutes and isinstance(b, types.Integer) else None,
+    lambda builder, sig, a, b: builder.srem(builder.load(a), b),
+)
+define_fields(
+    Minutes,
+    lambda owner, name: types.int64 if name == "hours" else None,
+    lambda context, builder, owner, value, name: builder.sdiv(builder.load(value), ir.Constant(_I64, 60)),
+    lambda context, builder, sig, args, name: builder.store(
+        builder.mul(context.cast(builder, args[1], sig.args[1], types.int64), ir.Constant(_I64, 60)), args[0]
+    ),
+)
+
+
+@njit
+def use(address, base):
+    duration = minutes_at(address)
+    before = duration.hours, duration % base
+    duration.hours = base
+    return before, duration.hours, 7 % base
+
+
+def test_fields_and_operators_of_our_types() -> None:
+    memory = np.array([200], np.int64)
+    assert use(memory.ctypes.data, np.int32(60)) == ((3, 20), 60, 7)
+    assert memory[0] == 3600
+
+
+def test_types_of_the_arguments_of_a_signature() -> None:
+    assert argument_types("void(int64, float64[:, ::1])") == (types.int64, types.Array(types.float64, 2, "C"))
