@@ -52,7 +52,7 @@ def by_phase(address: int, spent: dict[str, float]) -> None:
         last = min(first + BAND_ROWS, task.height)
         draw_band(frame_address, first, last, layer, FRONT_FACES if split else ALL_FACES)
         note("draw")
-        shade_rows(task.shade_job, layer - 4 * first * task.stride, first, last)
+        shade_rows(task.shade_job, layer, first, last)
         note("shade")
         if split:
             draw_band(frame_address, first, last, layer, BACK_FACES)

@@ -29,6 +29,7 @@ SAMPLE_BAND: Final = Struct(
     {
         "sample_ids": pointer_to(I32),  # (slots, 8)
         "sample_inv_z": pointer_to(F32),  # (slots, 8)
+        "first_row": I64,  # row of the image that the band begins with
         "ids": pointer_to(I32),  # (BAND_ROWS, stride): primitive id that is shaded for the pixel, -1: none
         "max_entries": I64,  # maximum number of entries of a row
         "counts": pointer_to(I32),  # (BAND_ROWS,): number of entries of each row

@@ -86,6 +86,16 @@ as_u32 = _cast_to(types.uint32)
 
 
 @intrinsic  # type: ignore[untyped-decorator]  # Numba's stub is wrong
+def advance(typing_context: Any, pointer: Any, count: Any) -> Any:
+    """``advance(pointer, n)``: a pointer to the value ``n`` (int64) further on, as C's ``pointer + n``."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.gep(args[0], [args[1]])
+
+    return pointer(pointer, types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]  # Numba's stub is wrong
 def address(typing_context: Any, pointer: Any) -> Any:
     """Return a pointer's or struct's address as int64."""
 

@@ -89,6 +89,19 @@ class Struct:
         self.local: Final = _on_stack(self.type)
         """``local()``: an uninitialised struct on the stack of the calling device function, in kernels."""
 
+    def record(self, **fields: Any) -> tuple[Any, ...]:
+        """Return the fields of one struct in their order, to assign to an element of an array of ``dtype``.
+
+        Fields that are left out are 0.
+
+        Raises:
+            TypeError: there is no such field.
+        """
+        names = self.dtype.names or ()
+        if unknown := fields.keys() - set(names):
+            raise TypeError(f"{self.type.name} has no field {min(unknown)!r}")
+        return tuple([fields.get(name, 0) for name in names])
+
 
 def _layout(kind: Any) -> Any:
     if isinstance(kind, _InlineArray):

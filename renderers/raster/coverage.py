@@ -10,7 +10,7 @@ from numba import types
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pointers import address, allocate, as_f32, as_i32, f32_at, i32_at, release, stack_array
+from renderers.compiler.pointers import address, advance, allocate, as_f32, as_i32, f32_at, release, stack_array
 from renderers.compiler.structs import I64, Struct
 from renderers.raster.chunks import (
     bands_of,
@@ -23,12 +23,10 @@ from renderers.raster.chunks import (
 from renderers.raster.depth_test import ANY_ORDER, IN_ORDER, PEELED, depth_test, depth_test_pixel
 from renderers.raster.fill import make_fill
 from renderers.raster.layout import (
-    BINNED_BYTES,
     HALF_PIXEL,
     KIND_SMALL,
     LAYER,
     SUBPIXEL,
-    binned_at,
     small_triangle_at,
 )
 from renderers.raster.small_triangles import PREPARED, box_of, draw_small, prepare_small
@@ -62,7 +60,7 @@ def _draw_span_by(frame, layer, depth_rule, primitive, row, start, stop, base_x,
     vector_inv_z = _inv_z_array()
     vector_columns = vec.to_f64(lane * lanes)
     begin = start & ~np.int64(vec.LANES - 1)
-    pixel = row * frame.stride + begin
+    pixel = (row - layer.first_row) * frame.stride + begin
     for column in range(begin, stop, vec.LANES * vec.LANES):
         columns_from_base = vec.f64(column - base_x) + vector_columns
         vec.store(vector_inv_z, 0, vec.to_f32(vec.f64(row_inv_z) + vec.f64(slope) * columns_from_base))
@@ -111,11 +109,10 @@ _fill = make_fill(vec.LANES, _sample_points, _draw_spans, _draw_point)
 
 
 @device_function
-def _draw_primitive(frame, target, primitive_address, first_row, end_row):
-    """Draw some rows of a binned primitive."""
-    primitive = binned_at(primitive_address)
+def _draw_primitive(frame, target, primitive, first_row, end_row):
+    """Draw some rows of a BINNED."""
     if primitive.kind == KIND_SMALL:
-        prepare_small(frame, small_triangle_at(primitive_address), first_row, end_row, target.prepared)
+        prepare_small(frame, small_triangle_at(address(primitive)), first_row, end_row, target.prepared)
         if target.depth_rule == IN_ORDER:
             draw_small(frame, target.layer, IN_ORDER, target.prepared)
         else:
@@ -127,14 +124,14 @@ def _draw_primitive(frame, target, primitive_address, first_row, end_row):
 @device_function
 def clear_rows(frame, layer, first_row, end_row):
     """Clear a layer's rows."""
-    stride = frame.stride
+    begin, end = (first_row - layer.first_row) * frame.stride, (end_row - layer.first_row) * frame.stride
     # Nothing beyond this 1/z passes the depth test: the far plane needs no test of its own.
     empty_inv_z = vec.f32(np.float32(1.0 / frame.far))
     no_id = vec.i32(-1)
     # One array after the other: consecutive stores to a cache line are combined.
-    for pixel in range(first_row * stride, end_row * stride, vec.LANES):
+    for pixel in range(begin, end, vec.LANES):
         vec.store(layer.ids, pixel, no_id)
-    for pixel in range(first_row * stride, end_row * stride, vec.LANES):
+    for pixel in range(begin, end, vec.LANES):
         vec.store(layer.inv_z, pixel, empty_inv_z)
 
 
@@ -152,26 +149,27 @@ def _build_depth_tiles(frame, layer, first_row, end_row, tiles):
     bits = as_i32(tiles)
     for top in range(first_row, end_row, TILE_ROWS):
         tile_row = (top - first_row) // TILE_ROWS * stride
-        bottom = min(top + TILE_ROWS, end_row)
+        rows = min(TILE_ROWS, end_row - top)
+        inv_z = advance(layer.inv_z, (top - layer.first_row) * stride)
         for column in range(0, stride, vec.LANES):
-            inv_z_min = vec.load(layer.inv_z, top * stride + column)
-            for row in range(top + 1, bottom):
-                inv_z_min = vec.minimum(inv_z_min, vec.load(layer.inv_z, row * stride + column))
+            inv_z_min = vec.load(inv_z, column)
+            for row in range(1, rows):
+                inv_z_min = vec.minimum(inv_z_min, vec.load(inv_z, row * stride + column))
             # Bits are ordered as the values are: none is negative.
             bits[tile_row + column] = vec.minimum_of(vec.float_bits(inv_z_min))
 
 
 @device_function
-def _is_hidden(frame, primitive_address, tiles, first_row, end_row):
-    """Return whether a KIND_SMALL lies behind everything in the tiles around its box."""
-    primitive = small_triangle_at(primitive_address)
+def _is_hidden(frame, primitive, tiles, first_row, end_row):
+    """Return whether a BINNED is a KIND_SMALL that lies behind everything in the tiles around its box."""
     if primitive.kind != KIND_SMALL:
         return False
-    left, box_top, columns, rows = box_of(primitive)
+    triangle = small_triangle_at(address(primitive))
+    left, box_top, columns, rows = box_of(triangle)
     right = min(left + columns, frame.width)
     top, bottom = max(box_top, first_row) - first_row, min(box_top + rows, end_row) - first_row
     begin = (max(left, 0) >> 3) << 3
-    inv_z_max = primitive.inv_z_max
+    inv_z_max = triangle.inv_z_max
     hidden = True
     for tile in range(top // TILE_ROWS, (bottom + TILE_ROWS - 1) // TILE_ROWS):
         tile_row = tile * frame.stride
@@ -185,8 +183,10 @@ def _draw_pixels(frame, target, pixels, begin, end):
     """Draw the pixels ``begin .. end`` of tiny triangles."""
     inv_z = as_f32(pixels)
     layer, depth_rule = target.layer, target.depth_rule
+    first_pixel = layer.first_row * frame.stride
     for k in range(begin, end):
-        depth_test_pixel(frame, layer, depth_rule, np.int64(pixels[4 * k]), inv_z[4 * k + 1], pixels[4 * k + 2])
+        pixel = np.int64(pixels[4 * k]) - first_pixel
+        depth_test_pixel(frame, layer, depth_rule, pixel, inv_z[4 * k + 1], pixels[4 * k + 2])
 
 
 @device_function
@@ -246,9 +246,10 @@ def draw_rows(frame, layer, first_row, end_row, back_faces):
     tiles = f32_at(heap)
     if back_faces:
         _build_depth_tiles(frame, layer, first_row, end_row, tiles)
-    chunk_bands = i32_at(address(frame.chunk_bands) + (8 if back_faces else 0))
+    first_of_bands = 2 if back_faces else 0
     for chunk in range(frame.chunk_count):
-        if band_index < chunk_bands[4 * chunk] or band_index > chunk_bands[4 * chunk + 1]:
+        bands = bands_of(frame, chunk)
+        if band_index < bands[first_of_bands] or band_index > bands[first_of_bands + 1]:
             continue
         if is_set(frame.stop):
             break
@@ -260,10 +261,9 @@ def draw_rows(frame, layer, first_row, end_row, back_faces):
         primitives = primitives_of(frame, chunk)
         while k < end or tall_k < tall_end:
             index, k, tall_k = _next_primitive(bins, k, end, tall, tall_k, tall_end)
-            primitive_address = primitives + index * BINNED_BYTES
-            if back_faces and _is_hidden(frame, primitive_address, tiles, first_row, end_row):
+            if back_faces and _is_hidden(frame, primitives[index], tiles, first_row, end_row):
                 continue
-            _draw_primitive(frame, target, primitive_address, first_row, end_row)
+            _draw_primitive(frame, target, primitives[index], first_row, end_row)
         pixels = tiny_pixels_of(frame, chunk)
         begin, end = np.int64(starts[bin_count + 1 + bin_index]), np.int64(starts[bin_count + 2 + bin_index])
         if is_whole_band:

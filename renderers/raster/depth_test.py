@@ -50,7 +50,7 @@ def depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids):
 
     Args:
         depth_rule: IN_ORDER, PEELED or ANY_ORDER; a constant makes faster code.
-        pixel: index of the first one.
+        pixel: index of the first one in the layer. PEELED needs a layer of the whole image.
         inv_z, covered, ids: f32x8, m8, i32x8: 1/z, coverage mask and primitive id.
     """
     old_inv_z = vec.load_volatile(layer.inv_z, pixel)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from renderers.msaa import SAMPLE_BAND, lane_lists, sample_offsets
 from renderers.raster.buffers import Buffers
 from renderers.raster.frame_phases import run_phases
 from renderers.raster.frame_setup import set_up_frame
-from renderers.raster.layout import BINNED_BYTES, CHUNK, DRAW, FRAME, MAX_BINS, MAX_TINY_PIXELS, TASK
+from renderers.raster.layout import BINNED, CHUNK, DRAW, FRAME, MAX_BINS, MAX_TINY_PIXELS, TASK
 from renderers.raster.resolve import draw_band, resolve_layer, resolve_normals
 from renderers.raster.scene import PreparedScene
 from renderers.raster.setup import setup
@@ -26,8 +26,6 @@ from renderers.raster.transform import transform
 from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.stop import current_stop
 from renderers.visibility_buffer import BAND_ROWS, SampledShader, Visibility, band_count
-
-_FRAME_FIELDS: Final = FRAME.dtype.names or ()
 
 
 class FrameJob:
@@ -104,7 +102,7 @@ class FrameJob:
             "lane_lists": lanes,
             **_work_buffers(self.buffers, vertices, -(-primitives // CHUNK), band_count(height)),
         }
-        self._frame[0] = tuple([values.get(name, 0) for name in _FRAME_FIELDS])
+        self._frame[0] = FRAME.record(**values)
         self._task["frame"] = self._frame_address
         useful_threads: int = set_up_frame(self._frame_address)
         if useful_threads == 0:
@@ -272,7 +270,7 @@ def _work_buffers(buffers: Buffers, vertices: int, chunks: int, bands: int) -> d
     primitives = chunks * CHUNK
     sizes: tuple[tuple[str, int, type[np.generic]], ...] = (
         ("vertices", 4 * vertices, np.float32),
-        ("binned", primitives * BINNED_BYTES // 8, np.float64),
+        ("binned", primitives * BINNED.size // 8, np.float64),
         ("bins", primitives * MAX_BINS, np.uint16),
         ("tall", primitives, np.uint16),
         ("bin_starts", chunks * (4 * bands + 4), np.int32),

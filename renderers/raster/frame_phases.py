@@ -43,7 +43,7 @@ def _draw_band(task, first_row, end_row, memory):
     keeps_back_faces = task.keeps_back_faces != 0
     faces = FRONT_FACES if keeps_back_faces or task.has_outputs == 0 else ALL_FACES
     call_kernel(draw, (frame, first_row, end_row, memory, faces))
-    call_kernel(task.shade_kernel, (task.shade_job, memory - 4 * first_row * task.stride, first_row, end_row))
+    call_kernel(task.shade_kernel, (task.shade_job, memory, first_row, end_row))
     if keeps_back_faces:
         call_kernel(draw, (frame, first_row, end_row, memory, BACK_FACES))
 

@@ -40,6 +40,47 @@ MAX_SMALL_DEPTH_RATIO: Final = 4.0
 TOPOLOGY_LINES: Final = 2
 TOPOLOGY_TRIANGLES: Final = 3
 
+BINNED: Final = Struct(
+    "Binned",
+    {
+        "xy": array_of(I32, 6),  # x0 y0 x1 y1 x2 y2, grid units; see the kinds
+        "id": I32,  # primitive id
+        "kind": I32,
+        "inv_z_dx": F64,  # change of 1/z per column
+        "inv_z_dy": F64,  # change of 1/z per row
+        "inv_z_base": F64,  # 1/z at the first pixel centre of the bounding box
+        "inv_z_min": F32,  # range of 1/z over the primitive; clamping to it keeps slivers from extrapolating
+        "inv_z_max": F32,
+    },
+)
+KIND_TRIANGLE: Final = 0
+KIND_CLIPPED: Final = 1
+"""Crosses the near plane or leaves the guard band. xy: first column and row of the bounding box, index of the draw."""
+KIND_LINE: Final = 2
+"""xy: both ends, half the width, then first column and row of the bounding box in 16 bits each."""
+KIND_POINT: Final = 3
+"""xy: first column and row, and those after the last; grid units where a pixel has several samples."""
+KIND_SMALL: Final = 4
+"""The struct is a SMALL_TRIANGLE, which has the same size, and ``id`` and ``kind`` at the same place."""
+
+SMALL_TRIANGLE: Final = Struct(
+    "SmallTriangle",
+    {
+        "edges": array_of(I32, 3),  # edge functions at the first pixel centre of the box; inside where all are >= 0
+        "edge_dx": array_of(I32, 2),  # change per column of the first two; that of the third is minus their sum
+        "edge0_dy": I32,  # change per row of the first
+        "id": I32,
+        "kind": I32,
+        "edge1_dy": I32,  # change per row of the second; that of the third is minus the sum
+        "box_corner": I32,  # row (high half) and column (low half, signed) of the box's corner, perhaps off the image
+        "box_size": I32,  # rows (high half) and columns (low half)
+        "inv_z_base": F32,  # as in BINNED
+        "inv_z_dx": F32,
+        "inv_z_dy": F32,
+        "inv_z_min": F32,
+        "inv_z_max": F32,
+    },
+)
 INSTANCE: Final = Struct(
     "Instance",
     {
@@ -108,7 +149,7 @@ FRAME: Final = Struct(
         "stop": I64,  # address of an int64 that is not 0 once the frame should end, see renderers.stop
         "draws": DRAW,  # (draw_count + 1)
         "vertices": pointer_to(F32),  # (vertex_count, 4): x, y in pixels, 1/z, unused
-        "binned": I64,  # address of (chunk_count * CHUNK) BINNED or SMALL_TRIANGLE
+        "binned": BINNED,  # (chunk_count * CHUNK); those of KIND_SMALL are SMALL_TRIANGLE
         "bins": pointer_to(U16),  # of each chunk, see chunks.py
         "tall": pointer_to(U16),
         "bin_starts": pointer_to(I32),
@@ -180,14 +221,13 @@ TASK: Final = Struct(
 """A frame's work, shared by threads. Helper threads that are late read it after the frame's end, so it does not lie in
 the memory that frames reuse."""
 
-LAYER: Final = Struct("Layer", {"ids": pointer_to(I32), "inv_z": pointer_to(F32)})
-"""A visibility layer, both (height, stride). If only a band of it exists, the pointers are shifted: index 0 is the
-image's first pixel."""
+LAYER: Final = Struct("Layer", {"ids": pointer_to(I32), "inv_z": pointer_to(F32), "first_row": I64})
+"""A visibility layer, or a band of one: (rows, stride) each, from row ``first_row`` of the image on."""
 
 SETUP_MEMORY: Final = Struct(
     "SetupMemory",
     {
-        "binned": I64,  # address of CHUNK primitives of BINNED_BYTES
+        "binned": BINNED,  # (CHUNK,); those of KIND_SMALL are SMALL_TRIANGLE
         "bin_ranges": pointer_to(I32),  # (CHUNK, 2): first and last bin of each
         "count": I64,  # primitives in ``binned``
         "tiny_pixels": pointer_to(I32),  # (4, TINY_STRIDE): pixel, bits of 1/z, primitive id, bin
@@ -201,50 +241,6 @@ TINY_BINS: Final = 3 * TINY_STRIDE
 """Index of the bins in ``SETUP_MEMORY.tiny_pixels``. Until they are set, the highest bit of a pixel marks a back face
 that is kept."""
 
-BINNED_BYTES: Final = 64
-"""Size of each of the following three, which have ``id`` and ``kind`` at the same place."""
-BINNED: Final = Struct(
-    "Binned",
-    {
-        "xy": array_of(I32, 6),  # x0 y0 x1 y1 x2 y2, grid units; see the kinds
-        "id": I32,  # primitive id
-        "kind": I32,
-        "inv_z_dx": F64,  # change of 1/z per column
-        "inv_z_dy": F64,  # change of 1/z per row
-        "inv_z_base": F64,  # 1/z at the first pixel centre of the bounding box
-        "inv_z_min": F32,  # range of 1/z over the primitive; clamping to it keeps slivers from extrapolating
-        "inv_z_max": F32,
-    },
-)
-KIND_TRIANGLE: Final = 0
-KIND_CLIPPED: Final = 1
-"""Crosses the near plane or leaves the guard band. xy: first column and row of the bounding box, index of the draw."""
-KIND_LINE: Final = 2
-"""xy: both ends, half the width, then first column and row of the bounding box in 16 bits each."""
-KIND_POINT: Final = 3
-"""xy: first column and row, and those after the last; grid units where a pixel has several samples."""
-KIND_SMALL: Final = 4
-"""A SMALL_TRIANGLE."""
-
-SMALL_TRIANGLE: Final = Struct(
-    "SmallTriangle",
-    {
-        "edges": array_of(I32, 3),  # edge functions at the first pixel centre of the box; inside where all are >= 0
-        "edge_dx": array_of(I32, 2),  # change per column of the first two; that of the third is minus their sum
-        "edge0_dy": I32,  # change per row of the first
-        "id": I32,
-        "kind": I32,
-        "edge1_dy": I32,  # change per row of the second; that of the third is minus the sum
-        "box_corner": I32,  # row (high half) and column (low half, signed) of the box's corner, perhaps off the image
-        "box_size": I32,  # rows (high half) and columns (low half)
-        "inv_z_base": F32,  # as in BINNED
-        "inv_z_dx": F32,
-        "inv_z_dy": F32,
-        "inv_z_min": F32,
-        "inv_z_max": F32,
-    },
-)
 frame_at: Final = FRAME.at
 task_at: Final = TASK.at
-binned_at: Final = BINNED.at
 small_triangle_at: Final = SMALL_TRIANGLE.at

@@ -11,7 +11,7 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel
-from renderers.compiler.pointers import address, f32_at, f64_at, i32_at, stack_array
+from renderers.compiler.pointers import address, advance, f32_at, i32_at, stack_array
 from renderers.drawlist import LABEL_NONE
 from renderers.primitive_ids import instance_of
 from renderers.raster.coverage import clear_rows, draw_rows
@@ -101,7 +101,7 @@ def _smooth_normal(b, n, ray_x, ray_y, flat):
 @device_function
 def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
     """Write the normals of the pixels ``start .. stop`` of a row, which all see one primitive."""
-    out = f32_at(frame.normal + 12 * row * frame.width)
+    out = advance(f32_at(frame.normal), 3 * row * frame.width)
     instance = frame.instances[instance_index]
     if instance.topology != TOPOLOGY_TRIANGLES:
         for column in range(start, stop):
@@ -109,7 +109,7 @@ def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
             out[3 * column + 1] = 0.0
             out[3 * column + 2] = -1.0
         return
-    m = f64_at(address(frame.X_camera_mesh) + 8 * 16 * instance_index)
+    m = advance(frame.X_camera_mesh, 16 * instance_index)
     first_index = 3 * (primitive_id - instance.first_primitive)
     p, b, n = _corner_array(), _inverse_array(), _normal_array()
     _load_corners(m, instance.mesh_positions, instance.mesh_indices, first_index, p)
@@ -136,7 +136,7 @@ def resolve_normals(frame_address, layer_address, first_row, end_row):
     width = frame.width
     instance = np.int64(0)
     for row in range(first_row, end_row):
-        ids = i32_at(address(layer.ids) + 4 * row * frame.stride)
+        ids = advance(layer.ids, (row - layer.first_row) * frame.stride)
         start = 0
         while start < width:
             primitive_id = np.int64(ids[start])
@@ -147,7 +147,7 @@ def resolve_normals(frame_address, layer_address, first_row, end_row):
                 instance = instance_of(frame.first_ids, frame.instance_count, primitive_id, instance)
                 _resolve_normal_span(frame, instance, primitive_id, row, start, stop)
             else:
-                normals = f32_at(frame.normal + 12 * row * width)
+                normals = advance(f32_at(frame.normal), 3 * row * width)
                 for value in range(3 * start, 3 * stop):
                     normals[value] = 0.0
             start = stop
@@ -258,19 +258,18 @@ def _resolve_rows(frame, layer, first_row, end_row):
     for k in range(9):
         cache[k] = 0
     for row in range(first_row, end_row):
-        ids = i32_at(address(layer.ids) + 4 * row * stride)
-        inv_z = f32_at(address(layer.inv_z) + 4 * row * stride)
+        layer_pixel, pixel = (row - layer.first_row) * stride, row * width
+        ids, inv_z = advance(layer.ids, layer_pixel), advance(layer.inv_z, layer_pixel)
         if frame.unpadded_ids != 0:
-            unpadded_ids = i32_at(frame.unpadded_ids + 4 * row * width)
-            unpadded_inv_z = f32_at(frame.unpadded_inv_z + 4 * row * width)
+            unpadded_ids = advance(i32_at(frame.unpadded_ids), pixel)
+            unpadded_inv_z = advance(f32_at(frame.unpadded_inv_z), pixel)
             for column in range(width):
                 unpadded_ids[column] = ids[column]
                 unpadded_inv_z[column] = inv_z[column]
         if frame.depth != 0:
-            _resolve_depth_row(inv_z, ids, f32_at(frame.depth + 4 * row * width), width)
+            _resolve_depth_row(inv_z, ids, advance(f32_at(frame.depth), pixel), width)
         if frame.label != 0 or frame.instance != 0:
-            labels = i32_at(frame.label + 4 * row * width)
-            instance_ids = i32_at(frame.instance + 4 * row * width)
+            labels, instance_ids = advance(i32_at(frame.label), pixel), advance(i32_at(frame.instance), pixel)
             _resolve_label_row(frame, ids, labels, instance_ids, cache, block)
     if frame.normal != 0:
         call_kernel(frame.normals_kernel, (address(frame), address(layer), first_row, end_row))
@@ -284,7 +283,7 @@ def resolve_layer(frame_address, ids_address, inv_z_address, first_row, end_row)
         ids_address, inv_z_address: addresses of (H, stride) int32 and float32.
     """
     layer = _new_layer()
-    layer.ids, layer.inv_z = i32_at(ids_address), f32_at(inv_z_address)
+    layer.ids, layer.inv_z, layer.first_row = i32_at(ids_address), f32_at(inv_z_address), 0
     _resolve_rows(frame_at(frame_address), layer, first_row, end_row)
 
 
@@ -301,18 +300,17 @@ def draw_band(frame_address, first_row, end_row, band_memory, faces):
 
     Args:
         first_row, end_row: rows of the image, all of one band.
-        band_memory: address of a band's layer: BAND_ROWS x stride int32 and as many float32; 0: the frame has a layer
-            of the whole image.
+        band_memory: address of the layer of these rows: BAND_ROWS x stride int32 and as many float32; 0: the frame has
+            a layer of the whole image.
         faces: ALL_FACES, FRONT_FACES or BACK_FACES.
     """
     frame = frame_at(frame_address)
     layer = _new_layer()
     if band_memory == 0:
-        layer.ids, layer.inv_z = i32_at(frame.layer_ids), f32_at(frame.layer_inv_z)
+        layer.ids, layer.inv_z, layer.first_row = i32_at(frame.layer_ids), f32_at(frame.layer_inv_z), 0
     else:
-        offset = 4 * first_row * frame.stride
-        layer.ids = i32_at(band_memory - offset)
-        layer.inv_z = f32_at(band_memory + 4 * BAND_ROWS * frame.stride - offset)
+        layer.ids, layer.first_row = i32_at(band_memory), first_row
+        layer.inv_z = advance(f32_at(band_memory), BAND_ROWS * frame.stride)
     if faces != BACK_FACES:
         clear_rows(frame, layer, first_row, end_row)
     draw_rows(frame, layer, first_row, end_row, faces == BACK_FACES)

@@ -8,10 +8,9 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pointers import address, allocate, i32_at, release, stack_array
+from renderers.compiler.pointers import address, advance, allocate, i32_at, release, stack_array
 from renderers.raster.chunks import bands_of, bin_starts_of, bins_of, primitives_of, tall_of, tiny_pixels_of
 from renderers.raster.layout import (
-    BINNED_BYTES,
     CHUNK,
     MAX_BINS,
     SETUP_MEMORY,
@@ -19,7 +18,6 @@ from renderers.raster.layout import (
     TINY_STRIDE,
     TOPOLOGY_LINES,
     TOPOLOGY_TRIANGLES,
-    binned_at,
     frame_at,
 )
 from renderers.raster.primitive_setup import set_up_line, set_up_point
@@ -52,7 +50,7 @@ def _set_up_line_or_point(frame, draw, primitive, memory):
         primitive: index in its mesh.
     """
     count = memory.count
-    out = binned_at(memory.binned + BINNED_BYTES * count)
+    out = memory.binned[count]
     if draw.topology == TOPOLOGY_LINES:
         first_bin, last_bin = set_up_line(frame, draw, primitive, out)
     else:
@@ -205,7 +203,7 @@ def setup(frame_address, begin, end):
     heap = allocate(4 * (4 * TINY_STRIDE + frame.bin_count + 1))
     memory.bin_ranges, memory.columns = _range_array(), _column_array()
     memory.tiny_pixels = i32_at(heap)
-    bin_ends = i32_at(heap + 16 * TINY_STRIDE)
+    bin_ends = advance(memory.tiny_pixels, 4 * TINY_STRIDE)
     for chunk in range(begin, end):
         if is_set(frame.stop):
             break

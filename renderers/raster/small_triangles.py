@@ -174,7 +174,8 @@ def _draw_block(frame, layer, depth_rule, prepared, first_row, row_count, block_
     inv_z_min, inv_z_max = vec.f32(plane[_INV_Z_MIN]), vec.f32(plane[_INV_Z_MAX])
     columns = vec.i32(prepared.first_column_in_box + block_x) + vec.iota()
     column_inv_z = vec.f32(plane[_INV_Z_DX]) * vec.to_f32(columns)
-    pixel = (prepared.first_row + first_row) * frame.stride + prepared.first_column + block_x
+    row_in_layer = prepared.first_row + first_row - layer.first_row
+    pixel = row_in_layer * frame.stride + prepared.first_column + block_x
     for k in range(row_count):
         row = first_row + k
         inv_z = vec.f32(prepared.row_inv_z[row]) + column_inv_z

@@ -10,7 +10,7 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pointers import address, f32_at
+from renderers.compiler.pointers import advance
 from renderers.raster.layout import GUARD_BAND, frame_at
 
 _BLOCK: Final = 1 << 18
@@ -91,7 +91,7 @@ def transform(frame_address, begin, end):
         draw_end = frame.draws[draw_index + 1].first_vertex
         stop = min(end, draw_end, begin + _BLOCK)
         offset = begin - draw.first_vertex
-        positions, out = f32_at(address(draw.positions) + 12 * offset), f32_at(address(frame.vertices) + 16 * begin)
+        positions, out = advance(draw.positions, 3 * offset), advance(frame.vertices, 4 * begin)
         _transform(frame, draw.X_camera_mesh, positions, stop - begin, out)
         begin = max(begin, stop)
         draw_index += begin >= draw_end

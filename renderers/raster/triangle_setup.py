@@ -8,26 +8,27 @@ import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import address, as_u32, f32_at, i32_at, u32_at
+from renderers.compiler.pointers import address, advance, as_u32, i32_at
 from renderers.raster.layout import (
-    BINNED_BYTES,
     HALF_PIXEL,
     KIND_SMALL,
     MAX_SMALL_DEPTH_RATIO,
     MAX_SMALL_HEIGHT,
     MAX_SMALL_WIDTH,
     MAX_TINY_PIXELS,
+    SMALL_TRIANGLE,
     SUBPIXEL,
     SUBPIXEL_BITS,
     TINY_SIDE,
     TINY_STRIDE,
-    binned_at,
     small_triangle_at,
 )
 from renderers.raster.primitive_setup import set_up_large_triangle
 from renderers.raster.transform import BEHIND
 from renderers.visibility_buffer import BAND_ROWS
 
+_SMALL_FIELDS: Final = SMALL_TRIANGLE.size // 4
+"""Fields of a SMALL_TRIANGLE, of four bytes each."""
 BAND_SHIFT: Final = BAND_ROWS.bit_length() - 1
 BACK_BIT: Final = -(1 << 31)
 """Marks pixels of back faces that are kept, in ``SETUP_MEMORY.tiny_pixels``."""
@@ -79,7 +80,7 @@ def _load_triangles(draw, first, lanes, vertices, scratch):
         lanes: number of triangles; the lanes beyond them repeat the last one.
         scratch: pointer to (24,) int32.
     """
-    indices = u32_at(address(draw.indices) + 12 * first)
+    indices = advance(draw.indices, 3 * first)
     if lanes < vec.LANES:
         padded = as_u32(scratch)
         for k in range(vec.LANES):
@@ -183,7 +184,7 @@ def set_up_triangles(frame, draw_index, begin, end, memory):
     """
     # One loop: a function call for every eight would take a fifth of the time of those that are not visible.
     draw = frame.draws[draw_index]
-    vertices, indices = f32_at(address(frame.vertices) + 16 * draw.first_vertex), draw.indices
+    vertices, indices = advance(frame.vertices, 4 * draw.first_vertex), draw.indices
     for triangle in range(begin, end, vec.LANES):
         vec.prefetch(indices, 3 * (triangle + 2 * _PREFETCH_DISTANCE))
         vec.prefetch(indices, 3 * (triangle + 2 * _PREFETCH_DISTANCE) + 12)
@@ -336,20 +337,20 @@ def _append_primitives(frame, draw_index, first, small_lanes, large_lanes, back_
         k = vec.lowest_bit(pending)
         bit = np.int64(1) << k
         pending &= pending - 1
-        out_address = memory.binned + BINNED_BYTES * count
+        out = memory.binned[count]
         if bit & small_lanes:
-            values = i32_at(out_address)
-            for field in range(BINNED_BYTES // 4):
+            values = i32_at(address(out))
+            for field in range(_SMALL_FIELDS):
                 values[field] = columns[vec.LANES * field + k]
-            triangle = small_triangle_at(out_address)
+            triangle = small_triangle_at(address(out))
             from_row = np.int64(triangle.box_corner) >> 16
             to_row = from_row + (np.int64(triangle.box_size) >> 16) - 1
             first_bin = first_back_bin if bit & back_lanes else 0
             begin = first_bin + (max(from_row, 0) >> BAND_SHIFT)  # type: ignore[operator]  # Numba's int
             end = first_bin + (min(to_row, frame.height - 1) >> BAND_SHIFT)
         else:
-            begin, end = set_up_large_triangle(frame, draw_index, first + k, binned_at(out_address))
-            binned_at(out_address).id = frame.draws[draw_index].first_id + first + k
+            begin, end = set_up_large_triangle(frame, draw_index, first + k, out)
+            out.id = frame.draws[draw_index].first_id + first + k
         if begin <= end:
             ranges[2 * count], ranges[2 * count + 1] = begin, end
             count += 1

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
-from renderers.compiler.pointers import address, i32_at
 
 CELL_BITS: Final = 16
 CELL_SIZE: Final = 1 << CELL_BITS
@@ -61,8 +60,7 @@ def level_cells(thresholds: NDArray[np.float32]) -> NDArray[np.int32]:
 def _level(c, cells):
     """Return the level of an f32x8, 0 .. 255, in the third byte of an i32x8. Its lower bytes are undefined."""
     bits = vec.float_bits(vec.minimum(vec.maximum(c, vec.f32(_LOWEST)), vec.f32(1.0)))
-    cells_by_high_bits = i32_at(address(cells) - 4 * _FIRST_CELL)
-    return vec.gather(cells_by_high_bits, bits >> vec.i32(CELL_BITS)) + bits
+    return vec.gather(cells, (bits >> vec.i32(CELL_BITS)) - vec.i32(_FIRST_CELL)) + bits
 
 
 @inlined

@@ -10,7 +10,7 @@ import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import address, as_i32, f32_at
+from renderers.compiler.pointers import advance, as_i32
 from renderers.shading.area_filter import sample_area, squared_sides
 from renderers.shading.layout import STRIDE
 from renderers.shading.mip_levels import mip_levels, sample_mipmapped
@@ -140,8 +140,8 @@ def sample(segment, index, count, rows, alpha):
     job, pixels = segment.job, segment.pixels
     texture = job.textures[index]
     sampler = load_sampler(texture, job.linear_from_byte)
-    uv = f32_at(address(pixels.uv) + 4 * 2 * STRIDE * texture.uv_set)
-    uv_gradient = f32_at(address(pixels.uv_gradient) + 4 * 4 * STRIDE * texture.uv_set)
+    uv = advance(pixels.uv, 2 * STRIDE * texture.uv_set)
+    uv_gradient = advance(pixels.uv_gradient, 4 * STRIDE * texture.uv_set)
     uv_transform = _load_uv_transform(texture)
     if job.area_filter != 0 and segment.material.has_gradients != 0:
         _sample_areas(texture, sampler, uv_transform, uv, uv_gradient, count, rows, alpha)

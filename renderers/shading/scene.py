@@ -13,7 +13,7 @@ from renderers.camera import Camera
 from renderers.color import LINEAR_FROM_BYTE
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
-from renderers.compiler.pointers import address_of, f64_at
+from renderers.compiler.pointers import address_of, advance, f64_at
 from renderers.drawlist import AlphaMode, Instance, Material, Mesh, Topology
 from renderers.interface import VTK_LOOKS, LookName
 from renderers.shading.gamma import LINEAR_FROM_GAMMA
@@ -191,7 +191,7 @@ def compute_instance_matrices(X_camera_mesh_address, matrices_address, count, in
     """
     all_matrices = _matrices_at(matrices_address)
     for k in range(count):
-        X, matrices = f64_at(X_camera_mesh_address + 8 * 16 * k), all_matrices[k]
+        X, matrices = advance(f64_at(X_camera_mesh_address), 16 * k), all_matrices[k]
         max_cofactor, max_value = 0.0, 0.0
         for row in range(3):
             for column in range(3):

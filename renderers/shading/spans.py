@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import address, f64_at, i32_at, i64_at
+from renderers.compiler.pointers import address, advance, f64_at, i32_at, i64_at
 from renderers.shading.layout import (
     HAS_COLORS,
     HAS_NORMALS,
@@ -72,11 +72,11 @@ def begin_rows(job, memory_address, width):
     end += _SPANS_BYTES
     segment.pixels = _pixels_at(end)
     end += _PIXELS_BYTES
-    return segment, i32_at(end + 4 * vec.LANES)
+    return segment, i32_at(end)
 
 
 @device_function
-def find_spans(segment, y, columns, pixel_ids, width, ids):
+def find_spans(segment, y, columns, pixel_ids, width, row_ids):
     """Find the spans of a row of pixels.
 
     A span also begins at every PART-th pixel, so that the parts of a segment are whole spans, and float32 is accurate
@@ -86,16 +86,17 @@ def find_spans(segment, y, columns, pixel_ids, width, ids):
         y: row of the image.
         columns: as in SEGMENT. If it is not 0, each pixel is a span of its own.
         pixel_ids: pointer to the primitive ids of ``width`` pixels, -1 for none.
-        ids: pointer to working memory for ``width`` + 64 int32, with eight more before it.
+        row_ids: pointer to working memory for ``width`` + 64 + 16 int32.
 
     Returns:
         Number of spans.
     """
     segment.y, segment.columns = y, columns
     masks, starts, span_ids = segment.masks, segment.starts, segment.ids
+    vec.store(row_ids, 0, vec.i32(_NO_ID))
+    ids = advance(row_ids, vec.LANES)
     for x in range(width):
         ids[x] = pixel_ids[x]
-    ids[-1] = _NO_ID
     for x in range(width, width + 64 + vec.LANES, vec.LANES):
         vec.store(ids, x, vec.i32(_NO_ID))
     count = np.int64(0)
@@ -104,7 +105,7 @@ def find_spans(segment, y, columns, pixel_ids, width, ids):
         if columns == 0:
             mask = np.int64(x % PART == 0)
             for k in range(0, 64, vec.LANES):
-                mask |= vec.movemask(vec.load(ids, x + k) != vec.load(ids, x + k - 1)) << k
+                mask |= vec.movemask(vec.load(ids, x + k) != vec.load(row_ids, x + k + vec.LANES - 1)) << k
         masks[x >> 6] = mask
         if width - x < 64:
             mask &= (np.int64(1) << (width - x)) - 1

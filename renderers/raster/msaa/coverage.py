@@ -16,19 +16,17 @@ import numpy as np
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pointers import address, f32_at, i32_at
+from renderers.compiler.pointers import address
 from renderers.compiler.structs import I64, Struct
 from renderers.msaa import SAMPLE_BAND
 from renderers.raster.chunks import bands_of, bin_starts_of, bins_of, tall_of
 from renderers.raster.fill import make_fill
 from renderers.raster.layout import (
-    BINNED_BYTES,
     CHUNK,
     HALF_PIXEL,
     KIND_SMALL,
     SUBPIXEL,
     SUBPIXEL_BITS,
-    binned_at,
     small_triangle_at,
 )
 from renderers.raster.msaa.small_triangles import SCRATCH, draw_small_samples
@@ -40,7 +38,6 @@ _NO_COLUMN: Final = 1 << 30
 _TARGET: Final = Struct("SampleTarget", {"band": SAMPLE_BAND, "owner": I64, "scratch": SCRATCH})
 """The band that a primitive is drawn into, and the index of the binned primitive."""
 _new_target = _TARGET.local
-_new_band = SAMPLE_BAND.local
 _new_scratch = SCRATCH.local
 
 
@@ -73,7 +70,7 @@ def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y
     inv_z_min, inv_z_max = vec.f32(primitive.inv_z_min), vec.f32(primitive.inv_z_max)
     ids, owner = vec.i32(primitive.id), target.owner
     band, slot_count = target.band, target.scratch.slot_count
-    row_pixel = row * frame.stride
+    row_pixel = (row - band.first_row) * frame.stride
     lane = vec.iota()
     for column in range(begin & ~np.int64(vec.LANES - 1), end, vec.LANES):
         columns = vec.i32(column) + lane
@@ -116,10 +113,9 @@ _fill = make_fill(1, _sample_points, _draw_span, _draw_point)
 @device_function
 def _draw_primitive(frame, target, index, first_row, end_row):
     """Draw some rows of the binned primitive with an index."""
-    primitive_address = frame.binned + index * BINNED_BYTES
-    primitive = binned_at(primitive_address)
+    primitive = frame.binned[index]
     if primitive.kind == KIND_SMALL:
-        triangle = small_triangle_at(primitive_address)
+        triangle = small_triangle_at(address(primitive))
         draw_small_samples(frame, target.band, triangle, index, first_row, end_row, target.scratch)
     else:
         target.owner = index
@@ -127,27 +123,21 @@ def _draw_primitive(frame, target, index, first_row, end_row):
 
 
 @device_function
-def draw_sample_rows(frame, memory, first_row, end_row):
+def draw_sample_rows(frame, band, first_row, end_row):
     """Clear the rows, all of one band, and draw everything that touches them.
 
     Then ``owners`` has -1 where a pixel sees nothing, MIXED where its samples have ids of their own, in ``sample_ids``
     from eight times ``slots`` on, and otherwise ``ids`` has the pixel's primitive id.
 
     Args:
-        memory: the thread's SAMPLE_BAND.
+        band: the thread's SAMPLE_BAND.
     """
-    band_index, stride = first_row // BAND_ROWS, frame.stride
-    # Shifted, so that index 0 is the image's first pixel.
-    offset = 4 * first_row * stride
-    band = _new_band()
-    band.sample_ids, band.sample_inv_z = memory.sample_ids, memory.sample_inv_z
-    band.ids, band.slots = i32_at(address(memory.ids) - offset), i32_at(address(memory.slots) - offset)
-    band.owners = i32_at(address(memory.owners) - offset)
-    band.far, band.near = f32_at(address(memory.far) - offset), f32_at(address(memory.near) - offset)
+    band_index = first_row // BAND_ROWS
+    band.first_row = first_row
     # Nothing beyond this 1/z passes the depth test: the far plane needs no test of its own.
     empty_inv_z = vec.f32(np.float32(1.0 / frame.far))
     none = vec.i32(-1)
-    for pixel in range(first_row * stride, end_row * stride, vec.LANES):
+    for pixel in range(0, (end_row - first_row) * frame.stride, vec.LANES):
         vec.store(band.owners, pixel, none)
         vec.store(band.slots, pixel, none)
         vec.store(band.far, pixel, empty_inv_z)

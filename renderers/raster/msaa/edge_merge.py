@@ -9,7 +9,7 @@ from typing import Final
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import address, u32_at
+from renderers.compiler.pointers import address, advance, u32_at
 from renderers.compiler.structs import I64, Struct
 from renderers.primitive_ids import instance_of
 from renderers.raster.layout import TOPOLOGY_TRIANGLES
@@ -50,12 +50,13 @@ def share_smooth_edge(frame, a, b, cache):
         return False
     # Visible triangles have three different corners: the test is symmetric.
     low, high = min(a, b) - cache.first_id, max(a, b) - cache.first_id
-    p, q = u32_at(cache.indices + 12 * low), u32_at(cache.indices + 12 * high)
+    indices = u32_at(cache.indices)
+    p, q = advance(indices, 3 * low), advance(indices, 3 * high)
     if high < 2:
         shared = 0
         for i in range(3):
             shared += (p[i] == q[0]) | (p[i] == q[1]) | (p[i] == q[2])
         return shared >= 2
-    corners = vec.load(q, -5)  # and the five before them
+    corners = vec.load(indices, 3 * high - 5)  # and the five before them
     is_shared = (corners == vec.i32(p[0])) | (corners == vec.i32(p[1])) | (corners == vec.i32(p[2]))
     return vec.count_bits(vec.movemask(is_shared) >> 5) >= 2

@@ -15,7 +15,7 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel
-from renderers.compiler.pointers import address, allocate, i32_at, i64_at, release, u8_at
+from renderers.compiler.pointers import address, advance, allocate, i32_at, i64_at, release
 from renderers.compiler.structs import I32, I64, Struct, array_of, pointer_to
 from renderers.msaa import sample_band_at
 from renderers.raster.layout import frame_at
@@ -26,17 +26,18 @@ from renderers.shading.headlight.layout import HEADLIGHT_JOB, headlight_job_at
 
 _MAX_MOVE: Final = 32
 """Positions by which an entry may move to lie beside those of its instance; rows are nearly sorted anyway."""
+_FIRST_ENTRY: Final = _MAX_MOVE
+"""Index of a row's first entry in its list. Before it are _MAX_MOVE values that are less than any id."""
 _LAST_ID: Final = 2**31 - 1
 """Greater than any primitive id."""
-_JOB_VALUES: Final = HEADLIGHT_JOB.size // 8
 _new_job = HEADLIGHT_JOB.local
 
 _ENTRIES: Final = Struct(
     "RowEntries",
     {
-        "ids": pointer_to(I32),  # _MAX_MOVE values before the first are less than any id
+        "ids": pointer_to(I32),  # from _FIRST_ENTRY on
         "marks": pointer_to(I32),  # column << 8 | number of samples
-        "count": I64,
+        "end": I64,  # index after the last
     },
 )
 """Entries of a row, nearly sorted by primitive id."""
@@ -58,8 +59,8 @@ _new_entries, _new_groups, _new_cache = _ENTRIES.local, _GROUPS.local, CACHE.loc
 @inlined
 def _insert_entry(entries, primitive_id, column, samples):
     """Insert an entry of a pixel, ``samples`` of which see a primitive, among the row's last ones by id."""
-    ids, marks, end = entries.ids, entries.marks, entries.count
-    entries.count = end + 1
+    ids, marks, end = entries.ids, entries.marks, entries.end
+    entries.end = end + 1
     ids[end] = _LAST_ID
     new_id, new_mark = vec.i32(primitive_id), vec.i32((column << 8) | samples)
     for _ in range(_MAX_MOVE // vec.LANES):
@@ -126,6 +127,17 @@ def _mix_pixel(frame, sample_ids, column, entries, groups, cache):
     return shown_id, np.int64(groups.group_counts[best]), background
 
 
+@inlined
+def _store_entries(band, row, entries):
+    """Write the entries of a row of the band."""
+    first, count = row * band.max_entries, entries.end - _FIRST_ENTRY
+    for k in range(count):
+        mark = entries.marks[_FIRST_ENTRY + k]
+        band.entry_ids[first + k] = entries.ids[_FIRST_ENTRY + k]
+        band.entry_columns[first + k], band.entry_weights[first + k] = mark >> 8, mark & 255
+    band.counts[row] = count
+
+
 @device_function
 def _find_entries(frame, band, rows, columns, entries):
     """Fill a SAMPLE_BAND's ids, entries and mixed pixels.
@@ -135,16 +147,15 @@ def _find_entries(frame, band, rows, columns, entries):
         columns: pointer to stride + 8 int32 of scratch.
         entries: an _ENTRIES with room for all entries of a row.
     """
-    stride, width, room = frame.stride, frame.width, band.max_entries
+    stride, width = frame.stride, frame.width
     lane_lists, sample_ids = frame.lane_lists, band.sample_ids
     groups, cache = _new_groups(), _new_cache()
     cache.first_id = cache.end_id = cache.indices = 0
     for row in range(rows):
-        slots = i32_at(address(band.slots) + 4 * row * stride)
-        ids = i32_at(address(band.ids) + 4 * row * stride)
-        owners = i32_at(address(band.owners) + 4 * row * stride)
-        mixed = i32_at(address(band.mixed) + 4 * row * stride)
-        entries.count = 0
+        first_pixel = row * stride
+        slots, ids = advance(band.slots, first_pixel), advance(band.ids, first_pixel)
+        owners, mixed = advance(band.owners, first_pixel), advance(band.mixed, first_pixel)
+        entries.end = _FIRST_ENTRY
         mixed_count, edge_count = np.int64(0), np.int64(0)
         for column in range(0, width, vec.LANES):
             owner = vec.load(owners, column)
@@ -161,13 +172,7 @@ def _find_entries(frame, band, rows, columns, entries):
             ids[x] = shown_id
             mixed[mixed_count] = (x << 8) | (own << 4) | background
             mixed_count += own < vec.LANES
-        entry_ids = i32_at(address(band.entry_ids) + 4 * row * room)
-        entry_columns = i32_at(address(band.entry_columns) + 4 * row * room)
-        weights = u8_at(address(band.entry_weights) + row * room)
-        for k in range(entries.count):
-            mark = entries.marks[k]
-            entry_ids[k], entry_columns[k], weights[k] = entries.ids[k], mark >> 8, mark & 255
-        band.counts[row] = entries.count
+        _store_entries(band, row, entries)
         band.mixed_counts[row] = mixed_count
 
 
@@ -181,19 +186,18 @@ def draw_samples(frame_address, first_row, end_row, band_address):
 def find_edges(frame_address, first_row, end_row, band_address):
     """Find the primitives to shade in rows that ``draw_samples`` has drawn; arguments as there."""
     frame, band = frame_at(frame_address), sample_band_at(band_address)
-    room = band.max_entries + _MAX_MOVE + vec.LANES
-    first_entry = frame.stride + vec.LANES + _MAX_MOVE
-    heap = allocate(4 * (first_entry + 2 * room))
+    room = _FIRST_ENTRY + band.max_entries + vec.LANES
+    heap = allocate(4 * (2 * room + frame.stride + vec.LANES))
     entries = _new_entries()
-    entries.ids, entries.marks = i32_at(heap + 4 * first_entry), i32_at(heap + 4 * (first_entry + room))
-    for k in range(1, _MAX_MOVE + 1):
-        entries.ids[-k] = -1
-    _find_entries(frame, band, end_row - first_row, i32_at(heap), entries)
+    entries.ids, entries.marks = i32_at(heap), advance(i32_at(heap), room)
+    for k in range(_FIRST_ENTRY):
+        entries.ids[k] = -1
+    _find_entries(frame, band, end_row - first_row, advance(i32_at(heap), 2 * room), entries)
     release(heap)
 
 
 @device_function
-def _mix_colors(band, stride, width, first_row, end_row, background, image_address, color_stride):
+def _mix_colors(band, stride, width, first_row, end_row, background, color, color_stride):
     """Mix the colours of a band's pixels at edges.
 
     Args:
@@ -201,15 +205,14 @@ def _mix_colors(band, stride, width, first_row, end_row, background, image_addre
         stride: as in FRAME.
         first_row, end_row: the band's rows of the image.
         background: red, green, blue, lowest byte first.
-        image_address: address of (H, W, 3) uint8, which has the colours of the band's ids.
+        color: pointer to (H, W, 3) uint8, which has the colours of the band's ids.
     """
     room = band.max_entries
     heap = allocate(12 * width)
     sums = i32_at(heap)
     for y in range(first_row, end_row):
         row = y - first_row
-        image = u8_at(image_address + 3 * y * width)
-        mixed = i32_at(address(band.mixed) + 4 * row * stride)
+        image, mixed = advance(color, 3 * y * width), advance(band.mixed, row * stride)
         mixed_count = np.int64(band.mixed_counts[row])
         for k in range(mixed_count):
             mark = np.int64(mixed[k])
@@ -217,9 +220,8 @@ def _mix_colors(band, stride, width, first_row, end_row, background, image_addre
             for channel in range(3):
                 background_value = (background >> (8 * channel)) & 255
                 sums[3 * x + channel] = own * image[3 * x + channel] + background_samples * background_value
-        columns = i32_at(address(band.entry_columns) + 4 * row * room)
-        weights = u8_at(address(band.entry_weights) + row * room)
-        colors = u8_at(address(band.entry_colors) + 3 * row * color_stride)
+        columns, weights = advance(band.entry_columns, row * room), advance(band.entry_weights, row * room)
+        colors = advance(band.entry_colors, 3 * row * color_stride)
         for k in range(band.counts[row]):
             x, weight = np.int64(columns[k]), np.int64(weights[k])
             for channel in range(3):
@@ -229,6 +231,17 @@ def _mix_colors(band, stride, width, first_row, end_row, background, image_addre
             for channel in range(3):
                 image[3 * x + channel] = (sums[3 * x + channel] + vec.LANES // 2) // vec.LANES
     release(heap)
+
+
+@inlined
+def _fill_entry_job(entry_job, job, band, first_row, max_count):
+    """Fill a HEADLIGHT_JOB that shades a band's entries, at most ``max_count`` in a row, into their own colours."""
+    entry_job.shading, entry_job.mode, entry_job.background = job.shading, job.mode, job.background
+    entry_job.gathered, entry_job.height, entry_job.first_row = job.gathered, job.height, first_row
+    entry_job.gamma_cells, entry_job.gamma_from_linear = job.gamma_cells, job.gamma_from_linear
+    entry_job.width, entry_job.stride = max_count, band.max_entries
+    entry_job.color, entry_job.columns = band.entry_colors, address(band.entry_columns)
+    entry_job.counts = band.counts
 
 
 @kernel("void(int64, int64, int64, int64, int64)")
@@ -244,19 +257,12 @@ def shade_mixed(own_address, band_address, stride, first_row, end_row):
     """
     shade_kernel, job_address = i64_at(own_address)[0], i64_at(own_address)[1]
     job, band = headlight_job_at(job_address), sample_band_at(band_address)
-    call_kernel(shade_kernel, (job_address, address(band.ids) - 4 * first_row * stride, first_row, end_row))
+    call_kernel(shade_kernel, (job_address, address(band.ids), first_row, end_row))
     max_count = np.int64(0)
     for row in range(end_row - first_row):
         max_count = max(max_count, np.int64(band.counts[row]))
     if max_count > 0:
         entry_job = _new_job()
-        for k in range(_JOB_VALUES):
-            i64_at(address(entry_job))[k] = i64_at(job_address)[k]
-        # Shading counts rows from the image's first one.
-        offset = 4 * first_row * band.max_entries
-        entry_job.width, entry_job.stride = max_count, band.max_entries
-        entry_job.columns = address(band.entry_columns) - offset
-        entry_job.counts = i32_at(address(band.counts) - 4 * first_row)
-        entry_job.color = u8_at(address(band.entry_colors) - 3 * first_row * max_count)
-        call_kernel(shade_kernel, (address(entry_job), address(band.entry_ids) - offset, first_row, end_row))
-    _mix_colors(band, stride, job.width, first_row, end_row, job.background, address(job.color), max_count)
+        _fill_entry_job(entry_job, job, band, first_row, max_count)
+        call_kernel(shade_kernel, (address(entry_job), address(band.entry_ids), first_row, end_row))
+    _mix_colors(band, stride, job.width, first_row, end_row, job.background, job.color, max_count)

@@ -61,7 +61,7 @@ def _is_hidden(far, stride, left, right, top, bottom, inv_z_max):
 
     Args:
         far: pointer to SAMPLE_BAND.far.
-        left .. bottom: first column and row of the box, and those after the last.
+        left .. bottom: first column and row of the box in the band, and those after the last.
     """
     limit, lane = vec.f32(inv_z_max), vec.iota()
     # The middle first: most visible triangles are visible there.
@@ -177,7 +177,7 @@ def _draw_block(frame, band, triangle, owner, edges, top_edges, max_offset, top,
     e1 = vec.i32(top_edges[1] + first_row * edges.dy[1]) + columns * vec.i32(edges.dx[1])
     e2 = vec.i32(top_edges[2] + first_row * edges.dy[2]) + columns * vec.i32(edges.dx[2])
     column_inv_z = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns)
-    pixel = (top + first_row) * stride + column
+    pixel = (top + first_row - band.first_row) * stride + column
     edge_pixel = ((top - box_y + first_row) << 8) + column - box_x + 8
     for row in range(first_row, end_row):
         touched = (e0 | e1 | e2) >= zero
@@ -194,7 +194,7 @@ def _draw_block(frame, band, triangle, owner, edges, top_edges, max_offset, top,
 
 
 @inlined
-def _load_edge_pixels(frame, triangle, edges, batch, scratch):
+def _load_edge_pixels(frame, band, triangle, edges, batch, scratch):
     """Store what belongs to eight edge pixels from ``batch`` on, in the ``batch_`` fields of a SCRATCH."""
     box_x, box_y, _, _ = box_of(triangle)
     edge_pixels = vec.load(scratch.edge_pixels, batch)
@@ -203,7 +203,7 @@ def _load_edge_pixels(frame, triangle, edges, batch, scratch):
     e1 = vec.i32(edges.first[1]) + rows * vec.i32(edges.dy[1]) + columns * vec.i32(edges.dx[1])
     vec.store(scratch.batch_e0, 0, e0)
     vec.store(scratch.batch_e1, 0, e1)
-    pixels = (rows + vec.i32(box_y)) * vec.i32(frame.stride) + (columns + vec.i32(box_x))
+    pixels = (rows + vec.i32(box_y - band.first_row)) * vec.i32(frame.stride) + (columns + vec.i32(box_x))
     vec.store(scratch.batch_pixels, 0, pixels)
     row_inv_z = vec.f32(triangle.inv_z_base) + vec.f32(triangle.inv_z_dy) * vec.to_f32(rows)
     vec.store(scratch.batch_inv_z, 0, row_inv_z + vec.f32(triangle.inv_z_dx) * vec.to_f32(columns))
@@ -217,7 +217,7 @@ def _draw_edge_pixels(frame, band, triangle, edges, count, scratch):
     edge_sum = vec.i32(edges.first[0] + edges.first[1] + edges.first[2])  # the same at all points
     slot_count, ids, zero = scratch.slot_count, vec.i32(triangle.id), vec.i32(0)
     for batch in range(0, count, vec.LANES):
-        _load_edge_pixels(frame, triangle, edges, batch, scratch)
+        _load_edge_pixels(frame, band, triangle, edges, batch, scratch)
         for k in range(min(count - batch, vec.LANES)):
             e0, e1 = vec.i32(scratch.batch_e0[k]) + edges.offsets[0], vec.i32(scratch.batch_e1[k]) + edges.offsets[1]
             covered = (e0 | e1 | (edge_sum - e0 - e1)) >= zero
@@ -240,7 +240,7 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
     if top >= bottom:  # one of the chunk's tall primitives
         return
     left, right = max(box_x, 0), min(box_x + box_columns, frame.width)
-    if _is_hidden(band.far, frame.stride, left, right, top, bottom, triangle.inv_z_max):
+    if _is_hidden(band.far, frame.stride, left, right, top - first_row, bottom - first_row, triangle.inv_z_max):
         return
     edges, skipped_rows, rows = _sample_edges(frame, triangle), top - box_y, bottom - top
     top_edges = (

@@ -12,9 +12,9 @@ import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import as_i32
+from renderers.compiler.pointers import address, as_i32
 from renderers.raster.fill import inv_z_origin
-from renderers.raster.layout import BINNED_BYTES, KIND_SMALL, SUBPIXEL, binned_at, small_triangle_at
+from renderers.raster.layout import KIND_SMALL, SUBPIXEL, small_triangle_at
 from renderers.raster.small_triangles import box_of
 
 MIXED: Final = -2
@@ -46,7 +46,7 @@ def merge_whole_pixels(band, pixel, inv_z, max_offset, primitive, owner, full, t
 
     Args:
         band: a SAMPLE_BAND.
-        pixel: index of the first pixel.
+        pixel: index of the first pixel in the band.
         inv_z: f32x8: 1/z at the centres before it is clamped to the primitive's range.
         max_offset: f32x8: as from ``max_inv_z_offset``.
         primitive: a BINNED or SMALL_TRIANGLE.
@@ -75,16 +75,15 @@ def _write_owner_samples(frame, band, pixel, first_sample, owner):
     """Write the samples of a pixel's owner to the pixel's slot.
 
     Args:
-        pixel: index of the pixel.
+        pixel: index of the pixel in the band.
         first_sample: index of its first sample.
         owner: index of the binned primitive that all its samples see.
     """
-    y = pixel // frame.stride
-    x = pixel - y * frame.stride
-    primitive_address = frame.binned + owner * BINNED_BYTES
-    primitive = binned_at(primitive_address)
+    row = pixel // frame.stride
+    x, y = pixel - row * frame.stride, band.first_row + row
+    primitive = frame.binned[owner]
     if primitive.kind == KIND_SMALL:
-        small = small_triangle_at(primitive_address)
+        small = small_triangle_at(address(primitive))
         base_x, base_y, _, _ = box_of(small)
         row_inv_z = small.inv_z_base + small.inv_z_dy * np.float32(y - base_y)
         center = vec.f32(row_inv_z + small.inv_z_dx * np.float32(x - base_x))
@@ -131,7 +130,7 @@ def merge_samples(frame, band, slot_count, pixel, inv_z, covered, ids):
 
     Args:
         slot_count: number of slots in use.
-        pixel: index of the pixel.
+        pixel: index of the pixel in the band.
         inv_z, covered, ids: f32x8, m8, i32x8: of its samples.
 
     Returns:

@@ -23,12 +23,13 @@ HEADLIGHT_JOB: Final = Struct(
         "height": I64,
         "stride": I64,  # values from one row of primitive ids to the next
         "background": I64,  # RGB, red in the lowest byte
-        "color": pointer_to(U8),  # (height, width, 3)
+        "first_row": I64,  # row of the image that ``color``, ``columns`` and ``counts`` begin with
+        "color": pointer_to(U8),  # (rows, width, 3)
         "gathered": pointer_to(F32),  # (4, height, width + 8), see output_merge
         "gamma_cells": pointer_to(I32),  # gamma.GAMMA_CELLS
         "gamma_from_linear": pointer_to(F32),  # gamma.GAMMA_FROM_LINEAR
-        "columns": I64,  # address of (height, stride) int32: image columns of the ids; 0: id k is in column k
-        "counts": pointer_to(I32),  # (height,), with ``columns``: number of ids of each row
+        "columns": I64,  # address of (rows, stride) int32: image columns of the ids; 0: id k is in column k
+        "counts": pointer_to(I32),  # (rows,), with ``columns``: number of ids of each row
     },
 )
 headlight_job_at: Final = HEADLIGHT_JOB.at

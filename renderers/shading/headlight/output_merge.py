@@ -13,7 +13,7 @@ import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import address, f32_at, u8_at
+from renderers.compiler.pointers import advance
 from renderers.shading.gamma import byte_from_unit, encode_gamma
 from renderers.shading.headlight.layout import DIRECT, UNDER
 from renderers.shading.layout import STRIDE
@@ -52,7 +52,7 @@ def _encoded(job, gamma, c):
 def _gathered_row(job, y):
     """Return a pointer to a row of the gathered layers, and the number of values of a whole channel."""
     row_values = job.width + vec.LANES
-    return f32_at(address(job.gathered) + 4 * row_values * y), row_values * job.height
+    return advance(job.gathered, row_values * y), row_values * job.height
 
 
 @device_function
@@ -130,7 +130,7 @@ def write_background(job, y, begin, end, packed_row):
 @device_function
 def write_image_row(job, y, width, packed_row):
     """Write the first ``width`` pixels of a packed row to row ``y`` of the image."""
-    color = u8_at(address(job.color) + 3 * y * job.width)
+    color = advance(job.color, 3 * (y - job.first_row) * job.width)
     # A vector store overruns by up to four bytes. The last pixels are stored singly, to keep the next row intact.
     vector_end = max(width - 2, 0) // vec.LANES * vec.LANES
     for x in range(0, vector_end, vec.LANES):

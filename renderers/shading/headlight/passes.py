@@ -114,18 +114,17 @@ class HeadlightJob:
         matrices = job_end + SHADING_JOB.size
         array, _, address = table(-(-(matrices + len(shading.instances) * INSTANCE_MATRICES.size) // 8))
         red, green, blue = look.background
-        array[: job_end // 8].view(HEADLIGHT_JOB.dtype)[0] = (
-            address + job_end,
-            mode,
-            camera.width,
-            camera.height,
-            stride,
-            red | green << 8 | blue << 16,
-            color,
-            gathered,
-            *_GAMMA_TABLES,
-            0,
-            0,
+        array[: job_end // 8].view(HEADLIGHT_JOB.dtype)[0] = HEADLIGHT_JOB.record(
+            shading=address + job_end,
+            mode=mode,
+            width=camera.width,
+            height=camera.height,
+            stride=stride,
+            background=red | green << 8 | blue << 16,
+            color=color,
+            gathered=gathered,
+            gamma_cells=_GAMMA_TABLES[0],
+            gamma_from_linear=_GAMMA_TABLES[1],
         )
         shading_job = array[job_end // 8 : matrices // 8].view(SHADING_JOB.dtype)
         fill_shading_job(
@@ -160,9 +159,9 @@ def _shade(
         mode=mode,
         gathered=address_of(gathered, np.float32),
     )
-    ids, height = address_of(visible.ids, np.int32), camera.height
 
     def shade_band(band: int) -> None:
-        shade_rows(job.address, ids, band * BAND_ROWS, min((band + 1) * BAND_ROWS, height))
+        begin, end = band * BAND_ROWS, min((band + 1) * BAND_ROWS, camera.height)
+        shade_rows(job.address, address_of(visible.ids[begin:], np.int32), begin, end)
 
-    rasterizer.parallel(band_count(height), shade_band)
+    rasterizer.parallel(band_count(camera.height), shade_band)

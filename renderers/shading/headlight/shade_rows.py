@@ -7,7 +7,7 @@ import numpy as np
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
-from renderers.compiler.pointers import i32_at
+from renderers.compiler.pointers import address, advance, i32_at
 from renderers.primitive_ids import instance_of
 from renderers.shading.headlight.layout import DIRECT, GATHER, headlight_job_at
 from renderers.shading.headlight.lighting import fill_spans, is_uniform_lambert, shade
@@ -42,7 +42,8 @@ def _row_columns(job, y):
     """Return the number of primitive ids of a row, and SEGMENT's ``columns`` for them."""
     if job.columns == 0:
         return job.width, np.int64(0)
-    return np.int64(job.counts[y]), job.columns + 4 * y * job.stride
+    row = y - job.first_row
+    return np.int64(job.counts[row]), address(advance(i32_at(job.columns), row * job.stride))
 
 
 @kernel("void(int64, int64, int64, int64)")
@@ -51,7 +52,8 @@ def shade_rows(job_address, ids_address, row_begin, row_end):
 
     Args:
         job_address: address of a HEADLIGHT_JOB.
-        ids_address: address of (height, stride) int32, the primitive id of every pixel, -1 for none.
+        ids_address: address of the primitive ids of row ``row_begin``: int32 per pixel, -1 for none. The rows are
+            HEADLIGHT_JOB's ``stride`` values apart.
     """
     job = headlight_job_at(job_address)
     own_memory = np.empty(row_memory(job.width), np.int64)
@@ -62,7 +64,8 @@ def shade_rows(job_address, ids_address, row_begin, row_end):
     instance = np.int64(0)
     for y in range(row_begin, row_end):
         count, columns = _row_columns(job, y)
-        span_count = find_spans(segment, y, columns, i32_at(ids_address + 4 * y * job.stride), count, row_ids)
+        ids = advance(i32_at(ids_address), (y - row_begin) * job.stride)
+        span_count = find_spans(segment, y, columns, ids, count, row_ids)
         span = np.int64(0)
         while span < span_count:
             primitive_id = np.int64(span_ids[span])

@@ -147,10 +147,11 @@ def _shade_layer(
         output: address of an OUTPUT; 0: none.
     """
     job, keep = _job(shading, lighting, layer.X_camera_mesh, layer.first_ids, camera)
-    job_address, ids, width = address_of(job, layout.STUDIO_JOB.dtype), address_of(layer.ids, np.int32), camera.width
+    job_address, width = address_of(job, layout.STUDIO_JOB.dtype), camera.width
 
     def shade(begin: int, end: int) -> None:
-        shade_rows(mode, job_address, ids + 4 * begin * width, 0, width, width, begin, end, target, output)
+        ids = address_of(layer.ids[begin:], np.int32)
+        shade_rows(mode, job_address, ids, 0, width, width, begin, end, target, output)
 
     _for_bands(rasterizer, camera.height, shade)
     del keep  # the addresses in the job were valid until here

@@ -14,7 +14,7 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel, is_set
-from renderers.compiler.pointers import address, f32_at, i32_at, u8_at
+from renderers.compiler.pointers import address, advance, f32_at, i32_at, u8_at
 from renderers.compiler.structs import F32, I32, I64, U8, Struct, pointer_to
 from renderers.msaa import sample_band_at
 from renderers.primitive_ids import instance_of
@@ -235,19 +235,19 @@ def shade_rows(
             break
         band_row = y - row_begin
         if target_address != 0:
-            row.accumulated = f32_at(target_address + (4 if mode == WRITE_ALPHA else 16) * y * channel_size)
+            row.accumulated = advance(f32_at(target_address), (1 if mode == WRITE_ALPHA else 4) * y * channel_size)
         else:
             for x in range(0, 4 * channel_size, vec.LANES):
                 vec.store(row.accumulated, x, vec.f32(0.0))
-        ids = i32_at(ids_address + 4 * band_row * stride)
+        ids = advance(i32_at(ids_address), band_row * stride)
         instance = _shade_row(job, segment, row, y, ids, np.int64(0), width, instance, row_ids)
         if mode == EDGES:
-            mixed = i32_at(address(band.mixed) + 4 * band_row * stride)
+            mixed = advance(band.mixed, band_row * stride)
             _scale_mixed_pixels(row.accumulated, channel_size, mixed, band.mixed_counts[band_row])
             first_entry = band_row * band.max_entries
-            ids = i32_at(address(band.entry_ids) + 4 * first_entry)
-            columns, count = address(band.entry_columns) + 4 * first_entry, np.int64(band.counts[band_row])
-            row.weights = u8_at(address(band.entry_weights) + first_entry)
+            ids = advance(band.entry_ids, first_entry)
+            columns, count = address(advance(band.entry_columns, first_entry)), np.int64(band.counts[band_row])
+            row.weights = advance(band.entry_weights, first_entry)
             instance = _shade_row(job, segment, row, y, ids, columns, count, instance, row_ids)
         if target_address == 0:
             write_image_row(row.accumulated, output, y, width, rgb_bytes)

@@ -18,7 +18,7 @@ from renderers.color import linear_values_from_srgb
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
-from renderers.compiler.pointers import address, f32_at, u8_at
+from renderers.compiler.pointers import advance, f32_at, u8_at
 from renderers.shading.level_cells import encoded_pixels, level_cells, level_thresholds
 from renderers.shading.studio.layout import OUTPUT, channel_values_in_kernel
 from renderers.shading.vec3 import broadcast3, load3, saturate
@@ -124,7 +124,7 @@ def write_image_row(accumulated, output, y, width, rgb_bytes):
             output.srgb_cells,
         )
         vec.store_rgb(rgb_bytes, 3 * x, pixels)
-    row = u8_at(address(output.color) + 3 * y * width)
+    row = advance(output.color, 3 * y * width)
     for k in range(3 * width):
         row[k] = rgb_bytes[k]
 
@@ -141,5 +141,5 @@ def write_image_rows(accumulated_address, output_address, width, row_begin, row_
     own_bytes = np.empty(3 * channel_size + 4, np.uint8)
     rgb_bytes = u8_at(np.int64(own_bytes.ctypes.data))
     for y in range(row_begin, row_end):
-        write_image_row(f32_at(accumulated_address + 16 * y * channel_size), output, y, width, rgb_bytes)
+        write_image_row(advance(f32_at(accumulated_address), 4 * y * channel_size), output, y, width, rgb_bytes)
     own_bytes[0] = 0  # the pointer above does not keep the array alive
