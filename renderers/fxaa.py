@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.device_function import device_function
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pointers import address_of, f32_at, u8_at
@@ -137,15 +137,18 @@ def _smooth_pixel(source, luma, color, x, y, width, height, contrast):
         own = np.float32(source[3 * (row + x) + k])
         value = own + shift * (np.float32(source[3 * pixel_across + k]) - own)
         if blend > np.float32(0.0):
-            total = np.int32(0)
-            for row_start in (north, row, south):
-                total += (
-                    np.int32(source[3 * (row_start + west) + k])
-                    + np.int32(source[3 * (row_start + x) + k])
-                    + np.int32(source[3 * (row_start + east) + k])
-                )
-            value = value + blend * (np.float32(total) / np.float32(9.0) - value)
+            value = value + blend * (_mean_of_nine(source, (north, row, south), (west, x, east), k) - value)
         color[3 * (row + x) + k] = np.uint8(value + np.float32(0.5))
+
+
+@inlined
+def _mean_of_nine(source, rows, columns, k):
+    """Return the mean of a channel over 3 x 3 pixels; ``rows``: the indices of the rows' first pixels."""
+    total = np.int32(0)
+    for row in rows:
+        for column in columns:
+            total += np.int32(source[3 * (row + column) + k])
+    return np.float32(total) / np.float32(9.0)
 
 
 @device_function

@@ -92,6 +92,38 @@ def is_finite(points, count):
 
 
 @device_function
+def _clip_at_plane(frame, plane, points, sources, count, clipped, clipped_sources):
+    """Clip a polygon at one plane (Sutherland and Hodgman); return the number of points that are left.
+
+    Args:
+        plane: as for ``plane_distance``.
+        points, sources: the polygon's ``count`` points, and the mesh's vertices that they are, or -1.
+        clipped, clipped_sources: those of the result.
+    """
+    clipped_count = 0
+    previous = count - 1
+    d_previous = plane_distance(frame, plane, points, previous) if count > 0 else 0.0
+    for k in range(count):
+        d = plane_distance(frame, plane, points, k)
+        if d >= 0.0 and d_previous < 0.0:
+            interpolate_at_plane(points, k, d, previous, d_previous, clipped, clipped_count)
+            clipped_sources[clipped_count] = -1
+            clipped_count += 1
+        if d < 0.0 and d_previous >= 0.0:
+            interpolate_at_plane(points, previous, d_previous, k, d, clipped, clipped_count)
+            clipped_sources[clipped_count] = -1
+            clipped_count += 1
+        if d >= 0.0:
+            for axis in range(3):
+                clipped[3 * clipped_count + axis] = points[3 * k + axis]
+            clipped_sources[clipped_count] = sources[k]
+            clipped_count += 1
+        previous = k
+        d_previous = d
+    return clipped_count
+
+
+@device_function
 def clip_triangle(frame, draw, primitive, corners, polygon):
     """Compute the visible part of a triangle.
 
@@ -117,27 +149,7 @@ def clip_triangle(frame, draw, primitive, corners, polygon):
         return 0
     count = 3
     for plane in range(PLANES):
-        clipped_count = 0
-        previous = count - 1
-        d_previous = plane_distance(frame, plane, points, previous) if count > 0 else 0.0
-        for k in range(count):
-            d = plane_distance(frame, plane, points, k)
-            if d >= 0.0 and d_previous < 0.0:
-                interpolate_at_plane(points, k, d, previous, d_previous, clipped, clipped_count)
-                clipped_sources[clipped_count] = -1
-                clipped_count += 1
-            if d < 0.0 and d_previous >= 0.0:
-                interpolate_at_plane(points, previous, d_previous, k, d, clipped, clipped_count)
-                clipped_sources[clipped_count] = -1
-                clipped_count += 1
-            if d >= 0.0:
-                for axis in range(3):
-                    clipped[3 * clipped_count + axis] = points[3 * k + axis]
-                clipped_sources[clipped_count] = sources[k]
-                clipped_count += 1
-            previous = k
-            d_previous = d
-        count = clipped_count
+        count = _clip_at_plane(frame, plane, points, sources, count, clipped, clipped_sources)
         points, clipped = clipped, points
         sources, clipped_sources = clipped_sources, sources
     if count < 3:

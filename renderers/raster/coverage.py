@@ -191,7 +191,10 @@ def _draw_pixels(frame, target, pixels, begin, end):
 
 @device_function
 def _draw_pixels_in_rows(frame, target, pixels, begin, end, first_row, end_row):
-    """``_draw_pixels``, of those in some rows."""
+    """``_draw_pixels``, of those in some rows of a band."""
+    if end_row - first_row == min(BAND_ROWS, frame.height - first_row // BAND_ROWS * BAND_ROWS):
+        _draw_pixels(frame, target, pixels, begin, end)
+        return
     first_pixel, end_pixel = first_row * frame.stride, end_row * frame.stride
     for k in range(begin, end):
         if pixels[4 * k] >= first_pixel and pixels[4 * k] < end_pixel:
@@ -219,6 +222,15 @@ def _has_kept_back_faces(frame, band_index):
     return found
 
 
+@inlined
+def _depth_rule(frame, back_faces):
+    """Return the rule of ``depth_test``."""
+    if back_faces:
+        return ANY_ORDER
+    is_bounded = frame.beyond_ids != 0 or frame.before_ids != 0 or frame.earlier_ids != 0
+    return PEELED if is_bounded or frame.takes_latest != 0 else IN_ORDER
+
+
 @device_function
 def draw_rows(frame, layer, first_row, end_row, back_faces):
     """Draw everything that touches the rows of a band, or of a part of one.
@@ -229,13 +241,10 @@ def draw_rows(frame, layer, first_row, end_row, back_faces):
         back_faces: draw only the back faces that are kept, on top of the layer.
     """
     band_index = first_row // BAND_ROWS
-    is_whole_band = end_row - first_row == min(BAND_ROWS, frame.height - band_index * BAND_ROWS)
     target = _new_target()
     target.layer = layer
     target.prepared = _new_prepared()
-    in_order = not back_faces and frame.beyond_ids == 0 and frame.before_ids == 0 and frame.earlier_ids == 0
-    in_order = in_order and frame.takes_latest == 0
-    target.depth_rule = IN_ORDER if in_order else ANY_ORDER if back_faces else PEELED
+    target.depth_rule = _depth_rule(frame, back_faces)
     bin_count, bin_index = frame.bin_count, band_index
     heap = np.int64(0)
     if back_faces:
@@ -264,11 +273,7 @@ def draw_rows(frame, layer, first_row, end_row, back_faces):
             if back_faces and _is_hidden(frame, primitives[index], tiles, first_row, end_row):
                 continue
             _draw_primitive(frame, target, primitives[index], first_row, end_row)
-        pixels = tiny_pixels_of(frame, chunk)
         begin, end = np.int64(starts[bin_count + 1 + bin_index]), np.int64(starts[bin_count + 2 + bin_index])
-        if is_whole_band:
-            _draw_pixels(frame, target, pixels, begin, end)
-        else:
-            _draw_pixels_in_rows(frame, target, pixels, begin, end, first_row, end_row)
+        _draw_pixels_in_rows(frame, target, tiny_pixels_of(frame, chunk), begin, end, first_row, end_row)
     if back_faces:
         release(heap)

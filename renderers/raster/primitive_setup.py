@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from renderers.compiler.device_function import device_function
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import stack_array
 from renderers.raster.clip import (
     camera_vertex,
@@ -87,33 +87,36 @@ def set_up_large_triangle(frame, draw_index, primitive, out):
         if first_bin == 0:
             return 0, -1
     if area < 0:
-        v1, v2, w1, w2, x1, x2, y1, y2 = v2, v1, w2, w1, x2, x1, y2, y1
+        v1, v2, x1, x2, y1, y2 = v2, v1, x2, x1, y2, y1
     xy = out.xy
     xy[0], xy[1], xy[2], xy[3], xy[4], xy[5] = x0, y0, x1, y1, x2, y2
     out.kind = KIND_TRIANGLE
-    # 1/z is linear on screen: its plane goes through the vertices before snapping.
-    fx0 = np.float64(vertices[v0])
-    fy0 = np.float64(vertices[v0 + 1])
-    dx1 = np.float64(vertices[v1]) - fx0
-    dy1 = np.float64(vertices[v1 + 1]) - fy0
-    dx2 = np.float64(vertices[v2]) - fx0
-    dy2 = np.float64(vertices[v2 + 1]) - fy0
-    dw1 = np.float64(w1) - np.float64(w0)
-    dw2 = np.float64(w2) - np.float64(w0)
+    _set_inv_z_plane(out, vertices, v0, v1, v2, first_center(min(x0, x1, x2)), first_center(min(y0, y1, y2)))
+    out.inv_z_min = w_min
+    out.inv_z_max = w_max
+    return bin_range(top, bottom, first_bin)
+
+
+@inlined
+def _set_inv_z_plane(out, vertices, v0, v1, v2, box_x, box_y):
+    """Set the plane of 1/z of a BINNED. It goes through the vertices before snapping, since 1/z is linear on screen.
+
+    Args:
+        v0, v1, v2: indices of the vertices' first values.
+        box_x, box_y: first pixel of the bounding box.
+    """
+    x0, y0, w0 = np.float64(vertices[v0]), np.float64(vertices[v0 + 1]), np.float64(vertices[v0 + 2])
+    dx1, dy1 = np.float64(vertices[v1]) - x0, np.float64(vertices[v1 + 1]) - y0
+    dx2, dy2 = np.float64(vertices[v2]) - x0, np.float64(vertices[v2 + 1]) - y0
+    dw1, dw2 = np.float64(vertices[v1 + 2]) - w0, np.float64(vertices[v2 + 2]) - w0
     determinant = dx1 * dy2 - dx2 * dy1
     slope_x = 0.0
     slope_y = 0.0
     if determinant != 0.0:
         slope_x = (dw1 * dy2 - dw2 * dy1) / determinant
         slope_y = (dw2 * dx1 - dw1 * dx2) / determinant
-    box_x = np.float64(first_center(min(x0, x1, x2)))
-    box_y = np.float64(first_center(min(y0, y1, y2)))
-    out.inv_z_dx = slope_x
-    out.inv_z_dy = slope_y
-    out.inv_z_base = np.float64(w0) + (slope_x * (box_x + 0.5 - fx0) + slope_y * (box_y + 0.5 - fy0))
-    out.inv_z_min = w_min
-    out.inv_z_max = w_max
-    return bin_range(top, bottom, first_bin)
+    out.inv_z_dx, out.inv_z_dy = slope_x, slope_y
+    out.inv_z_base = w0 + (slope_x * (box_x + 0.5 - x0) + slope_y * (box_y + 0.5 - y0))
 
 
 @device_function
@@ -163,8 +166,7 @@ def _set_up_clipped_triangle(frame, draw_index, primitive, out):
 @device_function
 def set_up_line(frame, draw, primitive, out):
     """Set up a line, clipped."""
-    vertex0 = np.int64(draw.indices[2 * primitive])
-    vertex1 = np.int64(draw.indices[2 * primitive + 1])
+    vertex0, vertex1 = np.int64(draw.indices[2 * primitive]), np.int64(draw.indices[2 * primitive + 1])
     vertices = frame.vertices
     v0, v1 = 4 * (draw.first_vertex + vertex0), 4 * (draw.first_vertex + vertex1)
     w0, w1 = vertices[v0 + 2], vertices[v1 + 2]
@@ -178,8 +180,7 @@ def set_up_line(frame, draw, primitive, out):
             return 0, -1
         fx0, fy0 = project_to_pixels(frame, ends, 0)
         fx1, fy1 = project_to_pixels(frame, ends, 1)
-        w0 = np.float32(1.0 / ends[2])
-        w1 = np.float32(1.0 / ends[5])
+        w0, w1 = np.float32(1.0 / ends[2]), np.float32(1.0 / ends[5])
     else:
         fx0, fy0, fx1, fy1 = vertices[v0], vertices[v0 + 1], vertices[v1], vertices[v1 + 1]
     x0, y0, x1, y1 = snap_to_grid(fx0), snap_to_grid(fy0), snap_to_grid(fx1), snap_to_grid(fy1)
@@ -195,8 +196,7 @@ def set_up_line(frame, draw, primitive, out):
     xy[0], xy[1], xy[2], xy[3], xy[4], xy[5] = x0, y0, x1, y1, half_width, left | (top << 16)
     out.kind = KIND_LINE
     # 1/z is constant across the line and linear along it.
-    dx = np.float64(fx1) - np.float64(fx0)
-    dy = np.float64(fy1) - np.float64(fy0)
+    dx, dy = np.float64(fx1) - np.float64(fx0), np.float64(fy1) - np.float64(fy0)
     slope = (np.float64(w1) - np.float64(w0)) / (dx * dx + dy * dy)
     out.inv_z_dx = slope * dx
     out.inv_z_dy = slope * dy

@@ -8,7 +8,7 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pointers import address, advance, allocate, i32_at, release, stack_array
+from renderers.compiler.pointers import advance, allocate, i32_at, release, stack_array
 from renderers.raster.chunks import bands_of, bin_starts_of, bins_of, primitives_of, tall_of, tiny_pixels_of
 from renderers.raster.layout import (
     CHUNK,
@@ -111,16 +111,23 @@ def _share_bin(pixels, k):
     return vec.movemask(vec.load(pixels, TINY_BINS + k) == vec.i32(pixels[TINY_BINS + k])) == 255
 
 
+@inlined
+def _list_tall(ranges, count, begin_bin, end_bin, tall, tall_count):
+    """Append the primitives of more than MAX_BINS bins whose first one is in a range; return the new ``tall_count``."""
+    for k in range(count):
+        first_bin, last_bin = ranges[2 * k], ranges[2 * k + 1]
+        if last_bin - first_bin >= MAX_BINS and first_bin >= begin_bin and first_bin < end_bin:
+            tall[tall_count] = k
+            tall_count += 1
+    return tall_count
+
+
 @device_function
 def _bin_primitives(frame, chunk, memory, bin_ends):
     """Sort a chunk's primitives into bins, in which they keep their order; ``bin_ends``: bin_count int32 of scratch."""
     bin_count, band_count, count, ranges = frame.bin_count, frame.band_count, memory.count, memory.bin_ranges
-    starts, bins, tall, chunk_bands = (
-        bin_starts_of(frame, chunk),
-        bins_of(frame, chunk),
-        tall_of(frame, chunk),
-        bands_of(frame, chunk),
-    )
+    starts, bins = bin_starts_of(frame, chunk), bins_of(frame, chunk)
+    tall, chunk_bands = tall_of(frame, chunk), bands_of(frame, chunk)
     for faces in range(2):
         chunk_bands[2 * faces] = band_count
         chunk_bands[2 * faces + 1] = -1
@@ -138,23 +145,16 @@ def _bin_primitives(frame, chunk, memory, bin_ends):
         total += bin_ends[k]
         bin_ends[k] = starts[k]
     starts[bin_count] = total
-    tall_count = 0
     for k in range(count):
         first_bin, last_bin = ranges[2 * k], ranges[2 * k + 1]
         if last_bin - first_bin < MAX_BINS:
             for bin_index in range(first_bin, last_bin + 1):
                 bins[bin_ends[bin_index]] = k
                 bin_ends[bin_index] += 1
-        elif first_bin < band_count:
-            tall[tall_count] = k
-            tall_count += 1
+    tall_count = _list_tall(ranges, count, 0, band_count, tall, 0)
     starts[2 * bin_count + 2] = tall_count
     if bin_count > band_count:
-        for k in range(count):
-            first_bin, last_bin = ranges[2 * k], ranges[2 * k + 1]
-            if last_bin - first_bin >= MAX_BINS and first_bin >= band_count:
-                tall[tall_count] = k
-                tall_count += 1
+        tall_count = _list_tall(ranges, count, band_count, bin_count, tall, tall_count)
     starts[2 * bin_count + 3] = tall_count
 
 
@@ -162,7 +162,7 @@ def _bin_primitives(frame, chunk, memory, bin_ends):
 def _bin_tiny_pixels(frame, chunk, memory, bin_ends):
     """Sort a chunk's pixels of tiny triangles into bins; arguments as for ``_bin_primitives``, which comes first."""
     bin_count, count, pixels = frame.bin_count, memory.tiny_count, memory.tiny_pixels
-    starts = i32_at(address(bin_starts_of(frame, chunk)) + 4 * (bin_count + 1))
+    starts = advance(bin_starts_of(frame, chunk), bin_count + 1)
     chunk_bands, out = bands_of(frame, chunk), tiny_pixels_of(frame, chunk)
     for k in range(bin_count + 1):
         starts[k] = 0

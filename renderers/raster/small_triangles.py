@@ -15,7 +15,7 @@ bits of a mask of blocks. About half of a box is never tested.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -61,17 +61,69 @@ def box_of(triangle):
     return ((corner & 0xFFFF) ^ 0x8000) - 0x8000, corner >> 16, size & 0xFFFF, size >> 16
 
 
+class _RowEdges(NamedTuple):
+    """Three edge functions, and how they limit the columns of a row; a tuple of three f32x8 each, in all lanes."""
+
+    first: Any
+    """At row and column 0, plus a half."""
+    dy: Any
+    """Change per row."""
+    lower_scale: Any
+    """-1 over the change per column, or NaN, which limits nothing. An edge limits columns either below or above."""
+    upper_scale: Any
+
+
 @inlined
-def _limit_by_edge(lower, upper, edge, edge_dy, row, lower_scale, upper_scale):
-    """Narrow the column limits of eight rows to the inner side of one edge; all f32x8.
+def _load_edges(triangle):
+    """Return the _RowEdges of a SMALL_TRIANGLE."""
+    # All fields by two loads: a third of the instructions of one for each.
+    values = i32_at(address(triangle))
+    fields = vec.to_f32(vec.load(values, 0) >> vec.i32(8))
+    half, zero, no_limit = vec.f32(0.5), vec.f32(0.0), vec.f32(math.nan)
+    e0, e1, e2 = vec.broadcast_lane0(fields), vec.broadcast_lane1(fields), vec.broadcast_lane2(fields)
+    e0_dx, e1_dx, e0_dy = vec.broadcast_lane3(fields), vec.broadcast_lane4(fields), vec.broadcast_lane5(fields)
+    e1_dy = vec.broadcast_lane0(vec.to_f32(vec.load(values, vec.LANES) >> vec.i32(8)))
+    e2_dx, e2_dy = zero - e0_dx - e1_dx, zero - e0_dy - e1_dy
+    # Lanes 0 to 2: the changes per column.
+    lane = vec.iota()
+    edge_dx = vec.select(lane == vec.i32(0), e0_dx, vec.select(lane == vec.i32(1), e1_dx, e2_dx))
+    scale = vec.f32(-1.0) / edge_dx
+    # A horizontal edge holds for all of a row or for nothing: an infinite lower limit.
+    lower = vec.select(edge_dx >= zero, scale, no_limit)
+    upper = vec.select(edge_dx >= zero, no_limit, scale)
+    return _RowEdges(
+        first=(e0 + half, e1 + half, e2 + half),
+        dy=(e0_dy, e1_dy, e2_dy),
+        lower_scale=(vec.broadcast_lane0(lower), vec.broadcast_lane1(lower), vec.broadcast_lane2(lower)),
+        upper_scale=(vec.broadcast_lane0(upper), vec.broadcast_lane1(upper), vec.broadcast_lane2(upper)),
+    )
+
+
+@inlined
+def _covered_columns(edges, row, lower, upper):
+    """Return the first covered column of eight rows and the number of covered columns, i32x8 each.
 
     Args:
-        edge, edge_dy: the edge function at row and column 0 plus a half, and its change per row; in all lanes.
-        lower_scale, upper_scale: -1 over the edge function's change per column, or NaN, which limits nothing: one of
-            them, since an edge limits columns either below or above.
+        edges: a _RowEdges.
+        row: f32x8, counted from the box's first row.
+        lower, upper: f32x8: limits of the columns by the box and the image, minus a half.
     """
-    value = edge + edge_dy * row
-    return vec.maximum(value * lower_scale, lower), vec.minimum(value * upper_scale, upper)
+    box_upper, one = upper, vec.f32(1.0)
+    lower, upper = _limit_by_edge(lower, upper, edges, 0, row)
+    lower, upper = _limit_by_edge(lower, upper, edges, 1, row)
+    lower, upper = _limit_by_edge(lower, upper, edges, 2, row)
+    # A nearly horizontal edge may limit a row anywhere. No limit is an integer, nor (see above) nearer to one than
+    # 6e-6 where it counts; a sum below 128 is at most 4e-6 off.
+    first_column = vec.to_i32(vec.minimum(lower, box_upper) + one)
+    end_column = vec.to_i32(vec.maximum(upper + one, vec.f32(0.0)))
+    return first_column, vec.maximum(end_column - first_column, vec.i32(0))
+
+
+@inlined
+def _limit_by_edge(lower, upper, edges, k, row):
+    """Narrow the column limits of eight rows to the inner side of edge ``k`` of a _RowEdges; all f32x8."""
+    value = edges.first[k] + edges.dy[k] * row
+    return vec.maximum(value * edges.lower_scale[k], lower), vec.minimum(value * edges.upper_scale[k], upper)
 
 
 @inlined
@@ -110,42 +162,14 @@ def prepare_small(frame, triangle, first_row, end_row, prepared):
     groups = (rows + vec.LANES - 1) >> 3
     prepared_top = max(min(top, end_row - vec.LANES * groups), first_row)
 
-    # All fields by two loads: a third of the instructions of one for each.
-    values = i32_at(address(triangle))
-    fields = vec.to_f32(vec.load(values, 0) >> vec.i32(8))
-    half, zero, no_limit = vec.f32(0.5), vec.f32(0.0), vec.f32(math.nan)
-    e0, e1, e2 = (
-        vec.broadcast_lane0(fields) + half,
-        vec.broadcast_lane1(fields) + half,
-        vec.broadcast_lane2(fields) + half,
-    )
-    e0_dx, e1_dx, e0_dy = vec.broadcast_lane3(fields), vec.broadcast_lane4(fields), vec.broadcast_lane5(fields)
-    e1_dy = vec.broadcast_lane0(vec.to_f32(vec.load(values, vec.LANES) >> vec.i32(8)))
-    e2_dx, e2_dy = zero - e0_dx - e1_dx, zero - e0_dy - e1_dy
-    # Lanes 0 to 2: the changes per column.
-    lane = vec.iota()
-    edge_dx = vec.select(lane == vec.i32(0), e0_dx, vec.select(lane == vec.i32(1), e1_dx, e2_dx))
-    scale = vec.f32(-1.0) / edge_dx
-    # A horizontal edge holds for all of a row or for nothing: an infinite lower limit.
-    lower_scale = vec.select(edge_dx >= zero, scale, no_limit)
-    upper_scale = vec.select(edge_dx >= zero, no_limit, scale)
-    lower0, upper0 = vec.broadcast_lane0(lower_scale), vec.broadcast_lane0(upper_scale)
-    lower1, upper1 = vec.broadcast_lane1(lower_scale), vec.broadcast_lane1(upper_scale)
-    lower2, upper2 = vec.broadcast_lane2(lower_scale), vec.broadcast_lane2(upper_scale)
+    edges = _load_edges(triangle)
     plane = vec.load(f32_at(address(triangle)), vec.LANES)
     inv_z_base, inv_z_dy = vec.broadcast_lane3(plane), vec.broadcast_lane5(plane)
-    row = vec.to_f32(vec.i32(prepared_top - box_y) + lane)
-    one, box_lower, box_upper = vec.f32(1.0), vec.f32(left - box_x) - half, vec.f32(right - box_x) - half
+    row = vec.to_f32(vec.i32(prepared_top - box_y) + vec.iota())
+    box_lower, box_upper = vec.f32(left - box_x) - vec.f32(0.5), vec.f32(right - box_x) - vec.f32(0.5)
     blocks, ninth_blocks = np.int64(0), np.int64(0)
     for group in range(groups):
-        lower, upper = _limit_by_edge(box_lower, box_upper, e0, e0_dy, row, lower0, upper0)
-        lower, upper = _limit_by_edge(lower, upper, e1, e1_dy, row, lower1, upper1)
-        lower, upper = _limit_by_edge(lower, upper, e2, e2_dy, row, lower2, upper2)
-        # A nearly horizontal edge may limit a row anywhere. No limit is an integer, nor (see above) nearer to one than
-        # 6e-6 where it counts; a sum below 128 is at most 4e-6 off.
-        first_column = vec.to_i32(vec.minimum(lower, box_upper) + one)
-        end_column = vec.to_i32(vec.maximum(upper + one, zero))
-        column_count = vec.maximum(end_column - first_column, vec.i32(0))
+        first_column, column_count = _covered_columns(edges, row, box_lower, box_upper)
         vec.store(prepared.row_first_column, vec.LANES * group, first_column)
         vec.store(prepared.row_column_count, vec.LANES * group, column_count)
         group_blocks, group_ninth = _block_masks(first_column - vec.i32(block_x_in_box), column_count)

@@ -238,11 +238,7 @@ def _set_up_eight(frame, draw_index, vertices, first, lanes, memory):
     gy = _select3(counter_clockwise, (gy[0], gy[2], gy[1]), gy)
     edges = _edge_functions(gx, gy, box)
     inv_z = _inv_z_plane(x, y, w, box)
-    tiny = small & (width <= vec.i32(TINY_SIDE)) & (height <= vec.i32(TINY_SIDE))
-    tiny = tiny & (box.left >= zero) & (box.right <= vec.i32(frame.width))
-    tiny = tiny & (box.top >= zero) & (box.bottom <= vec.i32(frame.height))
-    if memory.tiny_count > MAX_TINY_PIXELS - vec.LANES * TINY_SIDE * TINY_SIDE or frame.sample_reach != 0:
-        tiny = tiny & (zero < zero)  # no room left, or several samples
+    tiny = small & _is_tiny(frame, box, memory.tiny_count)
     ids = vec.i32(draw.first_id + first) + vec.iota()
     if vec.movemask(tiny) != 0:
         _rasterize_tiny(frame, tiny, is_back, ids, box, edges, inv_z, memory)
@@ -251,6 +247,18 @@ def _set_up_eight(frame, draw_index, vertices, first, lanes, memory):
         _store_columns(memory.columns, ids, box, edges, inv_z)
     if small_lanes | large != 0:
         _append_primitives(frame, draw_index, first, small_lanes, large, vec.movemask(is_back), memory)
+
+
+@inlined
+def _is_tiny(frame, box, pixel_count):
+    """Return m8: boxes of at most TINY_SIDE x TINY_SIDE pixels, all in the image, if there is room for their pixels."""
+    zero = vec.i32(0)
+    tiny = (box.right - box.left <= vec.i32(TINY_SIDE)) & (box.bottom - box.top <= vec.i32(TINY_SIDE))
+    tiny = tiny & (box.left >= zero) & (box.right <= vec.i32(frame.width))
+    tiny = tiny & (box.top >= zero) & (box.bottom <= vec.i32(frame.height))
+    if pixel_count > MAX_TINY_PIXELS - vec.LANES * TINY_SIDE * TINY_SIDE or frame.sample_reach != 0:
+        tiny = tiny & (zero < zero)  # no room left, or several samples
+    return tiny
 
 
 @inlined

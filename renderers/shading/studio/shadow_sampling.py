@@ -80,6 +80,13 @@ def _filtered(inv_z, side, radius, first_texel, plane, plane_du, plane_dv, fu, f
     return total / vec.f32((2 * radius + 1) * (2 * radius + 1))
 
 
+@inlined
+def _is_within(u, v, radius, side):
+    """Return m8: positions in the map around which all texels of the filter are; also of loads of eight columns."""
+    lower, upper = vec.f64(radius + 1.0), vec.f64(side - radius - 2.0)
+    return (u > lower) & (u < upper) & (v > lower) & (v < upper)
+
+
 @device_function
 def unshadowed_share(shadow_map, radius, point, normal):
     """Return the share of a light that reaches points, f32x8, 0 .. 1; 1 outside of the map.
@@ -107,9 +114,7 @@ def unshadowed_share(shadow_map, radius, point, normal):
     focal_length, center, half = vec.f64(shadow_map.focal_length), vec.f64(shadow_map.center), vec.f64(0.5)
     u, v = focal_length * px * inv_z + center, focal_length * py * inv_z + center
     side = shadow_map.side
-    # The margin also keeps loads of eight columns within the map.
-    lower, upper = vec.f64(radius + 1.0), vec.f64(side - radius - 2.0)
-    is_inside = is_ahead & (u > lower) & (u < upper) & (v > lower) & (v < upper)
+    is_inside = is_ahead & _is_within(u, v, radius, side)
     u, v = vec.select(is_inside, u, center) - half, vec.select(is_inside, v, center) - half
     # For a plane l.p = d, 1/z = l.ray / d, which is linear over the map.
     d = lx * px + ly * py + lz * pz
@@ -122,15 +127,7 @@ def unshadowed_share(shadow_map, radius, point, normal):
     plane = inv_z - plane_du * (radius_f64 + fu) - plane_dv * (radius_f64 + fv)
     radius_i32 = vec.i32(radius)
     first_texel = (vec.to_i32(j) - radius_i32) * vec.i32(side) + vec.to_i32(i) - radius_i32
-    share = _filtered(
-        shadow_map.inv_z,
-        side,
-        radius,
-        first_texel,
-        vec.to_f32(plane),
-        vec.to_f32(plane_du),
-        vec.to_f32(plane_dv),
-        vec.to_f32(fu),
-        vec.to_f32(fv),
-    )
+    plane, plane_du, plane_dv = vec.to_f32(plane), vec.to_f32(plane_du), vec.to_f32(plane_dv)
+    fu, fv = vec.to_f32(fu), vec.to_f32(fv)
+    share = _filtered(shadow_map.inv_z, side, radius, first_texel, plane, plane_du, plane_dv, fu, fv)
     return vec.select(is_inside, share, vec.f32(1.0))
