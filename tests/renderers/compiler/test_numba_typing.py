@@ -26,7 +26,7 @@ minutes = Minutes()
 
 
 @_extending.register_model(Minutes)
-class _Model(_extending.models.PrimitiveModel):
+class _Model(_extending.models.PrimitiveModel):  # type: ignore[misc]  # Numba has no stubs for it
     def __init__(self, manager: Any, numba_type: Minutes) -> None:
         super().__init__(manager, numba_type, _I64.as_pointer())
 
