@@ -67,21 +67,21 @@ _FORMATS: Final = (
 )
 
 NEEDED: Final[Mapping[str, Part]] = {
-    "shading": Part(125, ("renderers.shading",), excluding=(*_STUDIO, *_NORMALS)),
+    "shading": Part(145, ("renderers.shading",), excluding=(*_STUDIO, *_NORMALS)),
     "raster": Part(
-        95,
+        105,
         ("renderers",),
         excluding=("renderers.shading", "renderers.stereo", *_STUDIO, *_ANTIALIASING, *_NORMALS, *_SETUP),
     ),
-    "setup": Part(55, _SETUP),
+    "setup": Part(75, _SETUP),
 }
 """Parts that the default settings need; the longest first, so that the children end at about the same time."""
 BACKGROUND: Final[Mapping[str, Part]] = {
-    "formats": Part(20, _FORMATS, modules=_FORMATS),
-    "studio": Part(135, _STUDIO),
-    "stereo": Part(60, ("renderers.stereo",), modules=("renderers.stereo",)),
+    "formats": Part(35, _FORMATS, modules=_FORMATS),
+    "studio": Part(165, _STUDIO),
+    "stereo": Part(105, ("renderers.stereo",), modules=("renderers.stereo",)),
     "normals": Part(35, _NORMALS),
-    "antialiasing": Part(55, _ANTIALIASING),
+    "antialiasing": Part(65, _ANTIALIASING),
 }
 """Parts that are compiled after the server is ready: first what published meshes need, then the longest first."""
 PARTS: Final[Mapping[str, Part]] = {**NEEDED, **BACKGROUND}
