@@ -16,7 +16,7 @@ from gateway.assets.scene_file import FolderFiles, SceneFileError
 from gateway.datasets.objects import SceneObject, objects_of
 from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import usable_camera
-from gateway.gltf import GltfCamera
+from gateway.gltf import GltfCamera, read_mesh_names
 from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest, read_form
@@ -35,7 +35,7 @@ from gateway.treeviewer.apply import RequestApplier
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.json_reader import JsonReader
 from gateway.treeviewer.quota import TreeQuota
-from renderers.drawlist import DrawList
+from renderers.drawlist import DrawList, Light
 from renderers.interface import LookName
 from scenegate.datasets import manifest
 from scenegate.warning_text import strict_refusal
@@ -105,6 +105,16 @@ def load_scene(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> Loade
         raise SceneError(str(error)) from None
 
 
+def model_names(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> frozenset[str]:
+    """Return the names of the models of a scene's objects; empty if the scene cannot be loaded. glTF files are fast."""
+    try:
+        if source.kind is SourceKind.GLTF:
+            return read_mesh_names(FolderFiles(Path(source.path)).read_scene())
+        return frozenset(each.model for each in load_scene(source, options).objects)
+    except (OSError, ValueError):
+        return frozenset()
+
+
 def _load_file(source: Source, files: FolderFiles, options: SceneOptions) -> LoadedScene:
     """Load a glTF file, a mesh or a robot."""
     scene = read_scene(Path(source.path), options)
@@ -115,7 +125,7 @@ def _load_file(source: Source, files: FolderFiles, options: SceneOptions) -> Loa
     draw_list = replace(draw_list, lights=scene.lights)
     file_camera, flaws = usable_camera(scene.cameras, draw_list)
     warnings = (*scene.warnings, *flaws, *scene.notes)
-    description = _describe(source, scene.digests, labels, scene.generator, warnings)
+    description = _describe(source, scene.digests, labels, scene.generator, warnings, scene.lights)
     return LoadedScene(
         scene.root, draw_list, file_camera, look, None, description, objects_of(scene.root, scene.models)
     )
@@ -205,7 +215,12 @@ def _flatten_with_drake_labels(root: Node) -> tuple[DrawList, Labels]:
 
 
 def _describe(
-    source: Source, digests: Mapping[str, str], labels: Labels, generator: str = "", warnings: tuple[str, ...] = ()
+    source: Source,
+    digests: Mapping[str, str],
+    labels: Labels,
+    generator: str = "",
+    warnings: tuple[str, ...] = (),
+    lights: tuple[Light, ...] = (),
 ) -> manifest.SceneRecord:
     """Return the description of a scene. ``digests`` has those of the files that were read."""
     scene_file = Path(source.path).name
@@ -217,7 +232,17 @@ def _describe(
         sources=sources,
         generator=_utf8(generator),
         warnings=tuple(_utf8(text) for text in warnings),
-        labels={str(label): tuple(_utf8_path(path) for path in paths) for label, paths in labels.items()},
+        labels={str(label): tuple(utf8_path(path) for path in paths) for label, paths in labels.items()},
+        lights=tuple(
+            manifest.LightRecord(
+                kind=light.kind.value,
+                color=light.color,
+                intensity=light.intensity,
+                position=light.position,
+                direction=light.direction,
+            )
+            for light in lights
+        ),
     )
 
 
@@ -227,7 +252,7 @@ def scene_digest(sources: tuple[manifest.SourceFile, ...]) -> str:
     return hashlib.sha256(file_list.encode()).hexdigest()
 
 
-def _utf8_path(path: TreePath) -> TreePath:
+def utf8_path(path: TreePath) -> TreePath:
     """Return a path whose names can be encoded as UTF-8."""
     return tuple(_utf8(name) if isinstance(name, str) else name for name in path)
 

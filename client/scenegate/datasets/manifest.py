@@ -99,6 +99,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Up axis of the glTF meshes of robot files: ``y``, ``z`` or ``auto``."""
     classes_sha256: str | None = None
     """SHA-256 of the file with the classes; None: a class for each model."""
+    baseline: float = 0.0
+    """Distance of the right camera of ``stereo`` images in metres."""
     strict: bool = False
     """True: a scene with a warning is not rendered."""
 
