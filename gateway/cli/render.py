@@ -231,9 +231,7 @@ def _parse_types(text: str) -> tuple[ImageType, ...]:
 
     wanted = {part.strip() for part in text.split(",") if part.strip()}
     if not wanted or not wanted <= {*IMAGE_TYPES}:
-        raise ValueError(
-            f"--type {text[:80]!r}: must be some of {', '.join(IMAGE_TYPES)}, separated by commas"
-        )
+        raise ValueError(f"--type {text[:80]!r}: must be some of {', '.join(IMAGE_TYPES)}, separated by commas")
     return tuple(name for name in IMAGE_TYPES if name in wanted)
 
 

@@ -92,9 +92,10 @@ def annotate(
     image = _Window(0, 0, camera.width, camera.height)
     records: list[ObjectRecord] = []
     counts: dict[str, tuple[int, ...]] = {}
+    X_camera_world = camera.X_camera_world
     for each in scene.objects:
         check_stop()
-        X_camera_object = camera.X_camera_world @ each.frame.X_world_object
+        X_camera_object = X_camera_world @ each.frame.X_world_object
         window, farthest = _window_of(each, X_camera_object, camera)
         inside = window.intersection(image)
         if inside.is_empty:
