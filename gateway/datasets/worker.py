@@ -41,6 +41,7 @@ from scenegate.datasets.manifest import (
     ObjectRecord,
     SampleRecord,
 )
+from scenegate.regular_files import sha256_of
 
 T = TypeVar("T")
 
@@ -173,7 +174,7 @@ def _annotate_cached(scene: LoadedScene, classes: ClassTable, out: str) -> Annot
 
     def save(record: ModelRecord, data: bytes) -> None:
         path = Path(out) / record.path
-        if not path.is_file():
+        if sha256_of(path) != record.sha256:
             write_atomically(path, data)
 
     return annotate_scene(scene, classes, save)

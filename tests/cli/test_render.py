@@ -20,7 +20,7 @@ def test_types_are_in_a_fixed_order() -> None:
 
 @pytest.mark.parametrize("text", ["", ",", "colour", "color,normals"])
 def test_unknown_types_are_rejected(text: str) -> None:
-    with pytest.raises(ValueError, match=r"--type '.*': must be color, depth or label"):
+    with pytest.raises(ValueError, match=r"--type '.*': must be some of color, depth, label, instance"):
         _parse_types(text)
 
 
@@ -84,6 +84,19 @@ def test_an_existing_folder_may_have_the_suffix_of_an_image(
     file, folder = scenes
     result = render(monkeypatch, file, file, "-o", folder)
     assert type(result.exception).__name__ == "KernelsNeeded"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--type", "stereo"), "stereo images need --baseline METRES, and nothing else does"),
+        (("--type", "color", "--baseline", "0.1"), "stereo images need --baseline METRES, and nothing else does"),
+    ],
+)
+def test_the_baseline_is_that_of_stereo_images(
+    monkeypatch: pytest.MonkeyPatch, scenes: tuple[str, str], arguments: tuple[str, ...], sentence: str
+) -> None:
+    assert str(render(monkeypatch, scenes[0], "-o", "out", *arguments).exception) == sentence
 
 
 def test_a_rig_for_another_look_is_a_warning(monkeypatch: pytest.MonkeyPatch, scenes: tuple[str, str]) -> None:
