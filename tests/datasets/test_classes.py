@@ -63,6 +63,21 @@ def test_objects_without_a_class(tmp_path: Path) -> None:
     assert [class_of(table, "s", ("n",), model) for model in ("a", "b1", "c", "A")] == [1, 1, 0, 0]
 
 
+def test_whole_nodes(tmp_path: Path) -> None:
+    path = tmp_path / "classes.toml"
+    path.write_text(
+        '[[class]]\nname = "a"\nfile = "*.glb"\npath = "x/*"\nwhole = true\n[[class]]\nname = "b"\npath = "*"'
+    )
+    table, _ = read_classes(path)
+    is_whole = table.whole_nodes("s.glb")
+    assert is_whole is not None
+    assert [is_whole(node) for node in (("x",), ("x", "y"), ("x", "y", 3), ("y",))] == [False, True, True, False]
+    other_scene = table.whole_nodes("s.urdf")
+    assert other_scene is not None
+    assert not other_scene(("x", "y"))
+    assert classes_of_models(["a"]).whole_nodes("s.glb") is None
+
+
 def test_without_a_file_each_model_is_a_class(monkeypatch: pytest.MonkeyPatch) -> None:
     table = classes_of_models(["b", "a", "b"])
     assert table.names == {"1": "a", "2": "b"}
@@ -85,6 +100,8 @@ def test_without_a_file_each_model_is_a_class(monkeypatch: pytest.MonkeyPatch) -
         ('[[class]]\nname = "a"\nid = 0\nmodel = "a"', ">= 1"),
         ('[[class]]\nname = "a"\nid = 65536\nmodel = "a"', "<= 65535"),
         ('[[class]]\nname = "a"\nmodels = "a"', "unknown field `models`"),
+        ('[[class]]\nname = "a"\nwhole = true\nfile = "a"', r"class\[0\] \(a\).whole needs a path, and no model"),
+        ('[[class]]\nname = "a"\nwhole = true\npath = "a"\nmodel = "m"', r"class\[0\] \(a\).whole needs a path"),
         (
             '[[class]]\nname = "a"\nid = 1\nmodel = "a"\n[[class]]\nname = "a"\nid = 2\nmodel = "b"',
             r"class\[1\] \(a\).id = 2: the class has the id 1",

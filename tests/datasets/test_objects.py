@@ -10,9 +10,9 @@ import pytest
 import trimesh
 
 from gateway.datasets.annotated_scene import AnnotatedScene, annotate_scene
-from gateway.datasets.classes import classes_of_models
+from gateway.datasets.classes import classes_of_models, read_classes
 from gateway.datasets.models import make_model
-from gateway.datasets.objects import SceneObject, object_frame, objects_of, owner_numbers
+from gateway.datasets.objects import SceneObject, joined_objects, object_frame, objects_of, owner_numbers
 from gateway.datasets.scenes import LoadedScene, load_scene, model_names
 from gateway.datasets.sources import find_sources
 from gateway.robots.scene_files import SceneOptions
@@ -147,6 +147,31 @@ def test_an_object_owns_its_subtree_without_the_objects_below() -> None:
     owners = owner_numbers(root, {("outer",): 1, ("outer", "inner"): 2})
     assert owners.tolist() == [1, 2, 2, 1, 0]
     assert owner_numbers(root, {("outer",): 1, ("outer", "inner"): 0}).tolist() == [1, 0, 0, 1, 0]
+
+
+def test_whole_nodes_are_one_object() -> None:
+    """The topmost node that matches; a node with a mesh of its own, too."""
+    paths = [("cell", "arm"), ("cell", "arm", "hand"), ("cell", "arm", "hand", "tip"), ("cell", "ball", "a"), ("wall",)]
+    objects = tuple(SceneObject(path, f"model of {path[-1]}") for path in paths)
+    assert joined_objects(objects, None) is objects
+    joined = joined_objects(objects, lambda path: path[-1] in ("arm", "hand", "ball"))
+    assert joined == (
+        SceneObject(("cell", "arm"), "model of arm"),
+        SceneObject(("cell", "ball"), "ball"),
+        SceneObject(("wall",), "model of wall"),
+    )
+
+
+def test_a_whole_robot_has_one_pose_and_model(scenes: Path) -> None:
+    links = LINK.format("base") + LINK.format("tip").replace("<geometry>", '<origin xyz="2 0 0"/><geometry>')
+    (scenes / "arm.urdf").write_text(f'<robot name="arm">{links}{JOINT.format("tip", "tip")}</robot>')
+    file = scenes / "classes.toml"
+    file.write_text('[[class]]\nname = "robot"\npath = "arm"\nwhole = true')
+    (source,) = [source for source in find_sources([scenes]) if source.name == "arm.urdf"]
+    (each,) = annotate_scene(load_scene(source), read_classes(file)[0], lambda record, data: None).objects
+    assert (each.path, each.model, each.class_id) == (("arm",), "arm", 1)
+    np.testing.assert_allclose(each.box, ((-0.5, -0.5, -0.5), (2.5, 0.5, 0.5)))
+    assert len(each.draw_list.instances) == 2
 
 
 def test_models_of_one_name_and_other_geometry_get_other_names(tmp_path: Path) -> None:
