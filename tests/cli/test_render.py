@@ -89,11 +89,17 @@ def test_an_existing_folder_may_have_the_suffix_of_an_image(
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--type", "stereo"), "stereo images need --baseline METRES, and nothing else does"),
-        (("--type", "color", "--baseline", "0.1"), "stereo images need --baseline METRES, and nothing else does"),
+        (("--type", "stereo"), "stereo images need --baseline METRES or --stereo-profile NAME"),
+        (("--type", "color", "--baseline", "0.1"), "--baseline and --stereo-profile are for --type stereo or measured"),
+        (("--stereo-profile", "rgbd"), "--baseline and --stereo-profile are for --type stereo or measured"),
+        (("--type", "measured", "--baseline", "0.1"), "measured images need --stereo-profile NAME"),
+        (
+            ("--type", "stereo", "--baseline", "0.1", "--stereo-profile", "rgbd"),
+            "--stereo-profile has a baseline: leave out --baseline",
+        ),
     ],
 )
-def test_the_baseline_is_that_of_stereo_images(
+def test_baselines_and_profiles_are_for_stereo_images(
     monkeypatch: pytest.MonkeyPatch, scenes: tuple[str, str], arguments: tuple[str, ...], sentence: str
 ) -> None:
     assert str(render(monkeypatch, scenes[0], "-o", "out", *arguments).exception) == sentence

@@ -27,7 +27,8 @@ from tests.datasets.conftest import SETTINGS, Draw, contents, job_of
 from tests.datasets.plates import Plate, write_plates
 from tests.datasets.test_check import edit, replace_image
 
-ALL = msgspec.structs.replace(SETTINGS, types=IMAGE_TYPES, baseline=0.1, up="z")
+TYPES = tuple(image_type for image_type in IMAGE_TYPES if image_type != "measured")
+ALL = msgspec.structs.replace(SETTINGS, types=TYPES, baseline=0.1, up="z")
 VIEWS = tuple(View(f"v{k}", f"eye={k / 4},0,0;target={k / 4},0,4;up=0,-1,0;fovy=60") for k in range(3))
 
 
@@ -36,8 +37,8 @@ def plates_job(folder: Path, out: Path, **changes: object) -> Job:
     (folder / "plates").mkdir(exist_ok=True)
     plates = [Plate("far", mesh="b"), Plate("near", (0.5, 0.0, 2.0), "a"), Plate("c", (-1.0, 0.0, 4.0))]
     write_plates(folder / "plates" / "p.gltf", plates)
-    cameras = CameraFile(VIEWS)
-    return job_of(folder / "plates", out, orbit=0, cameras=cameras, **{"settings": ALL, **changes})  # type: ignore[arg-type]
+    values = {"settings": ALL, "cameras": CameraFile(VIEWS), **changes}
+    return job_of(folder / "plates", out, orbit=0, **values)  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -92,6 +93,22 @@ def test_poses_and_models_put_points_into_the_image(dataset: Path) -> None:
             x, y, width, height = each.box_amodal
             np.testing.assert_allclose(pixels, ((x, y), (x + width, y + height)), atol=0.51)
             np.testing.assert_allclose(sample.X_world_camera @ X, each.X_world_object, atol=1e-9)
+
+
+def test_measured_depth_of_a_profile(tmp_path: Path, draw: Draw) -> None:
+    profile = tmp_path / "small.toml"
+    stereo = "[stereo]\nsize = [64, 48]\nfocal_length = 40.0\nbaseline = 0.2\n"
+    profile.write_text(f'name = "s"\n{stereo}[projector]\noutput = "High"')
+    settings = msgspec.structs.replace(ALL, types=("depth", "measured"), stereo_profile=str(profile))
+    wall = write_plates(tmp_path / "wall.gltf", [Plate("wall", (0.0, 0.0, 2.0), node={"scale": [20.0, 20.0, 1.0]})])
+    job = job_of(wall, tmp_path / "out", orbit=0, settings=settings, cameras=CameraFile(VIEWS[:1]))
+    assert not draw(job).failures
+    (sample,) = Dataset(tmp_path / "out")
+    assert sample.K.tolist() == [[40, 0, 32], [0, 40, 24], [0, 0, 1]]
+    both = np.isfinite(sample.measured) & np.isfinite(sample.depth)
+    assert both.sum() > 500
+    assert np.abs(sample.measured - sample.depth)[both].max() < 1.0
+    assert check_dataset(tmp_path / "out", 1).problems == []
 
 
 def test_there_are_no_objects_without_their_images(tmp_path: Path, draw: Draw) -> None:

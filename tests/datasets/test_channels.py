@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from gateway.datasets.rendering import Shot, Style, render_sample
 from gateway.datasets.scenes import LoadedScene
 from gateway.datasets.second_view import flow_between, flow_file, right_camera
+from gateway.datasets.stereo_sensor import StereoSensor, cached_profile, intrinsics_of
+from gateway.datasets.views import Intrinsics
+from gateway.scene.cameras import CameraError
 from renderers.camera import Camera
 from renderers.light_rig import Rig
 from renderers.raster import CpuRenderer
@@ -162,3 +165,39 @@ def test_the_right_image_is_shifted_by_the_disparity(renderer: CpuRenderer, path
     X = np.eye(4)
     X[:3, :3] = cv2.Rodrigues(np.array((0.3, 0.2, 0.1)))[0]
     np.testing.assert_allclose(right_camera(plate_camera(X_world_camera=X), 0.5).X_world_camera[:3, 3], X[:3, 0] * 0.5)
+
+
+PROFILE = """
+name = "small"
+[stereo]
+size = [64, 48]
+focal_length = 40.0
+baseline = 0.2
+[depth]
+disparity_error = 0.1
+[projector]
+output = "High"
+"""
+
+
+def test_measured_depth_has_the_errors_of_a_profile(renderer: CpuRenderer, path: Path, tmp_path: Path) -> None:
+    """At 2 m, the disparity is 4 pixels; its error of 0.1 pixels is 2.5 % of the depth."""
+    (tmp_path / "small.toml").write_text(PROFILE)
+    profile = cached_profile(str(tmp_path / "small.toml"))
+    scene = wall(path, 2.0)
+
+    def measured(number: int, camera: Camera) -> NDArray[np.uint16]:
+        shot = Shot(scene, camera, sensor=StereoSensor(profile, renderer), number=number)
+        images, _ = render_sample(renderer, shot, {"measured": "png"}, Style())
+        return np.asarray(cv2.imdecode(np.frombuffer(images["measured"], np.uint8), cv2.IMREAD_UNCHANGED), np.uint16)
+
+    first = measured(1, plate_camera())
+    seen = first[first > 0]
+    assert len(seen) > first.size / 4
+    assert abs(np.median(seen) - 2000) < 50
+    assert 5 < seen.std() < 300
+    np.testing.assert_array_equal(measured(1, plate_camera()), first)
+    assert (measured(2, plate_camera()) != first).any()
+    with pytest.raises(CameraError, match="the size and lens of --stereo-profile"):
+        measured(1, plate_camera(fx=41.0))
+    assert intrinsics_of(profile) == Intrinsics(64, 48, fy=40.0, cx=32.0, cy=24.0)
