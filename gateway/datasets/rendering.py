@@ -151,8 +151,8 @@ def render_sample(
 ) -> tuple[dict[ImageType, bytes], tuple[ObjectRecord, ...]]:
     """Render the images of a sample; return them encoded, by type, and the annotated objects.
 
-    One call of the renderer makes all but ``albedo``, ``stereo`` and ``measured``. Objects that others may hide take one
-    more each. There is no ``flow`` without a next camera.
+    One call of the renderer makes all but ``albedo``, ``stereo`` and ``measured``. Objects that others may hide take
+    one more each. There is no ``flow`` without a next camera.
 
     Args:
         renderer: renders the images.

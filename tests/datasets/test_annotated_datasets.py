@@ -107,7 +107,7 @@ def test_measured_depth_of_a_profile(tmp_path: Path, draw: Draw) -> None:
     assert sample.K.tolist() == [[40, 0, 32], [0, 40, 24], [0, 0, 1]]
     both = np.isfinite(sample.measured) & np.isfinite(sample.depth)
     assert both.sum() > 500
-    assert np.abs(sample.measured - sample.depth)[both].max() < 1.0
+    assert np.median(np.abs(sample.measured - sample.depth)[both]) < 0.2  # 0.25 pixels are 125 mm at 2 m
     assert check_dataset(tmp_path / "out", 1).problems == []
 
 
