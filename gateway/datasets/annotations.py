@@ -17,7 +17,7 @@ from renderers.camera import Camera
 from renderers.interface import Frame, Look, Output, Renderer
 from renderers.raster.layout import MAX_SIDE
 from renderers.stop import check_stop
-from scenegate.datasets.manifest import Masks, ObjectRecord, Pose
+from scenegate.datasets.manifest import Masks, ObjectRecord, Pose, box_of
 
 T = TypeVar("T", bound=np.generic)
 
@@ -54,11 +54,8 @@ class _Window:
 
     def box_of(self, mask: NDArray[np.bool_]) -> tuple[int, int, int, int] | None:
         """Return the box (x, y, width, height) of the pixels of a mask of this window; None if there are none."""
-        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-        if not len(rows):
-            return None
-        width, height = int(columns[-1] - columns[0]) + 1, int(rows[-1] - rows[0]) + 1
-        return self.left + int(columns[0]), self.top + int(rows[0]), width, height
+        box = box_of(mask)
+        return None if box is None else (self.left + box[0], self.top + box[1], *box[2:])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
