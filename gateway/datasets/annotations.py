@@ -145,13 +145,12 @@ def _window_of(each: AnnotatedObject, X_camera_object: NDArray[np.float64], came
     if farthest < camera.near or z.min() > camera.far:
         return _Window(0, 0, 0, 0), farthest
     limit = farthest * (1.0 + _DEPTH_TOLERANCE) - camera.depth_origin
-    if z.min() < camera.near:
+    if z.min() < camera.near or not np.isfinite(corners).all():
         return canvas, limit
-    columns = camera.fx * corners[:, 0] / z + camera.cx
-    rows = camera.fy * corners[:, 1] / z + camera.cy
-    lowest = np.floor((columns.min(), rows.min())) - each.margin
-    highest = np.ceil((columns.max(), rows.max())) + each.margin
-    left, top, right, bottom = np.clip((*lowest, *highest), -MAX_SIDE, 2 * MAX_SIDE).astype(int).tolist()
+    pixels = corners[:, :2] / z[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    first = np.floor(pixels.min(axis=0)) - each.margin
+    last = np.ceil(pixels.max(axis=0)) + each.margin
+    left, top, right, bottom = np.clip((*first, *last), -MAX_SIDE, 2 * MAX_SIDE).astype(int).tolist()
     return _Window(left, top, right, bottom).intersection(canvas), limit
 
 
