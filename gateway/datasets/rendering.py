@@ -5,14 +5,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache, reduce
 from operator import or_
 from pathlib import Path
 from typing import Final, Literal
 
+import msgspec
+import numpy as np
+
 from gateway.assets.light_rig_file import NO_LIGHT, read_rig
+from gateway.datasets.annotated_scene import AnnotatedScene
+from gateway.datasets.annotations import ANNOTATION_OUTPUTS, annotate
+from gateway.datasets.base_color import BASE_COLOR_LOOK, unlit
 from gateway.datasets.scenes import LoadedScene
+from gateway.datasets.second_view import flow_between, flow_file, right_camera
+from gateway.datasets.stereo_sensor import StereoSensor
 from gateway.render.camera import camera_of
 from gateway.render.config import LookChoice, RenderConfig
 from gateway.render.form import RenderRequest
@@ -24,14 +33,27 @@ from renderers.encode import jpeg_rgb, png_gray16, png_label, png_rgb, tiff_floa
 from renderers.fxaa import fxaa
 from renderers.interface import Frame, Look, LookName, Output, Renderer, SampleCount
 from renderers.light_rig import STUDIO, Rig
-from scenegate.datasets.manifest import ImageType, Settings
+from scenegate.datasets.manifest import ImageType, ObjectRecord, Settings
 
-OUTPUTS: Final[dict[ImageType, Output]] = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
-"""The renderer's output for each type of image."""
+OUTPUTS: Final[dict[ImageType, Output]] = {
+    "color": Output.COLOR,
+    "depth": Output.DEPTH,
+    "label": Output.LABEL,
+    "normal": Output.NORMAL,
+}
+"""The renderer's output for each type of image that is one."""
 IMAGE_FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
     "color": ("png", "jpg", "jpeg"),
     "depth": ("tiff", "tif", "png"),
     "label": ("png",),
+    "instance": ("png",),
+    "class": ("png",),
+    "normal": ("png",),
+    "albedo": ("png",),
+    "amodal": ("json",),
+    "flow": ("flo",),
+    "stereo": ("png",),
+    "measured": ("png",),
 }
 """Suffixes of the file formats of each type of image. The first is the default."""
 
@@ -96,15 +118,42 @@ def _rig(path: str) -> Rig:
     return read_rig(Path(path))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Shot:
+    """What a sample is rendered from."""
+
+    scene: LoadedScene
+    camera: Camera
+    annotated: AnnotatedScene | None = None
+    """Objects of the scene; None: samples are not annotated."""
+    next_camera: Camera | None = None
+    """Camera of the next view, for ``flow``; None: there is none."""
+    baseline: float = 0.0
+    """Distance of the right camera in metres, for ``stereo``."""
+    sensor: StereoSensor | None = None
+    """Camera that measures depth, for ``measured``."""
+    number: int = 0
+    """Seed of the noise of the sensor."""
+
+
 def render_images(
-    renderer: Renderer, scene: LoadedScene, camera: Camera, formats: dict[ImageType, str], style: Style
+    renderer: Renderer, scene: LoadedScene, camera: Camera, formats: Mapping[ImageType, str], style: Style
 ) -> dict[ImageType, bytes]:
-    """Render the images of a scene with one call of the renderer; return them encoded, by type.
+    """Render images of a scene that need neither objects nor a second camera; as ``render_sample``."""
+    return render_sample(renderer, Shot(scene, camera), formats, style)[0]
+
+
+def render_sample(
+    renderer: Renderer, shot: Shot, formats: Mapping[ImageType, str], style: Style
+) -> tuple[dict[ImageType, bytes], tuple[ObjectRecord, ...]]:
+    """Render the images of a sample; return them encoded, by type, and the annotated objects.
+
+    One call of the renderer makes all but ``albedo``, ``stereo`` and ``measured``. Objects that others may hide take
+    one more each. There is no ``flow`` without a next camera.
 
     Args:
         renderer: renders the images.
-        scene: the scene.
-        camera: the camera.
+        shot: scene and cameras.
         formats: file format of each type of image to render, one of ``IMAGE_FORMATS``.
         style: shading of the colour image.
 
@@ -112,27 +161,67 @@ def render_images(
         ImageError: a texture cannot be decoded.
         ValueError: the image is larger than the renderer's limit.
     """
+    scene, camera = shot.scene, shot.camera
+    look = _look_of(scene, style)
+    outputs = reduce(or_, (OUTPUTS.get(image_type, Output(0)) for image_type in formats))
+    if shot.annotated is not None:
+        outputs |= ANNOTATION_OUTPUTS
+    if "flow" in formats:
+        outputs |= Output.DEPTH
+    frame = renderer.render(scene.draw_list, camera, outputs, look) if outputs else Frame()
+    _smooth(frame, scene, look, style)
+    images = {name: _encode(frame, name, file_format) for name, file_format in formats.items() if name in OUTPUTS}
+    if "albedo" in formats:
+        albedo = renderer.render(unlit(scene.draw_list, look), camera, Output.COLOR, BASE_COLOR_LOOK)
+        images["albedo"] = _encode(albedo, "color", formats["albedo"])
+    if "stereo" in formats:
+        right = renderer.render(scene.draw_list, right_camera(camera, shot.baseline), Output.COLOR, look)
+        _smooth(right, scene, look, style)
+        images["stereo"] = _encode(right, "color", formats["stereo"])
+    if "measured" in formats and shot.sensor is not None:
+        images["measured"] = png_gray16(shot.sensor.measure(scene.draw_list, camera, look, shot.number))
+    if "flow" in formats and shot.next_camera is not None:
+        assert frame.depth is not None
+        images["flow"] = flow_file(flow_between(frame.depth, camera, shot.next_camera))
+    if shot.annotated is None:
+        return images, ()
+    found = annotate(renderer, shot.annotated, camera, frame, look, with_masks="amodal" in formats)
+    if "instance" in formats:
+        images["instance"] = png_gray16(found.instance)
+    if "class" in formats:
+        images["class"] = png_gray16(shot.annotated.class_of[found.instance])
+    if "amodal" in formats:
+        images["amodal"] = msgspec.json.encode(found.masks)
+    return images, found.objects
+
+
+def _look_of(scene: LoadedScene, style: Style) -> Look:
+    """Return the look of the colour image of a scene."""
     look: LookName = scene.look if style.look == "auto" else style.look
-    outputs = reduce(or_, (OUTPUTS[image_type] for image_type in formats))
     samples: SampleCount = style.samples or (4 if look == "studio" else 1)
-    full_look = Look(look, style.background, samples, style.rig, style.alpha_threshold)
-    frame = renderer.render(scene.draw_list, camera, outputs, full_look)
+    return Look(look, style.background, samples, style.rig, style.alpha_threshold)
+
+
+def _smooth(frame: Frame, scene: LoadedScene, look: Look, style: Style) -> None:
+    """Apply FXAA to the colour image of a frame, where the style says so."""
+    if frame.color is None or style.antialias != "fxaa" or look.samples != 1 or look.name == "studio":
+        return
     # FXAA would blur points, which may be one pixel wide.
-    has_points = any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances)
-    use_fxaa = style.antialias == "fxaa" and samples == 1 and look != "studio" and not has_points
-    if frame.color is not None and use_fxaa:
+    if not any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances):
         fxaa(frame.color)
-    return {image_type: _encode(frame, image_type, file_format) for image_type, file_format in formats.items()}
 
 
 def _encode(frame: Frame, image_type: ImageType, file_format: str) -> bytes:
-    """Encode an image of a frame in one of ``IMAGE_FORMATS``."""
+    """Encode an image of a frame, one of ``OUTPUTS``, in one of ``IMAGE_FORMATS``."""
     if image_type == "color":
         assert frame.color is not None
         return png_rgb(frame.color) if file_format == "png" else jpeg_rgb(frame.color)
     if image_type == "label":
         assert frame.label is not None
         return png_label(frame.label)
+    if image_type == "normal":
+        assert frame.normal is not None
+        return png_rgb((np.rint(frame.normal * np.float32(127.0)) + np.float32(128.0)).astype(np.uint8))
     assert frame.depth is not None
     return png_gray16(depth_in_millimetres(frame.depth)) if file_format == "png" else tiff_float32(frame.depth)
 

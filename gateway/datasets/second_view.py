@@ -1,0 +1,52 @@
+"""Images that need a second camera: the right one of a rectified stereo pair, and that of the next view for flow."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.camera import Camera
+from scenegate.datasets.dataset import FLOW_MAGIC, UNKNOWN_FLOW
+
+
+def right_camera(camera: Camera, baseline: float) -> Camera:
+    """Return the right camera of a rectified pair, given the left one and the distance in metres."""
+    X_world_right = camera.X_world_camera.copy()
+    X_world_right[:3, 3] += baseline * X_world_right[:3, 0]
+    return replace(camera, X_world_camera=X_world_right)
+
+
+def flow_between(depth: NDArray[np.float32], camera: Camera, next_camera: Camera) -> NDArray[np.float32]:
+    """Return the flow of a scene at rest from one camera to the next, (H, W, 2): pixels to the right and down.
+
+    Surfaces that the next camera does not see, because others hide them or they are outside of its image, have a flow,
+    too. It is NaN for the background and for what is behind the next camera.
+
+    Args:
+        depth: depth image of ``camera``, (H, W), in metres.
+        camera: camera of this view.
+        next_camera: camera of the next view.
+    """
+    columns = np.arange(camera.width) + 0.5
+    rows = np.arange(camera.height)[:, None] + 0.5
+    X = next_camera.X_camera_world @ camera.X_world_camera
+    z = depth.astype(np.float64) + camera.depth_origin
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        x, y = (columns - camera.cx) / camera.fx * z, (rows - camera.cy) / camera.fy * z
+        next_x, next_y, next_z = (X[k, 0] * x + X[k, 1] * y + X[k, 2] * z + X[k, 3] for k in range(3))
+        next_z[~(next_z > 0.0)] = np.nan
+        u = next_camera.fx * next_x / next_z + next_camera.cx - columns
+        v = next_camera.fy * next_y / next_z + next_camera.cy - rows
+    flow = np.stack((u, v), axis=-1)
+    flow[~np.isfinite(flow).all(axis=-1)] = np.nan
+    return flow.astype(np.float32)
+
+
+def flow_file(flow: NDArray[np.float32]) -> bytes:
+    """Return a flow file of the Middlebury benchmark (.flo). NaN becomes a number beyond ``UNKNOWN_FLOW``."""
+    height, width = flow.shape[:2]
+    values = np.nan_to_num(flow, nan=10.0 * UNKNOWN_FLOW)
+    return struct.pack("<fii", FLOW_MAGIC, width, height) + values.astype("<f4").tobytes()
