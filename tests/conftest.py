@@ -26,6 +26,7 @@ HOW_TO_GET = {
     "SCENEGATE_RAY_PYTHON": "an interpreter with scenegate[ray]; .ci/run makes one",
     "SCENEGATE_ROBOTS": "a folder with packages of robot files; .ci/run makes one",
     "SCENEGATE_SCHEMATHESIS": "the command `st` of Schemathesis; .ci/run installs it",
+    "SCENEGATE_TORCH_PYTHON": "an interpreter with torch and pillow",
     "SCENEGATE_FIDELITY": "a checkout of KhronosGroup/glTF-Render-Fidelity",
     "SCENEGATE_ASSET_GENERATOR": "a checkout of bghgary/glTF-Asset-Generator",
     "SCENEGATE_DIRECTOR": "a checkout of Director",

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final, Literal
 
 import typer
 
 app = typer.Typer(help="Commands for datasets written by `scenegate render`.", no_args_is_help=True)
 MAX_SHOWN = 100
 """Maximum number of problems and of notes that are printed; the others are counted."""
+
+SHEET_SUFFIXES: Final = (".jpg", ".jpeg", ".png")
+"""Suffixes of contact sheets."""
+Folder = Annotated[Path, typer.Argument(metavar="FOLDER", exists=True, file_okay=False, help="Dataset folder.")]
+Format = Literal["bop", "coco", "webdataset", "hdf5"]
 
 
 @app.callback()
@@ -19,7 +24,7 @@ def _common() -> None:
 
 @app.command()
 def check(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", exists=True, file_okay=False, help="Dataset folder.")],
+    folder: Folder,
     threads: Annotated[int, typer.Option(min=0, help="Number of threads; 0: one per core.")] = 0,
 ) -> None:
     """Verify a dataset: manifest, hashes, sizes and types of the images, cameras, labels."""
@@ -46,3 +51,51 @@ def check(
     )
     if report.problems:
         raise typer.Exit(1)
+
+
+@app.command()
+def export(
+    folder: Folder,
+    destination: Annotated[Path, typer.Argument(metavar="DEST", help="Folder to write, empty or missing.")],
+    format_name: Annotated[Format, typer.Option("--format", help="Format to write.")],
+) -> None:
+    """Write a dataset in another format: BOP, COCO, WebDataset or HDF5."""
+    export_dataset(folder, destination, format_name)
+
+
+def export_dataset(folder: Path, destination: Path, format_name: Format, *, replace: bool = False) -> None:
+    """Write a dataset in another format and show the progress; raises as ``scenegate.datasets.formats.export``."""
+    from scenegate.cli.progress_bar import progress_bar
+    from scenegate.datasets import Dataset
+    from scenegate.datasets.formats import export as write
+
+    dataset = Dataset(folder)
+    with progress_bar("Exporting", f"of {len(dataset)} samples", len(dataset)) as bar:
+        write(dataset, destination, format_name, lambda done: bar.update(done, done), replace=replace)
+    typer.echo(f"{destination}: {len(dataset)} samples as {format_name}", err=True)
+
+
+@app.command()
+def show(
+    folder: Folder,
+    sheet: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write a contact sheet (.jpg, .png) instead of serving the page."),
+    ] = None,
+    samples: Annotated[int, typer.Option(min=1, max=400, help="Maximum number of samples of the contact sheet.")] = 16,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page on 127.0.0.1; 0: any.")] = 8010,
+) -> None:
+    """Look at a dataset in a browser: samples with masks, boxes and poses, filters, distributions."""
+    from scenegate.datasets import Dataset
+
+    if sheet is not None:
+        if sheet.suffix.lower() not in SHEET_SUFFIXES:
+            raise ValueError(f"--sheet {sheet}: must end in {', '.join(SHEET_SUFFIXES)}")
+        from gateway.datasets.show.overlay import LAYERS
+        from gateway.datasets.show.sheet import contact_sheet
+
+        contact_sheet(Dataset(folder), samples, LAYERS).save(sheet)
+        return
+    from gateway.datasets.show.server import serve_dataset
+
+    serve_dataset(Dataset(folder), port, lambda url: typer.echo(f"{folder} is at {url} until Ctrl+C.", err=True))

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from msgspec.structs import replace
 
+from gateway.cli.dataset import export_dataset
 from gateway.cli.robot_options import GltfUp, Joints, Keyframe, Roots, Strict
 
 if TYPE_CHECKING:
     from gateway.datasets.classes import ClassTable
     from gateway.datasets.sources import Source
+    from scenegate.datasets.formats import FormatName
     from scenegate.datasets.manifest import ImageType, Settings
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -135,6 +137,10 @@ def render(
         Literal["tiff", "png"],
         typer.Option(help="Depth images of datasets: tiff (32-bit float, metres) or png (16-bit, millimetres)."),
     ] = "tiff",
+    format_name: Annotated[
+        Literal["bop", "coco", "webdataset", "hdf5"] | None,
+        typer.Option("--format", help="Format in which the dataset is written again, into OUT/FORMAT."),
+    ] = None,
     up: Annotated[
         Literal["auto", "y", "z"],
         typer.Option(help="Up axis of glTF files; auto: z for Drake's files, else y."),
@@ -174,6 +180,8 @@ def render(
     if single and (len(scenes) != 1 or scenes[0].is_dir() or len(image_types) != 1 or cameras is not None):
         raise ValueError(f"{out} is one image: for more scenes, types or cameras name a folder with -o")
     _check_stereo(image_types, baseline, stereo_profile)
+    if format_name is not None:
+        _check_format(format_name, image_types, single)
     if rig is not None and look not in ("auto", "studio"):
         typer.echo(f"--rig lights the studio look only: --look {look} is rendered without it", err=True)
     from gateway.runtime.kernels.loading import ensure_compiled
@@ -230,7 +238,10 @@ def render(
     sources = find_sources(scenes)
     class_table, settings = _parse_classes(classes, sources, settings)
     job = make_job(sources, views, file, settings, out.absolute(), timeout, class_table)
-    if not render_dataset(job, cores, ray):
+    complete = render_dataset(job, cores, ray)
+    if format_name is not None:
+        export_dataset(out, out / format_name, format_name, replace=True)
+    if not complete:
         raise typer.Exit(1)
 
 
@@ -242,6 +253,15 @@ def _parse_types(text: str) -> tuple[ImageType, ...]:
     if not wanted or not wanted <= {*IMAGE_TYPES}:
         raise ValueError(f"--type {text[:80]!r}: must be some of {', '.join(IMAGE_TYPES)}, separated by commas")
     return tuple(name for name in IMAGE_TYPES if name in wanted)
+
+
+def _check_format(format_name: FormatName, types: tuple[ImageType, ...], single: bool) -> None:
+    """Raise ValueError if a dataset in another format cannot be written."""
+    from scenegate.datasets.formats import check_types
+
+    if single:
+        raise ValueError(f"--format {format_name} is for datasets: name a folder with -o")
+    check_types(types, format_name)
 
 
 def _check_stereo(types: tuple[ImageType, ...], baseline: float, profile: str) -> None:

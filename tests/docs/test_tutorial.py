@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.docs.pages import PAGES, Block, blocks, commands
+from tests.docs.pages import PAGES, ROOT, Block, blocks, commands
 from tests.docs.test_code import addresses, placed
 from tests.support.waiting import SECONDS
 
@@ -38,11 +39,21 @@ def commands_of(block: Block, folder: Path, addresses: dict[str, str]) -> list[s
         return []
     scenegate = f"{sys.executable} -m scenegate "
     return [
-        placed(line, addresses).replace("curl ", "curl --fail --silent --show-error ", 1)
+        example(line)
+        if line.startswith("python examples/")
+        else placed(line, addresses).replace("curl ", "curl --fail --silent --show-error ", 1)
         if line.startswith("curl ")
         else placed(line, addresses).replace("scenegate ", scenegate, 1)
         for line in commands(block)
     ]
+
+
+def example(line: str) -> str:
+    """Return the command that trains with PyTorch, but for a few steps only."""
+    python = os.environ.get("SCENEGATE_TORCH_PYTHON", "")
+    if not python:
+        pytest.skip("SCENEGATE_TORCH_PYTHON names no interpreter with torch: all but the training was run")
+    return f"OMP_NUM_THREADS=1 {python} {ROOT}/{line.removeprefix('python ')} 10"
 
 
 def test_there_are_lessons() -> None:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from pathlib import Path
-from typing import Any, Final, overload
+from pathlib import Path, PurePosixPath
+from typing import Any, Final, TypeVar, overload
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,11 +23,15 @@ from scenegate.datasets.manifest import ImageType, RecordError
 from scenegate.pillow import pillow
 from scenegate.regular_files import read_regular
 
+T = TypeVar("T")
+
 NO_LABEL: Final = 0xFFFFFF
 """Label of the background and of objects without a label."""
 FLOW_MAGIC: Final = 202021.25
 """First number of a flow file of the Middlebury benchmark (.flo). Width, height and float32 pairs follow."""
 FLOW_HEADER_BYTES: Final = 12
+NO_BOX: Final = (-1, -1, -1, -1)
+"""Box of an object without visible pixels, in ``Sample.arrays``."""
 UNKNOWN_FLOW: Final = 1e9
 """Magnitude from which a flow file's numbers mean that the flow is not known."""
 
@@ -155,7 +160,35 @@ class Sample:
         image = self.record.images.get(image_type)
         if image is None:
             raise RecordError(f"{self.id} has no {image_type} image, only {', '.join(self.record.images)}")
+        if PurePosixPath(image.path).is_absolute() or ".." in PurePosixPath(image.path).parts:
+            raise RecordError(f"{self.id}: the {image_type} image {image.path!r} lies outside of the dataset")
         return self._folder / image.path
+
+    def file_bytes(self, image_type: ImageType) -> bytes:
+        """Return the content of an image file; raises as ``path``, and if it cannot be read."""
+        return self._bytes(self.path(image_type))
+
+    def image(self, image_type: ImageType) -> NDArray[Any]:
+        """Return an image as the property of its type does. For ``amodal``: all silhouettes by object, (N, H, W)."""
+        if image_type == "amodal":
+            masks = [self.amodal_mask(record.instance) for record in self.objects]
+            return np.array(masks).reshape(-1, self.record.camera.height, self.record.camera.width)
+        pixels: NDArray[Any] = getattr(self, "class_ids" if image_type == "class" else image_type)
+        return pixels
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return all images by their type, ``K``, ``X_world_camera``, and each field of the objects' records.
+
+        Arrays of objects are ``objects/FIELD``, (N, ...); a box that is None is (-1, -1, -1, -1).
+        """
+        arrays = {str(image_type): self.image(image_type) for image_type in self.record.images}
+        arrays |= {"K": self.K, "X_world_camera": self.X_world_camera}
+        for field in manifest.ObjectRecord.__struct_fields__ if self.objects else ():
+            values = [getattr(record, field) for record in self.objects]
+            if field == "path":
+                values = [msgspec.json.encode(value).decode() for value in values]
+            arrays[f"objects/{field}"] = np.array([NO_BOX if value is None else value for value in values])
+        return arrays
 
     def _read(self, image_type: ImageType) -> NDArray[Any]:
         """Return the pixels of an image."""
@@ -163,7 +196,7 @@ class Sample:
         data = self._bytes(path)
         image = pillow()
         try:
-            return np.asarray(image.open(io.BytesIO(data)))
+            return np.array(image.open(io.BytesIO(data)))  # writable, as tensors have to be
         except (OSError, SyntaxError, ValueError, image.DecompressionBombError) as error:
             raise RecordError(f"{path}: not an image that can be read: {error}") from None
 
@@ -233,6 +266,13 @@ class Dataset(Sequence[Sample]):
         """Return the paths of a scene's nodes by their label."""
         return {int(label): paths for label, paths in self.scene(scene).labels.items()}
 
+    def map(self, transform: Callable[[Sample], T]) -> Transformed[T]:
+        """Return the sequence of ``transform(sample)``, for data loaders whose batches consist of arrays or tensors.
+
+        ``transform`` is called on each access. To be pickled, it has to be a function of a module.
+        """
+        return Transformed(self, transform)
+
     def __len__(self) -> int:
         return len(self._lines)
 
@@ -253,3 +293,23 @@ class Dataset(Sequence[Sample]):
 
     def _record(self, index: int) -> manifest.SampleRecord:
         return manifest.decode(self._lines[index], manifest.SampleRecord, self._lines.location(index))
+
+
+class Transformed(Sequence[T]):
+    """The results of a function for each sample of a dataset, computed on each access; made by ``Dataset.map``."""
+
+    def __init__(self, dataset: Dataset, transform: Callable[[Sample], T]) -> None:
+        self.dataset: Final = dataset
+        self._transform = transform
+
+    def __len__(self) -> int:
+        return len(self.dataset)
+
+    @overload
+    def __getitem__(self, index: int) -> T: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[T]: ...
+    def __getitem__(self, index: int | slice) -> T | list[T]:
+        if isinstance(index, slice):
+            return [self._transform(sample) for sample in self.dataset[index]]
+        return self._transform(self.dataset[index])

@@ -1,0 +1,163 @@
+"""BOP: the format of the benchmark for 6D object pose estimation, as the public BOP toolkit reads and computes it.
+
+A scene of the dataset is a scene of BOP in ``train_pbr``. An object of BOP is a model with a scale. Lengths are in
+millimetres. ``cam_K`` counts pixels as OpenCV does: the centre of the top left pixel is (0, 0), ours is (0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenegate.datasets.dataset import Dataset, Sample
+from scenegate.datasets.formats.bop_models import ModelKey, model_key, write_models
+from scenegate.datasets.manifest import CameraRecord, ModelRecord, ObjectRecord
+from scenegate.png import encode_png
+
+SPLIT: Final = "train_pbr"
+"""Folder of the scenes, by BOP's name for rendered training images."""
+MILLIMETRES: Final = 1000.0
+PIXEL_CENTER: Final = 0.5
+"""Coordinate of the centre of the top left pixel in our images; 0 in OpenCV's and BOP's."""
+DEPTH_SCALES: Final = (0.1, 1.0)
+"""Millimetres of one unit of depth images. The first that reaches all far planes is used, else the last."""
+MAX_DEPTH_UNITS: Final = 65535
+NO_BOX: Final = [-1, -1, -1, -1]
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """What must be known before the first image is written."""
+
+    object_ids: Mapping[ModelKey, int]
+    """BOP's numbers of the models, from 1."""
+    depth_scale: float
+    """One of ``DEPTH_SCALES``."""
+
+
+def write(dataset: Dataset, folder: Path, samples: Iterator[Sample]) -> None:
+    """Write the samples of a dataset into a folder."""
+    plan = _plan(dataset)
+    names: dict[str, str] = {}
+    camera: CameraRecord | None = None
+    for number, (scene, views) in enumerate(groupby(samples, key=lambda sample: sample.record.scene)):
+        names[f"{number:06d}"] = scene
+        camera = _write_scene(folder / SPLIT / f"{number:06d}", views, plan, dataset.scene(scene).models)
+    write_models(dataset.folder, folder / "models", plan.object_ids)
+    objects = {str(number): {"model": key.name, "scale": key.scale} for key, number in plan.object_ids.items()}
+    _write_json(folder / "dataset_info.json", {"scenes": names, "objects": objects})
+    if camera is not None:
+        _write_json(folder / "camera.json", {**_intrinsics(camera), "depth_scale": plan.depth_scale})
+
+
+def _plan(dataset: Dataset) -> _Plan:
+    """Find the models and the depth scale of a dataset."""
+    keys: set[ModelKey] = set()
+    far: float | None = 0.0
+    for scene, views in groupby(dataset, key=lambda sample: sample.record.scene):
+        models = dataset.scene(scene).models
+        for sample in views:
+            camera = sample.record.camera
+            far = None if far is None or camera.far is None else max(far, camera.far + camera.depth_origin)
+            keys.update(model_key(record, models) for record in sample.objects)
+    reach = far is not None and far * MILLIMETRES <= MAX_DEPTH_UNITS * DEPTH_SCALES[0]
+    return _Plan({key: number for number, key in enumerate(sorted(keys), 1)}, DEPTH_SCALES[0 if reach else 1])
+
+
+def _write_scene(folder: Path, views: Iterator[Sample], plan: _Plan, models: Mapping[str, ModelRecord]) -> CameraRecord:
+    """Write the images and annotations of a scene; return its last camera."""
+    for name in ("rgb", "depth", "mask", "mask_visib"):
+        (folder / name).mkdir(parents=True)
+    cameras: dict[str, Any] = {}
+    poses: dict[str, Any] = {}
+    infos: dict[str, Any] = {}
+    for number, sample in enumerate(views):
+        suffix = Path(sample.record.images["color"].path).suffix
+        (folder / "rgb" / f"{number:06d}{suffix}").write_bytes(sample.file_bytes("color"))
+        depth = _depth_units(sample, plan.depth_scale)
+        (folder / "depth" / f"{number:06d}.png").write_bytes(encode_png(depth))
+        cameras[str(number)] = _camera(sample.record.camera, plan.depth_scale)
+        poses[str(number)] = [_pose(record, plan.object_ids[model_key(record, models)]) for record in sample.objects]
+        infos[str(number)] = []
+        instances = sample.instance
+        for index, record in enumerate(sample.objects):
+            mask = sample.amodal_mask(record.instance)
+            for name, pixels in (("mask", mask), ("mask_visib", instances == record.instance)):
+                path = folder / name / f"{number:06d}_{index:06d}.png"
+                path.write_bytes(encode_png(np.where(pixels, np.uint8(255), np.uint8(0))))
+            infos[str(number)].append(_info(record, int(np.count_nonzero(depth[mask]))))
+        camera = sample.record.camera
+    for name, content in (("scene_camera", cameras), ("scene_gt", poses), ("scene_gt_info", infos)):
+        _write_json(folder / f"{name}.json", content)
+    return camera
+
+
+def _depth_units(sample: Sample, scale: float) -> NDArray[np.uint16]:
+    """Return the depth image in units of ``scale`` millimetres; 0 for the background, and for what is too far."""
+    units = np.rint((sample.depth + sample.record.camera.depth_origin) * (MILLIMETRES / scale))
+    return np.where(units <= MAX_DEPTH_UNITS, units, 0.0).astype(np.uint16)
+
+
+def _intrinsics(camera: CameraRecord) -> dict[str, float]:
+    """Return the content of ``camera.json`` for a camera, without the depth scale."""
+    return {
+        "cx": camera.cx - PIXEL_CENTER,
+        "cy": camera.cy - PIXEL_CENTER,
+        "fx": camera.fx,
+        "fy": camera.fy,
+        "height": camera.height,
+        "width": camera.width,
+    }
+
+
+def _camera(camera: CameraRecord, depth_scale: float) -> dict[str, Any]:
+    """Return an image's entry in ``scene_camera.json``."""
+    K = _intrinsics(camera)
+    X = np.array(camera.X_world_camera)
+    R = X[:3, :3].T
+    return {
+        "cam_K": [K["fx"], 0.0, K["cx"], 0.0, K["fy"], K["cy"], 0.0, 0.0, 1.0],
+        "cam_R_w2c": R.ravel().tolist(),
+        "cam_t_w2c": (-R @ X[:3, 3] * MILLIMETRES).tolist(),
+        "depth_scale": depth_scale,
+    }
+
+
+def _pose(record: ObjectRecord, object_id: int) -> dict[str, Any]:
+    """Return an object's entry in ``scene_gt.json``."""
+    X = np.array(record.X_camera_object)
+    return {
+        "cam_R_m2c": X[:3, :3].ravel().tolist(),
+        "cam_t_m2c": (X[:3, 3] * MILLIMETRES).tolist(),
+        "obj_id": object_id,
+    }
+
+
+def _info(record: ObjectRecord, pixels_with_depth: int) -> dict[str, Any]:
+    """Return an object's entry in ``scene_gt_info.json``."""
+    return {
+        "bbox_obj": _box(record.box_amodal if record.visible_pixels else None),
+        "bbox_visib": _box(record.box_visible),
+        "px_count_all": record.amodal_pixels,
+        "px_count_valid": pixels_with_depth,
+        "px_count_visib": record.visible_pixels,
+        "visib_fract": record.visible_fraction,
+    }
+
+
+def _box(box: tuple[int, int, int, int] | None) -> list[int]:
+    """Return a box as the BOP toolkit computes it: its width is the last column minus the first."""
+    return NO_BOX if box is None else [box[0], box[1], box[2] - 1, box[3] - 1]
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write a file with a line for each key."""
+    lines = (f"{json.dumps(key)}: {json.dumps(value)}" for key, value in content.items())
+    path.write_text("{\n" + ",\n".join(lines) + "\n}\n", "utf-8")

@@ -1,0 +1,116 @@
+"""The web application of ``scenegate dataset show``: pages and images of one dataset, for browsers on this machine."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import io
+from collections.abc import Callable, Sequence
+from importlib.resources import files
+from typing import Annotated, Final, Literal
+
+from fastapi import FastAPI, Path, Query, Request, Response
+from fastapi.responses import HTMLResponse, PlainTextResponse
+
+from gateway.datasets.show.overlay import LAYERS, Layer, draw_sample
+from gateway.datasets.show.page import PAGE_SAMPLES, View, grid_page, sample_page
+from gateway.datasets.show.summary import summarize
+from gateway.server.access import SecurityHeaders, TrustedHosts
+from gateway.server.middleware import TargetLimit
+from scenegate.datasets import Dataset, RecordError, manifest
+from scenegate.datasets.manifest import ImageType
+
+MAX_WIDTH: Final = 2000
+"""Maximum width of a drawn image in pixels."""
+MAX_DRAWN: Final = 4
+"""Maximum number of images that are drawn at a time; further requests wait."""
+JPEG_QUALITY: Final = 88
+CONTENT_SECURITY_POLICY: Final = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; form-action 'self'; base-uri 'none'"
+)
+STATIC: Final = {"show.css": "text/css", "show.js": "text/javascript"}
+"""Content types of the files of the page."""
+
+Layers = Annotated[list[Literal["masks", "boxes", "poses", "none"]] | None, Query(max_length=8)]
+ClassId = Annotated[int | None, Query(alias="class")]
+PageNumber = Annotated[int, Query(ge=0)]
+SampleNumber = Annotated[int, Path(ge=0)]
+
+
+def create_app(dataset: Dataset) -> FastAPI:
+    """Return the application. It reads no file but those of the page and the images that the manifest names.
+
+    Raises:
+        RecordError: a line of the manifest cannot be read.
+    """
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    app.add_middleware(TrustedHosts)
+    app.add_middleware(TargetLimit)
+    app.add_middleware(SecurityHeaders)
+    summary = summarize(dataset)
+    classes = dict(dataset.classes)
+    drawing = asyncio.Semaphore(MAX_DRAWN)
+
+    async def html(make: Callable[[], str]) -> Response:
+        page = await asyncio.to_thread(make)
+        return HTMLResponse(
+            page, headers={"Content-Security-Policy": CONTENT_SECURITY_POLICY, "Cache-Control": "no-cache"}
+        )
+
+    @app.exception_handler(RecordError)
+    async def unreadable(request: Request, error: Exception) -> Response:
+        return PlainTextResponse(str(error), 500)
+
+    @app.exception_handler(IndexError)
+    async def missing(request: Request, error: Exception) -> Response:
+        return PlainTextResponse(f"the dataset has {len(dataset)} samples", 404)
+
+    @app.get("/")
+    async def grid(
+        layer: Layers = None, image: ImageType = "color", class_id: ClassId = None, page: PageNumber = 0
+    ) -> Response:
+        page = min(page, len(dataset) // PAGE_SAMPLES)
+        return await html(lambda: grid_page(dataset, summary, View(_layers(layer), image, class_id, page)))
+
+    @app.get("/sample/{number}")
+    async def sample(
+        number: SampleNumber,
+        layer: Layers = None,
+        image: ImageType = "color",
+        class_id: ClassId = None,
+        page: PageNumber = 0,
+    ) -> Response:
+        return await html(lambda: sample_page(dataset, number, View(_layers(layer), image, class_id, page)))
+
+    @app.get("/image/{number}")
+    async def drawn(
+        request: Request,
+        number: SampleNumber,
+        width: Annotated[int, Query(ge=16, le=MAX_WIDTH)],
+        layer: Layers = None,
+        image: ImageType = "color",
+    ) -> Response:
+        sample = dataset[number]
+        version = hashlib.sha256(manifest.encode(sample.record)).hexdigest()[:16]
+        headers = {"ETag": f'"{version}"', "Cache-Control": "no-cache"}
+        if request.headers.get("if-none-match") == headers["ETag"]:
+            return Response(status_code=304, headers=headers)
+        async with drawing:
+            picture = await asyncio.to_thread(draw_sample, sample, classes, _layers(layer), width, image)
+        data = io.BytesIO()
+        picture.save(data, "JPEG", quality=JPEG_QUALITY)
+        return Response(data.getvalue(), media_type="image/jpeg", headers=headers)
+
+    @app.get("/static/{name}")
+    async def static(name: str) -> Response:
+        if name not in STATIC:
+            return PlainTextResponse("the page has no such file", 404)
+        text = (files("gateway.datasets.show") / "static" / name).read_text("utf-8")
+        return Response(text, media_type=STATIC[name], headers={"Cache-Control": "no-cache"})
+
+    return app
+
+
+def _layers(chosen: Sequence[str] | None) -> tuple[Layer, ...]:
+    """Return the layers that an address names; all, if it has no choice. A form sends ``none``, too."""
+    return LAYERS if chosen is None else tuple(layer for layer in LAYERS if layer in chosen)

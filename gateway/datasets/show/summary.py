@@ -1,0 +1,83 @@
+"""Statistics of a dataset's objects, and the samples with each class."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from scenegate.datasets import Dataset
+
+MAX_SAMPLES: Final = 50_000
+"""Maximum number of samples that are read. They take about two seconds."""
+BINS: Final = 20
+"""Number of bins of a histogram."""
+
+
+@dataclass(frozen=True, slots=True)
+class Histogram:
+    """Numbers of objects in equal parts of a range."""
+
+    title: str
+    low: float
+    high: float
+    unit: str
+    counts: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Statistics of the samples that were read."""
+
+    samples: tuple[int, ...]
+    """Numbers of the samples."""
+    samples_by_class: dict[int, tuple[int, ...]]
+    """Numbers of the samples with visible objects of each class."""
+    objects_by_class: dict[int, int]
+    """Numbers of objects in all samples."""
+    histograms: tuple[Histogram, ...]
+    """Distance and visibility of the objects; empty if there are none."""
+
+
+def some_samples(dataset: Dataset, count: int) -> tuple[int, ...]:
+    """Return the numbers of up to ``count`` samples in their order, always the same ones.
+
+    They are chosen at random: evenly spaced samples could all be of one camera.
+    """
+    chosen = np.random.default_rng(0).choice(len(dataset), min(count, len(dataset)), replace=False)
+    return tuple(np.sort(chosen).tolist())
+
+
+def summarize(dataset: Dataset) -> Summary:
+    """Read the records of a dataset.
+
+    Raises:
+        RecordError: a line of the manifest cannot be read.
+    """
+    numbers = some_samples(dataset, MAX_SAMPLES)
+    samples_by_class: dict[int, list[int]] = {}
+    objects: Counter[int] = Counter()
+    distances: list[float] = []
+    visibilities: list[float] = []
+    for number in numbers:
+        records = dataset[number].objects
+        objects.update(record.class_id for record in records)
+        for class_id in {record.class_id for record in records if record.visible_pixels}:
+            samples_by_class.setdefault(class_id, []).append(number)
+        distances += (float(np.linalg.norm(np.array(record.X_camera_object)[:3, 3])) for record in records)
+        visibilities += (record.visible_fraction for record in records)
+    histograms: tuple[Histogram, ...] = ()
+    if distances:
+        histograms = (
+            _histogram("Distance from the camera", distances, (min(distances), max(distances)), "m"),
+            _histogram("Visible fraction", [100.0 * value for value in visibilities], (0.0, 100.0), "%"),
+        )
+    by_class = {class_id: tuple(found) for class_id, found in samples_by_class.items()}
+    return Summary(numbers, by_class, dict(objects), histograms)
+
+
+def _histogram(title: str, values: list[float], limits: tuple[float, float], unit: str) -> Histogram:
+    counts, edges = np.histogram(values, BINS, limits)
+    return Histogram(title, float(edges[0]), float(edges[-1]), unit, tuple(counts.tolist()))

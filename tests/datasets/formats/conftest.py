@@ -1,0 +1,20 @@
+"""The analytic dataset, and its copies in all formats."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from scenegate.datasets import Dataset
+from tests.datasets.analytic import write_dataset
+
+
+@pytest.fixture(scope="session")
+def analytic(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return Dataset(write_dataset(tmp_path_factory.mktemp("analytic") / "out"))
+
+
+@pytest.fixture
+def dest(tmp_path: Path) -> Path:
+    return tmp_path / "dest"

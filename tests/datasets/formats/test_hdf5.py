@@ -1,0 +1,30 @@
+"""HDF5, read by h5py."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenegate.datasets import Dataset
+from scenegate.datasets.formats import export
+
+h5py = pytest.importorskip("h5py", reason="h5py is in the extra formats")
+
+
+def test_arrays_come_back(analytic: Dataset, dest: Path) -> None:
+    export(analytic, dest, "hdf5")
+    with h5py.File(dest / "samples.hdf5") as file:
+        assert file.attrs["classes"] == '{"1":"brick","2":"plate"}'
+        for sample in analytic:
+            group = file[sample.id]
+            for name in ("color", "depth", "instance"):
+                np.testing.assert_array_equal(group[name][:], getattr(sample, name))
+            np.testing.assert_array_equal(group["class"][:], sample.class_ids)
+            np.testing.assert_array_equal(group["K"][:], sample.K)
+            for k, record in enumerate(sample.objects):
+                np.testing.assert_array_equal(group["amodal"][k], sample.amodal_mask(record.instance))
+                np.testing.assert_array_equal(group["objects/X_camera_object"][k], record.X_camera_object)
+                np.testing.assert_array_equal(group["objects/box_visible"][k], record.box_visible)
+                assert group["objects/model"].asstr()[k] == record.model
