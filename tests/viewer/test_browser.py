@@ -27,7 +27,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 STILL = """async () => {
-  const where = () => [...scenegate.stage.camera.position.toArray(), ...scenegate.stage.controls.target.toArray()];
+  const where = () => [...scenegate.rig.camera.position.toArray(), ...scenegate.rig.controls.target.toArray()];
   const before = where();
   for (let frame = 0; frame < 3; frame += 1) await new Promise(requestAnimationFrame);
   return where().every((value, i) => Math.abs(value - before[i]) < 1e-6);
@@ -274,7 +274,7 @@ def test_text_faces_the_camera(view: tuple[View, Publisher], quaternion: list[fl
 
 
 IN_VIEW = """scenegate.model.nodes.size > 1 && [...scenegate.model.nodes.values()].every((node) => {
-  const at = new scenegate.Box3().min.setFromMatrixPosition(node.world).project(scenegate.stage.camera);
+  const at = new scenegate.Box3().min.setFromMatrixPosition(node.world).project(scenegate.rig.camera);
   return Math.max(Math.abs(at.x), Math.abs(at.y)) < 1;
 })"""
 """True if the places of all nodes are in view."""
@@ -288,7 +288,7 @@ def test_home_view_follows_the_first_nodes(view: tuple[View, Publisher]) -> None
     assert shown.page.evaluate(IN_VIEW)
     publisher.box(["second"], GREEN, x=40.0)
     shown.until(lambda: shown.page.evaluate(IN_VIEW) and row(shown, ["second"]).count() == 1, "both are in view")
-    where = "scenegate.stage.camera.position.toArray()"
+    where = "scenegate.rig.camera.position.toArray()"
     shown.page.evaluate("performance.now = () => 2001")
     before = shown.page.evaluate(where)
     publisher.box(["later"], GREEN, x=-90.0)
@@ -303,12 +303,12 @@ def test_home_view_fits_a_window_of_another_shape(view: tuple[View, Publisher]) 
     shown.until(lambda: row(shown, ["right"]).count() == 1, "two nodes far apart")
     shown.page.keyboard.press("h")
     shown.page.set_viewport_size({"width": 360, "height": 740})
-    shown.until(lambda: shown.page.evaluate(IN_VIEW + " && scenegate.stage.camera.aspect < 1"), "both are in view")
+    shown.until(lambda: shown.page.evaluate(IN_VIEW + " && scenegate.rig.camera.aspect < 1"), "both are in view")
     shown.page.locator(".stage canvas").click(position={"x": 5, "y": 5})
-    before = shown.page.evaluate("scenegate.stage.camera.position.toArray()")
+    before = shown.page.evaluate("scenegate.rig.camera.position.toArray()")
     shown.page.set_viewport_size({"width": 740, "height": 360})
-    shown.until(lambda: shown.page.evaluate("scenegate.stage.camera.aspect > 1"), "the phone is turned")
-    assert shown.page.evaluate("scenegate.stage.camera.position.toArray()") == pytest.approx(before)
+    shown.until(lambda: shown.page.evaluate("scenegate.rig.camera.aspect > 1"), "the phone is turned")
+    assert shown.page.evaluate("scenegate.rig.camera.position.toArray()") == pytest.approx(before)
 
 
 def test_home_view_stays_where_the_visitor_moved_it(view: tuple[View, Publisher]) -> None:
@@ -317,10 +317,10 @@ def test_home_view_stays_where_the_visitor_moved_it(view: tuple[View, Publisher]
     publisher.box(["first"], RED)
     shown.until(lambda: row(shown, ["first"]).count() == 1, "the first node is shown")
     shown.page.locator(".stage canvas").click()
-    before = shown.page.evaluate("scenegate.stage.camera.position.toArray()")
+    before = shown.page.evaluate("scenegate.rig.camera.position.toArray()")
     publisher.box(["second"], GREEN, x=40.0)
     shown.until(lambda: row(shown, ["second"]).count() == 1, "the second node is shown")
-    assert shown.page.evaluate("scenegate.stage.camera.position.toArray()") == pytest.approx(before)
+    assert shown.page.evaluate("scenegate.rig.camera.position.toArray()") == pytest.approx(before)
 
 
 def test_code_of_the_empty_scene_is_copied(view: tuple[View, Publisher]) -> None:
@@ -397,6 +397,13 @@ def test_tree_is_used_by_keyboard_and_screen_reader(view: tuple[View, Publisher]
         page.keyboard.type(keys)
         assert selected.all_inner_texts() == [name], keys
         page.wait_for_timeout(800)  # short: a slow page is only tested less
+    row(shown, ["last"]).click()
+    page.keyboard.press("m")  # after a click, keys are those of the view
+    assert page.get_by_role("group", name="Measurement").is_visible()
+    page.keyboard.press("m")
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press("l")  # after an arrow key, they find names again
+    assert selected.all_inner_texts() == ["last"]
     assert row(shown, ["demo", "table"]).locator(".name").get_attribute("title") == "demo / table"
     table = row(shown, ["demo", "table"])
     assert [table.get_attribute(f"aria-{name}") for name in ("level", "posinset", "setsize")] == ["3", "2", "2"]
@@ -561,7 +568,7 @@ def test_keyboard_shortcuts_and_focus(view: tuple[View, Publisher]) -> None:
     keyboard = shown.page.keyboard
 
     def camera() -> list[float]:
-        return list(shown.page.evaluate("[...scenegate.stage.camera.position, ...scenegate.stage.controls.target]"))
+        return list(shown.page.evaluate("[...scenegate.rig.camera.position, ...scenegate.rig.controls.target]"))
 
     def moved_by(key: str) -> list[float]:
         before = camera()
@@ -573,7 +580,7 @@ def test_keyboard_shortcuts_and_focus(view: tuple[View, Publisher]) -> None:
     home = camera()
 
     def distance() -> float:
-        return float(shown.page.evaluate("scenegate.stage.controls.getDistance()"))
+        return float(shown.page.evaluate("scenegate.rig.controls.getDistance()"))
 
     before = distance()
     moved_by("+")
@@ -631,7 +638,7 @@ def test_wheel_zooms_to_the_cursor(view: tuple[View, Publisher]) -> None:
     shown.look_at("marker")
     point_at = "([x, y]) => scenegate.stage.pick(x, y)?.point.toArray() ?? null"
     scroll = """([clientX, clientY, times]) => {
-      const { canvas, camera } = scenegate.stage;
+      const { stage: { canvas }, rig: { camera } } = scenegate;
       const wheel = { clientX, clientY, deltaY: -100 };
       for (let i = 0; i < times; i += 1) canvas.dispatchEvent(new WheelEvent("wheel", wheel));
       return camera.position.y;
@@ -640,7 +647,7 @@ def test_wheel_zooms_to_the_cursor(view: tuple[View, Publisher]) -> None:
     x, y = box["x"] + int(0.25 * box["width"]), box["y"] + int(0.4 * box["height"])
     point = shown.page.evaluate(point_at, [x, y])
     assert point[1] == pytest.approx(-0.5)
-    before = shown.page.evaluate("scenegate.stage.camera.position.y")
+    before = shown.page.evaluate("scenegate.rig.camera.position.y")
     assert before + 1.0 < shown.page.evaluate(scroll, [x, y, 10]) < -0.5
     assert -0.53 < shown.page.evaluate(scroll, [x, y, 100]) < -0.5
     assert shown.page.evaluate(point_at, [x, y]) == pytest.approx(point, abs=1e-3)
@@ -776,9 +783,7 @@ def test_toolbar_and_status_bar_fit_a_phone(view: tuple[View, Publisher]) -> Non
     shown.page.keyboard.press("Escape")
     shown.page.get_by_role("button", name="Top, from").click()
     shown.until(
-        lambda: shown.page.evaluate(
-            "scenegate.stage.camera.position.z > 4 * Math.abs(scenegate.stage.camera.position.y)"
-        ),
+        lambda: shown.page.evaluate("scenegate.rig.camera.position.z > 4 * Math.abs(scenegate.rig.camera.position.y)"),
         "from above",
     )
 
@@ -796,8 +801,8 @@ def test_home_view_fills_the_view_without_the_stereo_camera(view: tuple[View, Pu
           for (const x of [min.x, max.x])
             for (const y of [min.y, max.y])
               for (const z of [min.z, max.z]) corners.push(min.clone().set(x, y, z));
-          stage.camera.updateMatrixWorld();
-          const seen = corners.map((corner) => corner.project(stage.camera));
+          scenegate.rig.camera.updateMatrixWorld();
+          const seen = corners.map((corner) => corner.project(scenegate.rig.camera));
           return Math.max(...seen.flatMap(({ x, y }) => [Math.abs(x), Math.abs(y)]));
         }"""
     )
@@ -829,9 +834,8 @@ def test_shadows_and_occlusion_are_kept(view: tuple[View, Publisher]) -> None:
     publisher.box(["above"], RED, size=0.6)
     # Without a GPU, an image of the default size takes seconds with occlusion.
     shown.page.set_viewport_size({"width": 400, "height": 360})
-    drawn = (
-        "[scenegate.stage.lights.object.children.some((lamp) => lamp.castShadow), scenegate.stage.occlusion !== null]"
-    )
+    drawn = """(({ lights, rendering }) => [
+      lights.object.children.some((lamp) => lamp.castShadow), rendering.hasOcclusion])(scenegate.stage)"""
     assert shown.page.evaluate(drawn) == [False, False]
     shown.open_display_menu()
     shown.page.get_by_label("Shadows").check()
@@ -850,8 +854,8 @@ def test_shadows_and_occlusion_are_kept(view: tuple[View, Publisher]) -> None:
 def test_camera_projection_and_grid_are_kept(view: tuple[View, Publisher]) -> None:
     """The camera of a tab, also after it is loaded again; the home view still follows the first nodes."""
     shown, publisher = view
-    camera = """(({ origin, view }) => [...view.eye, ...view.target, view.halfHeight, origin.x])(scenegate.stage)"""
-    orthographic = "scenegate.stage.camera.isOrthographicCamera"
+    camera = """(({ origin, view }) => [...view.eye, ...view.target, view.halfHeight, origin.x])(scenegate.rig)"""
+    orthographic = "scenegate.rig.camera.isOrthographicCamera"
 
     def reload() -> None:
         shown.page.reload()
@@ -867,7 +871,7 @@ def test_camera_projection_and_grid_are_kept(view: tuple[View, Publisher]) -> No
     shown.page.keyboard.press("Escape")
     shown.page.mouse.move(600, 400)
     shown.page.mouse.wheel(0, -400)
-    shown.until(lambda: shown.page.evaluate("scenegate.stage.orthographic.zoom") > 1.0, "the wheel zooms")
+    shown.until(lambda: shown.page.evaluate("scenegate.rig.orthographic.zoom") > 1.0, "the wheel zooms")
     shown.page.mouse.down()
     shown.page.mouse.move(700, 450, steps=4)
     shown.page.mouse.up()
@@ -882,7 +886,7 @@ def test_camera_projection_and_grid_are_kept(view: tuple[View, Publisher]) -> No
     shown.wait_for_node("far")
     assert shown.page.evaluate(camera) == pytest.approx(before)
     shown.page.evaluate("location.hash = 'eye=1,-5,2;target=1,0,2;up=0,0,1;fovy=45'")
-    view_eye = "scenegate.stage.view.eye"
+    view_eye = "scenegate.rig.view.eye"
     shown.until(lambda: shown.page.evaluate(view_eye) == pytest.approx([1.0, -5.0, 2.0]), "a link is followed")
     shown.page.evaluate("location.hash = 'eye=1,-5;target=nowhere'")
     shown.page.keyboard.press("h")
@@ -907,7 +911,7 @@ def test_touch_rotates_and_zooms(view: tuple[View, Publisher]) -> None:
         device.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
 
     def read(what: str) -> float:
-        return float(shown.page.evaluate(f"scenegate.stage.controls.{what}()"))
+        return float(shown.page.evaluate(f"scenegate.rig.controls.{what}()"))
 
     angle, distance = read("getAzimuthalAngle"), read("getDistance")
     touch("touchStart", (0, 0))
@@ -969,7 +973,7 @@ def test_gateway_without_stereo_camera_is_not_an_error(browser: Any) -> None:
         view.page.get_by_text("interfaces ready").wait_for()
         assert view.page.locator("aside [role=tab]").all_inner_texts() == ["Selection"]
 
-        where = "[...scenegate.stage.camera.position.toArray(), ...scenegate.stage.controls.target.toArray()]"
+        where = "[...scenegate.rig.camera.position.toArray(), ...scenegate.rig.controls.target.toArray()]"
 
         def moves(what: str) -> None:
             view.until(lambda: view.page.evaluate(where) != before, what)

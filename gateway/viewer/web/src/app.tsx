@@ -4,9 +4,9 @@ import { useSignal } from "@preact/signals";
 import { ControlsPanel } from "./controlspanel";
 import { DetailsPanel } from "./detailspanel";
 import { EmptyState } from "./emptystate";
-import { FollowBar } from "./followbar";
+import { FollowBar } from "./follow";
 import { Lightbox } from "./lightbox";
-import { MeasureBar } from "./measurebar";
+import { MeasureBar } from "./measure";
 import { keep, kept } from "./options";
 import type { Side, Tab } from "./panels";
 import type { ProgramControls } from "./programcontrols";
@@ -106,10 +106,10 @@ export function App({ viewer, programControls, attach }: AppProps) {
         <main class="stage">
           <div class="view" ref={attach} />
           <div class="pills">
-            <FollowBar viewer={viewer} />
-            <MeasureBar viewer={viewer} />
+            <FollowBar follow={viewer.follow} />
+            <MeasureBar measurement={viewer.measurement} />
           </div>
-          <ViewAxes viewer={viewer} />
+          <ViewAxes rig={viewer.stage.rig} rotation={viewer.rotation} />
           <SideViews viewer={viewer} />
           <p class={isCentred ? "hint centre" : "hint"} role="status" hidden={hint === ""}>
             {hint}

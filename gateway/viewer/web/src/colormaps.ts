@@ -27,25 +27,27 @@ export function rangeOf(values: Float32Array, offset: number, stride: number): R
   return low <= high ? { low, high } : { low: 0, high: 1 };
 }
 
+/** Return 256 colours of a map, red, green and blue bytes. */
+function tableOf(map: MapName): Uint8Array {
+  const stops = COLOR_MAPS[map].map((stop) => [1, 3, 5].map((at) => Number.parseInt(stop.slice(at, at + 2), 16)));
+  return Uint8Array.from({ length: 3 * 256 }, (_, i) => {
+    const at = (Math.floor(i / 3) / 255) * (stops.length - 1);
+    const k = Math.min(Math.floor(at), stops.length - 2);
+    const [low, high] = [stops[k]![i % 3]!, stops[k + 1]![i % 3]!];
+    return Math.round(low + (at - k) * (high - low));
+  });
+}
+
 /** Return RGBA bytes for every value; NaN is grey. */
 export function colorize(values: Float32Array, offset: number, stride: number, range: Range, map: MapName): Uint8Array {
-  const stops: readonly string[] = COLOR_MAPS[map];
-  const channel = (stop: number, c: number) => Number.parseInt(stops[stop]!.slice(1 + 2 * c, 3 + 2 * c), 16);
-  const table = new Uint8Array(256 * 3);
-  for (let i = 0; i < 256; i++) {
-    const at = (i / 255) * (stops.length - 1);
-    const k = Math.min(Math.floor(at), stops.length - 2);
-    for (let c = 0; c < 3; c++) {
-      table[3 * i + c] = Math.round(channel(k, c) + (at - k) * (channel(k + 1, c) - channel(k, c)));
-    }
-  }
+  const table = tableOf(map);
   const count = Math.floor((values.length - offset + stride - 1) / stride);
   const colors = new Uint8Array(4 * count);
   const scale = range.high > range.low ? 255 / (range.high - range.low) : 0;
   for (let i = 0; i < count; i++) {
     const value = values[offset + i * stride] ?? NaN;
     const index = 3 * Math.max(0, Math.min(255, Math.round((value - range.low) * scale)));
-    for (let c = 0; c < 3; c++) colors[4 * i + c] = Number.isNaN(value) ? 128 : (table[index + c] ?? 0);
+    for (let c = 0; c < 3; c++) colors[4 * i + c] = Number.isNaN(value) ? 128 : table[index + c]!;
     colors[4 * i + 3] = 255;
   }
   return colors;

@@ -1,7 +1,9 @@
 // A WebSocket that reconnects by itself. The gateway sends the next update only after the acknowledgement "k", the next
 // values of controls only after "c".
 
-import { type Click, type ControlChange, type Message, parse } from "./protocol";
+import type { ControlChange } from "./controlmessages";
+import { type Message, parse } from "./frames";
+import type { Click } from "./protocol";
 
 const FIRST_DELAY = 250;
 const MAX_DELAY = 4000;
@@ -22,15 +24,10 @@ export class Connection {
     this.open();
   }
 
-  /** Acknowledge the last update. */
-  acknowledge(): void {
+  /** Acknowledge the last update or the last values of controls. */
+  acknowledge(text: "k" | "c"): void {
     this.delay = FIRST_DELAY;
-    this.send("k");
-  }
-
-  /** Acknowledge the last values of controls. */
-  acknowledgeControls(): void {
-    this.send("c");
+    this.send(text);
   }
 
   /** Report a click that a client wants, or a change of a control. */

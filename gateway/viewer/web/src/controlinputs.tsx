@@ -1,40 +1,35 @@
-// Inputs of the controls of programs: buttons, sliders, numbers, texts, check boxes, menus, colours.
+// Inputs of controls: buttons, sliders, numbers, texts, check boxes, menus, colours.
 
 import { useSignal } from "@preact/signals";
 import type { InputHTMLAttributes, TargetedEvent } from "preact";
 import { useId } from "preact/hooks";
-import { Select } from "./controls";
+import type { ControlValue } from "./controlmessages";
+import { Check, Select } from "./controls";
 import { short } from "./format";
-import type { ProgramControl, ProgramControls } from "./programcontrols";
+import type { ProgramControl } from "./programcontrols";
 
 interface InputProps {
   control: ProgramControl;
-  controls: ProgramControls;
+  /** Takes a new value; null: the button was clicked. */
+  set: (value: ControlValue) => void;
 }
 
-export function ControlInput({ control, controls }: InputProps) {
+export function ControlInput({ control, set }: InputProps) {
   const { definition, value } = control;
   const name = String(definition.path.at(-1));
-  const set = (next: string | number | boolean | [number, number, number]) => controls.set(control, next);
   const id = useId();
   if (definition.type === "button")
     return (
-      <button type="button" class="program-button" onClick={() => controls.click(control)}>
+      <button type="button" class="program-button" onClick={() => set(null)}>
         {name}
       </button>
     );
-  if (definition.type === "slider") return <SliderRow control={control} controls={controls} />;
-  if (definition.type === "checkbox")
-    return (
-      <label class="program-control check">
-        <input type="checkbox" checked={value.value === true} onChange={({ currentTarget }) => set(currentTarget.checked)} />
-        {name}
-      </label>
-    );
+  if (definition.type === "slider") return <SliderRow control={control} set={set} />;
+  if (definition.type === "checkbox") return <Check class="program-control check" text={name} checked={value.value === true} onChange={set} />;
   return (
     <div class="program-control">
       <label for={id}>{name}</label>
-      {definition.type === "number" && <NumberField id={id} control={control} controls={controls} />}
+      {definition.type === "number" && <NumberField id={id} control={control} set={set} />}
       {definition.type === "text" && <DraftInput id={id} type="text" maxLength={1000} shown={String(value.value)} commit={set} />}
       {definition.type === "dropdown" && (
         <Select id={id} value={String(value.value)} choices={(definition.options ?? []).map((text) => [text, text])} onChange={set} />
@@ -46,23 +41,26 @@ export function ControlInput({ control, controls }: InputProps) {
   );
 }
 
-function SliderRow({ control, controls }: InputProps) {
-  const { min = 0, max = 1, step = "any", path } = control.definition;
+function SliderRow({ control, set }: InputProps) {
+  const { min = 0, max = 1, step, path, logarithmic } = control.definition;
   const id = useId();
+  const place = (value: number) => (logarithmic ? Math.log(value / min) : value);
+  const at = (place: number) => (logarithmic ? min * Math.exp(place) : place);
   return (
     <div class="program-control slider">
       <label for={id}>{String(path.at(-1))}</label>
-      <NumberField label={`${path.at(-1)}, value`} control={control} controls={controls} />
+      <NumberField label={`${path.at(-1)}, value`} control={control} set={set} />
       <span class="range">
         {short(min)}
         <input
           id={id}
           type="range"
-          min={min}
-          max={max}
-          step={step}
-          value={Number(control.value.value)}
-          onInput={({ currentTarget }) => controls.set(control, Number(currentTarget.value))}
+          min={place(min)}
+          max={place(max)}
+          step={logarithmic ? 0.001 : (step ?? "any")}
+          value={place(Number(control.value.value))}
+          aria-valuetext={short(Number(control.value.value))}
+          onInput={({ currentTarget }) => set(at(Number(currentTarget.value)))}
         />
         {short(max)}
       </span>
@@ -71,18 +69,22 @@ function SliderRow({ control, controls }: InputProps) {
 }
 
 /** Number with unit. A number beyond the limits becomes the limit. */
-function NumberField({ control, controls, id, label }: InputProps & { id?: string; label?: string }) {
+function NumberField({ control, set, id, label }: InputProps & { id?: string; label?: string }) {
   const { min = -Infinity, max = Infinity, step, unit, type } = control.definition;
   const commit = (text: string) => {
     const number = Number.parseFloat(text);
-    if (Number.isFinite(number)) controls.set(control, Math.min(Math.max(number, min), max));
+    if (Number.isFinite(number)) set(Math.min(Math.max(number, min), max));
   };
   const limits = { min: Number.isFinite(min) ? min : undefined, max: Number.isFinite(max) ? max : undefined };
   const keyStep = step ?? (type === "slider" ? "any" : undefined);
   return (
     <span class="number-field">
       <DraftInput id={id} aria-label={label} type="number" {...limits} step={keyStep} shown={rounded(Number(control.value.value))} commit={commit} />
-      {unit && <span class="unit">{unit}</span>}
+      {unit && (
+        <span class="unit" title={unit}>
+          {unit}
+        </span>
+      )}
     </span>
   );
 }

@@ -1,4 +1,4 @@
-// Buttons and form controls of the page.
+// Buttons, links and form controls of the page.
 
 import type { ButtonHTMLAttributes, ComponentChildren, TargetedEvent } from "preact";
 import { Icon, type IconName } from "./icons";
@@ -73,5 +73,43 @@ export function Select<T extends string>({ label, id, value, choices, onChange }
         </option>
       ))}
     </select>
+  );
+}
+
+/** Menu with its text before it. */
+export function Field<T extends string>(menu: SelectProps<T> & { label: string; hidden?: boolean }) {
+  return (
+    <label class="field" hidden={menu.hidden}>
+      {menu.label}
+      <Select {...menu} />
+    </label>
+  );
+}
+
+interface CheckProps {
+  text: string;
+  title?: string;
+  class?: string;
+  checked: boolean;
+  onChange: (on: boolean) => void;
+}
+
+/** Check box with its text after it. */
+export function Check({ text, title, class: name = "check", checked, onChange }: CheckProps) {
+  return (
+    <label class={name} title={title}>
+      <input type="checkbox" checked={checked} onChange={({ currentTarget }) => onChange(currentTarget.checked)} />
+      {text}
+    </label>
+  );
+}
+
+/** Bar over the view. */
+export function Pill({ label, icon, children }: { label: string; icon: IconName; children: ComponentChildren }) {
+  return (
+    <div class="pill" role="group" aria-label={label}>
+      <Icon name={icon} />
+      {children}
+    </div>
   );
 }

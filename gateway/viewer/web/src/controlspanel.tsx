@@ -38,5 +38,5 @@ function FolderContent({ folder, controls, model }: PanelProps & { folder: Folde
 function Row({ control, controls, model }: PanelProps & { control: ProgramControl }) {
   if (control.definition.type === "plot") return <PlotView control={control} />;
   if (control.definition.type === "gizmo") return <GizmoFields control={control} controls={controls} model={model} />;
-  return <ControlInput control={control} controls={controls} />;
+  return <ControlInput control={control} set={(value) => controls.set(control, value)} />;
 }

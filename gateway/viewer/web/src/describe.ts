@@ -1,29 +1,9 @@
 // What the details panel says of a node, as text: pose, bounds, geometry.
 
-import { type Box3, Euler, Matrix4, Quaternion, Vector3 } from "three";
-import { counted, pathText, shortRow } from "./format";
-import type { Model, TreeNode } from "./model";
-import type { Part, Path } from "./protocol";
-
-/** Frame in which poses are shown; a path is that of a node. */
-export type Frame = "world" | "parent" | Path;
-/** Number of nodes among which a frame can be chosen. */
-const MAX_FRAMES = 2000;
-
-/** Return the frames that can be chosen: JSON and text. `all`: with those of all nodes. */
-export function frameChoices(model: Model, chosen: Frame, all: boolean): [string, string][] {
-  const paths = typeof chosen === "string" ? [] : [chosen];
-  for (const node of all ? model.nodes.values() : []) if (node.parent && paths.length < MAX_FRAMES) paths.push(node.path);
-  const texts = new Map(paths.map((path) => [JSON.stringify(path), pathText(path)]));
-  return [['"world"', "World"], ['"parent"', "Parent"], ...[...texts].sort(([, a], [, b]) => (a < b ? -1 : 1))];
-}
-
-/** Return the transform from the world to a frame of a node; null if the frame is not in the scene, or flat. */
-export function toFrame(model: Model, node: TreeNode, frame: Frame): Matrix4 | null {
-  const base = frame === "parent" ? node.parent : frame === "world" ? null : model.find(frame);
-  if (!base) return typeof frame === "string" ? new Matrix4() : null;
-  return base.world.determinant() !== 0 ? base.world.clone().invert() : null;
-}
+import { type Box3, Euler, type Matrix4, Quaternion, Vector3 } from "three";
+import { counted, shortRow } from "./format";
+import type { TreeNode } from "./model";
+import type { Part, Vector } from "./protocol";
 
 function poseRows(pose: Matrix4, metres: number): [string, string][] {
   const [position, rotation, scale] = [new Vector3(), new Quaternion(), new Vector3()];
@@ -49,7 +29,7 @@ function partText(part: Part): string {
  *
  * @param fromWorld transform from the world to the frame; null: there is no such frame
  */
-export function describe(node: TreeNode, fromWorld: Matrix4 | null, box: Box3, clicked: [number, number, number] | null): [string, string][] {
+export function describe(node: TreeNode, fromWorld: Matrix4 | null, box: Box3, clicked: Vector | null): [string, string][] {
   const size = box.getSize(new Vector3());
   const longest = Math.max(size.x, size.y, size.z);
   const rows: [string, string][] = fromWorld

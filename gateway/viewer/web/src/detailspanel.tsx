@@ -1,14 +1,14 @@
 // Panel of the selected node: path, pose, bounds, geometry, opacity, colours of a point cloud.
 
-import { useSignal } from "@preact/signals";
 import { useRef } from "preact/hooks";
 import { colorChoices } from "./clouds";
 import { COLOR_MAPS, type MapName, ramp } from "./colormaps";
-import { Button, Select, Slider } from "./controls";
-import { describe, frameChoices, toFrame } from "./describe";
+import { Button, Field, Slider } from "./controls";
+import { describe } from "./describe";
 import { pathText, short } from "./format";
-import type { Mark } from "./marks";
+import { MarkFields } from "./marks";
 import type { TreeNode } from "./model";
+import { FrameField, toFrame } from "./poseframes";
 import type { Part } from "./protocol";
 import type { Viewer } from "./viewer";
 
@@ -31,32 +31,6 @@ function Opacity({ node, viewer }: NodeProps) {
   );
 }
 
-const NO_MARK: Mark = { axes: false, name: false, below: false };
-const MARKS: [keyof Mark, string, string][] = [
-  ["axes", "Axes", "Show the node's frame: x red, y green, z blue"],
-  ["name", "Name", "Show the node's name"],
-  ["below", "and below", "Show the same of all nodes below it"],
-];
-
-/** Axes and name of a node in the view. */
-function MarkChoices({ node, viewer }: NodeProps) {
-  const choose = (key: keyof Mark, on: boolean) => {
-    const mark = { ...(node.mark ?? NO_MARK), [key]: on };
-    node.mark = Object.values(mark).some(Boolean) ? mark : null;
-    viewer.markChanged();
-  };
-  return (
-    <div class="choices" role="group" aria-label="In the view">
-      {MARKS.map(([key, text, title]) => (
-        <label key={key} class="check" title={title}>
-          <input type="checkbox" checked={node.mark?.[key] ?? false} onChange={({ currentTarget }) => choose(key, currentTarget.checked)} />
-          {text}
-        </label>
-      ))}
-    </div>
-  );
-}
-
 /** Colours of a point cloud. */
 function CloudColors({ node, part, viewer }: NodeProps & { part: Part }) {
   const { by, map } = node.cloud ?? { by: "", map: "turbo" as MapName };
@@ -68,14 +42,8 @@ function CloudColors({ node, part, viewer }: NodeProps & { part: Part }) {
   const maps = Object.keys(COLOR_MAPS).map((name) => [name, name] as [MapName, string]);
   return (
     <>
-      <label class="field">
-        Colour by
-        <Select label="Colour by" value={by} choices={colorChoices(part)} onChange={(next) => choose(next, map)} />
-      </label>
-      <label class="field" hidden={!by}>
-        Colour map
-        <Select label="Colour map" value={map} choices={maps} onChange={(next) => choose(by, next)} />
-      </label>
+      <Field label="Colour by" value={by} choices={colorChoices(part)} onChange={(next) => choose(next, map)} />
+      <Field label="Colour map" hidden={!by} value={map} choices={maps} onChange={(next) => choose(by, next)} />
       <div hidden={!by}>
         <div class="ramp" style={`background: ${ramp(map)}`} />
         <div class="ramp-ends">
@@ -84,23 +52,6 @@ function CloudColors({ node, part, viewer }: NodeProps & { part: Part }) {
         </div>
       </div>
     </>
-  );
-}
-
-/** Frame of the pose that is shown. */
-function FrameOfPose({ viewer }: { viewer: Viewer }) {
-  const { model, frame } = viewer.session;
-  const isUsed = useSignal(false); // the nodes are listed when the menu is used
-  return (
-    <label class="field" onFocusIn={() => (isUsed.value = true)} onPointerEnter={() => (isUsed.value = true)}>
-      Relative to
-      <Select
-        label="Relative to"
-        value={JSON.stringify(frame.value)}
-        choices={frameChoices(model, frame.value, isUsed.value)}
-        onChange={(chosen) => (frame.value = JSON.parse(chosen))}
-      />
-    </label>
   );
 }
 
@@ -146,16 +97,16 @@ export function DetailsPanel({ viewer }: { viewer: Viewer }) {
               class="plain"
               title="Follow it with the camera (C); again: ride along; again: stop"
               pressed={viewer.follow.modeOf(node) !== null}
-              onClick={() => viewer.cycleFollow(node)}
+              onClick={() => viewer.follow.cycle(node)}
             >
               Follow
             </Button>
             <Button icon="close" aria-label="Deselect" title="Deselect (Esc)" onClick={() => viewer.select(null)} />
           </header>
           <Opacity node={node} viewer={viewer} />
-          <MarkChoices node={node} viewer={viewer} />
+          <MarkFields node={node} changed={() => viewer.changed()} />
           {cloud && <CloudColors node={node} part={cloud} viewer={viewer} />}
-          <FrameOfPose viewer={viewer} />
+          <FrameField model={session.model} frame={session.frame} />
           <Values key={node.id} node={node} viewer={viewer} />
         </>
       )}

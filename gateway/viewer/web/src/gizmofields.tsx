@@ -35,8 +35,8 @@ export function GizmoFields({ control, controls, model }: GizmoProps) {
     if (Number.isFinite(number)) controls.set(control, poseOfNumbers(values.map((value, i) => (i === field ? number : value))));
   };
   return (
-    <fieldset class="program-control gizmo">
-      <legend>{name}</legend>
+    <div class="program-control gizmo" role="group" aria-label={name}>
+      <span>{name}</span>
       <Select label={`${name}, handles`} value={mode.value} choices={GIZMO_MODES} onChange={(next) => (mode.value = next)} />
       {FIELDS.map((field, i) => (
         <label key={field}>
@@ -44,6 +44,6 @@ export function GizmoFields({ control, controls, model }: GizmoProps) {
           <DraftInput type="number" step={i < 3 ? 0.01 : 1} shown={rounded(values[i] ?? 0)} commit={(text) => commit(i, text)} />
         </label>
       ))}
-    </fieldset>
+    </div>
   );
 }

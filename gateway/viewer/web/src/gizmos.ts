@@ -50,7 +50,7 @@ export class Gizmos {
     });
     effect(() => {
       options.orthographic.shown.value;
-      for (const gizmo of this.gizmos.values()) gizmo.handles.camera = stage.camera;
+      for (const gizmo of this.gizmos.values()) gizmo.handles.camera = stage.rig.camera;
     });
   }
 
@@ -73,13 +73,13 @@ class Gizmo {
     private readonly controls: ProgramControls,
     public control: ProgramControl,
   ) {
-    this.handles = new TransformControls(stage.camera, stage.canvas);
+    this.handles = new TransformControls(stage.rig.camera, stage.canvas);
     this.handles.setSpace("local");
     stage.world.add(this.target);
     stage.scene.add(this.handles.getHelper());
     this.handles.addEventListener("change", () => stage.redraw());
     this.handles.addEventListener("dragging-changed", ({ value }) => {
-      stage.controls.enabled = !value;
+      stage.rig.controls.enabled = !value;
       this.follow();
     });
     this.handles.addEventListener("objectChange", () => this.report());
@@ -115,7 +115,7 @@ class Gizmo {
 
   dispose(): void {
     this.stopFollowing();
-    this.stage.controls.enabled = true;
+    this.stage.rig.controls.enabled = true;
     this.handles.detach();
     this.handles.dispose();
     this.handles.getHelper().removeFromParent();

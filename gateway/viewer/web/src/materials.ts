@@ -1,88 +1,31 @@
-// Materials and textures, shared by draws with equal properties. Materials are those of glTF: metallic-roughness, or unlit.
+// Materials, shared by draws with equal properties. They are those of glTF: metallic-roughness, or unlit.
 
-import {
-  ClampToEdgeWrapping,
-  type Color,
-  DoubleSide,
-  Euler,
-  FrontSide,
-  ImageLoader,
-  LineBasicMaterial,
-  MeshBasicMaterial,
-  type MeshBasicMaterialParameters,
-  MeshLambertMaterial,
-  MeshStandardMaterial,
-  MirroredRepeatWrapping,
-  NearestFilter,
-  NoColorSpace,
-  PointsMaterial,
-  RepeatWrapping,
-  Source,
-  SRGBColorSpace,
-  Texture,
-  type Material as ThreeMaterial,
-  type Wrapping,
-} from "three";
+import * as THREE from "three";
 import { LineMaterial } from "three/addons/lines/LineMaterial.js";
-import type { Material, TextureUse } from "./protocol";
+import type { PointSize } from "./pointsize";
+import type { Material } from "./protocol";
 import { BEFORE_SURFACE, patch, SIZE_IN_METRES } from "./shaders";
+import { Textures } from "./textures";
 
-const WRAP: Record<number, Wrapping> = {
-  10497: RepeatWrapping,
-  33071: ClampToEdgeWrapping,
-  33648: MirroredRepeatWrapping,
-};
 /** Number of materials up to which unused ones without textures are kept, so that geometry that returns does not compile its shader again. */
 const MAX_MATERIALS = 64;
-/** Milliseconds before a failed download of a texture is repeated. */
-const RETRY_MS = 2000;
-
-/** Placeholder until a texture is downloaded; three.js draws black without an image. */
-function placeholderImage(): HTMLCanvasElement {
-  const canvas = Object.assign(document.createElement("canvas"), { width: 1, height: 1 });
-  const context = canvas.getContext("2d");
-  if (context) {
-    context.fillStyle = "white";
-    context.fillRect(0, 0, 1, 1);
-  }
-  return canvas;
-}
-
-/** Return true if a material has highlights. Others get a cheaper shader. */
-function isShiny(material: Material): boolean {
-  return (material.roughness ?? 1) < 1 || isMetallic(material);
-}
 
 /**
- * Return true if a material reflects the environment map. Without it, metals would be black. Other materials do without,
- * because it takes four fifths of the time to draw without a GPU.
+ * Sort of a draw. `opaque`: of a batch, white, coloured per instance; the others have their own colour and opacity.
+ * `wideLine`: lines of more than one pixel, which are drawn as LineSegments2.
  */
-function isMetallic({ metallic = 0 }: Material): boolean {
-  return metallic > 0;
-}
-
-/** Size of all points. `sent`: as published. */
-export interface PointSize {
-  unit: "sent" | "pixels" | "metres";
-  size: number;
-}
+export type MaterialKind = "opaque" | "translucent" | "line" | "wideLine" | "points";
 
 interface SharedMaterial {
-  material: ThreeMaterial;
+  material: THREE.Material;
   users: number;
-  textures: Texture[];
+  textures: THREE.Texture[];
 }
 
 export class Materials {
+  readonly textures: Textures;
   private readonly shared = new Map<string, SharedMaterial>();
-  private readonly keys = new WeakMap<ThreeMaterial, string>();
-  private readonly textures = new Map<string, Texture>();
-  private readonly loader = new ImageLoader();
-  private readonly downloaded = new WeakSet<Texture>();
-  /** Textures by those that they replaced. */
-  private readonly replacements = new WeakMap<Texture, Texture>();
-  /** Texture that new ones show until they are downloaded: that of the draw that they replace. */
-  replaced: Texture | null = null;
+  private readonly keys = new WeakMap<THREE.Material, string>();
   /** True if a material was released since the last `disposeUnused`. */
   private released = false;
   private wireframe = false;
@@ -91,8 +34,10 @@ export class Materials {
   /** @param environmentMap returns the environment map that metals reflect, Y-up */
   constructor(
     private readonly redraw: () => void,
-    private readonly environmentMap: () => Texture | null,
-  ) {}
+    private readonly environmentMap: () => THREE.Texture | null,
+  ) {
+    this.textures = new Textures(redraw);
+  }
 
   /** True if a material in use is translucent. */
   get areTranslucent(): boolean {
@@ -105,43 +50,24 @@ export class Materials {
     return JSON.stringify(rest) + (vertexColors ? "v" : "");
   }
 
-  /** Return a white material for a batch, coloured per instance. Must be released with `release`, like all others. */
-  opaque(material: Material, vertexColors: boolean): ThreeMaterial {
-    return this.acquire(`opaque ${this.key(material, vertexColors)}`, () => this.surface(material, vertexColors));
-  }
-
-  /** Return a material for a single draw, with its own colour and opacity. */
-  translucent(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
-    return this.acquire(`translucent ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
-      return this.colored(this.surface(material, vertexColors), material, opacity, true);
-    });
-  }
-
-  line(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
-    return this.acquire(`line ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
-      return this.colored(patch(new LineBasicMaterial({ vertexColors }), BEFORE_SURFACE), material, opacity);
-    });
-  }
-
-  /** Return a material for lines of more than one pixel, which are drawn as LineSegments2. */
-  wideLine(material: Material, vertexColors: boolean, opacity: number): LineMaterial {
-    return this.acquire(`wide line ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
-      const threeMaterial = patch(new LineMaterial({ vertexColors, linewidth: material.lineWidth ?? 1 }), BEFORE_SURFACE);
-      return this.colored(threeMaterial, material, opacity);
-    }) as LineMaterial;
-  }
-
-  points(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
-    return this.acquire(`points ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
-      const threeMaterial = patch(new PointsMaterial({ vertexColors, sizeAttenuation: false }));
-      threeMaterial.userData.size = material.pointSize ?? 1;
-      this.sizePoints(threeMaterial);
-      return this.colored(threeMaterial, material, opacity);
-    });
+  /** Return a material for a draw, whose node has an opacity. Must be released with `release`. */
+  acquire(kind: MaterialKind, material: Material, vertexColors: boolean, opacity = 1): THREE.Material {
+    const key = `${kind} ${this.key(material, vertexColors)} ${kind === "opaque" ? "" : [material.color, opacity]}`;
+    let shared = this.shared.get(key);
+    if (!shared) {
+      const made = this.create(kind, material, vertexColors);
+      if (kind !== "opaque") color(made, material, opacity, kind === "translucent");
+      const { envMap: _, ...own } = made as THREE.Material & { envMap?: THREE.Texture };
+      shared = { material: made, users: 0, textures: Object.values(own).filter((value: unknown) => value instanceof THREE.Texture) };
+      this.shared.set(key, shared);
+      this.keys.set(made, key);
+    }
+    shared.users += 1;
+    return shared.material;
   }
 
   /** Release a use of a material. */
-  release(material: ThreeMaterial): void {
+  release(material: THREE.Material): void {
     const shared = this.shared.get(this.keys.get(material) ?? "");
     if (shared) shared.users -= 1;
     this.released = true;
@@ -154,24 +80,19 @@ export class Materials {
   disposeUnused(): void {
     if (!this.released) return;
     this.released = false;
-    const used = new Set<Texture>();
+    const used = new Set<THREE.Texture>();
     for (const [key, { material, users, textures }] of this.shared)
       if (users > 0) for (const texture of textures) used.add(texture);
       else if (textures.length || this.shared.size > MAX_MATERIALS) {
         material.dispose();
         this.shared.delete(key);
       }
-    for (const [key, texture] of this.textures)
-      if (!used.has(texture)) {
-        texture.dispose();
-        this.textures.delete(key);
-      }
+    this.textures.disposeAllBut(used);
   }
 
-  /** Drop all textures: another gateway uses other ids. */
-  forgetTextures(): void {
-    for (const texture of this.textures.values()) texture.dispose();
-    this.textures.clear();
+  /** Drop everything: another gateway uses other ids. */
+  forget(): void {
+    this.textures.disposeAllBut(new Set());
     for (const { material } of this.shared.values()) material.dispose();
     this.shared.clear();
   }
@@ -179,7 +100,7 @@ export class Materials {
   /** Use a new environment map. */
   renewEnvironment(): void {
     for (const { material } of this.shared.values())
-      if (material instanceof MeshStandardMaterial && material.envMap) material.envMap = this.environmentMap();
+      if (material instanceof THREE.MeshStandardMaterial && material.envMap) material.envMap = this.environmentMap();
   }
 
   setWireframe(on: boolean): void {
@@ -190,124 +111,85 @@ export class Materials {
 
   setPointSize(size: PointSize): void {
     this.pointSize = size;
-    for (const { material } of this.shared.values()) if (material instanceof PointsMaterial) this.sizePoints(material);
+    for (const { material } of this.shared.values()) if (material instanceof THREE.PointsMaterial) this.sizePoints(material);
     this.redraw();
   }
 
-  private sizePoints(material: PointsMaterial): void {
+  private sizePoints(material: THREE.PointsMaterial): THREE.PointsMaterial {
     const { unit, size } = this.pointSize;
     material.size = unit === "sent" ? (material.userData.size as number) : size;
     material.defines = unit === "metres" ? { [SIZE_IN_METRES]: "" } : {};
     material.needsUpdate = true;
+    return material;
   }
 
-  /** Set the colour of a draw and, if its node or its colour is translucent, the opacity. Return the three.js material. */
-  private colored<M extends ThreeMaterial & { color: Color }>(threeMaterial: M, material: Material, nodeOpacity: number, blended = false): M {
-    const [r, g, b, alpha] = material.color;
-    threeMaterial.color.setRGB(r, g, b, SRGBColorSpace);
-    const opacity = alpha * nodeOpacity;
-    if (blended || opacity < 1) {
-      threeMaterial.transparent = true;
-      threeMaterial.depthWrite = false;
-      threeMaterial.opacity = opacity;
+  private create(kind: MaterialKind, material: Material, vertexColors: boolean): THREE.Material & { color: THREE.Color } {
+    switch (kind) {
+      case "line":
+        return patch(new THREE.LineBasicMaterial({ vertexColors }), BEFORE_SURFACE);
+      case "wideLine":
+        return patch(new LineMaterial({ vertexColors, linewidth: material.lineWidth ?? 1 }), BEFORE_SURFACE);
+      case "points":
+        return this.sizePoints(
+          patch(new THREE.PointsMaterial({ vertexColors, sizeAttenuation: false, userData: { size: material.pointSize ?? 1 } })),
+        );
+      default:
+        return patch(this.surface(material, vertexColors));
     }
-    return threeMaterial;
   }
 
-  private surface(material: Material, vertexColors: boolean): MeshStandardMaterial | MeshLambertMaterial | MeshBasicMaterial {
-    const parameters: MeshBasicMaterialParameters = {
+  private surface(material: Material, vertexColors: boolean): THREE.MeshStandardMaterial | THREE.MeshLambertMaterial | THREE.MeshBasicMaterial {
+    const { textures, wireframe } = this;
+    const side = material.doubleSided ? THREE.DoubleSide : THREE.FrontSide;
+    const parameters: THREE.MeshBasicMaterialParameters = {
       vertexColors,
-      side: material.doubleSided ? DoubleSide : FrontSide,
-      wireframe: this.wireframe,
-      map: this.texture(material.texture, SRGBColorSpace),
+      side,
+      wireframe,
+      map: textures.get(material.texture, THREE.SRGBColorSpace),
     };
     if (material.alpha === "mask") parameters.alphaTest = material.cutoff ?? 0.5;
-    if (material.unlit) return patch(new MeshBasicMaterial(parameters));
-    const threeMaterial = isShiny(material) ? this.shiny(material, parameters) : new MeshLambertMaterial(parameters);
-    if (material.emissive) threeMaterial.emissive.setRGB(...material.emissive, SRGBColorSpace);
-    threeMaterial.emissiveMap = this.texture(material.emissiveTexture, SRGBColorSpace);
-    threeMaterial.emissiveIntensity = material.emissiveStrength ?? 1;
-    threeMaterial.normalMap = this.texture(material.normalTexture, NoColorSpace);
+    if (material.unlit) return new THREE.MeshBasicMaterial(parameters);
+    const { metallic = 0, roughness = 1 } = material;
+    // Without highlights, a cheaper shader.
+    const made = metallic > 0 || roughness < 1 ? this.shiny(material, parameters) : new THREE.MeshLambertMaterial(parameters);
+    if (material.emissive) made.emissive.setRGB(...material.emissive, THREE.SRGBColorSpace);
+    made.emissiveMap = textures.get(material.emissiveTexture, THREE.SRGBColorSpace);
+    made.emissiveIntensity = material.emissiveStrength ?? 1;
+    made.normalMap = textures.get(material.normalTexture, THREE.NoColorSpace);
     // Without tangents, three.js' bitangent points to the image's bottom, because (0, 0) is its top-left corner.
     const scale = material.normalScale ?? 1;
-    threeMaterial.normalScale.set(scale, -scale);
-    threeMaterial.aoMap = this.texture(material.occlusionTexture, NoColorSpace);
-    threeMaterial.aoMapIntensity = material.occlusionStrength ?? 1;
-    return patch(threeMaterial);
+    made.normalScale.set(scale, -scale);
+    made.aoMap = textures.get(material.occlusionTexture, THREE.NoColorSpace);
+    made.aoMapIntensity = material.occlusionStrength ?? 1;
+    return made;
   }
 
-  private shiny(material: Material, parameters: MeshBasicMaterialParameters): MeshStandardMaterial {
-    const map = this.texture(material.metallicRoughnessTexture, NoColorSpace);
-    return new MeshStandardMaterial({
+  /**
+   * Return a material with highlights. Metals reflect the environment map: without it, they would be black. Others do without,
+   * because it takes four fifths of the time to draw without a GPU.
+   */
+  private shiny(
+    { metallic = 0, roughness = 1, metallicRoughnessTexture }: Material,
+    parameters: THREE.MeshBasicMaterialParameters,
+  ): THREE.MeshStandardMaterial {
+    const map = this.textures.get(metallicRoughnessTexture, THREE.NoColorSpace);
+    return new THREE.MeshStandardMaterial({
       ...parameters,
-      metalness: material.metallic ?? 0,
+      metalness: metallic,
       metalnessMap: map,
-      roughness: material.roughness ?? 1,
+      roughness,
       roughnessMap: map,
-      envMap: isMetallic(material) ? this.environmentMap() : null,
+      envMap: metallic > 0 ? this.environmentMap() : null,
       envMapIntensity: 0.3,
-      envMapRotation: new Euler(Math.PI / 2, 0, 0),
+      envMapRotation: new THREE.Euler(Math.PI / 2, 0, 0),
     });
   }
+}
 
-  private texture(use: TextureUse | undefined, colorSpace: typeof SRGBColorSpace | typeof NoColorSpace): Texture | null {
-    if (!use) return null;
-    const key = JSON.stringify(use) + colorSpace;
-    let threeTexture = this.textures.get(key);
-    if (!threeTexture) {
-      threeTexture = this.load(key, `view/image/${use.image}`);
-      threeTexture.colorSpace = colorSpace;
-      threeTexture.flipY = false; // glTF: (0, 0) is the top-left corner
-      threeTexture.wrapS = WRAP[use.wrap[0]] ?? RepeatWrapping;
-      threeTexture.wrapT = WRAP[use.wrap[1]] ?? RepeatWrapping;
-      threeTexture.anisotropy = 4;
-      if (!use.linear) threeTexture.magFilter = NearestFilter;
-      threeTexture.channel = use.set ?? 0;
-      if (use.transform) {
-        threeTexture.matrixAutoUpdate = false;
-        threeTexture.matrix.set(...use.transform, 0, 0, 1);
-      }
-      this.textures.set(key, threeTexture);
-    }
-    return threeTexture;
-  }
-
-  private load(key: string, url: string, tries = 3): Texture {
-    const texture = new Texture();
-    texture.source = this.replaced?.source ?? new Source(placeholderImage());
-    texture.needsUpdate = true;
-    if (this.replaced) this.replacements.set(this.replaced, texture);
-    const download = () =>
-      this.loader.load(
-        url,
-        (image) => {
-          const source = new Source(image);
-          // Replacements that are not yet downloaded show the image, too.
-          for (let each: Texture | undefined = texture; each && !this.downloaded.has(each); each = this.replacements.get(each)) {
-            each.dispose(); // the image has another size than the last one
-            each.source = source;
-            each.needsUpdate = true;
-          }
-          this.downloaded.add(texture);
-          this.redraw();
-        },
-        undefined,
-        () => (tries -= 1) > 0 && setTimeout(() => this.textures.get(key) === texture && download(), RETRY_MS),
-      );
-    download();
-    return texture;
-  }
-
-  private acquire(key: string, make: () => ThreeMaterial): ThreeMaterial {
-    let shared = this.shared.get(key);
-    if (!shared) {
-      const material = make();
-      const { envMap: _, ...own } = material as ThreeMaterial & { envMap?: Texture };
-      shared = { material, users: 0, textures: Object.values(own).filter((value: unknown) => value instanceof Texture) };
-      this.shared.set(key, shared);
-      this.keys.set(shared.material, key);
-    }
-    shared.users += 1;
-    return shared.material;
-  }
+/** Set the colour of a draw and, if its node or its colour is translucent, the opacity. */
+function color(made: THREE.Material & { color: THREE.Color }, material: Material, nodeOpacity: number, blended: boolean): void {
+  const [r, g, b, alpha] = material.color;
+  made.color.setRGB(r, g, b, THREE.SRGBColorSpace);
+  const opacity = alpha * nodeOpacity;
+  if (blended || opacity < 1) Object.assign(made, { transparent: true, depthWrite: false, opacity });
 }

@@ -1,23 +1,24 @@
-// Controls for the stereo camera's REST parameters.
+// The stereo camera's REST parameters, by the inputs of controls.
 
-import { useSignal } from "@preact/signals";
-import { useEffect } from "preact/hooks";
-import { Select, Slider } from "./controls";
-import { short } from "./format";
+import { signal, useSignal } from "@preact/signals";
+import { useEffect, useMemo, useRef } from "preact/hooks";
+import { ControlInput } from "./controlinputs";
+import type { ControlType, ControlValue } from "./controlmessages";
+import type { ProgramControl } from "./programcontrols";
 
 const BASE = "api/v2/pipelines/0/nodes";
 const NODES = { rc_camera: "Camera", rc_stereomatching: "Stereo matching", rc_iocontrol: "Outputs" };
+const TYPES: Record<Parameter["type"], ControlType> = { float64: "slider", int32: "slider", bool: "checkbox", string: "dropdown" };
+/** Time after which a value is sent, while a slider is dragged after its last movement, ms. */
+const DELAY = 100;
 const WITHOUT_EFFECT = " (kept, but without effect on this synthetic camera)";
-
-type Value = number | boolean | string;
 
 interface Parameter {
   name: string;
   type: "float64" | "int32" | "bool" | "string";
-  value: Value;
+  value: number | boolean | string;
   min: number;
   max: number;
-  default: Value;
   description: string;
 }
 
@@ -39,7 +40,7 @@ export function Parameters() {
         <details key={node} class="group">
           <summary>{title}</summary>
           {parameters.map((parameter) => (
-            <Control key={parameter.name} node={node} parameter={parameter} />
+            <Control key={parameter.name} url={`${BASE}/${node}/parameters/${parameter.name}`} parameter={parameter} />
           ))}
         </details>
       ))}
@@ -47,79 +48,47 @@ export function Parameters() {
   );
 }
 
-function Control({ node, parameter }: { node: string; parameter: Parameter }) {
+/** Return a parameter as a control, and what it does. The description of an enumeration ends with a list of its choices. */
+function controlOf({ name, type, value, min, max, description }: Parameter): { control: ProgramControl; about: string } {
+  const text = description.replace(WITHOUT_EFFECT, "");
+  const list = type === "string" ? text.lastIndexOf(":") : text.length;
+  const options = text.slice(list + 1).split(",");
+  const isLogarithmic = min > 0 && max / min > 200;
+  const step = type === "int32" ? 1 : undefined;
+  const definition = { id: 0, path: [name], type: TYPES[type], value, min, max, step, logarithmic: isLogarithmic };
+  const control = { definition: { ...definition, options: options.map((choice) => choice.trim()) }, value: signal(value), samples: signal([]) };
+  return { control, about: text.slice(0, list) };
+}
+
+function Control({ url, parameter }: { url: string; parameter: Parameter }) {
   const problem = useSignal("");
-  const value = useSignal(parameter.value);
-  const set = async (next: Value) => {
-    value.value = next;
+  const { control, about } = useMemo(() => controlOf(parameter), [parameter]);
+  const timer = useRef(0);
+  const set = (next: ControlValue) => {
+    control.value.value = typeof next === "number" && parameter.type === "int32" ? Math.round(next) : next;
+    clearTimeout(timer.current);
+    timer.current = setTimeout(put, DELAY);
+  };
+  const put = async () => {
+    const value = control.value.peek();
     try {
-      const response = await fetch(`${BASE}/${node}/parameters/${parameter.name}`, {
-        method: "PUT",
-        headers: { "Content-Type": "application/json" },
-        body: JSON.stringify({ value: next }),
-      });
+      const headers = { "Content-Type": "application/json" };
+      const response = await fetch(url, { method: "PUT", headers, body: JSON.stringify({ value }) });
       const body = (await response.json()) as Parameter & { message?: string };
       problem.value = response.ok ? "" : (body.message ?? response.statusText);
-      if (response.ok) value.value = body.value;
+      if (response.ok && control.value.peek() === value) control.value.value = body.value;
     } catch {
       problem.value = "The gateway does not respond.";
     }
   };
   const hasNoEffect = parameter.description.includes(WITHOUT_EFFECT);
-  const text = parameter.description.replace(WITHOUT_EFFECT, "");
-  // An enumeration is a list of its choices.
-  const list = parameter.type === "string" ? text.lastIndexOf(":") : text.length;
-  const choices = text
-    .slice(list + 1)
-    .split(",")
-    .map((choice) => choice.trim());
   return (
     <div class={`parameter${hasNoEffect ? " idle" : ""}`}>
-      <code>{parameter.name}</code>
-      <div class="about">{text.slice(0, list) + (hasNoEffect ? "; kept, but without effect here" : "")}</div>
-      <Input parameter={parameter} value={value.value} choices={choices} set={set} />
+      <ControlInput control={control} set={set} />
+      <div class="about">{about + (hasNoEffect ? "; kept, but without effect here" : "")}</div>
       <div class="problem" role="alert" hidden={!problem.value}>
         {problem}
       </div>
-    </div>
-  );
-}
-
-interface InputProps {
-  parameter: Parameter;
-  value: Value;
-  /** Of an enumeration. */
-  choices: string[];
-  set: (value: Value) => void;
-}
-
-function Input({ parameter: { name, type, min, max }, value, choices, set }: InputProps) {
-  const dragged = useSignal<number | null>(null);
-  if (type === "bool")
-    return <input type="checkbox" checked={value === true} aria-label={name} onChange={({ currentTarget }) => set(currentTarget.checked)} />;
-  if (type === "string") return <Select label={name} value={String(value)} choices={choices.map((choice) => [choice, choice])} onChange={set} />;
-  // Ranges over several powers of ten get a logarithmic slider.
-  const isLogarithmic = min > 0 && max / min > 200;
-  const rounded = (number: number) => (type === "int32" ? Math.round(number) : number);
-  const position = (number: number) => (isLogarithmic ? Math.log(number / min) / Math.log(max / min) : (number - min) / (max - min));
-  const at = (place: number) => rounded(isLogarithmic ? min * (max / min) ** place : min + place * (max - min));
-  const shown = dragged.value ?? Number(value);
-  const drop = (place: number) => {
-    dragged.value = null;
-    set(at(place));
-  };
-  return (
-    <div class="row-of-two">
-      <Slider label={`${name} slider`} step={0.001} value={position(shown)} onInput={(place) => (dragged.value = at(place))} onChange={drop} />
-      <input
-        type="number"
-        min={min}
-        max={max}
-        step={type === "int32" ? 1 : "any"}
-        value={short(shown)}
-        aria-label={name}
-        onChange={({ currentTarget }) => set(rounded(Number(currentTarget.value)))}
-      />
     </div>
   );
 }

@@ -1,7 +1,7 @@
 // Controls of programs, their values and samples. Without a browser.
 
 import { batch, type Signal, signal } from "@preact/signals";
-import type { ControlChange, ControlDefinition, ControlsMessage, ControlValue } from "./protocol";
+import type { ControlChange, ControlDefinition, ControlsMessage, ControlValue } from "./controlmessages";
 
 /** Shortest time between two changes of a control that are sent, and between two images of a plot, ms. */
 const INTERVAL = 40;
@@ -103,17 +103,20 @@ export class ProgramControls {
     this.setAll([]);
   }
 
-  /** Change a value. While it changes often, some values in between are not sent. */
+  /**
+   * Change a value; of a button, report a click, which the gateway counts. While a value changes often, some in between are not
+   * sent.
+   */
   set(control: ProgramControl, value: ControlValue): void {
+    const { id, type } = control.definition;
+    if (type === "button") {
+      this.lastNumber += 1;
+      this.send({ control: id, number: this.lastNumber, value: null });
+      return;
+    }
     control.value.value = value;
-    this.waiting.set(control.definition.id, value);
+    this.waiting.set(id, value);
     if (this.sendTimer === undefined) this.flush();
-  }
-
-  /** Report a click on a button. The gateway counts it. */
-  click({ definition: { id } }: ProgramControl): void {
-    this.lastNumber += 1;
-    this.send({ control: id, number: this.lastNumber, value: null });
   }
 
   private flush(): void {

@@ -1,50 +1,14 @@
-// Status bar: one light for the connection and all interfaces, facts, rates.
+// Status bar: a light for all interfaces, facts, rates.
 
-import { lightOf, sentencesOf, stateOf, summary } from "./interfacelights";
-import type { InterfaceState } from "./protocol";
+import { InterfaceLights } from "./interfacelights";
 import type { Session } from "./session";
 
-function Interface(each: InterfaceState) {
-  const { title, documentation } = each;
-  const name = documentation ? (
-    <a href={documentation} target="_blank" rel="noreferrer">
-      {title}
-    </a>
-  ) : (
-    title
-  );
-  return (
-    <li>
-      <span class={`light ${lightOf(each)}`}>
-        {name}: {stateOf(each)}
-      </span>
-      {sentencesOf(each).map((sentence) => (
-        <p key={sentence}>{sentence}</p>
-      ))}
-    </li>
-  );
-}
-
 export function StatusBar({ session }: { session: Session }) {
-  const { state, reason } = session.connection.value;
   const { nodes, revision, updates, frames } = session.rates.value;
-  const { interfaces = {}, facts = [] } = session.status.value ?? {};
-  const { light, text } = summary(state, Object.values(interfaces));
+  const { facts = [] } = session.status.value ?? {};
   return (
     <footer class="status">
-      <details>
-        <summary title="The state of all interfaces">
-          <span class={`light ${light}`} role="status">
-            {text}
-          </span>
-        </summary>
-        <ul>
-          {state !== "open" && <li>{reason || "The gateway does not respond yet."}</li>}
-          {Object.entries(interfaces).map(([name, each]) => (
-            <Interface key={name} {...each} />
-          ))}
-        </ul>
-      </details>
+      <InterfaceLights session={session} />
       <span class="facts">
         {facts.map(({ name, value, warn }) => (
           <span key={name} class={warn ? "warn" : ""}>{`${name} ${value}`}</span>

@@ -10,7 +10,7 @@ const RENDER = "This view by the gateway's rasterizer, as PNG";
 const FILE = "The visible scene as .glb, with this view as its camera";
 
 export function Toolbar({ viewer }: { viewer: Viewer }) {
-  const { panels } = viewer;
+  const { panels, measurement, downloads } = viewer;
   const word = (text: string) => <span class="word">{text}</span>;
   const panel = "Selection, stereo camera, renders, controls (S)";
   return (
@@ -25,22 +25,17 @@ export function Toolbar({ viewer }: { viewer: Viewer }) {
       <div class="tools" role="toolbar" aria-label="View">
         <Button icon="fit" title="Fit the selection, or everything (F)" onClick={() => viewer.fit()} />
         <Button icon="home" title={HOME} onClick={() => viewer.look("home")} />
-        <Button
-          icon="measure"
-          title="Measure between two points (M)"
-          pressed={viewer.measurement.points.value !== null}
-          onClick={viewer.measurement.toggle}
-        />
+        <Button icon="measure" title="Measure between two points (M)" pressed={measurement.points.value !== null} onClick={measurement.toggle} />
         <span class="gap" />
         <DisplayMenu viewer={viewer} />
         <span class="space" />
-        <Button icon="snapshot" title="This view as PNG" onClick={viewer.snapshot}>
+        <Button icon="snapshot" title="This view as PNG" onClick={downloads.snapshot}>
           {word("PNG")}
         </Button>
-        <Download icon="render" title={RENDER} file="scenegate-render.png" url={viewer.rendering}>
+        <Download icon="render" title={RENDER} file="scenegate-render.png" url={downloads.rendering}>
           {word("Render")}
         </Download>
-        <Download icon="download" title={FILE} file="scene.glb" url={viewer.file}>
+        <Download icon="download" title={FILE} file="scene.glb" url={downloads.file}>
           {word(".glb")}
         </Download>
       </div>

@@ -1,8 +1,9 @@
 // The axes of the world as the camera sees them. A click looks along an axis.
 
+import type { Signal } from "@preact/signals";
 import { Quaternion, Vector3 } from "three";
-import type { Direction } from "./framing";
-import type { Viewer } from "./viewer";
+import type { CameraRig } from "./camerarig";
+import { DIRECTIONS, type Direction } from "./framing";
 
 /** Distance of the ends from the middle, CSS pixels. */
 const RADIUS = 32;
@@ -22,8 +23,15 @@ const ENDS: End[] = [
   { direction: "bottom", axis: "z", sign: -1, label: "Bottom, from −Z" },
 ];
 
-export function ViewAxes({ viewer }: { viewer: Viewer }) {
-  const toCamera = new Quaternion(...viewer.rotation.value).invert();
+/** Look at the target from a direction, at the same distance. */
+function turnTo(rig: CameraRig, direction: Direction): void {
+  const { target, halfHeight, orthographic } = rig.view;
+  const eye = new Vector3(...DIRECTIONS[direction]).setLength(rig.controls.getDistance()).add(new Vector3(...target));
+  rig.place({ eye: eye.toArray(), target, up: [0, 0, 1], ...(orthographic && { halfHeight }) });
+}
+
+export function ViewAxes({ rig, rotation }: { rig: CameraRig; rotation: Signal<[number, number, number, number]> }) {
+  const toCamera = new Quaternion(...rotation.value).invert();
   const ends = ENDS.map((end) => ({ ...end, at: new Vector3().setComponent("xyz".indexOf(end.axis), end.sign).applyQuaternion(toCamera) }));
   return (
     <div class="view-axes" role="group" aria-label="Look along an axis">
@@ -38,7 +46,7 @@ export function ViewAxes({ viewer }: { viewer: Viewer }) {
           aria-label={label}
           title={label}
           style={`translate: ${RADIUS * at.x}px ${-RADIUS * at.y}px; z-index: ${Math.round(10 + 9 * at.z)}`}
-          onClick={() => viewer.turnTo(direction)}
+          onClick={() => turnTo(rig, direction)}
         >
           {sign > 0 && axis.toUpperCase()}
         </button>

@@ -1,26 +1,25 @@
 // The 3D view of a session: applies its updates, follows its options, and does what the page's controls ask for.
 
 import { effect, signal } from "@preact/signals";
-import type { Box3, Color } from "three";
+import type { Box3 } from "three";
 import { CameraAddress } from "./address";
-import { addressText, cameraText, parseAddress } from "./camera";
-import { Clicks } from "./clicks";
+import { Downloads } from "./downloads";
 import { Drawing } from "./drawing";
-import { Follow, type FollowMode } from "./follow";
+import { Follow } from "./follow";
 import type { Direction } from "./framing";
 import { Frustum } from "./frustum";
 import { Marks } from "./marks";
-import { Materials, type PointSize } from "./materials";
+import { Materials } from "./materials";
 import { Measurement } from "./measure";
 import type { TreeNode } from "./model";
 import { type Option, options } from "./options";
 import type { Panels } from "./panels";
+import { Clickable, onTap } from "./pointer";
 import type { Click, PageSettings, SceneUpdate } from "./protocol";
 import type { Session } from "./session";
+import { TopView } from "./sideviews";
 import { Stage } from "./stage";
-import { onTap } from "./taps";
 import { backgroundColors, colorsOn } from "./theme";
-import { TopView } from "./topview";
 
 type Quaternion = [number, number, number, number];
 
@@ -31,23 +30,22 @@ export class Viewer {
   readonly stage: Stage;
   readonly materials: Materials;
   readonly drawing: Drawing;
+  readonly downloads: Downloads;
   readonly frustum: Frustum;
   readonly follow: Follow;
+  readonly measurement: Measurement;
   readonly topView = new TopView();
-  /** True: the scene from above is beside the view. */
-  readonly hasTopView = signal(false);
   /** Camera whose image is beside the view, in the gateway's syntax; empty: none. */
   readonly sideCamera = signal("");
-  private readonly marks: Marks;
-  readonly measurement: Measurement;
   /** Rotation of the camera in the world, as a quaternion x, y, z, w. */
   readonly rotation = signal<Quaternion>([0, 0, 0, 1]);
-  private readonly address = new CameraAddress(() => this.addressText());
-  private readonly clicks: Clicks;
+  private readonly marks: Marks;
+  private readonly address: CameraAddress;
+  private readonly clickable: Clickable;
   private readonly settings = signal<PageSettings>({ kind: "page", background: null, grid: null, home: null, clickable: [] });
   /** Time until which the home view follows the first nodes, `performance.now()`; publishers send one after the other. */
   private framingEnds = Infinity;
-  /** `stage.placements` after the home view was last framed. */
+  /** `rig.placements` after the home view was last framed. */
   private framed: number;
   /** JSON of the last home camera that a client has set. */
   private lastHome = "";
@@ -58,30 +56,34 @@ export class Viewer {
     private readonly holder: HTMLElement,
     report: (click: Click) => void,
   ) {
-    const redraw = () => this.stage.redraw();
+    const { model } = session;
     this.stage = new Stage(holder, {
-      imageUrl: () => `view/frame.jpg?${this.imageQuery()}`,
+      imageUrl: () => `view/frame.jpg?${this.downloads.imageQuery()}`,
       isTranslucent: () => this.materials.areTranslucent,
-      drawing: (renderer, halfHeight) => {
-        const { scene, controls } = this.stage;
-        if (this.hasTopView.peek()) this.topView.draw(renderer, scene, controls.target, halfHeight);
-      },
+      drawing: (renderer, halfHeight) => this.topView.draw(renderer, this.stage.scene, this.stage.rig.controls.target, halfHeight),
       drawn: () => this.drawn(),
-      moved: () => this.address.write(),
+      moved: () => this.address?.write(),
       originMoved: () => this.placeAll(),
     });
     const { stage } = this;
-    this.framed = stage.placements;
-    this.follow = new Follow(session.model);
+    const { rig } = stage;
+    const redraw = () => stage.redraw();
+    this.framed = rig.placements;
+    this.follow = new Follow(model, () => {
+      rig.placements += 1; // it is not the home view any more
+      this.address.write();
+    });
+    this.address = new CameraAddress(rig, this.follow, () => rig.placements === this.framed);
     this.materials = new Materials(redraw, () => stage.lights.environmentMap);
-    this.drawing = new Drawing(session.model, this.materials, stage.clouds, stage.origin, redraw);
-    stage.content.add(this.drawing.root);
-    this.marks = new Marks(session.model, stage.origin, holder);
-    stage.scene.add(this.marks.object);
+    this.drawing = new Drawing(model, this.materials, stage.clouds, rig.origin, redraw);
+    this.marks = new Marks(model, rig.origin, holder);
+    this.downloads = new Downloads(stage, model, this.marks, holder);
     this.frustum = new Frustum(redraw);
     this.measurement = new Measurement(redraw);
+    stage.content.add(this.drawing.root);
+    stage.scene.add(this.marks.object);
     stage.world.add(this.frustum.object, this.measurement.object);
-    this.clicks = new Clicks(stage, this.drawing, report);
+    this.clickable = new Clickable(stage, this.drawing, report);
     onTap(stage.canvas, (x, y, button) => this.tap(x, y, button));
     this.followOptions();
     this.followGraphicsDevice();
@@ -102,7 +104,7 @@ export class Viewer {
       const { background } = this.settings.value;
       const name = options.background.shown.value;
       const colors = name === "theme" && background ? colorsOn(background) : backgroundColors(name);
-      for (const material of [this.frustum.material, ...this.measurement.materials]) material.color.set(colors.frustum);
+      for (const material of [this.frustum.object.material, ...this.measurement.materials]) material.color.set(colors.frustum);
       stage.setBackground(colors.background, colors.grid);
     });
     effect(() => this.frustum.setShown(session.streaming.value || panels.isActive("Stereo")));
@@ -131,56 +133,28 @@ export class Viewer {
 
   /** Take the camera from the address. Called when the view has its size. */
   followAddress(): void {
-    const { stage } = this;
+    const { stage, follow } = this;
     stage.resize(); // the text of an orthographic camera has a width
-    this.address.read((text) => this.placeCamera(text));
+    this.address.read(({ camera, followed }) => {
+      if (!camera) return;
+      this.framingEnds = 0;
+      if (camera.orthographic) options.orthographic.shown.value = "on";
+      stage.rig.place(camera);
+      if (followed) follow.start(followed, true);
+      else follow.stop();
+      follow.carry(stage.rig);
+    });
     // In a window of another shape, for instance on a phone that is turned, the home view stays framed.
     addEventListener("resize", () => {
-      if (stage.placements !== this.framed) return;
+      if (stage.rig.placements !== this.framed) return;
       stage.resize();
       this.look("home");
     });
   }
 
-  private placeCamera(text: string): void {
-    const { camera, followed } = parseAddress(text, this.stage.perspective.aspect);
-    if (!camera) return;
-    this.framingEnds = 0;
-    if (camera.orthographic) options.orthographic.shown.value = "on";
-    this.stage.placeCamera(camera);
-    if (followed) this.follow.start(followed, true);
-    else this.follow.stop();
-    this.carryCamera();
-  }
-
-  /** Follow a node with the camera; null: stop. */
-  followNode = (node: TreeNode | null, mode: FollowMode = "follow"): void => {
-    if (node) this.follow.start({ path: node.path, mode });
-    else this.follow.stop();
-    this.stage.placements += 1; // it is not the home view any more
-    this.address.write();
-  };
-
-  setFollowMode = (mode: FollowMode): void => {
-    this.follow.setMode(mode);
-    this.address.write();
-  };
-
-  /** Follow a node, then ride along with it, then stop; without a node, stop. */
-  cycleFollow = (node: TreeNode | null = this.session.selected.peek()): void => {
-    const mode = this.follow.modeOf(node);
-    this.followNode(mode === "ride" ? null : node, mode ? "ride" : "follow");
-  };
-
-  /** Move the camera as the node that it follows has moved; while a gizmo's handle is dragged, afterwards. */
-  private carryCamera(): void {
-    const motion = this.stage.controls.enabled ? this.follow.motion() : null;
-    if (motion) this.stage.carry(motion);
-  }
-
   apply(update: SceneUpdate): void {
     const change = this.session.apply(update);
-    this.carryCamera();
+    this.follow.carry(this.stage.rig);
     this.marks.move();
     this.drawing.apply(change);
     this.highlight(this.session.selected.peek());
@@ -193,7 +167,7 @@ export class Viewer {
   private frameFirstNodes(): void {
     const now = performance.now();
     if (this.framingEnds === Infinity) this.framingEnds = now + FRAMING_MS;
-    else if (now > this.framingEnds || this.stage.placements !== this.framed) return;
+    else if (now > this.framingEnds || this.stage.rig.placements !== this.framed) return;
     this.look("home");
   }
 
@@ -201,7 +175,7 @@ export class Viewer {
   configure(next: PageSettings): void {
     if (next.grid !== this.settings.peek().grid) options.grid.shown.value = next.grid === null ? options.grid.own : next.grid ? "on" : "off";
     this.settings.value = next;
-    this.clicks.setPaths(next.clickable);
+    this.clickable.setPaths(next.clickable);
     const home = JSON.stringify(next.home);
     const isNew = home !== this.lastHome && !(this.lastHome === "" && this.framingEnds === 0); // a link has its own camera
     this.lastHome = home;
@@ -228,12 +202,12 @@ export class Viewer {
   private tap(x: number, y: number, button: Click["button"]): void {
     const hit = this.stage.pick(x, y);
     const node = hit ? (this.drawing.nodeAt(hit) ?? null) : null;
-    const point = hit?.point.add(this.stage.origin).toArray();
+    const point = hit?.point.add(this.stage.rig.origin).toArray();
     if (this.measurement.points.peek() && button === "left") {
       if (point) this.measurement.add(point);
       return;
     }
-    if (point && node) this.clicks.report(node, point, button);
+    if (point && node) this.clickable.report(node, point, button);
     if (button !== "left") return;
     this.select(node, true);
     this.session.clicked.value = point ?? null;
@@ -244,83 +218,35 @@ export class Viewer {
     if (node) this.panels.show("Selection");
   };
 
-  changed = (node: TreeNode): void => {
-    for (const each of node.subtree()) this.drawing.refresh(each);
-    this.session.changes.value += 1;
-    this.stage.redraw();
-  };
-
-  /** Show the marks of nodes as they were chosen. */
-  markChanged = (): void => {
+  /** Draw a node and all below it as this page has changed them; default: the marks alone. */
+  changed = (node?: TreeNode): void => {
+    for (const each of node?.subtree() ?? []) this.drawing.refresh(each);
     this.session.changes.value += 1;
     this.stage.redraw();
   };
 
   /** Frame a node; default: the selection, or everything. */
   fit = (node: TreeNode | null = this.session.selected.peek()): void => {
-    this.stage.fit(node ? this.drawing.boxes(node) : this.drawing.focusBoxes(this.session.model.root));
+    this.stage.rig.fit(node ? this.drawing.boxes(node) : this.drawing.focusBoxes(this.session.model.root));
   };
 
   look = (direction: Direction): void => {
+    const { rig } = this.stage;
     const { home } = this.settings.peek();
     if (direction === "home") this.follow.stop();
-    if (direction === "home" && home) this.stage.placeCamera(home);
-    else this.stage.look(direction, this.drawing.focusBoxes(this.session.model.root));
-    if (direction === "home") this.framed = this.stage.placements;
+    if (direction === "home" && home) rig.place(home);
+    else rig.look(direction, this.drawing.focusBoxes(this.session.model.root));
+    if (direction === "home") this.framed = rig.placements;
   };
 
-  turnTo = (direction: Direction): void => this.stage.turnTo(direction);
-
   private drawn(): void {
+    const { camera } = this.stage.rig;
     this.materials.disposeUnused();
-    this.marks.placeNames(this.stage.camera, this.holder.clientWidth, this.holder.clientHeight);
-    const rotation = this.stage.camera.quaternion.toArray() as Quaternion;
+    this.marks.placeNames(camera, this.holder.clientWidth, this.holder.clientHeight);
+    const rotation = camera.quaternion.toArray() as Quaternion;
     if (String(rotation) !== String(this.rotation.peek())) this.rotation.value = rotation;
   }
 
-  boundsOf = (node: TreeNode): Box3 => this.drawing.bounds(node).translate(this.stage.origin);
-
-  pointSize = (size: PointSize): void => this.materials.setPointSize(size);
-
-  file = (): string => `scene.glb?${this.viewQuery()}`;
-
-  rendering = (): string => `scene/render?${this.imageQuery()}`;
-
-  /** Download the view as it is shown; without WebGL, an image of the gateway. */
-  snapshot = (): void => {
-    const save = (href: string) => Object.assign(document.createElement("a"), { href, download: "scenegate.png" }).click();
-    if (!this.stage.renderer) save(this.rendering());
-    this.stage.renderer?.domElement.toBlob((image) => {
-      if (!image) return;
-      const url = URL.createObjectURL(image);
-      save(url);
-      setTimeout(() => URL.revokeObjectURL(url), 10_000);
-    });
-  };
-
-  /** Return this view's camera in the gateway's syntax. */
-  private cameraText(view = this.stage.view): string {
-    return cameraText(view, this.stage.perspective.fov, this.stage.perspective.aspect);
-  }
-
-  private addressText(): string {
-    if (this.stage.placements === this.framed && !this.follow.followed.peek()) return "";
-    return addressText(this.cameraText(this.follow.relative(this.stage.view)), this.follow.followed.peek());
-  }
-
-  /** Return this view as parameters of `/scene.glb`. */
-  private viewQuery(): URLSearchParams {
-    const { clientWidth: width, clientHeight: height } = this.holder;
-    const changed = [...this.session.model.nodes.values()].filter(({ shown, visible }) => (shown ?? visible) !== visible);
-    const paths = (on: boolean) => JSON.stringify(changed.filter((node) => node.isShown === on).map((node) => node.path));
-    const camera = this.cameraText();
-    return new URLSearchParams({ camera, width: `${width}`, height: `${height}`, hide: paths(false), show: paths(true) });
-  }
-
-  /** Return the parameters of the gateway's image of this view. */
-  private imageQuery(): URLSearchParams {
-    const query = this.viewQuery();
-    query.set("background", (this.stage.scene.background as Color).getHexString());
-    return query;
-  }
+  /** Return the bounds of a node in the world, metres. */
+  boundsOf = (node: TreeNode): Box3 => this.drawing.bounds(node).translate(this.stage.rig.origin);
 }

@@ -1,10 +1,13 @@
-// The node that the camera follows: the motion that carries the camera along. Without a browser.
+// The node that the camera follows: the motion that carries the camera along, and a bar over the view.
 
 import { signal } from "@preact/signals";
 import { Matrix4, Quaternion, Vector3 } from "three";
 import type { CameraView } from "./camera";
+import type { CameraRig } from "./camerarig";
+import { Button, Pill, Select } from "./controls";
+import { pathText } from "./format";
 import type { Model, TreeNode } from "./model";
-import type { Path } from "./protocol";
+import type { Path, Vector } from "./protocol";
 
 /** `follow`: the camera is moved with the node and keeps its heading; `ride`: it is turned with the node, too. */
 export type FollowMode = "follow" | "ride";
@@ -12,6 +15,10 @@ export interface Followed {
   path: Path;
   mode: FollowMode;
 }
+const MODES: [FollowMode, string][] = [
+  ["follow", "keeps its heading"],
+  ["ride", "rides along"],
+];
 
 /** Return position and rotation of a node in the world; null if they are not finite. */
 function poseOf({ world }: TreeNode): Matrix4 | null {
@@ -35,7 +42,11 @@ export class Follow {
   /** Pose of the node for which the camera was placed. */
   private pose = new Matrix4();
 
-  constructor(private readonly model: Model) {}
+  /** @param changed called when another node is followed, none, or in another way */
+  constructor(
+    private readonly model: Model,
+    private readonly changed: () => void = () => undefined,
+  ) {}
 
   /**
    * Follow a node from now on.
@@ -46,6 +57,7 @@ export class Follow {
     this.followed.value = followed;
     this.find(followed.path);
     this.pose = (!isRelative && this.node && poseOf(this.node)) || new Matrix4();
+    this.changed();
   }
 
   /** Return how a node is followed; null: it is not. */
@@ -54,13 +66,29 @@ export class Follow {
     return node && value && JSON.stringify(node.path) === JSON.stringify(value.path) ? value.mode : null;
   }
 
-  setMode(mode: FollowMode): void {
+  setMode = (mode: FollowMode): void => {
     const { value } = this.followed;
     if (value) this.followed.value = { ...value, mode };
+    this.changed();
+  };
+
+  stop = (): void => {
+    if (!this.followed.peek()) return;
+    this.followed.value = null;
+    this.changed();
+  };
+
+  /** Follow a node, then ride along with it, then stop; without a node, stop. */
+  cycle(node: TreeNode | null): void {
+    const mode = this.modeOf(node);
+    if (node && mode !== "ride") this.start({ path: node.path, mode: mode ? "ride" : "follow" });
+    else this.stop();
   }
 
-  stop(): void {
-    this.followed.value = null;
+  /** Carry a camera along as the node has moved; while a gizmo's handle is dragged, afterwards. */
+  carry(rig: CameraRig): void {
+    const motion = rig.controls.enabled ? this.motion() : null;
+    if (motion) rig.move(moved(rig.view, motion));
   }
 
   /** Return the motion of the node since the last call, for the camera; null if there is none. */
@@ -89,7 +117,23 @@ export class Follow {
 
 /** Return a camera after a rigid motion. */
 export function moved(view: CameraView, motion: Matrix4): CameraView {
-  const at = (point: [number, number, number]) => new Vector3(...point).applyMatrix4(motion).toArray();
+  const at = (point: Vector) => new Vector3(...point).applyMatrix4(motion).toArray();
   const up = new Vector3(...view.up).transformDirection(motion).toArray();
   return { ...view, eye: at(view.eye), target: at(view.target), up };
+}
+
+export function FollowBar({ follow: { followed, isThere, setMode, stop } }: { follow: Follow }) {
+  if (!followed.value) return null;
+  const { path, mode } = followed.value;
+  const name = pathText(path);
+  return (
+    <Pill label="The camera follows a node" icon="follow">
+      <span class="name" title={name}>
+        {name}
+      </span>
+      {!isThere.value && <span class="quiet">is not in the scene</span>}
+      <Select label="The camera" value={mode} choices={MODES} onChange={setMode} />
+      <Button icon="close" title="Stop following (C)" onClick={stop} />
+    </Pill>
+  );
 }

@@ -1,7 +1,7 @@
-// The state of the gateway's interfaces as lights, and that of all as one. Without a browser.
+// The state of the gateway's interfaces as lights, and that of all as one, which opens the list of them.
 
 import type { InterfaceState } from "./protocol";
-import type { ConnectionState } from "./session";
+import type { ConnectionState, Session } from "./session";
 
 export type Light = "bad" | "wait" | "warn" | "good";
 /** What several interfaces with a light are, the worst first. */
@@ -32,4 +32,47 @@ export function summary(connection: ConnectionState, interfaces: InterfaceState[
   const [first, ...others] = interfaces.filter((each) => lightOf(each) === light) as [InterfaceState, ...InterfaceState[]];
   if (others.length) return { light, text: `${others.length + 1} interfaces ${STATES[light]}` };
   return { light, text: `${first.title}: ${stateOf(first)}` };
+}
+
+function Interface(each: InterfaceState) {
+  const { title, documentation } = each;
+  const name = documentation ? (
+    <a href={documentation} target="_blank" rel="noreferrer">
+      {title}
+    </a>
+  ) : (
+    title
+  );
+  return (
+    <li>
+      <span class={`light ${lightOf(each)}`}>
+        {name}: {stateOf(each)}
+      </span>
+      {sentencesOf(each).map((sentence) => (
+        <p key={sentence}>{sentence}</p>
+      ))}
+    </li>
+  );
+}
+
+/** One light for the connection and all interfaces. */
+export function InterfaceLights({ session }: { session: Session }) {
+  const { state, reason } = session.connection.value;
+  const { interfaces = {} } = session.status.value ?? {};
+  const { light, text } = summary(state, Object.values(interfaces));
+  return (
+    <details>
+      <summary title="The state of all interfaces">
+        <span class={`light ${light}`} role="status">
+          {text}
+        </span>
+      </summary>
+      <ul>
+        {state !== "open" && <li>{reason || "The gateway does not respond yet."}</li>}
+        {Object.entries(interfaces).map(([name, each]) => (
+          <Interface key={name} {...each} />
+        ))}
+      </ul>
+    </details>
+  );
 }

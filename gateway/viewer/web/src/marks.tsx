@@ -1,6 +1,7 @@
-// Axes and names of nodes over the scene, as chosen in the details panel. Axes have the same size in the view at any distance.
+// Axes and names of nodes over the scene, and their choices in the details panel. Axes have the same size at any distance.
 
 import { AxesHelper, type Camera, LineSegments, Object3D, Vector3 } from "three";
+import { Check } from "./controls";
 import type { Model, TreeNode } from "./model";
 import { nameOf } from "./treerows";
 
@@ -81,6 +82,20 @@ export class Marks {
     }
   }
 
+  /** Draw the names into an image of the view, with `ratio` pixels per CSS pixel. */
+  drawNames(context: CanvasRenderingContext2D, ratio: number): void {
+    const { left, top } = this.labels.getBoundingClientRect();
+    context.scale(ratio, ratio);
+    for (const label of this.labels.querySelectorAll<HTMLElement>("span:not([hidden])")) {
+      const { x, y, width, height } = label.getBoundingClientRect();
+      const { backgroundColor, color, font, paddingLeft } = getComputedStyle(label);
+      Object.assign(context, { font, textBaseline: "middle", fillStyle: backgroundColor });
+      context.fillRect(x - left, y - top, width, height);
+      context.fillStyle = color;
+      context.fillText(label.textContent, x - left + Number.parseFloat(paddingLeft), y - top + height / 2);
+    }
+  }
+
   private newAxes(): LineSegments {
     const axes = new LineSegments(this.shape.geometry, this.shape.material);
     Object.assign(axes, { frustumCulled: false, renderOrder: 1 });
@@ -97,4 +112,27 @@ function scaleToView({ position, quaternion, matrixWorld }: Object3D, camera: Ca
   const seen = position.clone().applyMatrix4(camera.matrixWorldInverse);
   const depth = x * seen.x + y * seen.y + z * seen.z + w; // 1 in an orthographic view
   matrixWorld.compose(position, quaternion, new Vector3().setScalar((2 * LENGTH * Math.max(depth, 1e-6)) / elements[5]!));
+}
+
+const NO_MARK: Mark = { axes: false, name: false, below: false };
+const CHOICES: [keyof Mark, string, string][] = [
+  ["axes", "Axes", "Show the node's frame: x red, y green, z blue"],
+  ["name", "Name", "Show the node's name"],
+  ["below", "and below", "Show the same of all nodes below it"],
+];
+
+/** Axes and name of a node in the view. */
+export function MarkFields({ node, changed }: { node: TreeNode; changed: () => void }) {
+  const choose = (key: keyof Mark, on: boolean) => {
+    const mark = { ...(node.mark ?? NO_MARK), [key]: on };
+    node.mark = Object.values(mark).some(Boolean) ? mark : null;
+    changed();
+  };
+  return (
+    <div class="choices" role="group" aria-label="In the view">
+      {CHOICES.map(([key, text, title]) => (
+        <Check key={key} text={text} title={title} checked={node.mark?.[key] ?? false} onChange={(on) => choose(key, on)} />
+      ))}
+    </div>
+  );
 }

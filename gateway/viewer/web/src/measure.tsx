@@ -1,21 +1,21 @@
-// Measurement between two points of the world: the points, and a line between them in the scene.
+// Measurement between two points of the world: the points, a line between them in the scene, and a bar over the view.
 
 import { effect, signal } from "@preact/signals";
 import { BufferAttribute, BufferGeometry, LineBasicMaterial, LineSegments, Object3D, Points, PointsMaterial, Vector3 } from "three";
+import { Button, Pill } from "./controls";
 import { shortRow } from "./format";
+import type { Vector } from "./protocol";
 
-type Vector = [number, number, number];
-
-/** Return what a measurement says: the first point, then the distance. */
-export function measured(points: readonly Vector[]): { distance: string; details: string } {
+/** Return what a measurement says: the first point, then the distance, its parts along the axes, and the two points. */
+export function measured(points: readonly Vector[]): { distance: string; details: string; ends?: string } {
   const [first, second] = points.map((point) => new Vector3(...point));
   if (!first) return { distance: "", details: "Click a point in the scene." };
   const from = `${shortRow(first.toArray(), 1000)} m`;
   if (!second) return { distance: "", details: `${from}. Click a second point.` };
   const difference = second.clone().sub(first);
   const metres = difference.length();
-  const details = `Δ ${shortRow(difference.toArray(), metres)} m, from ${from}, to ${shortRow(second.toArray(), 1000)} m`;
-  return { distance: `${Number(metres.toPrecision(4))} m`, details };
+  const ends = `, from ${from}, to ${shortRow(second.toArray(), 1000)} m`;
+  return { distance: `${Number(metres.toPrecision(4))} m`, details: `Δ ${shortRow(difference.toArray(), metres)} m`, ends };
 }
 
 export class Measurement {
@@ -61,4 +61,19 @@ export class Measurement {
     const points = this.points.peek() ?? [];
     this.points.value = [...(points.length < 2 ? points : []), point];
   }
+}
+
+export function MeasureBar({ measurement }: { measurement: Measurement }) {
+  const points = measurement.points.value;
+  if (!points) return null;
+  const { distance, details, ends } = measured(points);
+  return (
+    <Pill label="Measurement" icon="measure">
+      <span role="status">
+        <strong>{distance}</strong> {details}
+        <span class="ends">{ends}</span>
+      </span>
+      <Button icon="close" title="Stop measuring (M)" onClick={measurement.toggle} />
+    </Pill>
+  );
 }
