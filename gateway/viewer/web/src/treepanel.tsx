@@ -52,7 +52,8 @@ export function TreePanel({ viewer }: { viewer: Viewer }) {
   const { session } = viewer;
   const search = useSignal("");
   const toggled = useRef(new Map<number, boolean>()).current;
-  const typed = useRef({ text: "", time: 0 }).current;
+  /** Text that is being typed to find a name. After a click on a row, keys are those of the page's shortcuts. */
+  const typed = useRef({ text: "", time: 0, isOn: false }).current;
   const list = useRef<HTMLDivElement>(null);
   /** Node whose ancestors were opened. */
   const opened = useRef<TreeNode | null>(null);
@@ -86,37 +87,37 @@ export function TreePanel({ viewer }: { viewer: Viewer }) {
   }, []);
   useEffect(() => scrollTo(rows.findIndex(({ node }) => node === revealed)), [revealed]);
 
-  const onKeyDown = (event: KeyboardEvent) => {
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const index = rows.findIndex(({ node }) => node === selected);
-    const row = rows[index];
-    const go = (to: number) => {
-      const at = Math.min(Math.max(to, 0), rows.length - 1);
-      if (rows[at]) viewer.select(rows[at].node);
-      scrollTo(at);
-    };
-    if (event.key === "ArrowDown") go(index + 1);
-    else if (event.key === "ArrowUp") go(index - 1);
-    else if (event.key === "Home") go(0);
-    else if (event.key === "End") go(rows.length - 1);
-    else if (event.key.length === 1 && event.key !== " ") {
-      typed.text = (event.timeStamp - typed.time < TYPING_MS ? typed.text : "") + event.key.toLowerCase();
-      typed.time = event.timeStamp;
-      go(findTyped(rows, index, typed.text));
-    } else if (!row) return;
-    else if (event.key === "ArrowRight") {
-      if (!row.node.children.size) return;
-      if (isOpen(row)) go(index + 1);
-      else toggle(row);
-    } else if (event.key === "ArrowLeft") {
+  const index = rows.findIndex(({ node }) => node === selected);
+  const go = (to: number) => {
+    typed.isOn = true;
+    const at = Math.min(Math.max(to, 0), rows.length - 1);
+    if (rows[at]) viewer.select(rows[at].node);
+    scrollTo(at);
+  };
+  const keys: Record<string, (row: Row, shift: boolean) => void> = {
+    ArrowRight: (row) => row.node.children.size && (isOpen(row) ? go(index + 1) : toggle(row)),
+    ArrowLeft: (row) => {
       if (row.node.children.size && isOpen(row) && !searching) toggle(row);
       else go(rows.findIndex(({ node }) => node === row.node.parent));
-    } else if (event.key === " ") {
-      row.node.shown = !row.node.isShown;
-      viewer.changed(row.node);
-    } else if (event.key === "Enter" && event.shiftKey) viewer.cycleFollow(row.node);
-    else if (event.key === "Enter") viewer.fit(row.node);
-    else return;
+    },
+    " ": ({ node }) => {
+      node.shown = !node.isShown;
+      viewer.changed(node);
+    },
+    Enter: ({ node }, shift) => (shift ? viewer.follow.cycle(node) : viewer.fit(node)),
+  };
+  const onKeyDown = (event: KeyboardEvent) => {
+    const { key, timeStamp } = event;
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const row = rows[index];
+    const to = { ArrowDown: index + 1, ArrowUp: index - 1, Home: 0, End: rows.length - 1 }[key];
+    if (to !== undefined) go(to);
+    else if (keys[key]) row && keys[key](row, event.shiftKey);
+    else if (key.length === 1 && typed.isOn) {
+      typed.text = (timeStamp - typed.time < TYPING_MS ? typed.text : "") + key.toLowerCase();
+      typed.time = timeStamp;
+      go(findTyped(rows, index, typed.text));
+    } else return;
     event.preventDefault();
   };
 
@@ -191,6 +192,8 @@ export function TreePanel({ viewer }: { viewer: Viewer }) {
         aria-label="Paths"
         aria-activedescendant={selected ? `row-${selected.id}` : undefined}
         onScroll={repaint}
+        onPointerDown={() => (typed.isOn = false)}
+        onFocus={({ currentTarget }) => (typed.isOn = currentTarget.matches(":focus-visible"))}
         onKeyDown={onKeyDown}
       >
         <div class="spacer" style={`height: ${rows.length * ROW}px`} />
