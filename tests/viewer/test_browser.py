@@ -273,6 +273,56 @@ def test_text_faces_the_camera(view: tuple[View, Publisher], quaternion: list[fl
     shown.until(lambda: 0.05 < shown.share("red") < 0.2, "the turned text looks the same")
 
 
+def test_text_in_other_scripts(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+
+    def mask(text: str) -> Any:
+        """Publish a text; return which pixels of it are green."""
+        before = shown.page.evaluate("scenegate.model.revision")
+        geometry = {"type": "text", "text": text, "size": 1, "color": GREEN}
+        publisher.send(setgeometry=[{"path": ["text"], "geometry": geometry}])
+        wait_in_page(shown.page, "before => scenegate.model.revision > before", before)
+        shown.look()
+        shown.until(lambda: shown.share("green") > 0.005, text)
+        pixels = shown.colors().astype(int)
+        return pixels[:, :, 1] > pixels[:, :, 0] + 90
+
+    question = mask("??")
+    for text in ("Жю", "日本"):
+        letters = mask(text)
+        assert (letters != question).sum() > 0.3 * question.sum(), f"{text} is not drawn as ??"
+
+
+def test_a_large_request_is_shown_at_once(view: tuple[View, Publisher]) -> None:
+    """No state of the page has some of 5000 boxes, or one without its pose."""
+    shown, publisher = view
+    shown.page.set_viewport_size({"width": 300, "height": 240})
+    shown.page.evaluate(
+        """() => {
+          const { model } = scenegate;
+          const apply = model.apply.bind(model);
+          window.states = [];
+          model.apply = (update) => {
+            const change = apply(update);
+            const boxes = [...model.nodes.values()].filter((node) => node.parts);
+            states.push([boxes.length, boxes.filter(({ world }) => world.elements[14] !== 7).length]);
+            return change;
+          };
+        }"""
+    )
+    box = {"type": "box", "lengths": [0.1] * 3, "color": RED}
+    commands = [{"path": ["boxes", str(number)]} for number in range(5000)]
+    publisher.send(
+        setgeometry=[{**each, "geometry": box} for each in commands],
+        settransform=[
+            {**each, "transform": {"translation": [number % 70, number // 70, 7], "quaternion": [1, 0, 0, 0]}}
+            for number, each in enumerate(commands)
+        ],
+    )
+    wait_in_page(shown.page, "states.at(-1)?.[0] === 5000")
+    assert {tuple(state) for state in shown.page.evaluate("states")} <= {(0, 0), (5000, 0)}
+
+
 IN_VIEW = """scenegate.model.nodes.size > 1 && [...scenegate.model.nodes.values()].every((node) => {
   const at = new scenegate.Box3().min.setFromMatrixPosition(node.world).project(scenegate.rig.camera);
   return Math.max(Math.abs(at.x), Math.abs(at.y)) < 1;
@@ -397,13 +447,6 @@ def test_tree_is_used_by_keyboard_and_screen_reader(view: tuple[View, Publisher]
         page.keyboard.type(keys)
         assert selected.all_inner_texts() == [name], keys
         page.wait_for_timeout(800)  # short: a slow page is only tested less
-    row(shown, ["last"]).click()
-    page.keyboard.press("m")  # after a click, keys are those of the view
-    assert page.get_by_role("group", name="Measurement").is_visible()
-    page.keyboard.press("m")
-    page.keyboard.press("ArrowUp")
-    page.keyboard.press("l")  # after an arrow key, they find names again
-    assert selected.all_inner_texts() == ["last"]
     assert row(shown, ["demo", "table"]).locator(".name").get_attribute("title") == "demo / table"
     table = row(shown, ["demo", "table"])
     assert [table.get_attribute(f"aria-{name}") for name in ("level", "posinset", "setsize")] == ["3", "2", "2"]
@@ -413,6 +456,13 @@ def test_tree_is_used_by_keyboard_and_screen_reader(view: tuple[View, Publisher]
     outline = "row => getComputedStyle(row).outlineStyle"
     assert row(shown, ["demo"]).evaluate(outline) == "solid"
     assert table.evaluate(outline) == "none"
+    row(shown, ["last"]).click()
+    page.keyboard.press("m")  # after a click, keys are those of the view
+    assert page.get_by_role("group", name="Measurement").is_visible()
+    page.keyboard.press("m")
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press("l")  # after an arrow key, they find names again
+    assert selected.all_inner_texts() == ["last"]
 
 
 def test_selection_survives_delete_and_publish(view: tuple[View, Publisher]) -> None:

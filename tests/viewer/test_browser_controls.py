@@ -277,7 +277,8 @@ def test_a_phone_shows_all_tabs_and_controls(gateway: tuple[Any, str, str]) -> N
             viewer.controls.add_checkbox(long["c"])
             viewer.controls.add_dropdown(long["d"], [long["e"]])
             viewer.controls.add_gizmo(long["g"], "box")
-            viewer.controls.add_plot(long["e"], long["a"], unit=long["u"]).add(1.0)
+            plot = viewer.controls.add_plot(long["e"], long["a"], unit=long["u"])
+        plot.add(1.0)
         view = View(browser, url, width=390, height=844)
         try:
             page = view.page

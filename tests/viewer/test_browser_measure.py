@@ -92,7 +92,7 @@ def test_the_bars_leave_the_view_of_a_phone_free(shown: tuple[View, Publisher]) 
     page.keyboard.press("c")
     for x in (-0.2, 0.2):
         page.mouse.click(*at(view, x, -0.25, 0.1))
-    page.get_by_text("from").wait_for(state="attached")
+    page.locator(".pill .ends").wait_for(state="attached")
     area = page.locator(".stage .view").bounding_box()
     bars = [bar.bounding_box() for bar in page.locator(".pill").all()]
     assert len(bars) == 2
@@ -247,7 +247,7 @@ def test_axes_and_names_of_nodes(shown: tuple[View, Publisher]) -> None:
     boxes = [name.bounding_box() for name in names.all()]
     left, right = min(box["x"] for box in boxes), max(box["x"] + box["width"] for box in boxes)
     assert left - 2 <= columns.min() + canvas["x"] < columns.max() + canvas["x"] <= right + 2
-    assert len({*rows.tolist()}) > 10, "the image has the names"
+    assert len({*rows.tolist()}) >= 8, "the image has the names"
     page.evaluate("document.activeElement.blur()")
     for _ in range(3):
         page.keyboard.press("-")
