@@ -1,24 +1,24 @@
 // The page: toolbar, tree, view, panels, status bar. On small screens tree and panels are drawers over the view.
 
 import { useSignal } from "@preact/signals";
-import { ControlsPanel } from "./controlspanel";
-import { DetailsPanel } from "./detailspanel";
-import { EmptyState } from "./emptystate";
-import { FollowBar } from "./follow";
-import { Lightbox } from "./lightbox";
-import { MeasureBar } from "./measure";
 import { keep, kept } from "./options";
-import type { Side, Tab } from "./panels";
-import type { ProgramControls } from "./programcontrols";
-import { RendersPanel } from "./renderspanel";
-import { SensorsPanel } from "./sensorspanel";
-import { SideViews } from "./sideviews";
-import { StatusBar } from "./statusbar";
-import { TabList } from "./tabs";
-import { Toolbar } from "./toolbar";
-import { TreePanel } from "./treepanel";
-import { ViewAxes } from "./viewaxes";
-import type { Viewer } from "./viewer";
+import { DetailsPanel } from "./panels/detailspanel";
+import { EmptyState } from "./panels/emptystate";
+import { Lightbox } from "./panels/lightbox";
+import type { Side, Tab } from "./panels/panels";
+import { RendersPanel } from "./panels/renderspanel";
+import { SensorsPanel } from "./panels/sensorspanel";
+import { StatusBar } from "./panels/statusbar";
+import { TabList } from "./panels/tabs";
+import { Toolbar } from "./panels/toolbar";
+import { TreePanel } from "./panels/treepanel";
+import { ControlsPanel } from "./programs/controlspanel";
+import type { ProgramControls } from "./programs/programcontrols";
+import { FollowBar } from "./tools/follow";
+import { MeasureBar } from "./tools/measure";
+import { SideViews } from "./tools/sideviews";
+import { ViewAxes } from "./tools/viewaxes";
+import type { Viewer } from "./view/viewer";
 
 const MIN_WIDTH = 160;
 /** Step of an arrow key, pixels. */

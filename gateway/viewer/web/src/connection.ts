@@ -1,8 +1,8 @@
 // A WebSocket that reconnects by itself. The gateway sends the next update only after the acknowledgement "k", the next
 // values of controls only after "c".
 
-import type { ControlChange } from "./controlmessages";
 import { type Message, parse } from "./frames";
+import type { ControlChange } from "./programs/controlmessages";
 import type { Click } from "./protocol";
 
 const FIRST_DELAY = 250;

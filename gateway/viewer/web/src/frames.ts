@@ -1,6 +1,6 @@
 // The binary frames of gateway/viewer/frames.py: a JSON header that refers to arrays in the body.
 
-import type { ControlsMessage, Received } from "./controlmessages";
+import type { ControlsMessage, Received } from "./programs/controlmessages";
 import type { Forget, MeshPayload, PageSettings, Rig, SceneUpdate, Status } from "./protocol";
 
 export type Message = SceneUpdate | MeshPayload | Forget | Status | Rig | PageSettings | ControlsMessage | Received;

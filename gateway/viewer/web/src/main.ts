@@ -5,13 +5,13 @@ import "./style.css";
 import { App } from "./app";
 import { Connection } from "./connection";
 import type { Message } from "./frames";
-import { Gizmos } from "./gizmos";
 import { options } from "./options";
-import { Panels, type Tab } from "./panels";
-import { ProgramControls } from "./programcontrols";
+import { Panels, type Tab } from "./panels/panels";
+import { Gizmos } from "./programs/gizmos";
+import { ProgramControls } from "./programs/programcontrols";
 
 import { Session } from "./session";
-import { Viewer } from "./viewer";
+import { Viewer } from "./view/viewer";
 
 const session = new Session();
 const programControls = new ProgramControls((change) => connection.report(change));

@@ -1,10 +1,10 @@
 // The gateway's tree with world matrices; independent of WebGL and the page.
 
 import { Matrix4, Quaternion, Vector3 } from "three";
-import type { CloudLook } from "./clouds";
-import type { Range } from "./colormaps";
-import type { Mark } from "./marks";
 import type { MeshPayload, NodeUpdate, Part, Path, SceneUpdate } from "./protocol";
+import type { Mark } from "./tools/marks";
+import type { CloudLook } from "./view/clouds";
+import type { Range } from "./view/colormaps";
 
 const MAX_REMEMBERED_NODES = 10_000;
 

@@ -2,8 +2,8 @@
 
 import { batch, computed, signal } from "@preact/signals";
 import { Model, type ModelChange, type TreeNode } from "./model";
-import type { Frame } from "./poseframes";
 import type { Path, SceneUpdate, Status } from "./protocol";
+import type { Frame } from "./tools/poseframes";
 
 export type ConnectionState = "connecting" | "open" | "closed";
 

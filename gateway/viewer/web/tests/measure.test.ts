@@ -1,5 +1,5 @@
 import { expect, it } from "vitest";
-import { Measurement, measured } from "../src/measure";
+import { Measurement, measured } from "../src/tools/measure";
 
 it("says what is measured", () => {
   expect(measured([])).toEqual({ distance: "", details: "Click a point in the scene." });
