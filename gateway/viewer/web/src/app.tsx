@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { keep, kept } from "./options";
+import { TabList } from "./panels/controls";
 import { DetailsPanel } from "./panels/detailspanel";
 import { EmptyState } from "./panels/emptystate";
 import { Lightbox } from "./panels/lightbox";
@@ -9,7 +10,6 @@ import type { Side, Tab } from "./panels/panels";
 import { RendersPanel } from "./panels/renderspanel";
 import { SensorsPanel } from "./panels/sensorspanel";
 import { StatusBar } from "./panels/statusbar";
-import { TabList } from "./panels/tabs";
 import { Toolbar } from "./panels/toolbar";
 import { TreePanel } from "./panels/treepanel";
 import { ControlsPanel } from "./programs/controlspanel";

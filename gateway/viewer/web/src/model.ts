@@ -3,8 +3,7 @@
 import { Matrix4, Quaternion, Vector3 } from "three";
 import type { MeshPayload, NodeUpdate, Part, Path, SceneUpdate } from "./protocol";
 import type { Mark } from "./tools/marks";
-import type { CloudLook } from "./view/clouds";
-import type { Range } from "./view/colormaps";
+import type { CloudLook, Range } from "./view/clouds";
 
 const MAX_REMEMBERED_NODES = 10_000;
 

@@ -2,8 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { Button } from "./controls";
-import { TabList } from "./tabs";
+import { Button, TabList } from "./controls";
 
 const CODE_ID = "empty-state-code";
 

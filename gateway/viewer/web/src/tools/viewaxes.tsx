@@ -2,8 +2,8 @@
 
 import type { Signal } from "@preact/signals";
 import { Quaternion, Vector3 } from "three";
+import { DIRECTIONS, type Direction } from "../view/camera";
 import type { CameraRig } from "../view/camerarig";
-import { DIRECTIONS, type Direction } from "../view/framing";
 
 /** Distance of the ends from the middle, CSS pixels. */
 const RADIUS = 32;

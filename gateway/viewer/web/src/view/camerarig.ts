@@ -3,9 +3,8 @@
 import { Box3, OrthographicCamera, PerspectiveCamera, Raycaster, Vector2, Vector3 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import type { Vector } from "../protocol";
-import type { CameraView } from "./camera";
+import { type CameraView, DIRECTIONS, type Direction, frame } from "./camera";
 import { CLOUD_LAYER } from "./cloudprogress";
-import { DIRECTIONS, type Direction, frame } from "./framing";
 
 /** Vertical field of view, degrees. */
 const FOV = 45;

@@ -1,11 +1,68 @@
-// Colours of a point cloud: as published, along an axis, or from one of its channels.
+// Colours of a point cloud: as published, or by a colormap along an axis or from one of its channels.
 
 import { BufferAttribute, type Points, type Material as ThreeMaterial } from "three";
 import type { TreeNode } from "../model";
 import type { Draw, MeshPayload, Part } from "../protocol";
-import { colorize, type MapName, type Range, rangeOf } from "./colormaps";
 import { chunkOf } from "./geometries";
 import type { Materials } from "./materials";
+
+/** Stops at equal distances; viridis and turbo as they are published. */
+export const COLOR_MAPS = {
+  turbo: ["#30123b", "#466be3", "#29bbec", "#31f299", "#a4fc3c", "#edd03a", "#fb8022", "#d23105", "#7a0403"],
+  viridis: ["#440154", "#472c7a", "#3b518b", "#2c718e", "#21908d", "#27ad81", "#5cc863", "#aadc32", "#fde725"],
+  grey: ["#141414", "#fafafa"],
+  "blue–red": ["#3b4cc0", "#dddddd", "#b40426"],
+} as const satisfies Record<string, readonly string[]>;
+
+export type MapName = keyof typeof COLOR_MAPS;
+
+export interface Range {
+  low: number;
+  high: number;
+}
+
+/** Return the range of the finite values; 0 to 1 if there are none. */
+export function rangeOf(values: Float32Array, offset: number, stride: number): Range {
+  let low = Infinity;
+  let high = -Infinity;
+  for (let i = offset; i < values.length; i += stride) {
+    const value = values[i] ?? NaN;
+    if (value < low && value > -Infinity) low = value;
+    if (value > high && value < Infinity) high = value;
+  }
+  return low <= high ? { low, high } : { low: 0, high: 1 };
+}
+
+/** Return 256 colours of a map, red, green and blue bytes. */
+function tableOf(map: MapName): Uint8Array {
+  const stops = COLOR_MAPS[map].map((stop) => [1, 3, 5].map((at) => Number.parseInt(stop.slice(at, at + 2), 16)));
+  return Uint8Array.from({ length: 3 * 256 }, (_, i) => {
+    const at = (Math.floor(i / 3) / 255) * (stops.length - 1);
+    const k = Math.min(Math.floor(at), stops.length - 2);
+    const [low, high] = [stops[k]![i % 3]!, stops[k + 1]![i % 3]!];
+    return Math.round(low + (at - k) * (high - low));
+  });
+}
+
+/** Return RGBA bytes for every value; NaN is grey. */
+export function colorize(values: Float32Array, offset: number, stride: number, range: Range, map: MapName): Uint8Array {
+  const table = tableOf(map);
+  const count = Math.floor((values.length - offset + stride - 1) / stride);
+  const colors = new Uint8Array(4 * count);
+  const scale = range.high > range.low ? 255 / (range.high - range.low) : 0;
+  for (let i = 0; i < count; i++) {
+    const value = values[offset + i * stride] ?? NaN;
+    const index = 3 * Math.max(0, Math.min(255, Math.round((value - range.low) * scale)));
+    for (let c = 0; c < 3; c++) colors[4 * i + c] = Number.isNaN(value) ? 128 : table[index + c]!;
+    colors[4 * i + 3] = 255;
+  }
+  return colors;
+}
+
+/** Return a colormap as a CSS background. */
+export function ramp(map: MapName): string {
+  return `linear-gradient(90deg, ${COLOR_MAPS[map].join(", ")})`;
+}
 
 export interface CloudLook {
   /** Source of the colours: "" as published, "x", "y", "z" in the cloud's frame, or a channel as "name" or "name:component". */
