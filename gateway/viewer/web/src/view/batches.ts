@@ -39,10 +39,6 @@ export class Batch {
     return mesh;
   }
 
-  get object(): InstancedMesh {
-    return this.mesh;
-  }
-
   add(node: TreeNode, matrix: Matrix4, color: Color): BatchInstance {
     if (this.instances.length === this.mesh.instanceMatrix.count) this.grow();
     const instance: BatchInstance = { batch: this, index: this.instances.length, node };
