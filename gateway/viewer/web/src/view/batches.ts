@@ -1,6 +1,6 @@
 // Instanced drawing of opaque triangles: draws with the same mesh and material are one call, each with its own colour.
 
-import { type BufferGeometry, Color, DynamicDrawUsage, InstancedMesh, type Material, Matrix4, type Object3D } from "three";
+import { type BufferGeometry, Color, DynamicDrawUsage, InstancedMesh, type Material, type Matrix4, type Object3D } from "three";
 import type { TreeNode } from "../model";
 
 /** One instance in a batch. */
@@ -59,12 +59,8 @@ export class Batch {
   remove(instance: BatchInstance): void {
     const last = this.instances.pop();
     if (last && last !== instance) {
-      const matrix = new Matrix4();
-      const color = new Color();
-      this.mesh.getMatrixAt(last.index, matrix);
-      this.mesh.getColorAt(last.index, color);
-      this.mesh.setMatrixAt(instance.index, matrix);
-      this.mesh.setColorAt(instance.index, color);
+      const { instanceMatrix, instanceColor } = this.mesh;
+      for (const each of [instanceMatrix, instanceColor]) each?.copyAt(instance.index, each, last.index);
       this.instances[instance.index] = last;
       last.index = instance.index;
     }
