@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -540,6 +541,20 @@ def test_controls_set_the_device_parameters(view: tuple[View, Publisher], gatewa
         path = "/api/v2/pipelines/0/nodes/rc_stereomatching/parameters/quality"
         shown.until(lambda: http.get(path).json()["value"] == "Low", "the parameter is set")
         assert http.put(path, json={"value": "High"}).status_code == 200
+        path = "/api/v2/pipelines/0/nodes/rc_camera/parameters/exp_max"
+        before = http.get(path).json()
+        shown.page.get_by_text("Camera", exact=True).click()
+        slider = shown.page.get_by_role("slider", name="exp_max", exact=True)
+        slider.focus()
+        shown.page.keyboard.press("Home")
+        shown.until(lambda: http.get(path).json()["value"] == pytest.approx(before["min"]), "the lowest exposure")
+        number = shown.page.get_by_role("spinbutton", name="exp_max, value")
+        number.fill("0.006")
+        number.press("Enter")
+        shown.until(lambda: http.get(path).json()["value"] == 0.006, "the number")
+        logarithm = math.log(0.006 / before["min"])
+        shown.until(lambda: float(slider.input_value()) == pytest.approx(logarithm, abs=1e-3), "the slider follows")
+        assert http.put(path, json={"value": before["value"]}).status_code == 200
 
 
 def test_render_requests_are_listed(view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]) -> None:
