@@ -7,6 +7,8 @@ from typing import Final
 
 _MAX_JOINED: Final = 3
 """Maximum number of warnings in the sentence of an error."""
+NOTHING_DRAWN: Final = "so nothing is drawn"
+"""End of a viewer's warning about a geometry that it cannot draw."""
 
 
 def joined_warnings(warnings: Sequence[str]) -> str:

@@ -1,14 +1,15 @@
 """Controls that programs show in the page: buttons, sliders, plots and others, by path.
 
 A client sends all of its controls, and repeats that before ``lease_seconds`` are over; those of a client that has
-vanished are removed. Clients that set the same path share the control: all of them get its values.
+vanished are removed. Clients that set the same path share the control: all of them get its values, and it has the
+limits of the client that added or changed it last.
 """
 
 from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -55,7 +56,8 @@ class ControlEntry:
 
 @dataclass(slots=True)
 class _Client:
-    paths: dict[Path, None]
+    controls: dict[Path, AnyControl]
+    """Controls as the client has defined them."""
     deliver: Deliver
     end: float
     """Time of the clock at which the lease ends."""
@@ -96,7 +98,7 @@ class ControlStore:
             the reason of a refusal, which changes nothing, or an empty string.
         """
         self.remove_vanished()
-        paths = dict.fromkeys(control.path for control in controls)
+        paths = {control.path: control for control in controls}
         reason = self._refusal(client, controls, paths)
         if reason:
             return reason
@@ -106,21 +108,21 @@ class ControlStore:
             self._clients[client] = _Client(paths, deliver, end, request)
         else:
             self._clients.pop(client, None)
-        old_paths = old.paths if old is not None else {}
+        before = old.controls if old is not None else {}
         for control in controls:
-            self._add(control, client, is_new=control.path not in old_paths)
-        self._remove_unused(old_paths)
+            self._add(control, client, before.get(control.path))
+        self._remove_unused(before)
         if old is not None and paths:  # a message may have been lost
-            self._clients[client].unsent = {path: None for path in paths if path in old_paths}
+            self._clients[client].unsent = {path: None for path in paths if path in before}
         self._notify()
         return ""
 
-    def _refusal(self, client: Hashable, controls: Sequence[AnyControl], paths: dict[Path, None]) -> str:
+    def _refusal(self, client: Hashable, controls: Sequence[AnyControl], paths: dict[Path, AnyControl]) -> str:
         """Return the reason why a client cannot have controls, or an empty string."""
         limits = self.limits
         if len(paths) < len(controls):
             return "two controls have the same path"
-        others = {path for each, entry in self._clients.items() if each != client for path in entry.paths}
+        others = {path for each, entry in self._clients.items() if each != client for path in entry.controls}
         if len(others | paths.keys()) > limits.controls:
             return f"there would be {len(others | paths.keys())} controls in the page, the limit is {limits.controls}"
         plots = {each.path for each in controls if isinstance(each, Plot)}
@@ -134,38 +136,49 @@ class ControlStore:
             return f"{len(self._clients)} clients have controls, which is the limit"
         return ""
 
-    def _add(self, control: AnyControl, client: Hashable, *, is_new: bool) -> None:
-        """Add a control, or change the one at its path. ``is_new``: the client did not have it."""
+    def _add(self, control: AnyControl, client: Hashable, before: AnyControl | None) -> None:
+        """Add a control, or change the one at its path. ``before``: as the client has defined it; None: it is new."""
+        if before is not None and _definition(before) == _definition(control):  # most are repeated
+            return
         entry = self._entries.get(control.path)
         if entry is None or type(entry.control) is not type(control) or _samples_differ(entry.control, control):
-            if entry is not None:
-                del self._by_id[entry.id]
-            self._last_id += 1
-            samples = np.empty((0, 2 + len(control.series))) if isinstance(control, Plot) else None
-            entry = ControlEntry(self._last_id, control, control.initial, self._next_structure(), samples)
-            self._entries[control.path] = self._by_id[entry.id] = entry
+            self._create(control)
             return
-        if entry.control == control and not is_new:  # most are repeated
-            return
+        is_new = before is None and getattr(control, "value", None) is not None
+        self._define(entry, control, client, keeps_value=not is_new)
+
+    def _create(self, control: AnyControl) -> None:
+        """Add a control in place of the one at its path."""
+        old = self._entries.get(control.path)
+        if old is not None:
+            del self._by_id[old.id]
+        self._last_id += 1
+        samples = np.empty((0, 2 + len(control.series))) if isinstance(control, Plot) else None
+        entry = ControlEntry(self._last_id, control, control.initial, self._next_structure(), samples)
+        self._entries[control.path] = self._by_id[entry.id] = entry
+
+    def _define(self, entry: ControlEntry, control: AnyControl, client: Hashable, *, keeps_value: bool) -> None:
+        """Give a control the limits of another one of its type, and its value unless it keeps its own."""
         if _definition(entry.control) != _definition(control):
             self._next_structure()
         entry.control = control
-        value = entry.value
-        try:
-            value = control.initial if value is None else control.checked(value)
-        except ValueError:  # beyond the new limits
-            value = control.initial
-        if is_new and getattr(control, "value", None) is not None:
-            value = control.initial
+        value = control.initial
+        if keeps_value and entry.value is not None:
+            with contextlib.suppress(ValueError):  # beyond the new limits
+                value = control.checked(entry.value)
         if value != entry.value:
             self._change(entry, value, client)
 
-    def _remove_unused(self, paths: dict[Path, None]) -> None:
-        """Remove those of the paths that no client has."""
+    def _remove_unused(self, paths: Iterable[Path]) -> None:
+        """Remove those of the paths that no client has; the others have the limits of a client that has them."""
         for path in paths:
-            if not any(path in client.paths for client in self._clients.values()):
+            left = [client.controls[path] for client in self._clients.values() if path in client.controls]
+            entry = self._entries[path]
+            if not left:
                 del self._by_id[self._entries.pop(path).id]
                 self._next_structure()
+            elif all(_definition(control) != _definition(entry.control) for control in left):
+                self._add(left[-1], None, entry.control)
 
     def remove_vanished(self) -> None:
         """Remove the controls of clients whose lease has ended."""
@@ -176,7 +189,7 @@ class ControlStore:
         """Remove the controls of clients that have disconnected."""
         gone = [client for client in self._clients if is_gone(client)]
         for client in gone:
-            self._remove_unused(self._clients.pop(client).paths)
+            self._remove_unused(self._clients.pop(client).controls)
         if gone:
             self._notify()
 
@@ -214,7 +227,7 @@ class ControlStore:
     def _entry_of(self, client: Hashable, path: Path, request: int) -> ControlEntry:
         """Return a client's control, and note its request."""
         owner = self._clients.get(client)
-        if owner is None or path not in owner.paths:
+        if owner is None or path not in owner.controls:
             raise ValueError("this client has no such control; setcontrols adds it")
         owner.last_request = max(owner.last_request, request)
         return self._entries[path]
@@ -240,7 +253,7 @@ class ControlStore:
         self.revision += 1
         entry.value, entry.revision = value, self.revision
         for client, each in self._clients.items():
-            if client != source and entry.control.path in each.paths:
+            if client != source and entry.control.path in each.controls:
                 each.unsent[entry.control.path] = None
 
     def deliver_values(self) -> None:

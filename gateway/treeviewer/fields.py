@@ -20,6 +20,7 @@ from scenegate.messages.field_kinds import NothingToDraw
 from scenegate.messages.field_kinds import number as number
 from scenegate.messages.field_kinds import numbers as numbers
 from scenegate.messages.field_kinds import show as show
+from scenegate.warning_text import NOTHING_DRAWN
 
 ZERO_TRANSLATION: Final = (0.0, 0.0, 0.0)
 IDENTITY_QUATERNION: Final = (1.0, 0.0, 0.0, 0.0)
@@ -45,7 +46,7 @@ def local_transform(params: Mapping[str, Any]) -> NDArray[np.float64]:
         return IDENTITY
     translation_quaternion = pose(value)
     if not all(abs(v) <= MAX_DISTANCE for v in translation_quaternion):
-        raise NothingToDraw("transform is not finite, so nothing is drawn")
+        raise NothingToDraw(f"transform is not finite, {NOTHING_DRAWN}")
     return matrix_of(translation_quaternion)
 
 

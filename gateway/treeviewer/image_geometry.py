@@ -22,6 +22,7 @@ from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.images import CheckedImage, drawn_image
 from renderers.drawlist import AlphaMode, Material, Mesh
 from scenegate.messages.field_kinds import MAX_DISTANCE, CommandError, NothingToDraw, drawable, show
+from scenegate.warning_text import NOTHING_DRAWN
 
 MAX_UV: Final = np.float32(1e4)
 """Texture coordinates beyond this are clamped: float32 still resolves a thousandth of the image there."""
@@ -115,7 +116,7 @@ def text(rgba: Color, context: ReadContext, *, text: str, size: float, backgroun
     """Return text on a rectangle in the plane z = 0. It is not lit. ``size`` is the height of a line."""
     printable = "".join(char if char.isprintable() or char == "\n" else " " for char in text)
     if not printable.strip():
-        raise NothingToDraw("text is empty, so nothing is drawn")
+        raise NothingToDraw(f"text is empty, {NOTHING_DRAWN}")
     font = font_for(printable)
     if font.missing:
         context.warnings.append(f"no font has the characters {show(font.missing)}; boxes stand for them")
@@ -146,7 +147,7 @@ def camera_frustum(
     principal_point = (width / 2.0 if cx is None else cx, height / 2.0 if cy is None else cy)
     edges, corners = frustum_edges(width, height, focal_lengths, principal_point, depth)
     if not (np.abs(corners) <= MAX_DISTANCE).all():
-        raise NothingToDraw("the image plane is too large, so nothing is drawn")
+        raise NothingToDraw(f"the image plane is too large, {NOTHING_DRAWN}")
     parts = [Part(Surface(edges), material(rgba, line_width=line_width or 1.0))]
     if image is not None:
         parts.append(_image_plane(corners, _unlit((1.0, 1.0, 1.0, rgba[3]), image)))

@@ -26,6 +26,7 @@ from gateway.treeviewer.images import check_image, file_content
 from renderers.drawlist import ImageError, Texture
 from scenegate.messages.field_kinds import CommandError, NothingToDraw, read_color, show
 from scenegate.messages.mesh_file import MAX_FILES
+from scenegate.warning_text import NOTHING_DRAWN
 
 
 def mesh_file(
@@ -48,7 +49,7 @@ def _opened(filename: str, scale: tuple[float, float, float], context: ReadConte
         return context.meshes.load(filename, scale, context.warnings)
     except (ValueError, OSError) as error:
         if getattr(error, "missing", isinstance(error, FileNotFoundError)):
-            raise NothingToDraw(f"{error}, so nothing is drawn") from None
+            raise NothingToDraw(f"{error}, {NOTHING_DRAWN}") from None
         reason = error.strerror if isinstance(error, OSError) else error  # without a path, for clients
         raise CommandError(f"filename: {reason}") from None
 
@@ -86,7 +87,7 @@ def _sent(
             content, extension, resolve, MESH_LIMITS, found, collada_up_axis=up is None, gltf_up="z" if up else "auto"
         )
     except (MeshFormatError, GltfError) as error:
-        raise NothingToDraw(f"{show(filename)}: {error}, so nothing is drawn") from None
+        raise NothingToDraw(f"{show(filename)}: {error}, {NOTHING_DRAWN}") from None
     context.warnings += [f"{show(filename)}: {text}" for text in found]
     if default_color is not None or default_texture is not None:
         color = np.array(WHITE if default_color is None else read_color(default_color, "default_color", context))

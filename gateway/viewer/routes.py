@@ -16,6 +16,7 @@ from typing import Final
 import msgspec
 from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import PlainTextResponse
+from fastapi.websockets import WebSocketState
 
 from gateway.scene.clicks import Button
 from gateway.scene.geometry import PointCloud
@@ -123,7 +124,7 @@ async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
     clock = asyncio.get_running_loop().time
     second, clicks, changes = clock(), 0, 0
     try:
-        while True:
+        while socket.application_state is WebSocketState.CONNECTED:  # sending has not failed
             text = await socket.receive_text()
             if clock() - second >= 1.0:
                 second, clicks, changes = clock(), 0, 0

@@ -32,6 +32,10 @@ from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS
 from tests.treeviewer.conversation import BOX
 
+NOT_DRAWN = """<robot name="arm">
+<link name="a"><visual><geometry><mesh filename="missing.stl"/></geometry></visual></link>
+</robot>"""
+
 
 def read(folder: Path, request: Any) -> Changes:
     source, changes = folder / "request.json", Changes()
@@ -201,6 +205,12 @@ def test_a_robot_gets_a_path_for_each_link(tmp_path: Path) -> None:
         )
         result = scenegate("publish", str(boxes), "--lcm-url", hub)
         assert "set: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 2 more\n" in result.stdout
+        for name, text, reason in (
+            ("empty.obj", "# empty", "the file holds no triangles or points, so nothing is drawn"),
+            ("none.urdf", NOT_DRAWN, "nothing of the robot is drawn"),
+        ):
+            result = scenegate("publish", str(write(tmp_path, text, name)), "--lcm-url", hub)
+            assert (result.exit_code, reason in result.stderr) == (1, True), result.stderr
         result = scenegate("publish", str(robot), "--joint", "elbo=1", "--lcm-url", hub)
         assert "the robot has no joint 'elbo'; did you mean elbow" in result.stderr
     mesh = write(tmp_path, TRIANGLE, "m.obj")

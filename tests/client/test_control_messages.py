@@ -74,7 +74,7 @@ def test_values_at_first(control: Control, value: Value) -> None:
         (lambda: Dropdown(PATH, ("a", "a")), "options has a text twice"),
         (lambda: Dropdown(PATH, ("a", "b"), value="c"), "value is 'c', it must be one of the 2 options"),
         (lambda: ColorInput(PATH, value=(1, 2, 0)), "value is 2, it must be from 0 to 1"),
-        (lambda: Plot(PATH, ("a",) * 11), "series has 11 names, it must have 1 to 10"),
+        (lambda: Plot(PATH, ("a",) * 11), "series has 11 texts, it must have 1 to 10"),
         (lambda: Plot(PATH, ("a",), seconds=0), "seconds is 0, it must be above 0 and at most 1e+15"),
         (lambda: Gizmo(PATH, ("a",) * 129), "node has 129 names, the limit is 128"),
     ],

@@ -33,6 +33,22 @@ def limits(service: TreeViewerService) -> dict[str, Any]:
     return {each["path"][-1]: (each["min"], each["max"], each["unit"]) for each in controls if "min" in each}
 
 
+async def test_a_value_beyond_all_sliders_is_refused(tmp_path: Path) -> None:
+    file = write(tmp_path, ARM)
+    async with serving() as service:
+
+        def talk() -> None:
+            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
+                robot = viewer.robot("arm", file, joints={"shoulder": 1e300})
+                with pytest.raises(
+                    ValueError, match="joint 'shoulder' has the value 1e\\+300, the limit of a slider is"
+                ):
+                    viewer.controls.add_joint_sliders(robot)
+
+        await in_thread(talk)
+        assert shown(service) == {}
+
+
 async def test_sliders_move_the_robot(tmp_path: Path) -> None:
     live, file = LiveTree(), write(tmp_path, ARM)
     async with serving(live=live) as service:

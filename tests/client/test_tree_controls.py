@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -109,6 +110,65 @@ async def test_all_controls_are_shown() -> None:
 
         await in_thread(talk)
         await until(lambda: not shown(service))  # the client has closed
+
+
+def fail_in_batch(viewer: TreeViewer) -> None:
+    with viewer.controls.batch():
+        viewer.controls.add_button("other")
+        with viewer.controls.batch():
+            pass
+
+
+async def test_a_batch_of_controls_is_one_request() -> None:
+    async with serving() as service:
+
+        def talk() -> None:
+            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
+                viewer.controls.add_button("go")
+                before = store_of(service).revision
+                with viewer.controls.batch():
+                    sliders = [viewer.controls["many"].add_slider(str(number), 0, 1) for number in range(500)]
+                    viewer.controls["many"]["7"].delete()
+                    assert store_of(service).revision == before  # nothing is sent
+                assert shown(service).keys() == {"go", *(f"many/{number}" for number in range(500) if number != 7)}
+                sliders[1].value = 0.5
+                assert shown(service)["many/1"] == 0.5
+                with pytest.raises(RuntimeError, match="a batch of controls is open already"):
+                    fail_in_batch(viewer)
+                viewer.controls.add_checkbox("on")
+                assert shown(service).keys() >= {"go", "on"}
+                assert "other" not in shown(service)
+
+        await in_thread(talk)
+
+
+async def test_wrong_arguments_are_refused() -> None:
+    async with serving() as service:
+
+        def talk() -> None:
+            with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
+                add: Any = viewer.controls
+                cases: tuple[tuple[Callable[[], Any], str], ...] = (
+                    (lambda: add.add_dropdown("d", "abc"), "options must be a list of texts, not 'abc'"),
+                    (lambda: add.add_dropdown("d", 5), "options must be a list of texts, not 5"),
+                    (lambda: add.add_plot("p", ["a", "b"]), r"series must be a text, not \['a', 'b'\]"),
+                    (
+                        lambda: add.add_plot("p", "a", seconds="1"),
+                        "seconds must be a number of at most 1e\\+15, not '1'",
+                    ),
+                    (lambda: add.add_button(None), "path has the name None; names are texts or integers"),
+                    (lambda: add.add_gizmo("g", None), "node has the name None; names are texts or integers"),
+                    (lambda: add.add_slider("s", None, 1), "min must be a number of at most 1e\\+15, not None"),
+                    (lambda: add.add_slider("s", 0, 1, step="x"), "step must be a number of at most 1e\\+15, not 'x'"),
+                    (lambda: add.add_slider("s", 0, 1, unit=5), "unit must be a text, not 5"),
+                    (lambda: add.add_joint_sliders(5), "robot must be the result of TreeViewer.robot, not 5"),
+                )
+                for call, sentence in cases:
+                    with pytest.raises(ValueError, match=sentence):
+                        call()
+                assert shown(service) == {}
+
+        await in_thread(talk)
 
 
 async def test_values_of_the_page_arrive() -> None:

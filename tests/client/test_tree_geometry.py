@@ -64,6 +64,8 @@ ALL = [
     CameraFrustum(640, 480, 500, depth=0.5, line_width=2),
     CameraFrustum.from_fov(1.0, 1.5, color="green"),
 ]
+WORD: Any = "abc"
+NOTHING: Any = None
 
 
 def encoded(body: dict[str, Any], utime: int, name: str) -> bytes:
@@ -193,6 +195,9 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
     ("construct", "reason"),
     [
         (lambda: Box((1, 2)), r"lengths must have 3 numbers, not shape \(2,\)"),
+        (lambda: Box(WORD), "lengths must have 3 numbers, not 'abc'"),
+        (lambda: Box(NOTHING), "lengths must have 3 numbers, not None"),
+        (lambda: Sphere(WORD), "radius must be a number, not 'abc'"),
         (lambda: Box((1, 2, 3), color=(1, 1)), "color must have 3 or 4 numbers"),
         (lambda: Sphere(1, color=(255.0, 0, 0)), "color must be from 0 to 1, or a uint8 array from 0 to 255, not 255"),
         (lambda: Sphere(1, color=(256, 0, 0)), "color must be from 0 to 1, or a uint8 array from 0 to 255, not 256"),
@@ -233,7 +238,9 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
             lambda: Heightmap(POINTS, (1, 1), colors=PIXELS),
             r"colors have shape \(5, 7, 3\) for heights of shape \(4, 3\)",
         ),
-        (lambda: Sphere(1, transform=np.eye(3)), "a transform is 3 numbers or a 4x4 matrix"),
+        (lambda: Sphere(1, transform=np.eye(3)), "a transform is a Transform, 3 numbers or a 4x4 matrix, not of shape"),
+        (lambda: Sphere(1, transform=WORD), "a transform is a Transform, 3 numbers or a 4x4 matrix, not 'abc'"),
+        (lambda: Sphere(1, transform=Transform((0, 0, 0), (0, 0, 0, 0))), "quaternion has only zeros"),
         (lambda: Sphere(1, transform=2 * np.eye(4)), "without scale, shear or mirroring"),
         (lambda: Sphere(1, transform=np.diag((-1.0, 1, 1, 1))), "without scale, shear or mirroring"),
     ],

@@ -77,6 +77,8 @@ async def test_many_transforms() -> None:
                     viewer.set_transforms(["c"], np.zeros(7))
                 with pytest.raises(TypeError, match="paths must be a list of paths, not 'c'"):
                     viewer.set_transforms("c", np.zeros((1, 7)))
+                with pytest.raises(ValueError, match="pose 0 has a quaternion of zeros"):
+                    viewer.set_transforms(["c"], np.zeros((1, 7)))
                 with pytest.raises(ValueError, match="pose 1 is not finite"):
                     viewer.set_transforms(["a/b", "c"], np.array([[0.0] * 7, [np.inf] * 7]))
 

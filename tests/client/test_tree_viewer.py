@@ -211,6 +211,12 @@ def test_a_timeout_is_positive() -> None:
             TreeViewer("tcpq://127.0.0.1:1", timeout=timeout)
 
 
+def test_a_url_is_a_text() -> None:
+    port: Any = 7700
+    with pytest.raises(ValueError, match=r"url must be an LCM URL such as 'tcpq://127\.0\.0\.1:7700', not 7700"):
+        TreeViewer(port, timeout=SECONDS)
+
+
 def test_a_connection_that_is_late_ends() -> None:
     """It is closed before its thread connects, or just when it does."""
     with socket.create_server(("127.0.0.1", 0)) as silent:

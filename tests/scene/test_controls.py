@@ -161,6 +161,34 @@ def test_clients_share_a_control() -> None:
     assert world.shown() == {}
 
 
+def test_clients_with_different_limits_do_not_flip_a_control() -> None:
+    world = World()
+    wide = Slider(("speed",), 0.0, 100.0, value=1.0)
+
+    def limit() -> Any:
+        (control,) = list(world.store.controls_since(0) or ())
+        return control.get("max", control["type"])
+
+    world.set("one", SPEED)
+    world.set("two", wide)
+    seen, control_id = world.store.revision, world.id_of("speed")
+    for _ in range(3):
+        world.set("one", SPEED)
+        world.set("two", wide)
+    assert (limit(), world.store.controls_since(seen)) == (100.0, None)
+    world.set("one", Slider(("speed",), 0.0, 20.0))
+    world.set("two", wide)
+    assert limit() == 20.0
+    world.store.change(control_id, 15.0)
+    world.set("one")
+    assert (limit(), world.shown(), world.id_of("speed")) == (100.0, {("speed",): 15.0}, control_id)
+    world.set("one", Checkbox(("speed",)))
+    world.set("two", wide)
+    assert limit() == "checkbox"
+    world.set("one")
+    assert limit() == 100.0
+
+
 def test_controls_of_clients_that_vanish_are_removed() -> None:
     world = World(ControlLimits(lease_seconds=10.0))
     world.set("silent", SPEED, GO)

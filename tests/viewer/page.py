@@ -80,7 +80,7 @@ class View(Watched):
               const box = new Box3();
               box.min.set(-2, -0.5, -0.5);
               box.max.set(2, 0.5, 0.5);
-              stage.look("side", [box]);
+              scenegate.rig.look("side", [box]);
               for (const object of [stage.grid, stage.axes, frustum.object]) stage.show(object, false);
             }"""
         )

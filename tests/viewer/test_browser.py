@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -27,7 +28,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 STILL = """async () => {
-  const where = () => [...scenegate.stage.camera.position.toArray(), ...scenegate.stage.controls.target.toArray()];
+  const where = () => [...scenegate.rig.camera.position.toArray(), ...scenegate.rig.controls.target.toArray()];
   const before = where();
   for (let frame = 0; frame < 3; frame += 1) await new Promise(requestAnimationFrame);
   return where().every((value, i) => Math.abs(value - before[i]) < 1e-6);
@@ -273,8 +274,58 @@ def test_text_faces_the_camera(view: tuple[View, Publisher], quaternion: list[fl
     shown.until(lambda: 0.05 < shown.share("red") < 0.2, "the turned text looks the same")
 
 
+def test_text_in_other_scripts(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+
+    def mask(text: str) -> Any:
+        """Publish a text; return which pixels of it are green."""
+        before = shown.page.evaluate("scenegate.model.revision")
+        geometry = {"type": "text", "text": text, "size": 1, "color": GREEN}
+        publisher.send(setgeometry=[{"path": ["text"], "geometry": geometry}])
+        wait_in_page(shown.page, "before => scenegate.model.revision > before", before)
+        shown.look()
+        shown.until(lambda: shown.share("green") > 0.005, text)
+        pixels = shown.colors().astype(int)
+        return pixels[:, :, 1] > pixels[:, :, 0] + 90
+
+    question = mask("??")
+    for text in ("Жю", "日本"):
+        letters = mask(text)
+        assert (letters != question).sum() > 0.3 * question.sum(), f"{text} is not drawn as ??"
+
+
+def test_a_large_request_is_shown_at_once(view: tuple[View, Publisher]) -> None:
+    """No state of the page has some of 5000 boxes, or one without its pose."""
+    shown, publisher = view
+    shown.page.set_viewport_size({"width": 300, "height": 240})
+    shown.page.evaluate(
+        """() => {
+          const { model } = scenegate;
+          const apply = model.apply.bind(model);
+          window.states = [];
+          model.apply = (update) => {
+            const change = apply(update);
+            const boxes = [...model.nodes.values()].filter((node) => node.parts);
+            states.push([boxes.length, boxes.filter(({ world }) => world.elements[14] !== 7).length]);
+            return change;
+          };
+        }"""
+    )
+    box = {"type": "box", "lengths": [0.1] * 3, "color": RED}
+    commands = [{"path": ["boxes", str(number)]} for number in range(5000)]
+    publisher.send(
+        setgeometry=[{**each, "geometry": box} for each in commands],
+        settransform=[
+            {**each, "transform": {"translation": [number % 70, number // 70, 7], "quaternion": [1, 0, 0, 0]}}
+            for number, each in enumerate(commands)
+        ],
+    )
+    wait_in_page(shown.page, "states.at(-1)?.[0] === 5000")
+    assert {tuple(state) for state in shown.page.evaluate("states")} <= {(0, 0), (5000, 0)}
+
+
 IN_VIEW = """scenegate.model.nodes.size > 1 && [...scenegate.model.nodes.values()].every((node) => {
-  const at = new scenegate.Box3().min.setFromMatrixPosition(node.world).project(scenegate.stage.camera);
+  const at = new scenegate.Box3().min.setFromMatrixPosition(node.world).project(scenegate.rig.camera);
   return Math.max(Math.abs(at.x), Math.abs(at.y)) < 1;
 })"""
 """True if the places of all nodes are in view."""
@@ -288,7 +339,7 @@ def test_home_view_follows_the_first_nodes(view: tuple[View, Publisher]) -> None
     assert shown.page.evaluate(IN_VIEW)
     publisher.box(["second"], GREEN, x=40.0)
     shown.until(lambda: shown.page.evaluate(IN_VIEW) and row(shown, ["second"]).count() == 1, "both are in view")
-    where = "scenegate.stage.camera.position.toArray()"
+    where = "scenegate.rig.camera.position.toArray()"
     shown.page.evaluate("performance.now = () => 2001")
     before = shown.page.evaluate(where)
     publisher.box(["later"], GREEN, x=-90.0)
@@ -303,12 +354,12 @@ def test_home_view_fits_a_window_of_another_shape(view: tuple[View, Publisher]) 
     shown.until(lambda: row(shown, ["right"]).count() == 1, "two nodes far apart")
     shown.page.keyboard.press("h")
     shown.page.set_viewport_size({"width": 360, "height": 740})
-    shown.until(lambda: shown.page.evaluate(IN_VIEW + " && scenegate.stage.camera.aspect < 1"), "both are in view")
+    shown.until(lambda: shown.page.evaluate(IN_VIEW + " && scenegate.rig.camera.aspect < 1"), "both are in view")
     shown.page.locator(".stage canvas").click(position={"x": 5, "y": 5})
-    before = shown.page.evaluate("scenegate.stage.camera.position.toArray()")
+    before = shown.page.evaluate("scenegate.rig.camera.position.toArray()")
     shown.page.set_viewport_size({"width": 740, "height": 360})
-    shown.until(lambda: shown.page.evaluate("scenegate.stage.camera.aspect > 1"), "the phone is turned")
-    assert shown.page.evaluate("scenegate.stage.camera.position.toArray()") == pytest.approx(before)
+    shown.until(lambda: shown.page.evaluate("scenegate.rig.camera.aspect > 1"), "the phone is turned")
+    assert shown.page.evaluate("scenegate.rig.camera.position.toArray()") == pytest.approx(before)
 
 
 def test_home_view_stays_where_the_visitor_moved_it(view: tuple[View, Publisher]) -> None:
@@ -317,10 +368,10 @@ def test_home_view_stays_where_the_visitor_moved_it(view: tuple[View, Publisher]
     publisher.box(["first"], RED)
     shown.until(lambda: row(shown, ["first"]).count() == 1, "the first node is shown")
     shown.page.locator(".stage canvas").click()
-    before = shown.page.evaluate("scenegate.stage.camera.position.toArray()")
+    before = shown.page.evaluate("scenegate.rig.camera.position.toArray()")
     publisher.box(["second"], GREEN, x=40.0)
     shown.until(lambda: row(shown, ["second"]).count() == 1, "the second node is shown")
-    assert shown.page.evaluate("scenegate.stage.camera.position.toArray()") == pytest.approx(before)
+    assert shown.page.evaluate("scenegate.rig.camera.position.toArray()") == pytest.approx(before)
 
 
 def test_code_of_the_empty_scene_is_copied(view: tuple[View, Publisher]) -> None:
@@ -406,6 +457,13 @@ def test_tree_is_used_by_keyboard_and_screen_reader(view: tuple[View, Publisher]
     outline = "row => getComputedStyle(row).outlineStyle"
     assert row(shown, ["demo"]).evaluate(outline) == "solid"
     assert table.evaluate(outline) == "none"
+    row(shown, ["last"]).click()
+    page.keyboard.press("m")  # after a click, keys are those of the view
+    assert page.get_by_role("group", name="Measurement").is_visible()
+    page.keyboard.press("m")
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press("l")  # after an arrow key, they find names again
+    assert selected.all_inner_texts() == ["last"]
 
 
 def test_selection_survives_delete_and_publish(view: tuple[View, Publisher]) -> None:
@@ -483,6 +541,20 @@ def test_controls_set_the_device_parameters(view: tuple[View, Publisher], gatewa
         path = "/api/v2/pipelines/0/nodes/rc_stereomatching/parameters/quality"
         shown.until(lambda: http.get(path).json()["value"] == "Low", "the parameter is set")
         assert http.put(path, json={"value": "High"}).status_code == 200
+        path = "/api/v2/pipelines/0/nodes/rc_camera/parameters/exp_max"
+        before = http.get(path).json()
+        shown.page.get_by_text("Camera", exact=True).click()
+        slider = shown.page.get_by_role("slider", name="exp_max", exact=True)
+        slider.focus()
+        shown.page.keyboard.press("Home")
+        shown.until(lambda: http.get(path).json()["value"] == pytest.approx(before["min"]), "the lowest exposure")
+        number = shown.page.get_by_role("spinbutton", name="exp_max, value")
+        number.fill("0.006")
+        number.press("Enter")
+        shown.until(lambda: http.get(path).json()["value"] == 0.006, "the number")
+        logarithm = math.log(0.006 / before["min"])
+        shown.until(lambda: float(slider.input_value()) == pytest.approx(logarithm, abs=1e-3), "the slider follows")
+        assert http.put(path, json={"value": before["value"]}).status_code == 200
 
 
 def test_render_requests_are_listed(view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]) -> None:
@@ -561,7 +633,7 @@ def test_keyboard_shortcuts_and_focus(view: tuple[View, Publisher]) -> None:
     keyboard = shown.page.keyboard
 
     def camera() -> list[float]:
-        return list(shown.page.evaluate("[...scenegate.stage.camera.position, ...scenegate.stage.controls.target]"))
+        return list(shown.page.evaluate("[...scenegate.rig.camera.position, ...scenegate.rig.controls.target]"))
 
     def moved_by(key: str) -> list[float]:
         before = camera()
@@ -573,7 +645,7 @@ def test_keyboard_shortcuts_and_focus(view: tuple[View, Publisher]) -> None:
     home = camera()
 
     def distance() -> float:
-        return float(shown.page.evaluate("scenegate.stage.controls.getDistance()"))
+        return float(shown.page.evaluate("scenegate.rig.controls.getDistance()"))
 
     before = distance()
     moved_by("+")
@@ -631,7 +703,7 @@ def test_wheel_zooms_to_the_cursor(view: tuple[View, Publisher]) -> None:
     shown.look_at("marker")
     point_at = "([x, y]) => scenegate.stage.pick(x, y)?.point.toArray() ?? null"
     scroll = """([clientX, clientY, times]) => {
-      const { canvas, camera } = scenegate.stage;
+      const { stage: { canvas }, rig: { camera } } = scenegate;
       const wheel = { clientX, clientY, deltaY: -100 };
       for (let i = 0; i < times; i += 1) canvas.dispatchEvent(new WheelEvent("wheel", wheel));
       return camera.position.y;
@@ -640,7 +712,7 @@ def test_wheel_zooms_to_the_cursor(view: tuple[View, Publisher]) -> None:
     x, y = box["x"] + int(0.25 * box["width"]), box["y"] + int(0.4 * box["height"])
     point = shown.page.evaluate(point_at, [x, y])
     assert point[1] == pytest.approx(-0.5)
-    before = shown.page.evaluate("scenegate.stage.camera.position.y")
+    before = shown.page.evaluate("scenegate.rig.camera.position.y")
     assert before + 1.0 < shown.page.evaluate(scroll, [x, y, 10]) < -0.5
     assert -0.53 < shown.page.evaluate(scroll, [x, y, 100]) < -0.5
     assert shown.page.evaluate(point_at, [x, y]) == pytest.approx(point, abs=1e-3)
@@ -776,9 +848,7 @@ def test_toolbar_and_status_bar_fit_a_phone(view: tuple[View, Publisher]) -> Non
     shown.page.keyboard.press("Escape")
     shown.page.get_by_role("button", name="Top, from").click()
     shown.until(
-        lambda: shown.page.evaluate(
-            "scenegate.stage.camera.position.z > 4 * Math.abs(scenegate.stage.camera.position.y)"
-        ),
+        lambda: shown.page.evaluate("scenegate.rig.camera.position.z > 4 * Math.abs(scenegate.rig.camera.position.y)"),
         "from above",
     )
 
@@ -796,8 +866,8 @@ def test_home_view_fills_the_view_without_the_stereo_camera(view: tuple[View, Pu
           for (const x of [min.x, max.x])
             for (const y of [min.y, max.y])
               for (const z of [min.z, max.z]) corners.push(min.clone().set(x, y, z));
-          stage.camera.updateMatrixWorld();
-          const seen = corners.map((corner) => corner.project(stage.camera));
+          scenegate.rig.camera.updateMatrixWorld();
+          const seen = corners.map((corner) => corner.project(scenegate.rig.camera));
           return Math.max(...seen.flatMap(({ x, y }) => [Math.abs(x), Math.abs(y)]));
         }"""
     )
@@ -829,9 +899,8 @@ def test_shadows_and_occlusion_are_kept(view: tuple[View, Publisher]) -> None:
     publisher.box(["above"], RED, size=0.6)
     # Without a GPU, an image of the default size takes seconds with occlusion.
     shown.page.set_viewport_size({"width": 400, "height": 360})
-    drawn = (
-        "[scenegate.stage.lights.object.children.some((lamp) => lamp.castShadow), scenegate.stage.occlusion !== null]"
-    )
+    drawn = """(({ lights, rendering }) => [
+      lights.object.children.some((lamp) => lamp.castShadow), rendering.hasOcclusion])(scenegate.stage)"""
     assert shown.page.evaluate(drawn) == [False, False]
     shown.open_display_menu()
     shown.page.get_by_label("Shadows").check()
@@ -850,8 +919,8 @@ def test_shadows_and_occlusion_are_kept(view: tuple[View, Publisher]) -> None:
 def test_camera_projection_and_grid_are_kept(view: tuple[View, Publisher]) -> None:
     """The camera of a tab, also after it is loaded again; the home view still follows the first nodes."""
     shown, publisher = view
-    camera = """(({ origin, view }) => [...view.eye, ...view.target, view.halfHeight, origin.x])(scenegate.stage)"""
-    orthographic = "scenegate.stage.camera.isOrthographicCamera"
+    camera = """(({ origin, view }) => [...view.eye, ...view.target, view.halfHeight, origin.x])(scenegate.rig)"""
+    orthographic = "scenegate.rig.camera.isOrthographicCamera"
 
     def reload() -> None:
         shown.page.reload()
@@ -867,7 +936,7 @@ def test_camera_projection_and_grid_are_kept(view: tuple[View, Publisher]) -> No
     shown.page.keyboard.press("Escape")
     shown.page.mouse.move(600, 400)
     shown.page.mouse.wheel(0, -400)
-    shown.until(lambda: shown.page.evaluate("scenegate.stage.orthographic.zoom") > 1.0, "the wheel zooms")
+    shown.until(lambda: shown.page.evaluate("scenegate.rig.orthographic.zoom") > 1.0, "the wheel zooms")
     shown.page.mouse.down()
     shown.page.mouse.move(700, 450, steps=4)
     shown.page.mouse.up()
@@ -882,7 +951,7 @@ def test_camera_projection_and_grid_are_kept(view: tuple[View, Publisher]) -> No
     shown.wait_for_node("far")
     assert shown.page.evaluate(camera) == pytest.approx(before)
     shown.page.evaluate("location.hash = 'eye=1,-5,2;target=1,0,2;up=0,0,1;fovy=45'")
-    view_eye = "scenegate.stage.view.eye"
+    view_eye = "scenegate.rig.view.eye"
     shown.until(lambda: shown.page.evaluate(view_eye) == pytest.approx([1.0, -5.0, 2.0]), "a link is followed")
     shown.page.evaluate("location.hash = 'eye=1,-5;target=nowhere'")
     shown.page.keyboard.press("h")
@@ -907,7 +976,7 @@ def test_touch_rotates_and_zooms(view: tuple[View, Publisher]) -> None:
         device.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
 
     def read(what: str) -> float:
-        return float(shown.page.evaluate(f"scenegate.stage.controls.{what}()"))
+        return float(shown.page.evaluate(f"scenegate.rig.controls.{what}()"))
 
     angle, distance = read("getAzimuthalAngle"), read("getDistance")
     touch("touchStart", (0, 0))
@@ -969,7 +1038,7 @@ def test_gateway_without_stereo_camera_is_not_an_error(browser: Any) -> None:
         view.page.get_by_text("interfaces ready").wait_for()
         assert view.page.locator("aside [role=tab]").all_inner_texts() == ["Selection"]
 
-        where = "[...scenegate.stage.camera.position.toArray(), ...scenegate.stage.controls.target.toArray()]"
+        where = "[...scenegate.rig.camera.position.toArray(), ...scenegate.rig.controls.target.toArray()]"
 
         def moves(what: str) -> None:
             view.until(lambda: view.page.evaluate(where) != before, what)

@@ -227,7 +227,7 @@ def place(view: View, x: float, z: float) -> tuple[float, float]:
     """Return the place on the page of a point of the plane y = 0."""
     project = """([x, z]) => {
       const { stage, Box3 } = scenegate;
-      const point = new Box3().min.set(x, 0, z).project(stage.camera);
+      const point = new Box3().min.set(x, 0, z).project(scenegate.rig.camera);
       const area = stage.canvas.getBoundingClientRect();
       return [area.left + (point.x + 1) / 2 * area.width, area.top + (1 - point.y) / 2 * area.height];
     }"""
@@ -268,7 +268,17 @@ def test_accessibility_rules_of_axe(gateway: tuple[Any, str, str], theme: str) -
 def test_a_phone_shows_all_tabs_and_controls(gateway: tuple[Any, str, str]) -> None:
     browser, url, hub = gateway
     with TreeViewer(hub, timeout=SECONDS) as viewer:
-        viewer.controls.add_slider("Speed " + "x" * 60, -1e6, 1e6, value=-123456.7, unit="m/s")
+        long = {letter: letter * 100 for letter in "abcdefgu"}
+        viewer["box"].set(Box((1, 1, 1)))
+        with viewer.controls.batch():
+            viewer.controls.add_slider("Speed " + "x" * 60, -1e6, 1e6, value=-123456.7, unit=long["u"])
+            viewer.controls[long["f"]].add_button(long["b"])
+            viewer.controls.add_number(long["a"], 3, unit=long["u"])
+            viewer.controls.add_checkbox(long["c"])
+            viewer.controls.add_dropdown(long["d"], [long["e"]])
+            viewer.controls.add_gizmo(long["g"], "box")
+            plot = viewer.controls.add_plot(long["e"], long["a"], unit=long["u"])
+        plot.add(1.0)
         view = View(browser, url, width=390, height=844)
         try:
             page = view.page

@@ -17,9 +17,9 @@ from tests.viewer.page import View, row
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
-EYE = "scenegate.stage.view.eye"
-TARGET = "scenegate.stage.view.target"
-UP = "scenegate.stage.view.up"
+EYE = "scenegate.rig.view.eye"
+TARGET = "scenegate.rig.view.target"
+UP = "scenegate.rig.view.up"
 LEFT = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
 """A quarter turn to the left."""
 

@@ -97,7 +97,7 @@ def test_page_and_gateway_draw_the_same_materials(tmp_path: Path) -> None:
               stage.renderer.setPixelRatio(1);
               stage.holder.style.cssText = "position: fixed; inset: 0; width: 500px; height: 400px";
               stage.setOrthographic(true);
-              stage.placeCamera({ eye: [0, -9, 0], target: [0, 0, 0], up: [0, 0, 1], halfHeight: 2 });
+              scenegate.rig.place({ eye: [0, -9, 0], target: [0, 0, 0], up: [0, 0, 1], halfHeight: 2 });
               stage.setBackground("#cce5ff", "#cce5ff");
             }"""
         )

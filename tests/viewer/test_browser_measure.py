@@ -46,7 +46,7 @@ def at(view: View, *point: float) -> tuple[float, float]:
     """Return the place on the page of a point in the world."""
     project = """([x, y, z]) => {
       const { stage, Box3 } = scenegate;
-      const point = new Box3().min.set(x, y, z).sub(stage.origin).project(stage.camera);
+      const point = new Box3().min.set(x, y, z).sub(scenegate.rig.origin).project(scenegate.rig.camera);
       const area = stage.canvas.getBoundingClientRect();
       return [area.left + (point.x + 1) / 2 * area.width, area.top + (1 - point.y) / 2 * area.height];
     }"""
@@ -80,6 +80,28 @@ def test_distance_between_two_clicks(shown: tuple[View, Publisher]) -> None:
     view.until(lambda: bool((view.colors()[beside] == before[beside]).all()), "the line is gone")
 
 
+def test_the_bars_leave_the_view_of_a_phone_free(shown: tuple[View, Publisher]) -> None:
+    view, publisher = shown
+    page = view.page
+    path = ["robot", "a-link-with-a-name-" + "x" * 60]
+    publisher.box(path, RED, size=0.5)
+    view.look_at(*path)
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.evaluate("path => scenegate.select(scenegate.model.find(path))", path)
+    page.get_by_role("button", name="Measure between two points").click()
+    page.keyboard.press("c")
+    for x in (-0.2, 0.2):
+        page.mouse.click(*at(view, x, -0.25, 0.1))
+    page.locator(".pill .ends").wait_for(state="attached")
+    area = page.locator(".stage .view").bounding_box()
+    bars = [bar.bounding_box() for bar in page.locator(".pill").all()]
+    assert len(bars) == 2
+    assert sum(bar["height"] for bar in bars) < 0.15 * area["height"]
+    assert max(bar["x"] + bar["width"] for bar in bars) <= 390
+    assert page.get_by_role("button", name="Stop following").is_visible()
+    assert page.get_by_role("button", name="Stop measuring").is_visible()
+
+
 def test_a_measurement_by_keyboard(shown: tuple[View, Publisher]) -> None:
     """Enter clicks in the middle of the view, which a cross shows."""
     view, _ = shown
@@ -91,7 +113,7 @@ def test_a_measurement_by_keyboard(shown: tuple[View, Publisher]) -> None:
     cross = "getComputedStyle(document.querySelector('.stage .view'), '::after').content"
     assert page.evaluate(cross) == '"+"'
     for x in (-1.0, 1.0):
-        page.evaluate("x => scenegate.stage.placeCamera({ eye: [x, -4, 0], target: [x, 0, 0], up: [0, 0, 1] })", x)
+        page.evaluate("x => scenegate.rig.place({ eye: [x, -4, 0], target: [x, 0, 0], up: [0, 0, 1] })", x)
         page.keyboard.press("Enter")
     view.until(lambda: bar.get_by_role("status").inner_text().startswith("2 m"), "the distance")
     page.keyboard.press("m")
@@ -119,10 +141,10 @@ def test_axes_to_look_along(shown: tuple[View, Publisher]) -> None:
     """They turn with the camera; a click keeps target and distance."""
     view, _ = shown
     gizmo = view.page.get_by_role("group", name="Look along an axis")
-    camera = "[scenegate.stage.controls.getDistance(), ...scenegate.stage.view.target]"
+    camera = "[scenegate.rig.controls.getDistance(), ...scenegate.rig.view.target]"
     before = view.page.evaluate(camera)
     direction = """(() => {
-      const { view: { eye, target }, controls } = scenegate.stage;
+      const { view: { eye, target }, controls } = scenegate.rig;
       return eye.map((x, i) => (x - target[i]) / controls.getDistance());
     })()"""
     for name, expected in (
@@ -218,6 +240,14 @@ def test_axes_and_names_of_nodes(shown: tuple[View, Publisher]) -> None:
     assert length == pytest.approx(0.06 * height, abs=6)
     publisher.send(settransform=[publisher.at(["robot", "arm"], -0.7)])
     view.until(lambda: is_at(-0.7), "they move with it")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="PNG").click()
+    drawn = np.asarray(Image.open(download.value.path()).convert("RGB")).astype(int)
+    rows, columns = np.nonzero(np.abs(drawn - view.colors()).max(axis=2) > 20)
+    boxes = [name.bounding_box() for name in names.all()]
+    left, right = min(box["x"] for box in boxes), max(box["x"] + box["width"] for box in boxes)
+    assert left - 2 <= columns.min() + canvas["x"] < columns.max() + canvas["x"] <= right + 2
+    assert len({*rows.tolist()}) >= 8, "the image has the names"
     page.evaluate("document.activeElement.blur()")
     for _ in range(3):
         page.keyboard.press("-")

@@ -55,7 +55,7 @@ def at(view: View, x: float) -> tuple[float, float]:
     """Return the place on the page of a point on the x axis, seen from the side."""
     project = """x => {
       const { stage, Box3 } = scenegate;
-      const point = new Box3().min.set(x, -0.5, 0).project(stage.camera);
+      const point = new Box3().min.set(x, -0.5, 0).project(scenegate.rig.camera);
       const area = stage.renderer.domElement.getBoundingClientRect();
       return [area.left + (point.x + 1) / 2 * area.width, area.top + (1 - point.y) / 2 * area.height];
     }"""
@@ -104,7 +104,7 @@ def test_the_page_follows_the_view_of_the_client(shown: tuple[View, TreeViewer],
     browser, url = gateway
     later = None
     viewer.set_view(background=(0.0, 0.0, 1.0), grid=False, home=((0, 0.1, 8), (0, 0, 0), (0, 1, 0)))
-    where = "[...scenegate.stage.camera.position.toArray(), ...scenegate.stage.camera.up.toArray()]"
+    where = "[...scenegate.rig.camera.position.toArray(), ...scenegate.rig.camera.up.toArray()]"
     home = [0, 0.1, 8, 0, 1, 0]
     try:
         for page in (view, later := View(browser, url)):
@@ -119,7 +119,7 @@ def test_the_page_follows_the_view_of_the_client(shown: tuple[View, TreeViewer],
             later.page.close()
             assert later.faults == []
     view.page.get_by_role("button", name="Top, from").click()
-    view.until(lambda: view.page.evaluate("scenegate.stage.camera.up.toArray()") == [0, 0, 1], "from above")
+    view.until(lambda: view.page.evaluate("scenegate.rig.camera.up.toArray()") == [0, 0, 1], "from above")
     view.page.keyboard.press("h")
     view.until(lambda: np.allclose(view.page.evaluate(where), home), "home again")
     view.open_display_menu()

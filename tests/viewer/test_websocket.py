@@ -38,7 +38,15 @@ class Socket:
         self._to_app: asyncio.Queue[Any] = asyncio.Queue()
         self._from_app: asyncio.Queue[Any] = asyncio.Queue()
         self._to_app.put_nowait({"type": "websocket.connect"})
-        self.task = asyncio.create_task(app(scope, self._to_app.get, self._from_app.put))
+        self.is_lost = False
+        self.has_failed = False
+        self.task = asyncio.create_task(app(scope, self._to_app.get, self._deliver))
+
+    async def _deliver(self, message: Any) -> None:
+        self.has_failed |= self.is_lost
+        if self.is_lost:
+            raise OSError("the connection is lost")
+        await self._from_app.put(message)
 
     def send(self, message: str | bytes) -> None:
         kind = "text" if isinstance(message, str) else "bytes"
@@ -272,6 +280,21 @@ async def test_a_binary_message_ends_the_connection(view: View) -> None:
     socket = Socket(view.app)
     await socket.update()
     socket.send(b"k")
+    async with asyncio.timeout(SECONDS):
+        await socket.task
+    assert view.browsers == 0
+
+
+async def test_a_connection_that_sending_has_lost_ends_without_an_error(view: View) -> None:
+    """Sending finds the loss first, while messages of the page still wait."""
+    view.edit("box")
+    socket = Socket(view.app)
+    await socket.update()
+    socket.is_lost = True
+    view.edit("second")
+    socket.send(ACKNOWLEDGE)
+    await until(lambda: socket.has_failed)
+    socket.send(ACKNOWLEDGE)
     async with asyncio.timeout(SECONDS):
         await socket.task
     assert view.browsers == 0

@@ -23,7 +23,7 @@ from scenegate.tree.answer import Answer, TreeViewerError
 from scenegate.tree.joint_sliders import JointSliders
 from scenegate.tree.robot import PublishedRobot
 from scenegate.tree.viewer import TreeViewer
-from scenegate.warning_text import strict_refusal
+from scenegate.warning_text import NOTHING_DRAWN, joined_warnings, strict_refusal
 
 RELOAD_SECONDS: Final = 0.5
 """Interval at which ``--reload`` checks the files of a robot for changes."""
@@ -97,6 +97,8 @@ def run(options: argparse.Namespace) -> None:
                 return
             robot = publish_robot(viewer)
             _print_robot(source, robot)
+            if robot.drawn_count == 0 and (robot.warnings or robot.answer.warnings):
+                raise ValueError(f"{source}: nothing of the robot is drawn")
             if options.sliders and _add_sliders(viewer, robot) is not None:
                 print("The page shows a slider for each joint, until Ctrl+C.", file=sys.stderr, flush=True)
                 while True:  # not an event: on Windows, Ctrl+C does not interrupt waiting for one
@@ -114,10 +116,15 @@ def run(options: argparse.Namespace) -> None:
         changes.set(top, [MeshFile.read(source).body()])
     with TreeViewer(options.lcm_url, options.timeout) as viewer:
         answer = viewer.send(changes)
-        if options.strict and answer.warnings and source.suffix.lower() != ".json":
+        if source.suffix.lower() != ".json" and (failed := _failed(answer, strict=options.strict)):
             viewer[top].delete()
-            raise ValueError(f"{source}: {strict_refusal(answer.warnings)}")
+            raise ValueError(f"{source}: {strict_refusal(failed) if options.strict else joined_warnings(failed)}")
     _print(answer)
+
+
+def _failed(answer: Answer, *, strict: bool) -> list[str]:
+    """Return the warnings of a mesh that is not drawn, or must not be."""
+    return [warning for warning in answer.warnings if strict or warning.endswith(NOTHING_DRAWN)]
 
 
 def _read_request(source: Path, root: NodePath, changes: Changes) -> None:

@@ -55,7 +55,7 @@ class Control(msgspec.Struct, frozen=True, tag_field="type", omit_defaults=True)
     def __post_init__(self) -> None:
         if not 1 <= len(self.path) <= MAX_DEPTH:
             raise ValueError(f"path has {len(self.path)} names, it must have 1 to {MAX_DEPTH}")
-        for name in self.path:
+        for name in _names(self.path, "path"):
             check_length(str(name), "path")
         value = getattr(self, "value", None)
         if value is not None:
@@ -186,10 +186,7 @@ class Dropdown(Control, frozen=True, tag="dropdown"):
     """Default: the first option."""
 
     def __post_init__(self) -> None:
-        if not 1 <= len(self.options) <= MAX_OPTIONS:
-            raise ValueError(f"options has {len(self.options)} texts, it must have 1 to {MAX_OPTIONS}")
-        for option in self.options:
-            check_length(option, "options")
+        _check_texts(self.options, "options", MAX_OPTIONS)
         if len(set(self.options)) < len(self.options):
             raise ValueError("options has a text twice")
         Control.__post_init__(self)
@@ -230,11 +227,8 @@ class Plot(Control, frozen=True, tag="plot"):
     unit: str = ""
 
     def __post_init__(self) -> None:
-        if not 1 <= len(self.series) <= MAX_SERIES:
-            raise ValueError(f"series has {len(self.series)} names, it must have 1 to {MAX_SERIES}")
-        for name in self.series:
-            check_length(name, "series")
-        if not 0.0 < self.seconds <= MAX_NUMBER:
+        _check_texts(self.series, "series", MAX_SERIES)
+        if not 0.0 < number(self.seconds, "seconds") <= MAX_NUMBER:
             raise ValueError(f"seconds is {self.seconds:g}, it must be above 0 and at most {MAX_NUMBER:g}")
         check_length(self.unit, "unit")
         Control.__post_init__(self)
@@ -262,6 +256,7 @@ class Gizmo(Control, frozen=True, tag="gizmo"):
     """Path of the node in the tree."""
 
     def __post_init__(self) -> None:
+        _names(self.node, "node")
         if len(self.node) > MAX_NODE_DEPTH:
             raise ValueError(f"node has {len(self.node)} names, the limit is {MAX_NODE_DEPTH}")
         Control.__post_init__(self)
@@ -297,8 +292,10 @@ def check_length(text: str, name: str, limit: int = MAX_NAME_CHARS) -> str:
     """Return a text.
 
     Raises:
-        ValueError: it is longer than the limit, or no valid Unicode.
+        ValueError: it is no text, longer than the limit, or no valid Unicode.
     """
+    if not isinstance(text, str):
+        raise ValueError(f"{name} must be a text, not {_text(text)}")
     if len(text) > limit:
         raise ValueError(f"{name} has {len(text)} characters in {_text(text)}, the limit is {limit}")
     try:
@@ -315,8 +312,25 @@ def _within(value: Any, low: float, high: float) -> float:
     return result
 
 
+def _names(path: Path, field: str) -> Path:
+    """Return a path. Raises ValueError if a name in it is no text and no integer."""
+    for name in path:
+        if isinstance(name, bool) or not isinstance(name, (str, int)):
+            raise ValueError(f"{field} has the name {_text(name)}; names are texts or integers")
+    return path
+
+
+def _check_texts(texts: tuple[str, ...], name: str, limit: int) -> None:
+    if not isinstance(texts, tuple):
+        raise ValueError(f"{name} must be a list of texts, not {_text(texts)}")
+    if not 1 <= len(texts) <= limit:
+        raise ValueError(f"{name} has {len(texts)} texts, it must have 1 to {limit}")
+    for text in texts:
+        check_length(text, name)
+
+
 def _check_step(step: float | None) -> None:
-    if step is not None and not 0.0 < step <= MAX_NUMBER:
+    if step is not None and not 0.0 < number(step, "step") <= MAX_NUMBER:
         raise ValueError(f"step is {step:g}, it must be above 0 and at most {MAX_NUMBER:g}")
 
 

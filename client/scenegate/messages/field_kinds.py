@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scenegate.messages.colors import ImageLike, color_rows, image_field, rgba
 from scenegate.messages.request_encoding import empty_with_header
+from scenegate.warning_text import NOTHING_DRAWN
 
 MAX_DISTANCE: Final = 1e15
 """Maximum of drawable lengths and coordinates, in metres. The squares of larger ones may overflow float32."""
@@ -121,7 +122,7 @@ def numbers(value: Any, name: str, count: int) -> tuple[float, ...]:
 def drawable(value: float, name: str) -> float:
     """Return the value; raise NothingToDraw if it is not finite or beyond ``MAX_DISTANCE``."""
     if not abs(value) <= MAX_DISTANCE:
-        raise NothingToDraw(f"{name} is {value:g}, so nothing is drawn")
+        raise NothingToDraw(f"{name} is {value:g}, {NOTHING_DRAWN}")
     return value
 
 
@@ -146,12 +147,21 @@ def _clamp(value: float) -> float:
 
 def number_list(name: str, values: ArrayLike, *counts: int) -> list[float]:
     """Return a field's values as floats. Raises ValueError if their number is not one of ``counts``."""
-    array = np.asarray(values, np.float64)
+    wanted = f"{name} must have {' or '.join(map(str, counts))} numbers"
+    try:
+        array = np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{wanted}, not {describe(values)}") from None
     if array.ndim != 1 or len(array) not in counts:
-        wanted = " or ".join(map(str, counts))
-        raise ValueError(f"{name} must have {wanted} numbers, not shape {array.shape}")
+        raise ValueError(f"{wanted}, not {f'shape {array.shape}' if array.ndim else describe(values)}")
     result: list[float] = array.tolist()
     return result
+
+
+def describe(value: object) -> str:
+    """Return a short description of any value of a user, about 40 characters, for an error text."""
+    text = repr(value) if value is None or isinstance(value, (str, int, float)) else f"a {type(value).__name__}"
+    return text if len(text) <= 40 else f"{text[:40]}…"
 
 
 def number_rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.generic] = np.float32) -> NDArray[Any]:
@@ -235,7 +245,7 @@ def _read_extents(value: Any, name: str, _: FieldReader) -> tuple[float, float]:
 def _read_axis_length(value: Any, name: str, _: FieldReader) -> float:
     scale = drawable(number(value, name), name)
     if abs(scale) < MIN_TRIAD_SCALE:
-        raise NothingToDraw(f"{name} is {scale:g}, so nothing is drawn")
+        raise NothingToDraw(f"{name} is {scale:g}, {NOTHING_DRAWN}")
     return scale
 
 
@@ -270,8 +280,11 @@ def _write_scale(name: str, value: float | ArrayLike) -> list[float]:
     return number_list(name, [float(value)] * 3 if isinstance(value, (int, float)) else value, 3)
 
 
-def _write_float(_: str, value: float) -> float:
-    return float(value)
+def _write_float(name: str, value: float) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be a number, not {describe(value)}") from None
 
 
 def _write_text(_: str, value: str) -> str:

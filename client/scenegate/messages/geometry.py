@@ -36,6 +36,7 @@ from scenegate.messages.field_kinds import (
     TextureCoordinates,
     VertexColors,
     Vertices,
+    describe,
     number_list,
     number_rows,
 )
@@ -52,7 +53,7 @@ class Transform:
     translation: Sequence[float] = (0.0, 0.0, 0.0)
     """x, y, z in metres."""
     quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
-    """Rotation as w, x, y, z, of any length. All zeros: no rotation."""
+    """Rotation as w, x, y, z, of any length but 0."""
 
     @classmethod
     def of(cls, value: Transform | ArrayLike) -> Transform:
@@ -63,22 +64,31 @@ class Transform:
         """
         if isinstance(value, Transform):
             return value
-        matrix = np.asarray(value, np.float64)
+        wanted = "a transform is a Transform, 3 numbers or a 4x4 matrix"
+        try:
+            matrix = np.asarray(value, np.float64)
+        except (TypeError, ValueError):
+            raise ValueError(f"{wanted}, not {describe(value)}") from None
         if matrix.shape == (3,):
             return cls(tuple(matrix.tolist()))
         if matrix.shape != (4, 4):
-            raise ValueError(f"a transform is 3 numbers or a 4x4 matrix, not of shape {matrix.shape}")
+            raise ValueError(f"{wanted}, not {f'of shape {matrix.shape}' if matrix.shape else describe(value)}")
         R = matrix[:3, :3]
         if not np.allclose(R @ R.T, np.eye(3), atol=ROTATION_TOLERANCE) or np.linalg.det(R) < 0:
             raise ValueError("the matrix must be a rotation and a translation, without scale, shear or mirroring")
         return cls(tuple(matrix[:3, 3].tolist()), tuple(quaternions_of(R[None])[0].tolist()))
 
     def body(self) -> dict[str, Any]:
-        """Return the transform as the protocol's JSON object."""
-        return {
-            "translation": number_list("translation", self.translation, 3),
-            "quaternion": number_list("quaternion", self.quaternion, 4),
-        }
+        """Return the transform as the protocol's JSON object.
+
+        Raises:
+            ValueError: a number is missing or not a number, or the quaternion is zero.
+        """
+        translation = number_list("translation", self.translation, 3)
+        quaternion = number_list("quaternion", self.quaternion, 4)
+        if not any(quaternion):
+            raise ValueError("quaternion has only zeros; no rotation is (1, 0, 0, 0)")
+        return {"translation": translation, "quaternion": quaternion}
 
 
 class Field(NamedTuple):

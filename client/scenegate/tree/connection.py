@@ -31,10 +31,12 @@ class LcmConnection:
 
         Raises:
             ConnectionError: no hub listens, or there is no route.
-            ValueError: the timeout is not positive.
+            ValueError: the URL is no text, or the timeout is not positive.
         """
-        if not timeout > 0.0:
-            raise ValueError(f"timeout is {timeout}, it must be a positive number of seconds")
+        if url is not None and not isinstance(url, str):
+            raise ValueError(f"url must be an LCM URL such as 'tcpq://127.0.0.1:7700', not {url!r}")
+        if not isinstance(timeout, (int, float)) or not timeout > 0.0:
+            raise ValueError(f"timeout is {timeout!r}, it must be a positive number of seconds")
         self.url = resolve_url(url)
         self._handlers = handlers
         self._timeout = timeout

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from typing import Any, Generic, TypeAlias, TypeVar
 
@@ -39,10 +40,12 @@ class ControlPanel:
         self._record = record
         self.lock = threading.Lock()
         """Guards the handles."""
-        self.sending = threading.Lock()
-        """Held while all controls or clickable paths are sent, so that the newest list arrives last.
+        self.sending = threading.RLock()
+        """Held while all controls or clickable paths are sent, so that the newest list arrives last, and in a batch.
 
         The receiving thread must not wait for it: another thread may hold it while it waits for a response."""
+        self._is_batch = False
+        """True: the thread that holds ``sending`` collects its controls."""
         self._handles: _Handles = {}
 
     def definitions(self) -> list[AnyControl]:
@@ -55,6 +58,25 @@ class ControlPanel:
         self.threads.start()
         self._replace(lambda old: {**old, **{handle.path: handle for handle in handles}})
 
+    @contextmanager
+    def batch(self) -> Iterator[None]:
+        """Send what is added and removed inside the context in one request when it ends."""
+        with self.sending:
+            if self._is_batch:
+                raise RuntimeError("a batch of controls is open already")
+            old = self._handles
+            self._is_batch = True
+            try:
+                yield
+                self._is_batch = False
+                self._show(old)
+            except BaseException:
+                with self.lock:
+                    self._handles = old
+                raise
+            finally:
+                self._is_batch = False
+
     def delete(self, top: Path) -> None:
         """Remove the controls at and below a path."""
         self._replace(lambda old: {path: each for path, each in old.items() if not is_at_or_below(path, top)})
@@ -64,16 +86,21 @@ class ControlPanel:
             with self.lock:
                 old = self._handles
                 self._handles = replacement(old)
-            if self._handles == old:
-                return
-            try:
-                changes = Changes()
-                changes.controls = self.definitions()
-                self._send(changes)
-            except BaseException:
-                with self.lock:
-                    self._handles = old
-                raise
+            if not self._is_batch:
+                self._show(old)
+
+    def _show(self, old: _Handles) -> None:
+        """Send all controls, if they are not the old ones, which return if that fails."""
+        if self._handles == old:
+            return
+        try:
+            changes = Changes()
+            changes.controls = self.definitions()
+            self._send(changes)
+        except BaseException:
+            with self.lock:
+                self._handles = old
+            raise
 
     def set_values(self, values: dict[ControlHandle[Any], Any]) -> Answer:
         """Set values in one request. Callbacks are not called."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scenegate.messages import controls as messages
 from scenegate.messages.changes import Key, Path, path_of
 from scenegate.messages.colors import rgba
+from scenegate.messages.field_kinds import describe
 from scenegate.transforms import from_pose
 from scenegate.tree.answer import Answer
 from scenegate.tree.callbacks import check_callback
@@ -104,6 +106,16 @@ class ControlFolder:
     def __getitem__(self, key: Key) -> ControlFolder:
         return ControlFolder(self.panel, self.path + path_of(key))
 
+    @contextmanager
+    def batch(self) -> Iterator[None]:
+        """Show the controls that this thread adds inside the context in one request when it ends.
+
+        Each request has all controls of the program: 1000 that are added one by one take seconds. Values can be set
+        afterwards. An exception adds nothing. Other threads that add controls wait.
+        """
+        with self.panel.batch():
+            yield
+
     def delete(self) -> None:
         """Remove all controls of this program in the folder."""
         self.panel.delete(self.path)
@@ -140,7 +152,9 @@ class ControlFolder:
             step: distance between values; None: any value.
             unit: text behind the value.
         """
-        slider = messages.Slider(self._path(name), float(min), float(max), value=plain(value), step=step, unit=unit)
+        slider = messages.Slider(
+            self._path(name), plain(min), plain(max), value=plain(value), step=plain(step), unit=unit
+        )
         handle: ControlHandle[float] = self._shown(ControlHandle(self.panel, slider))
         return handle
 
@@ -155,7 +169,7 @@ class ControlFolder:
         unit: str = "",
     ) -> ControlHandle[float]:
         """Add a field for a number. See ``add_slider``."""
-        number = messages.NumberInput(self._path(name), plain(value), min, max, step, unit)
+        number = messages.NumberInput(self._path(name), plain(value), plain(min), plain(max), plain(step), unit)
         handle: ControlHandle[float] = self._shown(ControlHandle(self.panel, number))
         return handle
 
@@ -173,7 +187,7 @@ class ControlFolder:
 
     def add_dropdown(self, name: Key, options: Sequence[str], value: str | None = None) -> ControlHandle[str]:
         """Add a menu; the first of the options is chosen if there is no value."""
-        dropdown = messages.Dropdown(self._path(name), tuple(options), value=value)
+        dropdown = messages.Dropdown(self._path(name), _texts(options), value=value)
         handle: ControlHandle[str] = self._shown(ControlHandle(self.panel, dropdown))
         return handle
 
@@ -194,7 +208,7 @@ class ControlFolder:
             seconds: length of the time axis.
             unit: unit of the values.
         """
-        plot = messages.Plot(self._path(name), series, seconds=seconds, unit=unit)
+        plot = messages.Plot(self._path(name), series, seconds=plain(seconds), unit=unit)
         handle: PlotHandle = self._shown(PlotHandle(self.panel, plot))
         return handle
 
@@ -211,5 +225,12 @@ class ControlFolder:
             robot: result of ``TreeViewer.robot``.
             name: name of the folder; None: the robot's path.
         """
+        if not isinstance(robot, PublishedRobot):
+            raise ValueError(f"robot must be the result of TreeViewer.robot, not {describe(robot)}")
         folder = ("/".join(map(str, robot.path)),) if name is None else path_of(name)
         return JointSliders(self.panel, self.path + folder, robot)
+
+
+def _texts(options: Sequence[str]) -> tuple[str, ...]:
+    """Return a list as tuple, and what is no list as it is, for the error of ``messages.Dropdown``."""
+    return options if isinstance(options, str) or not isinstance(options, Iterable) else tuple(options)  # type: ignore[return-value]

@@ -76,7 +76,13 @@ class JointSliders:
 
 
 def _range(joint: Joint, value: float) -> tuple[float, float]:
-    """Return the limits of a slider. They include the value, which the file or a program may have set beyond."""
+    """Return the limits of a slider. They include the value, which the file or a program may have set beyond.
+
+    Raises:
+        ValueError: the value is beyond ``MAX_NUMBER``.
+    """
+    if abs(value) > MAX_NUMBER:
+        raise ValueError(f"joint {joint.name!r} has the value {value:g}, the limit of a slider is {MAX_NUMBER:g}")
     low, high = joint.limits or (0.0, 0.0)
     if not (low < high and max(abs(low), abs(high)) < MAX_NUMBER):
         high = UNLIMITED[joint.kind]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scenegate.messages.changes import Changes, Key, Path, path_of
+from scenegate.messages.field_kinds import describe
 from scenegate.messages.geometry import Geometry, Transform
 from scenegate.tree.answer import OK, Answer
 
@@ -39,7 +40,7 @@ class Node:
         """Replace the geometries of this path, and its transform if one is given. Paths below stay as they are."""
         for geometry in geometries:
             if not isinstance(geometry, Geometry):
-                raise TypeError(f"set takes geometries such as Box((1, 1, 1)), not {_describe(geometry)}")
+                raise TypeError(f"set takes geometries such as Box((1, 1, 1)), not {describe(geometry)}")
         changes = Changes()
         changes.set(self.path, [geometry.body() for geometry in geometries])
         if transform is not None:
@@ -104,11 +105,11 @@ def transforms_of(paths: Iterable[Key], poses: ArrayLike) -> Changes:
 
     Raises:
         TypeError: ``paths`` is one string.
-        ValueError: the shapes differ, or a number is not finite.
+        ValueError: the shapes differ, a number is not finite, or a quaternion is zero.
     """
     if isinstance(paths, str):
         raise TypeError(
-            f"paths must be a list of paths, not {_describe(paths)}; for one path use set_transforms([path], ...)"
+            f"paths must be a list of paths, not {describe(paths)}; for one path use set_transforms([path], ...)"
         )
     keys = [path_of(path) for path in paths]
     array = np.asarray(poses, np.float64)
@@ -118,13 +119,9 @@ def transforms_of(paths: Iterable[Key], poses: ArrayLike) -> Changes:
         raise ValueError(f"poses must have shape ({len(keys)}, 7) for {len(keys)} paths, not {array.shape}")
     if not np.isfinite(array).all():
         raise ValueError(f"pose {int(np.argmin(np.isfinite(array).all(axis=1)))} is not finite")
+    if not array[:, 3:].any(axis=1).all():
+        raise ValueError(f"pose {int(np.argmin(array[:, 3:].any(axis=1)))} has a quaternion of zeros")
     changes = Changes()
     for key, row in zip(keys, array.tolist(), strict=True):
         changes.transform(key, {"translation": row[:3], "quaternion": row[3:]})
     return changes
-
-
-def _describe(value: object) -> str:
-    """Return a short description of any value, about 40 characters, for an error text."""
-    text = repr(value) if isinstance(value, (str, int, float)) else f"a {type(value).__name__}"
-    return text if len(text) <= 40 else f"{text[:40]}…"

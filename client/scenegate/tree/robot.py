@@ -15,7 +15,7 @@ from scenegate.messages.geometry import Geometry, Transform
 from scenegate.transforms import quaternions_of
 from scenegate.tree.answer import OK, Answer
 from scenegate.tree.nodes import Sender
-from scenegate.warning_text import strict_refusal
+from scenegate.warning_text import NOTHING_DRAWN, strict_refusal
 
 _NEEDS_SERVER: Final = (
     "MJCF, keyframes, gltf_up='auto', textures=False and viewers other than Scenegate need packages of the server: "
@@ -61,6 +61,9 @@ class PublishedRobot:
         _add_poses(changes, path, robot.links, self._poses)
         self.answer: Answer = viewer.send(changes)
         """Result of publishing the robot."""
+        not_drawn = sum(warning.endswith(NOTHING_DRAWN) for warning in self.answer.warnings)
+        self.drawn_count = sum(map(len, robot.parts)) - not_drawn
+        """Number of geometries that the viewer draws."""
 
     @property
     def links(self) -> tuple[str, ...]:

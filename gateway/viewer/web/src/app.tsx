@@ -1,24 +1,24 @@
 // The page: toolbar, tree, view, panels, status bar. On small screens tree and panels are drawers over the view.
 
-import { useSignal } from "@preact/signals";
-import { ControlsPanel } from "./controlspanel";
-import { DetailsPanel } from "./detailspanel";
-import { EmptyState } from "./emptystate";
-import { FollowBar } from "./followbar";
-import { Lightbox } from "./lightbox";
-import { MeasureBar } from "./measurebar";
+import { type Signal, useSignal } from "@preact/signals";
 import { keep, kept } from "./options";
-import type { Side, Tab } from "./panels";
-import type { ProgramControls } from "./programcontrols";
-import { RendersPanel } from "./renderspanel";
-import { SensorsPanel } from "./sensorspanel";
-import { SideViews } from "./sideviews";
-import { StatusBar } from "./statusbar";
-import { TabList } from "./tabs";
-import { Toolbar } from "./toolbar";
-import { TreePanel } from "./treepanel";
-import { ViewAxes } from "./viewaxes";
-import type { Viewer } from "./viewer";
+import { TabList } from "./panels/controls";
+import { DetailsPanel } from "./panels/detailspanel";
+import { EmptyState } from "./panels/emptystate";
+import { Lightbox } from "./panels/lightbox";
+import type { Side, Tab } from "./panels/panels";
+import { RendersPanel } from "./panels/renderspanel";
+import { SensorsPanel } from "./panels/sensorspanel";
+import { StatusBar } from "./panels/statusbar";
+import { Toolbar } from "./panels/toolbar";
+import { TreePanel } from "./panels/treepanel";
+import { ControlsPanel } from "./programs/controlspanel";
+import type { ProgramControls } from "./programs/programcontrols";
+import { FollowBar } from "./tools/follow";
+import { MeasureBar } from "./tools/measure";
+import { SideViews } from "./tools/sideviews";
+import { ViewAxes } from "./tools/viewaxes";
+import type { Viewer } from "./view/viewer";
 
 const MIN_WIDTH = 160;
 /** Step of an arrow key, pixels. */
@@ -28,13 +28,16 @@ interface SplitterProps {
   side: Side;
   label: string;
   /** Width of the panel, pixels; null: the default. */
-  width: number | null;
-  onResize: (width: number | null) => void;
+  width: Signal<number | null>;
 }
 
 /** Handle between a panel and the view: dragged, or moved by the arrow keys. */
-function Splitter({ side, label, width, onResize }: SplitterProps) {
-  const resize = (pixels: number) => onResize(Math.round(Math.min(Math.max(pixels, MIN_WIDTH), 0.6 * innerWidth)));
+function Splitter({ side, label, width }: SplitterProps) {
+  const set = (pixels: number | null) => {
+    width.value = pixels;
+    keep(`${side}-width`, pixels ? String(pixels) : "");
+  };
+  const resize = (pixels: number) => set(Math.round(Math.min(Math.max(pixels, MIN_WIDTH), 0.6 * innerWidth)));
   const onPointerMove = ({ currentTarget, pointerId, clientX }: PointerEvent) => {
     if ((currentTarget as Element).hasPointerCapture(pointerId)) resize(side === "left" ? clientX : innerWidth - clientX);
   };
@@ -52,12 +55,12 @@ function Splitter({ side, label, width, onResize }: SplitterProps) {
       tabIndex={0}
       aria-orientation="vertical"
       aria-label={label}
-      aria-valuenow={width ?? MIN_WIDTH}
+      aria-valuenow={width.value ?? MIN_WIDTH}
       title="Drag to resize"
       onPointerDown={({ currentTarget, pointerId }) => currentTarget.setPointerCapture(pointerId)}
       onPointerMove={onPointerMove}
       onKeyDown={onKeyDown}
-      onDblClick={() => onResize(null)}
+      onDblClick={() => set(null)}
     />
   );
 }
@@ -72,17 +75,6 @@ interface AppProps {
 export function App({ viewer, programControls, attach }: AppProps) {
   const { session, panels } = viewer;
   const widths = { left: useSignal(Number(kept("left-width")) || null), right: useSignal(Number(kept("right-width")) || null) };
-  const splitter = (side: Side, label: string) => (
-    <Splitter
-      side={side}
-      label={label}
-      width={widths[side].value}
-      onResize={(width) => {
-        widths[side].value = width;
-        keep(`${side}-width`, width ? String(width) : "");
-      }}
-    />
-  );
   const width = (side: Side) => (widths[side].value ? `--${side}-width: ${widths[side].value}px;` : "");
   const tab = panels.shown.value;
   const tabs = panels.tabs.value;
@@ -106,17 +98,17 @@ export function App({ viewer, programControls, attach }: AppProps) {
         <main class="stage">
           <div class="view" ref={attach} />
           <div class="pills">
-            <FollowBar viewer={viewer} />
-            <MeasureBar viewer={viewer} />
+            <FollowBar follow={viewer.follow} />
+            <MeasureBar measurement={viewer.measurement} />
           </div>
-          <ViewAxes viewer={viewer} />
+          <ViewAxes rig={viewer.stage.rig} rotation={viewer.rotation} />
           <SideViews viewer={viewer} />
           <p class={isCentred ? "hint centre" : "hint"} role="status" hidden={hint === ""}>
             {hint}
           </p>
           {session.isEmpty.value && <EmptyState />}
-          {splitter("left", "Width of the scene tree")}
-          {splitter("right", "Width of the panels")}
+          <Splitter side="left" label="Width of the scene tree" width={widths.left} />
+          <Splitter side="right" label="Width of the panels" width={widths.right} />
         </main>
         <aside class="drawer right" aria-label="Panels">
           <TabList names={tabs} current={tab} controls={id} onSelect={(name) => (panels.tab.value = name)} />

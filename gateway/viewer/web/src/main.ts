@@ -3,14 +3,14 @@ import { h, render } from "preact";
 import { Box3 } from "three";
 import "./style.css";
 import { App } from "./app";
-import { Connection } from "./connection";
-import { Gizmos } from "./gizmos";
+import { Connection, type Message } from "./connection";
 import { options } from "./options";
-import { Panels, type Tab } from "./panels";
-import { ProgramControls } from "./programcontrols";
-import type { Message } from "./protocol";
+import { Panels, type Tab } from "./panels/panels";
+import { Gizmos } from "./programs/gizmos";
+import { ProgramControls } from "./programs/programcontrols";
+
 import { Session } from "./session";
-import { Viewer } from "./viewer";
+import { Viewer } from "./view/viewer";
 
 const session = new Session();
 const programControls = new ProgramControls((change) => connection.report(change));
@@ -23,37 +23,25 @@ const attach = (element: Element | null) => element?.append(holder);
 render(h(App, { viewer, programControls, attach }), document.querySelector("#app") as Element);
 viewer.followAddress();
 
-function receive(message: Message): void {
-  switch (message.kind) {
-    case "update":
-      viewer.apply(message);
-      gizmos.follow();
-      connection.acknowledge();
-      break;
-    case "mesh":
-      session.model.meshes.set(message.id, message);
-      break;
-    case "forget":
-      viewer.drawing.forget(message.meshes);
-      break;
-    case "rig":
-      viewer.frustum.show(message);
-      break;
-    case "page":
-      viewer.configure(message);
-      break;
-    case "controls":
-      programControls.receive(message);
-      connection.acknowledgeControls();
-      break;
-    case "received":
-      programControls.received(message.number);
-      break;
-    case "status":
-      session.status.value = message;
-      break;
-  }
-}
+type Handlers = { [K in Message["kind"]]: (message: Extract<Message, { kind: K }>) => void };
+const handlers: Handlers = {
+  update: (message) => {
+    viewer.apply(message);
+    gizmos.follow();
+    connection.acknowledge("k");
+  },
+  mesh: (message) => session.model.meshes.set(message.id, message),
+  forget: ({ meshes }) => viewer.drawing.forget(meshes),
+  rig: (message) => viewer.frustum.show(message),
+  page: (message) => viewer.configure(message),
+  controls: (message) => {
+    programControls.receive(message);
+    connection.acknowledge("c");
+  },
+  received: ({ number }) => programControls.received(number),
+  status: (message) => (session.status.value = message),
+};
+const receive = (message: Message) => (handlers[message.kind] as (message: Message) => void)(message);
 
 const connection = new Connection(receive, (state, reason) => {
   if (state === "open") {
@@ -76,14 +64,14 @@ openFor("Controls", () => programControls.all.value.length > 0);
 
 const KEYS: Record<string, () => unknown> = {
   f: () => viewer.fit(),
-  c: () => viewer.cycleFollow(),
+  c: () => viewer.follow.cycle(session.selected.peek()),
   h: () => viewer.look("home"),
   1: () => viewer.look("top"),
   2: () => viewer.look("front"),
   3: () => viewer.look("side"),
-  "+": () => stage.zoom(0.8),
-  "=": () => stage.zoom(0.8),
-  "-": () => stage.zoom(1.25),
+  "+": () => stage.rig.zoom(0.8),
+  "=": () => stage.rig.zoom(0.8),
+  "-": () => stage.rig.zoom(1.25),
   m: () => viewer.measurement.toggle(),
   t: () => panels.toggle("left"),
   s: () => panels.toggle("right"),
@@ -108,4 +96,4 @@ setInterval(() => {
 // For tests and the console.
 const { model } = session;
 const { drawing, frustum, select, fit } = viewer;
-Object.assign(window, { scenegate: { model, drawing, stage, frustum, select, fit, Box3 } });
+Object.assign(window, { scenegate: { model, drawing, stage, rig: stage.rig, frustum, select, fit, Box3 } });

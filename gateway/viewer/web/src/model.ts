@@ -1,10 +1,9 @@
 // The gateway's tree with world matrices; independent of WebGL and the page.
 
 import { Matrix4, Quaternion, Vector3 } from "three";
-import type { CloudLook } from "./clouds";
-import type { Range } from "./colormaps";
-import type { Mark } from "./marks";
-import type { MeshPayload, NodeUpdate, Part, SceneUpdate } from "./protocol";
+import type { MeshPayload, NodeUpdate, Part, Path, SceneUpdate } from "./protocol";
+import type { Mark } from "./tools/marks";
+import type { CloudLook, Range } from "./view/clouds";
 
 const MAX_REMEMBERED_NODES = 10_000;
 
@@ -21,9 +20,9 @@ export class TreeNode {
   ownOpacity: number | null = null;
   /** Colours of a point cloud on this page; null: as published. */
   cloud: CloudLook | null = null;
+  cloudRange: Range | null = null;
   /** Axes and name on this page; null: none. */
   mark: Mark | null = null;
-  cloudRange: Range | null = null;
   readonly local = new Matrix4();
   readonly world = new Matrix4();
 
@@ -33,21 +32,26 @@ export class TreeNode {
     readonly parent: TreeNode | null,
   ) {}
 
-  /** True if this page changed nothing of the node. */
-  get isUnchanged(): boolean {
-    return this.shown === null && this.ownOpacity === null && this.cloud === null && this.mark === null;
-  }
-
   /** True if this page shows the node, unless an ancestor is hidden. */
   get isShown(): boolean {
     return this.shown ?? this.visible;
+  }
+
+  /** True if this page shows the node and all of its ancestors. */
+  get isVisible(): boolean {
+    return this.isShown && (this.parent?.isVisible ?? true);
   }
 
   get shownOpacity(): number {
     return this.ownOpacity ?? this.opacity;
   }
 
-  get path(): (string | number)[] {
+  /** Opacity of the node times that of its ancestors. */
+  get combinedOpacity(): number {
+    return this.shownOpacity * (this.parent?.combinedOpacity ?? 1);
+  }
+
+  get path(): Path {
     return this.parent ? [...this.parent.path, this.name] : [];
   }
 
@@ -75,7 +79,7 @@ export class Model {
   readonly meshes = new Map<number, MeshPayload>();
   revision = 0;
   /** This page's settings of removed nodes by path: a node that is published again gets them back. */
-  private readonly removedPageState = new Map<string, Pick<TreeNode, "shown" | "ownOpacity" | "cloud" | "mark">>();
+  private readonly removedPageState = new Map<string, Partial<TreeNode>>();
 
   /** Apply an update; one from revision 0 replaces the scene. */
   apply(update: SceneUpdate): ModelChange {
@@ -92,11 +96,8 @@ export class Model {
 
   private clear(change: ModelChange): void {
     for (const child of [...this.root.children]) this.remove(child.id, change);
-    this.root.parts = null;
-    this.root.visible = true;
-    this.root.opacity = 1;
-    this.root.local.identity();
-    this.root.world.identity();
+    Object.assign(this.root, { parts: null, visible: true, opacity: 1 });
+    for (const matrix of [this.root.local, this.root.world]) matrix.identity();
     change.changed.add(this.root);
   }
 
@@ -107,72 +108,61 @@ export class Model {
     for (const below of node.subtree()) {
       this.nodes.delete(below.id);
       const { shown, ownOpacity, cloud, mark } = below;
-      if (!below.isUnchanged && this.removedPageState.size < MAX_REMEMBERED_NODES)
+      const isUnchanged = shown === null && ownOpacity === null && cloud === null && mark === null;
+      if (!isUnchanged && this.removedPageState.size < MAX_REMEMBERED_NODES)
         this.removedPageState.set(JSON.stringify(below.path), { shown, ownOpacity, cloud, mark });
       change.removed.push(below);
     }
   }
 
   private addOrUpdate(entry: NodeUpdate, change: ModelChange): void {
-    let node = this.nodes.get(entry.id);
-    if (!node) {
-      const parent = this.nodes.get(entry.parent ?? 0);
-      if (!parent) throw new Error(`node ${entry.id} came before its parent ${entry.parent}`);
-      node = new TreeNode(entry.id, entry.name ?? "", parent);
-      parent.children.add(node);
-      this.nodes.set(entry.id, node);
-      change.added.push(node);
-      this.restorePageState(node);
-    }
-    if (entry.visible !== undefined) {
-      node.visible = entry.visible;
-    }
-    if (entry.opacity !== undefined) node.opacity = entry.opacity;
-    if (entry.visible !== undefined || entry.opacity !== undefined) {
-      for (const below of node.subtree()) change.changed.add(below);
-    }
-    if (entry.parts !== undefined) {
-      node.parts = entry.parts;
-      change.changed.add(node);
-    }
+    const { id, parts } = entry;
+    const node = this.nodes.get(id) ?? this.add(entry, change);
+    const { visible = node.visible, opacity = node.opacity } = entry;
+    if (visible !== node.visible || opacity !== node.opacity) for (const below of node.subtree()) change.changed.add(below);
+    Object.assign(node, { visible, opacity });
+    if (parts === undefined) return;
+    node.parts = parts;
+    change.changed.add(node);
   }
 
-  private restorePageState(node: TreeNode): void {
-    if (!this.removedPageState.size) return;
-    const path = JSON.stringify(node.path);
-    const state = this.removedPageState.get(path);
-    if (!state) return;
-    Object.assign(node, state);
-    this.removedPageState.delete(path);
+  private add({ id, parent = 0, name = "" }: NodeUpdate, change: ModelChange): TreeNode {
+    const above = this.nodes.get(parent);
+    if (!above) throw new Error(`node ${id} came before its parent ${parent}`);
+    const node = new TreeNode(id, name, above);
+    above.children.add(node);
+    this.nodes.set(id, node);
+    change.added.push(node);
+    if (this.removedPageState.size) {
+      const path = JSON.stringify(node.path);
+      Object.assign(node, this.removedPageState.get(path));
+      this.removedPageState.delete(path);
+    }
+    return node;
   }
 
   /** Return the node at a path. */
-  find(path: (string | number)[]): TreeNode | null {
+  find(path: Path): TreeNode | null {
     let node: TreeNode | undefined = this.root;
     for (const name of path) node = [...(node?.children ?? [])].find((child) => child.name === name);
     return node ?? null;
   }
 
-  private setLocalMatrices(update: SceneUpdate): Set<TreeNode> {
+  private setLocalMatrices({ poseIds, poses, matrixIds, matrices }: SceneUpdate): Set<TreeNode> {
     const dirty = new Set<TreeNode>();
-    const position = new Vector3();
-    const rotation = new Quaternion();
-    const unitScale = new Vector3(1, 1, 1);
-    update.poseIds.forEach((id, i) => {
+    const [position, rotation, unitScale] = [new Vector3(), new Quaternion(), new Vector3(1, 1, 1)];
+    const find = (id: number) => {
       const node = this.nodes.get(id);
-      if (!node) return;
-      const value = (k: number) => update.poses[7 * i + k] ?? 0;
-      rotation.set(value(4), value(5), value(6), value(3));
+      if (node) dirty.add(node);
+      return node?.local;
+    };
+    poseIds.forEach((id, i) => {
+      const at = 7 * i;
+      rotation.set(poses[at + 4]!, poses[at + 5]!, poses[at + 6]!, poses[at + 3]!);
       if (rotation.lengthSq() === 0) rotation.identity();
-      node.local.compose(position.set(value(0), value(1), value(2)), rotation.normalize(), unitScale);
-      dirty.add(node);
+      find(id)?.compose(position.fromArray(poses, at), rotation.normalize(), unitScale);
     });
-    update.matrixIds.forEach((id, i) => {
-      const node = this.nodes.get(id);
-      if (!node) return;
-      node.local.fromArray(update.matrices, 16 * i);
-      dirty.add(node);
-    });
+    matrixIds.forEach((id, i) => void find(id)?.fromArray(matrices, 16 * i));
     return dirty;
   }
 
@@ -181,12 +171,10 @@ export class Model {
       let ancestor = highest.parent;
       while (ancestor && !dirty.has(ancestor)) ancestor = ancestor.parent;
       if (ancestor) continue; // moved with its ancestor
-      const stack = [highest];
-      for (let node = stack.pop(); node; node = stack.pop()) {
+      for (const node of highest.subtree()) {
         if (node.parent) node.world.multiplyMatrices(node.parent.world, node.local);
         else node.world.copy(node.local);
         moved.add(node);
-        stack.push(...node.children);
       }
     }
   }

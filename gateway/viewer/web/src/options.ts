@@ -20,8 +20,8 @@ export class Option<T extends string> {
     allowed: readonly T[],
     fallback: T,
   ) {
-    const values = [new URLSearchParams(location.search).get(name), kept(name)];
-    this.own = values.map((value) => allowed.find((each) => each === value)).find((value) => value) ?? fallback;
+    const [asked, before] = [new URLSearchParams(location.search).get(name), kept(name)];
+    this.own = allowed.find((value) => value === asked) ?? allowed.find((value) => value === before) ?? fallback;
     this.shown = signal(this.own);
   }
 
@@ -32,16 +32,21 @@ export class Option<T extends string> {
 }
 
 export type Switch = Option<"off" | "on">;
-const toggle = (name: string, fallback: boolean): Switch => new Option(name, ["off", "on"], fallback ? "on" : "off");
+const toggle = (name: string, fallback: "off" | "on"): Switch => new Option(name, ["off", "on"], fallback);
+
+const switches = {
+  grid: toggle("grid", "on"),
+  axes: toggle("axes", "on"),
+  wireframe: toggle("wireframe", "off"),
+  orthographic: toggle("orthographic", "off"),
+  shadows: toggle("shadows", "off"),
+  occlusion: toggle("occlusion", "off"),
+  shortcuts: toggle("shortcuts", "on"),
+};
+export type SwitchName = keyof typeof switches;
 
 export const options = {
-  grid: toggle("grid", true),
-  axes: toggle("axes", true),
-  wireframe: toggle("wireframe", false),
-  orthographic: toggle("orthographic", false),
-  shadows: toggle("shadows", false),
-  occlusion: toggle("occlusion", false),
-  shortcuts: toggle("shortcuts", true),
+  ...switches,
   background: new Option("background", BACKGROUNDS, "theme"),
   theme: new Option("theme", THEMES, matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"),
 };

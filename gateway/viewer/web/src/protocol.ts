@@ -1,10 +1,5 @@
-// The binary frames of gateway/viewer/frames.py: a JSON header that refers to arrays in the body. A test compares these types with
-// the gateway's messages (tests/viewer/test_protocol_types.py).
-
-const MAGIC = 0x31564753;
-
-/** [offset in bytes, number of values] */
-type Span = [number, number];
+// Messages about the scene and the page. A test compares these types with the gateway's messages
+// (tests/viewer/test_protocol_types.py).
 
 export interface TextureUse {
   image: number;
@@ -139,7 +134,7 @@ export interface PlacedRig {
 export type Rig = PlacedRig | { kind: "rig"; pose: null };
 
 export type Path = (string | number)[];
-type Vector = [number, number, number];
+export type Vector = [number, number, number];
 
 /** View settings that clients have set. Null: the page's own setting. */
 export interface PageSettings {
@@ -158,98 +153,4 @@ export interface Click {
   /** Point in the world, metres. */
   point: Vector;
   button: "left" | "middle" | "right";
-}
-
-export interface Pose {
-  translation: Vector;
-  /** [w, x, y, z] */
-  quaternion: [number, number, number, number];
-}
-
-export type ControlType = "button" | "slider" | "number" | "text" | "checkbox" | "dropdown" | "color" | "plot" | "gizmo";
-export type ControlValue = number | string | boolean | Vector | Pose | null;
-
-/** A control of a program: client/scenegate/messages/controls.py. */
-export interface ControlDefinition {
-  id: number;
-  type: ControlType;
-  path: Path;
-  value: ControlValue;
-  min?: number;
-  max?: number;
-  step?: number;
-  unit?: string;
-  options?: string[];
-  /** Names of the curves of a plot. */
-  series?: string[];
-  /** Length of a plot's time axis. */
-  seconds?: number;
-  /** Path of a gizmo's node. */
-  node?: Path;
-}
-
-export interface ControlsMessage {
-  kind: "controls";
-  /** All controls; null: as before. */
-  controls: ControlDefinition[] | null;
-  /** New values by the ids of their controls. */
-  values: [number, ControlValue][];
-  /** New samples by the ids of their plots: rows of time and values. */
-  samples: [number, Float64Array][];
-}
-
-/** The gateway has executed a change of this page: values that follow are not older. */
-export interface Received {
-  kind: "received";
-  number: number;
-}
-
-/** Message to the gateway about a change of a control. */
-export interface ControlChange {
-  control: number;
-  /** Number of the change, ascending. */
-  number: number;
-  value: ControlValue;
-}
-
-export type Message = SceneUpdate | MeshPayload | Forget | Status | Rig | PageSettings | ControlsMessage | Received;
-
-interface Header {
-  kind: string;
-  poses?: { ids: Span; values: Span };
-  matrices?: { ids: Span; values: Span };
-  [name: string]: unknown;
-}
-
-/** Parse a frame. The typed arrays share the message's memory. */
-export function parse(buffer: ArrayBuffer): Message {
-  const view = new DataView(buffer);
-  if (buffer.byteLength < 8 || view.getUint32(0, true) !== MAGIC) throw new Error("not a view frame");
-  const start = 8 + view.getUint32(4, true);
-  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, start - 8))) as Header;
-  const floats = ([at, count]: Span = [0, 0]) => new Float32Array(buffer, start + at, count);
-  const words = ([at, count]: Span = [0, 0]) => new Uint32Array(buffer, start + at, count);
-  const { poses, matrices } = header;
-  const [at, count] = matrices?.values ?? [0, 0];
-  if (header.kind === "update")
-    return {
-      removed: [],
-      nodes: [],
-      ...header,
-      poseIds: words(poses?.ids),
-      poses: floats(poses?.values),
-      matrixIds: words(matrices?.ids),
-      matrices: new Float64Array(buffer, start + at, count),
-    } as unknown as SceneUpdate;
-  if (header.kind === "controls") {
-    const samples = (header.samples as [number, Span][]).map(([id, [at, count]]) => [id, new Float64Array(buffer, start + at, count)]);
-    return { ...header, samples } as unknown as ControlsMessage;
-  }
-  if (header.kind !== "mesh") return header as unknown as Message;
-  const { color, index, ...rest } = header as unknown as Record<string, Span>;
-  const mesh: Record<string, unknown> = { ...rest };
-  for (const name of ["position", "normal", "uv", "uv1"]) if (rest[name]) mesh[name] = floats(rest[name]);
-  if (color) mesh.color = new Uint8Array(buffer, start + color[0], color[1]);
-  if (index) mesh.index = words(index);
-  return mesh as unknown as MeshPayload;
 }

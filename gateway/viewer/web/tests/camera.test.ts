@@ -1,5 +1,6 @@
 import { expect, it } from "vitest";
-import { addressText, cameraText, parseAddress, parseCamera } from "../src/camera";
+import { addressText, parseAddress, parseCamera } from "../src/tools/address";
+import { cameraText } from "../src/view/camera";
 
 const VIEW = { eye: [500000.125, 0, -2.5], target: [0, 1, 0], up: [0, 0, 1] } as const;
 

@@ -1,6 +1,6 @@
 import { expect, it } from "vitest";
-import { Follow, moved } from "../src/follow";
 import { Model } from "../src/model";
+import { Follow, moved } from "../src/tools/follow";
 import { update } from "./scene";
 
 const ROBOT = { id: 1, parent: 0, name: "robot" };

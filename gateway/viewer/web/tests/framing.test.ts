@@ -1,6 +1,6 @@
 import { Box3, PerspectiveCamera, Vector3 } from "three";
 import { expect, it } from "vitest";
-import { frame } from "../src/framing";
+import { frame } from "../src/view/camera";
 
 const UP = new Vector3(0, 0, 1);
 

@@ -1,6 +1,6 @@
 import { expect, it } from "vitest";
-import { lightOf, stateOf, summary } from "../src/interfacelights";
 import type { InterfaceState } from "../src/protocol";
+import { lightOf, stateOf, summary } from "../src/tools/interfacelights";
 
 const state = (title: string, more: Partial<InterfaceState> = {}): InterfaceState => ({ title, state: "ready", documentation: "", ...more });
 const tree = state("Tree viewer");

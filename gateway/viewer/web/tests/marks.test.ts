@@ -1,6 +1,6 @@
 import { expect, it } from "vitest";
-import { MAX_MARKS, markedNodes } from "../src/marks";
 import { Model } from "../src/model";
+import { MAX_MARKS, markedNodes } from "../src/tools/marks";
 import { update } from "./scene";
 
 const nodes = [

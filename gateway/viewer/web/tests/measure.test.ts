@@ -1,5 +1,5 @@
 import { expect, it } from "vitest";
-import { Measurement, measured } from "../src/measure";
+import { Measurement, measured } from "../src/tools/measure";
 
 it("says what is measured", () => {
   expect(measured([])).toEqual({ distance: "", details: "Click a point in the scene." });
@@ -8,7 +8,7 @@ it("says what is measured", () => {
     [500_000.25, 0, 0],
     [500_003.25, 0, -4],
   ]);
-  expect(far).toEqual({ distance: "5 m", details: "Δ 3  0  -4 m, from 500000.25  0  0 m, to 500003.25  0  -4 m" });
+  expect(far).toEqual({ distance: "5 m", details: "Δ 3  0  -4 m", ends: ", from 500000.25  0  0 m, to 500003.25  0  -4 m" });
 });
 
 it("takes two points, and starts again with a third one", () => {

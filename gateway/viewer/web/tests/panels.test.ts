@@ -2,11 +2,11 @@
 
 import { signal } from "@preact/signals";
 import { expect, it, vi } from "vitest";
-import type { ProgramControl } from "../src/programcontrols";
+import type { ProgramControl } from "../src/programs/programcontrols";
 import { Session } from "../src/session";
 
 vi.stubGlobal("matchMedia", () => ({ matches: false, addEventListener: () => undefined }));
-const { Panels } = await import("../src/panels");
+const { Panels } = await import("../src/panels/panels");
 const STEREO = { state: "ready", title: "Stereo camera", documentation: "" };
 
 it("has tabs for what is used", () => {

@@ -1,9 +1,9 @@
 import { Matrix4, Quaternion, Vector3 } from "three";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { numbersOf, poseOf, poseOfNumbers } from "../src/gizmopose";
-import { curvePath, limits } from "../src/plotview";
-import { foldersOf, ProgramControls } from "../src/programcontrols";
-import type { ControlChange, ControlDefinition, ControlsMessage } from "../src/protocol";
+import type { ControlChange, ControlDefinition, ControlsMessage } from "../src/programs/controlmessages";
+import { numbersOf, poseOf, poseOfNumbers } from "../src/programs/gizmopose";
+import { curvePath, limits } from "../src/programs/plotview";
+import { foldersOf, ProgramControls } from "../src/programs/programcontrols";
 
 const SPEED: ControlDefinition = { id: 1, type: "slider", path: ["arm", "speed"], value: 1, min: 0, max: 10 };
 const GO: ControlDefinition = { id: 2, type: "button", path: ["go"], value: 0 };
@@ -45,8 +45,8 @@ describe("ProgramControls", () => {
     expect(sent).toEqual([{ control: 1, number: 1, value: 2 }]);
     vi.runAllTimers();
     expect(sent.slice(1)).toEqual([{ control: 1, number: 2, value: 4 }]);
-    controls.click(at(1));
-    controls.click(at(1));
+    controls.set(at(1), null);
+    controls.set(at(1), null);
     expect(sent.slice(2)).toEqual([3, 4].map((number) => ({ control: 2, number, value: null })));
   });
 

@@ -1,6 +1,6 @@
 import { expect, it } from "vitest";
 import { Model } from "../src/model";
-import { findTyped, listRows, nameOf } from "../src/treerows";
+import { findTyped, listRows, nameOf } from "../src/panels/treerows";
 import { update } from "./scene";
 
 const model = new Model();

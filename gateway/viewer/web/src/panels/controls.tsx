@@ -1,0 +1,152 @@
+// Buttons, links and form controls of the page.
+
+import type { ButtonHTMLAttributes, ComponentChildren, TargetedEvent } from "preact";
+import { Icon, type IconName } from "./icons";
+
+interface ButtonProps extends ButtonHTMLAttributes {
+  icon: IconName;
+  /** Tooltip, and the label of a button without text. */
+  title: string;
+  pressed?: boolean;
+}
+
+export function Button({ icon, title, pressed, children, ...more }: ButtonProps) {
+  return (
+    <button type="button" title={title} aria-label={children ? undefined : title} aria-pressed={pressed} {...more}>
+      <Icon name={icon} />
+      {children}
+    </button>
+  );
+}
+
+interface LinkProps {
+  icon: IconName;
+  title: string;
+  /** Name of the downloaded file. */
+  file: string;
+  url: () => string;
+  children?: ComponentChildren;
+}
+
+/** Link to a file whose URL is known when it is clicked. */
+export function Download({ icon, title, file, url, children }: LinkProps) {
+  return (
+    <a class="button" href="./" download={file} title={title} onClick={({ currentTarget }) => (currentTarget.href = url())}>
+      <Icon name={icon} />
+      {children}
+    </a>
+  );
+}
+
+interface SliderProps {
+  label: string;
+  value: number;
+  max?: number;
+  step?: number;
+  title?: string;
+  onInput: (value: number) => void;
+  onChange?: (value: number) => void;
+}
+
+/** Slider, from 0 to 1 by default. */
+export function Slider({ label, onInput, onChange, ...more }: SliderProps) {
+  const read = (set?: (value: number) => void) => (event: TargetedEvent<HTMLInputElement>) => set?.(Number(event.currentTarget.value));
+  return <input type="range" min={0} max={1} step={0.05} aria-label={label} onInput={read(onInput)} onChange={read(onChange)} {...more} />;
+}
+
+interface SelectProps<T extends string> {
+  /** Name for assistive programs; without it, an element `label` has the `id`. */
+  label?: string;
+  id?: string;
+  value: T;
+  /** Values and their texts. */
+  choices: [T, string][];
+  onChange: (value: T) => void;
+}
+
+export function Select<T extends string>({ label, id, value, choices, onChange }: SelectProps<T>) {
+  return (
+    <select id={id} aria-label={label} value={value} onChange={({ currentTarget }) => onChange(currentTarget.value as T)}>
+      {choices.map(([each, text]) => (
+        <option key={each} value={each}>
+          {text}
+        </option>
+      ))}
+    </select>
+  );
+}
+
+/** Menu with its text before it. */
+export function Field<T extends string>(menu: SelectProps<T> & { label: string; hidden?: boolean }) {
+  return (
+    <label class="field" hidden={menu.hidden}>
+      {menu.label}
+      <Select {...menu} />
+    </label>
+  );
+}
+
+interface CheckProps {
+  text: string;
+  title?: string;
+  class?: string;
+  checked: boolean;
+  onChange: (on: boolean) => void;
+}
+
+/** Check box with its text after it. */
+export function Check({ text, title, class: name = "check", checked, onChange }: CheckProps) {
+  return (
+    <label class={name} title={title}>
+      <input type="checkbox" checked={checked} onChange={({ currentTarget }) => onChange(currentTarget.checked)} />
+      {text}
+    </label>
+  );
+}
+
+/** Bar over the view. */
+export function Pill({ label, icon, children }: { label: string; icon: IconName; children: ComponentChildren }) {
+  return (
+    <div class="pill" role="group" aria-label={label}>
+      <Icon name={icon} />
+      {children}
+    </div>
+  );
+}
+
+interface TabListProps<T extends string> {
+  names: readonly T[];
+  current: T;
+  /** Id of the element that a tab controls. */
+  controls: (name: T) => string;
+  onSelect: (name: T) => void;
+}
+
+/** Row of tabs; arrow keys move between them. */
+export function TabList<T extends string>({ names, current, controls, onSelect }: TabListProps<T>) {
+  const onKeyDown = (event: KeyboardEvent) => {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!step) return;
+    const next = (names.indexOf(current) + step + names.length) % names.length;
+    onSelect(names[next] as T);
+    ((event.currentTarget as HTMLElement).children[next] as HTMLElement).focus();
+    event.preventDefault();
+  };
+  return (
+    <div class="tabs" role="tablist" onKeyDown={onKeyDown}>
+      {names.map((name) => (
+        <button
+          key={name}
+          type="button"
+          role="tab"
+          aria-controls={controls(name)}
+          aria-selected={name === current}
+          tabIndex={name === current ? 0 : -1}
+          onClick={() => onSelect(name)}
+        >
+          {name}
+        </button>
+      ))}
+    </div>
+  );
+}

@@ -1,0 +1,73 @@
+// Menu of the display settings. It opens below its button in the toolbar.
+
+import { useSignal } from "@preact/signals";
+import type { ComponentChildren } from "preact";
+import { useRef } from "preact/hooks";
+import { BACKGROUNDS, type Background, options, type SwitchName } from "../options";
+import { PointSizeFields } from "../tools/pointsize";
+import { SideViewFields } from "../tools/sideviews";
+import type { Viewer } from "../view/viewer";
+import { Button, Check, Field } from "./controls";
+
+/** Width of the menu with its margin, as in style.css, pixels. */
+const MENU_WIDTH = 246;
+const BACKGROUND_NAMES: Record<Background, string> = { theme: "By theme", white: "White", black: "Black", sky: "Sky" };
+
+function Switch({ name, text, title }: { name: SwitchName; text: string; title?: string }) {
+  const option = options[name];
+  return <Check text={text} title={title} checked={option.shown.value === "on"} onChange={(on) => option.choose(on ? "on" : "off")} />;
+}
+
+function Group({ title, children }: { title: string; children: ComponentChildren }) {
+  return (
+    <fieldset>
+      <legend>{title}</legend>
+      {children}
+    </fieldset>
+  );
+}
+
+export function DisplayMenu({ viewer }: { viewer: Viewer }) {
+  const menu = useRef<HTMLDivElement>(null);
+  const button = useRef<HTMLButtonElement>(null);
+  const isOpen = useSignal(false);
+  const { background, theme } = options;
+  const place = () => {
+    const { left, bottom } = button.current!.getBoundingClientRect();
+    menu.current!.style.top = `${bottom + 6}px`;
+    menu.current!.style.left = `${Math.max(6, Math.min(left, innerWidth - MENU_WIDTH))}px`;
+  };
+  const about = { title: "Grid, axes, shadows, point size, background, theme", popovertarget: "display", "aria-expanded": isOpen.value };
+  const onToggle = ({ newState }: ToggleEvent) => (isOpen.value = newState === "open");
+  const backgrounds = BACKGROUNDS.map((name): [Background, string] => [name, BACKGROUND_NAMES[name]]);
+  return (
+    <>
+      <Button icon="display" ref={button} aria-label="Display" aria-haspopup="dialog" {...about}>
+        <span class="label">Display</span>
+      </Button>
+      <div ref={menu} class="menu" id="display" popover="auto" role="group" aria-label="Display" onBeforeToggle={place} onToggle={onToggle}>
+        <Group title="Show">
+          <Switch name="grid" text="Grid on the ground" />
+          <Switch name="axes" text="Axes of the world" title="x red, y green, z blue" />
+          <Switch name="wireframe" text="Wireframe" />
+          <Switch name="orthographic" text="Orthographic" title="Parallel lines stay parallel" />
+        </Group>
+        <Group title="Beside the view">
+          <SideViewFields viewer={viewer} />
+        </Group>
+        <Group title="Light">
+          <Switch name="shadows" text="Shadows" title="Of a lamp on the left, behind the camera" />
+          <Switch name="occlusion" text="Ambient occlusion" title="Darkens corners and contacts; costs the most" />
+        </Group>
+        <Group title="Points">
+          <PointSizeFields materials={viewer.materials} />
+        </Group>
+        <Group title="Page">
+          <Field label="Background" value={background.shown.value} choices={backgrounds} onChange={(name) => background.choose(name)} />
+          <Check text="Dark theme" checked={theme.shown.value === "dark"} onChange={(on) => theme.choose(on ? "dark" : "light")} />
+          <Switch name="shortcuts" text="Single-key shortcuts" title="Letters, digits, + and −" />
+        </Group>
+      </div>
+    </>
+  );
+}

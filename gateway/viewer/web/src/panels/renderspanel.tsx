@@ -1,0 +1,80 @@
+// Panel of the last render requests: scene, image, duration or error.
+
+import { useSignal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import type { Viewer } from "../view/viewer";
+
+interface Render {
+  id: number;
+  when: number;
+  status: number;
+  milliseconds: number;
+  queued: number;
+  what: string;
+  scene: string;
+  image: boolean;
+  error: string;
+  warnings: string[];
+}
+
+function Item({ render, viewer }: { render: Render; viewer: Viewer }) {
+  const { id, what, error } = render;
+  const time = new Date(render.when * 1000).toLocaleTimeString();
+  const waited = render.queued >= 1 ? `, ${render.queued.toFixed(0)} ms of it waiting` : "";
+  const url = `view/renders/${id}.png`;
+  const open = () => {
+    viewer.panels.full.value = { title: what, source: () => url, fileName: `render-${id}.png` };
+  };
+  return (
+    <li>
+      {render.image ? (
+        <button type="button" class="thumb" title="In full size" onClick={open}>
+          <img src={`${url}?width=192`} alt={what} loading="lazy" />
+        </button>
+      ) : (
+        <div class="none">{render.status}</div>
+      )}
+      <div>
+        <div class="what">{what}</div>
+        <div class="quiet">{`${time} · ${render.milliseconds.toFixed(1)} ms${waited}`}</div>
+        <div class={error ? "problem" : "quiet"}>{error || render.scene}</div>
+        {render.warnings.map((warning) => (
+          <div key={warning} class="warning">
+            {warning}
+          </div>
+        ))}
+      </div>
+    </li>
+  );
+}
+
+export function RendersPanel({ viewer }: { viewer: Viewer }) {
+  const { session, panels } = viewer;
+  const active = panels.isActive("Renders");
+  const renders = useSignal<Render[]>([]);
+  /** Number of requests at the last download of the list. */
+  const last = useRef(0);
+  const { value: status } = session.status;
+  const known = status?.renders ?? 0;
+  const download = async () => {
+    if (!status) last.current = -1; // the next gateway has other requests
+    if (!active || known === last.current) return;
+    last.current = known; // of another gateway, it starts at zero
+    const response = known ? await fetch("view/renders").catch(() => null) : null;
+    if (response?.ok) renders.value = (await response.json()) as Render[];
+    else if (known) last.current = -1; // the next status message downloads it again
+  };
+  useEffect(() => void download(), [active, status]);
+  return (
+    <section aria-label="Recent renders">
+      <p class="empty" role="status" hidden={known > 0}>
+        {status ? "No render requests yet." : "Waiting for the gateway …"}
+      </p>
+      <ul class="renders" hidden={known === 0}>
+        {renders.value.map((render) => (
+          <Item key={render.id} render={render} viewer={viewer} />
+        ))}
+      </ul>
+    </section>
+  );
+}

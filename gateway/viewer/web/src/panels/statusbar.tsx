@@ -1,0 +1,24 @@
+// Status bar: a light for all interfaces, facts, rates.
+
+import type { Session } from "../session";
+import { InterfaceLights } from "../tools/interfacelights";
+
+export function StatusBar({ session }: { session: Session }) {
+  const { nodes, revision, updates, frames } = session.rates.value;
+  const { facts = [] } = session.status.value ?? {};
+  return (
+    <footer class="status">
+      <InterfaceLights session={session} />
+      <span class="facts">
+        {facts.map(({ name, value, warn }) => (
+          <span key={name} class={warn ? "warn" : ""}>{`${name} ${value}`}</span>
+        ))}
+      </span>
+      <span class="rates" title="Frames drawn and updates received per second">
+        {`${nodes} ${nodes === 1 ? "node" : "nodes"}`}
+        <span class="wide">{` · revision ${revision} · ${updates} updates/s`}</span>
+        {` · ${frames} fps`}
+      </span>
+    </footer>
+  );
+}

@@ -1,0 +1,45 @@
+// Toolbar: panels, the view, measuring, the display menu, downloads.
+
+import type { Viewer } from "../view/viewer";
+import { Button, Download } from "./controls";
+import { DisplayMenu } from "./displaymenu";
+import { Icon } from "./icons";
+
+const HOME = "The home view: everything, from the front right, unless a client has set another (H)";
+const RENDER = "This view by the gateway's rasterizer, as PNG";
+const FILE = "The visible scene as .glb, with this view as its camera";
+
+export function Toolbar({ viewer }: { viewer: Viewer }) {
+  const { panels, measurement, downloads } = viewer;
+  const word = (text: string) => <span class="word">{text}</span>;
+  const panel = "Selection, stereo camera, renders, controls (S)";
+  return (
+    <header class="bar">
+      <Button icon="tree" title="Scene tree (T)" pressed={panels.left.value} onClick={() => panels.toggle("left")} />
+      <h1>
+        <a class="brand" href="./" title="All interfaces of this gateway">
+          <Icon name="cube" />
+          {word("Scenegate")}
+        </a>
+      </h1>
+      <div class="tools" role="toolbar" aria-label="View">
+        <Button icon="fit" title="Fit the selection, or everything (F)" onClick={() => viewer.fit()} />
+        <Button icon="home" title={HOME} onClick={() => viewer.look("home")} />
+        <Button icon="measure" title="Measure between two points (M)" pressed={measurement.points.value !== null} onClick={measurement.toggle} />
+        <span class="gap" />
+        <DisplayMenu viewer={viewer} />
+        <span class="space" />
+        <Button icon="snapshot" title="This view as PNG" onClick={downloads.snapshot}>
+          {word("PNG")}
+        </Button>
+        <Download icon="render" title={RENDER} file="scenegate-render.png" url={downloads.rendering}>
+          {word("Render")}
+        </Download>
+        <Download icon="download" title={FILE} file="scene.glb" url={downloads.file}>
+          {word(".glb")}
+        </Download>
+      </div>
+      <Button icon="panel" title={panel} pressed={panels.right.value} onClick={() => panels.toggle("right")} />
+    </header>
+  );
+}

@@ -1,0 +1,86 @@
+// What follows `#` in the page's address: the camera. A link to it, and a page that is loaded again, show the same view.
+
+import type { Path, Vector } from "../protocol";
+import { type CameraView, cameraText } from "../view/camera";
+import type { CameraRig } from "../view/camerarig";
+import type { Follow, Followed } from "./follow";
+
+/** Shortest time between two changes of the address, ms: browsers limit them. */
+const PERIOD_MS = 500;
+
+export class CameraAddress {
+  private timer = 0;
+
+  /** @param isHome returns true in the home view, which the address does not name */
+  constructor(
+    private readonly rig: CameraRig,
+    private readonly follow: Follow,
+    private readonly isHome: () => boolean,
+  ) {}
+
+  private text(): string {
+    const followed = this.follow.followed.peek();
+    if (this.isHome() && !followed) return "";
+    const { view, perspective } = this.rig;
+    return `#${addressText(cameraText(this.follow.relative(view), perspective.fov, perspective.aspect), followed)}`;
+  }
+
+  /** Write the camera into the address soon. */
+  write(): void {
+    this.timer ||= setTimeout(() => {
+      this.timer = 0;
+      const hash = this.text();
+      if (hash !== location.hash) history.replaceState(null, "", location.pathname + location.search + hash);
+    }, PERIOD_MS);
+  }
+
+  /** Call back with the camera of the address, now and when a link is followed. */
+  read(place: (address: Address) => void): void {
+    const read = () => place(parseAddress(location.hash.slice(1), this.rig.perspective.aspect));
+    addEventListener("hashchange", read);
+    read();
+  }
+}
+
+/** Parse the text of a free camera whose image has an aspect; return null if it is none. */
+export function parseCamera(text: string, aspect: number): CameraView | null {
+  const parts = new Map(text.split(";").map((part) => part.split("=", 2) as [string, string]));
+  const vector = (name: string, fallback: string) => {
+    const numbers = (parts.get(name) ?? fallback).split(",").map(Number);
+    return numbers.length === 3 && numbers.every((x) => Number.isFinite(x) && Math.abs(x) <= 1e12) ? (numbers as Vector) : null;
+  };
+  const [eye, target, up] = [vector("eye", ""), vector("target", ""), vector("up", "0,0,1")];
+  if (!eye || !target || !up || String(eye) === String(target) || !up.some(Boolean)) return null;
+  const xmag = Number(parts.get("xmag"));
+  return xmag > 0 ? { eye, target, up, halfHeight: xmag / aspect, orthographic: true } : { eye, target, up };
+}
+
+/** A camera in the page's address. If a node is followed, eye, target and up are relative to it. */
+export interface Address {
+  camera: CameraView | null;
+  followed: Followed | null;
+}
+
+/** Return the text of a camera and a followed node for the address, after `#`. */
+export function addressText(camera: string, followed: Followed | null): string {
+  return followed ? `${camera}&${followed.mode}=${encodeURIComponent(JSON.stringify(followed.path))}` : camera;
+}
+
+/** Parse what follows `#` in the address. */
+export function parseAddress(text: string, aspect: number): Address {
+  const parts = new URLSearchParams(`camera=${text}`); // some programs escape `;`
+  const modes = ["follow", "ride"] as const;
+  const mode = modes.find((name) => parts.has(name));
+  const path = mode && parsePath(parts.get(mode) ?? "");
+  return { camera: parseCamera(parts.get("camera") ?? "", aspect), followed: mode && path ? { path, mode } : null };
+}
+
+/** Parse a path as JSON; return null if it is none. */
+function parsePath(text: string): Path | null {
+  try {
+    const path = JSON.parse(text) as unknown;
+    return Array.isArray(path) && path.every((name) => ["string", "number"].includes(typeof name)) ? path : null;
+  } catch {
+    return null;
+  }
+}

@@ -1,0 +1,189 @@
+// The model as three.js objects: instanced batches of opaque triangles, single objects for everything else.
+
+import { Box3, type BufferGeometry, Color, type Intersection, Matrix4, type MeshBasicMaterial, Object3D, Vector3 } from "three";
+import type { Model, ModelChange, TreeNode } from "../model";
+import type { Draw } from "../protocol";
+import { Batch, type BatchInstance } from "./batches";
+import type { CloudProgress } from "./cloudprogress";
+import { Geometries } from "./geometries";
+import type { Materials } from "./materials";
+import { type SingleObject, SingleObjects } from "./singleobjects";
+
+/** One draw of a node as three.js objects; `local` is its matrix in the node's frame. */
+type Drawn = { local: Matrix4 | null } & ({ instance: BatchInstance } | { object: SingleObject });
+
+export class Drawing {
+  readonly root = new Object3D();
+  private readonly geometries = new Geometries();
+  private readonly singles: SingleObjects;
+  /** Batches by mesh id and key of the material. */
+  private readonly batches = new Map<string, Batch>();
+  private readonly drawn = new Map<TreeNode, Drawn[]>();
+
+  /** @param origin point of the world at which the page's scene has its origin */
+  constructor(
+    private readonly model: Model,
+    readonly materials: Materials,
+    progress: CloudProgress,
+    private readonly origin: Vector3,
+    redraw: () => void,
+  ) {
+    this.singles = new SingleObjects(this.geometries, materials, progress, redraw);
+    this.root.matrixAutoUpdate = false;
+  }
+
+  apply(change: ModelChange): void {
+    for (const node of change.removed) this.erase(node);
+    const recreated = new Set([...change.changed, ...change.added]);
+    for (const node of recreated) if (this.model.nodes.get(node.id) === node) this.refresh(node);
+    for (const node of change.moved) if (!recreated.has(node)) this.move(node);
+  }
+
+  /** Recreate a node's objects after its geometry, visibility or opacity changed. */
+  refresh(node: TreeNode): void {
+    const { textures } = this.materials;
+    const before = (this.drawn.get(node) ?? []).map((drawn) => ("instance" in drawn ? drawn.instance.batch : drawn.object).material);
+    this.erase(node);
+    if (!node.parts || !node.isVisible) return;
+    const draws: Drawn[] = [];
+    for (const part of node.parts)
+      for (const draw of part.draws) {
+        textures.replaced = (before[draws.length] as MeshBasicMaterial | undefined)?.map ?? null;
+        const drawn = this.draw(node, draw, node.combinedOpacity, part.facesCamera === true);
+        if (drawn) draws.push(drawn);
+      }
+    textures.replaced = null;
+    if (draws.length) this.drawn.set(node, draws);
+  }
+
+  forget(meshes: Iterable<number>): void {
+    const ids = new Set(meshes);
+    for (const batch of this.batches.values()) if (ids.has(batch.meshId)) this.drop(batch);
+    for (const id of ids) {
+      this.geometries.dispose(id);
+      this.model.meshes.delete(id);
+    }
+  }
+
+  /** Remove everything: another gateway uses other ids. */
+  reset(): void {
+    for (const node of [...this.drawn.keys()]) this.erase(node);
+    this.forget([...this.model.meshes.keys()]);
+    this.materials.forget();
+  }
+
+  /** Place everything again, after the origin moved. */
+  moveAll(): void {
+    for (const node of this.drawn.keys()) this.move(node);
+  }
+
+  /** Return the bounds of a subtree in the page's scene; empty if nothing is drawn. */
+  bounds(node: TreeNode): Box3 {
+    return union(this.boxes(node));
+  }
+
+  /** Return the bounds of each draw but floors and walls much larger than the rest, as gateway/scene/bounds.py does. */
+  focusBoxes(node: TreeNode): Box3[] {
+    const size = (box: Box3) => box.getSize(new Vector3()).toArray();
+    const flat = (box: Box3) => Math.min(...size(box)) < 0.01 * Math.max(...size(box));
+    const boxes = this.boxes(node);
+    const solid = union(boxes.filter((box) => !flat(box)));
+    if (solid.isEmpty()) return boxes;
+    const longestFlat = 1.5 * solid.getSize(new Vector3()).length();
+    return boxes.filter((box) => !flat(box) || Math.max(...size(box)) <= longestFlat);
+  }
+
+  nodeAt(hit: Intersection): TreeNode | undefined {
+    const { batch, node } = hit.object.userData as { batch?: Batch; node?: TreeNode };
+    return batch && hit.instanceId !== undefined ? batch.instances[hit.instanceId]?.node : node;
+  }
+
+  /** Return the bounds of each draw of a subtree. */
+  boxes(node: TreeNode): Box3[] {
+    const boxes: Box3[] = [];
+    for (const each of node.subtree())
+      for (const drawn of this.drawn.get(each) ?? []) {
+        const geometry = "instance" in drawn ? drawn.instance.batch.geometry : drawn.object.geometry;
+        if (!geometry.boundingBox) geometry.computeBoundingBox();
+        const box = geometry.boundingBox?.clone().applyMatrix4(this.place(each, drawn.local));
+        if (box && !box.isEmpty() && Number.isFinite(box.min.lengthSq() + box.max.lengthSq())) boxes.push(box);
+      }
+    return boxes;
+  }
+
+  private draw(node: TreeNode, draw: Draw, opacity: number, facesCamera: boolean): Drawn | null {
+    const payload = this.model.meshes.get(draw.mesh);
+    if (!payload || draw.matrix === null) return null;
+    const local = draw.matrix ? new Matrix4().fromArray(draw.matrix) : null;
+    const place = this.place(node, local);
+    const hasColors = payload.color !== undefined;
+    const { material } = draw;
+    const blended = material.alpha === "blend" && (material.color[3] < 1 || material.texture !== undefined || hasColors);
+    if (payload.topology === 3 && opacity === 1 && !blended && !facesCamera) {
+      const color = new Color(...material.color.slice(0, 3));
+      return { local, instance: this.batch(draw, this.geometries.whole(payload), hasColors).add(node, place, color) };
+    }
+    const object = this.singles.make(node, draw, payload, opacity, facesCamera);
+    placeAt(object, place);
+    this.root.add(object);
+    return { local, object };
+  }
+
+  /** Return the matrix of a draw in the page's scene, in double precision: the GPU gets it in single precision. */
+  private place(node: TreeNode, local: Matrix4 | null): Matrix4 {
+    const matrix = node.world.clone();
+    if (local) matrix.multiply(local);
+    const { elements } = matrix;
+    elements[12] -= this.origin.x;
+    elements[13] -= this.origin.y;
+    elements[14] -= this.origin.z;
+    return matrix;
+  }
+
+  private batch(draw: Draw, geometry: BufferGeometry, hasColors: boolean): Batch {
+    const key = `${draw.mesh} ${this.materials.key(draw.material, hasColors)}`;
+    let batch = this.batches.get(key);
+    if (!batch) {
+      batch = new Batch(this.root, draw.mesh, key, geometry, this.materials.acquire("opaque", draw.material, hasColors));
+      this.batches.set(key, batch);
+    }
+    return batch;
+  }
+
+  /** Dispose of a batch, unless `forget` did. */
+  private drop(batch: Batch): void {
+    if (!this.batches.delete(batch.key)) return;
+    batch.dispose();
+    this.materials.release(batch.material);
+  }
+
+  private move(node: TreeNode): void {
+    for (const drawn of this.drawn.get(node) ?? []) {
+      const place = this.place(node, drawn.local);
+      if ("instance" in drawn) drawn.instance.batch.move(drawn.instance, place);
+      else placeAt(drawn.object, place);
+    }
+  }
+
+  private erase(node: TreeNode): void {
+    for (const drawn of this.drawn.get(node) ?? []) {
+      if ("instance" in drawn) {
+        const { batch } = drawn.instance;
+        batch.remove(drawn.instance);
+        if (!batch.instances.length) this.drop(batch);
+        continue;
+      }
+      this.singles.remove(drawn.object);
+    }
+    this.drawn.delete(node);
+  }
+}
+
+function union(boxes: Box3[]): Box3 {
+  return boxes.reduce((all, box) => all.union(box), new Box3());
+}
+
+function placeAt(object: Object3D, place: Matrix4): void {
+  object.matrix.copy(place);
+  object.matrixWorldNeedsUpdate = true;
+}

@@ -1,0 +1,58 @@
+// The stereo camera in the scene: the frusta of its left and right camera as lines.
+
+import { BufferGeometry, Float32BufferAttribute, LineBasicMaterial, LineSegments } from "three";
+import type { PlacedRig, Rig, Vector } from "../protocol";
+
+/** Distance of the drawn image plane from the camera, metres. */
+const IMAGE_PLANE_DISTANCE = 0.25;
+
+export class Frustum {
+  readonly object = new LineSegments(new BufferGeometry(), new LineBasicMaterial());
+  private hasPose = false;
+  private isShown = false;
+
+  constructor(private readonly redraw: () => void) {
+    this.object.matrixAutoUpdate = false;
+    this.update();
+  }
+
+  /** Show or hide the camera. Without a pose it stays hidden. */
+  setShown(on: boolean): void {
+    this.isShown = on;
+    this.update();
+  }
+
+  show(rig: Rig): void {
+    this.hasPose = rig.pose !== null;
+    if (rig.pose) {
+      this.object.matrix.fromArray(rig.pose);
+      this.object.matrixWorldNeedsUpdate = true;
+      this.object.geometry.dispose();
+      this.object.geometry = new BufferGeometry().setAttribute("position", new Float32BufferAttribute(linesOf(rig), 3));
+    }
+    this.update();
+  }
+
+  private update(): void {
+    this.object.visible = this.hasPose && this.isShown;
+    this.redraw();
+  }
+}
+
+/** Return the ends of the lines, x, y, z of each, in the left camera's optical frame. */
+function linesOf(rig: PlacedRig): number[] {
+  const points = [0, 0, 0, rig.baseline, 0, 0];
+  for (const offset of [0, rig.baseline]) {
+    const corner = (x: number, y: number): Vector => [
+      offset + ((x - rig.cx) / rig.fx) * IMAGE_PLANE_DISTANCE,
+      ((y - rig.cy) / rig.fy) * IMAGE_PLANE_DISTANCE,
+      IMAGE_PLANE_DISTANCE,
+    ];
+    const corners = [corner(0, 0), corner(rig.width, 0), corner(rig.width, rig.height), corner(0, rig.height)];
+    for (const [i, at] of corners.entries()) points.push(offset, 0, 0, ...at, ...at, ...(corners[(i + 1) % 4] ?? at));
+    // A tick above the image plane marks the up direction.
+    const tip = corner(rig.width * 0.5, -rig.height * 0.09);
+    points.push(...corner(rig.width * 0.44, 0), ...tip, ...tip, ...corner(rig.width * 0.56, 0));
+  }
+  return points;
+}

@@ -1,0 +1,73 @@
+// Objects of draws that are not in a batch: lines, points, and translucent triangles.
+
+import { type BufferGeometry, LineSegments, type Material, Mesh, type Object3D, Points, Quaternion, Vector3 } from "three";
+import type { LineMaterial } from "three/addons/lines/LineMaterial.js";
+import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
+import type { TreeNode } from "../model";
+import type { Draw, MeshPayload } from "../protocol";
+import type { CloudProgress } from "./cloudprogress";
+import { colorPoints } from "./clouds";
+import type { Geometries } from "./geometries";
+import type { MaterialKind, Materials } from "./materials";
+
+/** Object of a draw. The first chunk of a point cloud has the others as children. */
+export type SingleObject = Mesh | LineSegments | LineSegments2 | Points;
+/** Number of chunks of a cloud that picking searches: half a million points take 10 ms. */
+const PICKED_CHUNKS = 8;
+
+export class SingleObjects {
+  constructor(
+    private readonly geometries: Geometries,
+    private readonly materials: Materials,
+    private readonly progress: CloudProgress,
+    private readonly redraw: () => void,
+  ) {}
+
+  /** Return the object of a draw of a node that has an opacity. */
+  make(node: TreeNode, draw: Draw, payload: MeshPayload, opacity: number, facesCamera: boolean): SingleObject {
+    const object = this.create(node, draw, payload, opacity);
+    if (object instanceof Mesh) object.receiveShadow = true;
+    object.matrixAutoUpdate = false;
+    object.userData.node = node;
+    if (facesCamera) object.onBeforeRender = (_renderer, _scene, camera) => turnToCamera(object, camera);
+    return object;
+  }
+
+  private create(node: TreeNode, draw: Draw, payload: MeshPayload, opacity: number): SingleObject {
+    const { geometries } = this;
+    const material = (kind: MaterialKind) => this.materials.acquire(kind, draw.material, payload.color !== undefined, opacity);
+    if (payload.topology === 3) return new Mesh(geometries.whole(payload), material("translucent"));
+    if (payload.topology === 1) return this.points(node, draw, payload, opacity, material("points"));
+    if ((draw.material.lineWidth ?? 1) > 1) return new LineSegments2(geometries.wideLine(payload), material("wideLine") as LineMaterial);
+    return new LineSegments(geometries.whole(payload), material("line"));
+  }
+
+  private points(node: TreeNode, draw: Draw, payload: MeshPayload, opacity: number, material: Material): Points {
+    const objects = this.geometries.chunks(payload).map((geometry) => new Points(geometry, material));
+    const [first, ...others] = objects as [Points, ...Points[]];
+    objects.forEach((object, number) => {
+      if (others.length) this.progress.add(object, number);
+      if (number >= PICKED_CHUNKS) object.raycast = () => {};
+      object.userData.node = node;
+    });
+    if (others.length) first.add(...others);
+    if (node.cloud) void colorPoints(node, draw, objects, payload, opacity, this.materials).then(this.redraw);
+    return first;
+  }
+
+  /** Release what an object uses. */
+  remove(object: SingleObject): void {
+    object.removeFromParent();
+    this.materials.release(object.material as Material);
+    const objects = [object, ...object.children];
+    for (const each of objects) (each.userData.ownGeometry as BufferGeometry | undefined)?.dispose();
+    if (objects.length > 1) this.progress.remove(new Set(objects));
+  }
+}
+
+/** Turn an object about its origin so that its x and y axes are those of the camera. Position and scale stay. */
+function turnToCamera(object: Object3D, camera: Object3D): void {
+  const position = new Vector3().setFromMatrixPosition(object.matrixWorld);
+  const scale = new Vector3().setFromMatrixScale(object.matrixWorld);
+  object.matrixWorld.compose(position, camera.getWorldQuaternion(new Quaternion()), scale);
+}

@@ -1,0 +1,171 @@
+// The 3D view: the page's scene with lights, grid and axes. It draws only after a change.
+
+import { AxesHelper, Box3, Box3Helper, Color, GridHelper, type Intersection, Object3D, Scene, type WebGLRenderer } from "three";
+import { CameraRig } from "./camerarig";
+import { CloudProgress } from "./cloudprogress";
+import { Lights } from "./lights";
+import { newRenderer, Rendering } from "./rendering";
+import { BEFORE_SURFACE, BEHIND_SURFACE, patch } from "./shaders";
+
+export interface StageCallbacks {
+  /** Returns the URL of the gateway's image of this view, which is shown without WebGL. */
+  imageUrl(): string;
+  /** Returns true if the scene has translucent surfaces. */
+  isTranslucent(): boolean;
+  /** Called before an image is drawn. `halfHeight` is half the view's height at the target, metres. */
+  drawing(renderer: WebGLRenderer, halfHeight: number): void;
+  /** Called after an image was drawn. */
+  drawn(): void;
+  /** Called when the camera moved. */
+  moved(): void;
+  /** Called after the rig's `origin` has changed. */
+  originMoved(): void;
+}
+
+export class Stage {
+  readonly scene = new Scene();
+  /** Null without WebGL: `canvas` is an image of the gateway then. */
+  readonly renderer = newRenderer();
+  readonly rendering = this.renderer && new Rendering(this.renderer, this.scene);
+  readonly canvas: HTMLElement = this.renderer?.domElement ?? Object.assign(new Image(), { alt: "", draggable: false });
+  readonly lights = new Lights(this.renderer);
+  readonly grid = new GridHelper(20, 20, 0xffffff, 0xffffff);
+  readonly axes = new AxesHelper(0.5);
+  readonly rig: CameraRig;
+  /** Point clouds of several chunks. */
+  readonly clouds = new CloudProgress();
+  /** Objects of the scene, which `pick` searches. */
+  readonly content = new Object3D();
+  /** Objects that are placed in the world: axes, the stereo camera. */
+  readonly world = new Object3D();
+  private readonly highlight = new Box3Helper(new Box3(), new Color(0xff9500));
+  private dirty = true;
+  /** Number of frames drawn. */
+  frames = 0;
+
+  constructor(
+    private readonly holder: HTMLElement,
+    private readonly callbacks: StageCallbacks,
+  ) {
+    this.canvas.tabIndex = 0;
+    this.canvas.setAttribute("aria-label", "3D view of the scene");
+    holder.append(this.canvas);
+    this.grid.rotation.x = Math.PI / 2;
+    // Depth offsets: a floor at the same height hides the grid but not the axes, without flicker.
+    for (const material of [this.grid.material].flat()) patch(material, BEHIND_SURFACE);
+    for (const material of [this.axes.material].flat()) patch(material, BEFORE_SURFACE);
+    this.highlight.visible = false;
+    this.world.add(this.axes);
+    this.scene.add(this.content, this.grid, this.world, this.highlight, this.lights.object);
+    const changed = () => {
+      this.redraw();
+      callbacks.moved();
+    };
+    this.rig = new CameraRig(holder, this.canvas, changed, (halfHeight) => this.adapt(halfHeight));
+    const aim = ({ clientX, clientY }: WheelEvent) => this.rig.aim(this.pick(clientX, clientY)?.point);
+    this.canvas.addEventListener("wheel", aim, { capture: true, passive: true });
+    new ResizeObserver(() => this.resize()).observe(holder);
+    this.rig.look("home", []);
+    const loop = () => {
+      this.draw();
+      requestAnimationFrame(loop);
+    };
+    requestAnimationFrame(loop);
+  }
+
+  redraw(): void {
+    this.dirty = true;
+  }
+
+  show(object: Object3D, on: boolean): void {
+    object.visible = on;
+    this.redraw();
+  }
+
+  setBackground(css: string, gridColor: string): void {
+    this.scene.background = new Color(css);
+    for (const material of [this.grid.material].flat()) material.color.set(gridColor);
+    this.redraw();
+  }
+
+  /** Cast shadows within boxes; null: cast none. */
+  setShadows(boxes: Box3[] | null): void {
+    this.lights.castShadows(boxes);
+    this.redraw();
+  }
+
+  setOcclusion(on: boolean): void {
+    this.rendering?.setOcclusion(on, this.rig.camera);
+    this.resize();
+  }
+
+  setOrthographic(on: boolean): void {
+    this.rig.setOrthographic(on);
+    this.setOcclusion(this.rendering?.hasOcclusion === true);
+  }
+
+  /** Outline a box; null: none. */
+  outline(box: Box3 | null): void {
+    this.highlight.visible = box !== null && !box.isEmpty();
+    if (box) this.highlight.box.copy(box);
+    this.redraw();
+  }
+
+  /** Return the nearest hit at a point of the page, pixels. */
+  pick(x: number, y: number): Intersection | undefined {
+    return this.rig.rayAt(x, y).intersectObject(this.content, true)[0];
+  }
+
+  /** Adopt the size of the view on the page. */
+  resize(): void {
+    const [width, height] = [Math.max(1, this.holder.clientWidth), Math.max(1, this.holder.clientHeight)];
+    this.rendering?.setSize(width, height);
+    this.rig.resize(width, height);
+    this.redraw();
+  }
+
+  /** Set the grid's cells to a power of ten in metres that suits the placed camera. */
+  private adapt(halfHeight: number): void {
+    const cell = 10 ** Math.floor(Math.log10(halfHeight));
+    for (const object of [this.grid, this.axes]) object.scale.setScalar(cell);
+    this.resize();
+  }
+
+  private draw(): void {
+    const { canvas, rendering, rig } = this;
+    rig.controls.update();
+    if (rig.moveOrigin()) this.placeWorld();
+    if (this.dirty && this.renderer) this.drawImage(this.renderer);
+    else if (this.dirty && canvas instanceof HTMLImageElement && canvas.complete) this.loadImage(canvas);
+    else if (rendering && this.clouds.refine(performance.now())) rendering.refine(rig.camera, this.callbacks.isTranslucent());
+    else return;
+    this.frames += 1;
+  }
+
+  private placeWorld(): void {
+    this.world.position.copy(this.rig.origin).negate();
+    this.grid.position.z = -this.rig.origin.z; // near the target, at the world's height 0
+    this.callbacks.originMoved();
+    this.redraw();
+  }
+
+  /** Show the gateway's image of this view, after the previous one has arrived. */
+  private loadImage(image: HTMLImageElement): void {
+    this.dirty = false;
+    this.scene.updateMatrixWorld();
+    this.rig.camera.updateMatrixWorld();
+    image.src = `${this.callbacks.imageUrl()}&number=${this.frames}`;
+    this.callbacks.drawn();
+  }
+
+  private drawImage(renderer: WebGLRenderer): void {
+    const { callbacks, rendering, rig } = this;
+    this.dirty = false;
+    rig.updateClippingPlanes();
+    this.lights.placeHeadlight(rig.camera, rig.controls.target);
+    this.clouds.start(performance.now(), rendering?.hasOcclusion === true);
+    callbacks.drawing(renderer, rig.halfHeightAtTarget);
+    rendering?.draw(rig.camera, rig.halfHeightAtTarget, callbacks.isTranslucent());
+    callbacks.drawn();
+  }
+}

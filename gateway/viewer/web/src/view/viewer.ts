@@ -1,0 +1,236 @@
+// The 3D view of a session: applies its updates, follows its options, and does what the page's controls ask for.
+
+import { effect, signal } from "@preact/signals";
+import type { Box3 } from "three";
+import type { TreeNode } from "../model";
+import { type Option, options } from "../options";
+import type { Panels } from "../panels/panels";
+import type { Click, PageSettings, SceneUpdate } from "../protocol";
+import type { Session } from "../session";
+import { CameraAddress } from "../tools/address";
+import { Follow } from "../tools/follow";
+import { Marks } from "../tools/marks";
+import { Measurement } from "../tools/measure";
+import { TopView } from "../tools/sideviews";
+import type { Direction } from "./camera";
+import { Downloads } from "./downloads";
+import { Drawing } from "./drawing";
+import { Frustum } from "./frustum";
+import { HomeView } from "./homeview";
+import { Materials } from "./materials";
+import { Clickable, onTap } from "./pointer";
+import { Stage } from "./stage";
+import { backgroundColors, colorsOn } from "./theme";
+
+type Quaternion = [number, number, number, number];
+
+export class Viewer {
+  readonly stage: Stage;
+  readonly materials: Materials;
+  readonly drawing: Drawing;
+  readonly downloads: Downloads;
+  readonly frustum: Frustum;
+  readonly follow: Follow;
+  readonly measurement: Measurement;
+  readonly topView = new TopView();
+  /** Camera whose image is beside the view, in the gateway's syntax; empty: none. */
+  readonly sideCamera = signal("");
+  /** Rotation of the camera in the world, as a quaternion x, y, z, w. */
+  readonly rotation = signal<Quaternion>([0, 0, 0, 1]);
+  private readonly marks: Marks;
+  private readonly address: CameraAddress;
+  private readonly clickable: Clickable;
+  private readonly settings = signal<PageSettings>({ kind: "page", background: null, grid: null, home: null, clickable: [] });
+  private readonly home: HomeView;
+  private isConfigured = false;
+
+  constructor(
+    readonly session: Session,
+    readonly panels: Panels,
+    private readonly holder: HTMLElement,
+    report: (click: Click) => void,
+  ) {
+    const { model } = session;
+    this.stage = new Stage(holder, {
+      imageUrl: () => `view/frame.jpg?${this.downloads.imageQuery()}`,
+      isTranslucent: () => this.materials.areTranslucent,
+      drawing: (renderer, halfHeight) => this.topView.draw(renderer, this.stage.scene, this.stage.rig.controls.target, halfHeight),
+      drawn: () => this.drawn(),
+      moved: () => this.address?.write(),
+      originMoved: () => this.placeAll(),
+    });
+    const { stage } = this;
+    const { rig } = stage;
+    const redraw = () => stage.redraw();
+    this.home = new HomeView(rig, () => this.drawing.focusBoxes(model.root));
+    this.follow = new Follow(model, () => {
+      rig.placements += 1; // it is not the home view any more
+      this.address.write();
+    });
+    this.address = new CameraAddress(rig, this.follow, () => this.home.isShown);
+    this.materials = new Materials(redraw, () => stage.lights.environmentMap);
+    this.drawing = new Drawing(model, this.materials, stage.clouds, rig.origin, redraw);
+    this.marks = new Marks(model, rig.origin, holder);
+    this.downloads = new Downloads(stage, model, this.marks, holder);
+    this.frustum = new Frustum(redraw);
+    this.measurement = new Measurement(redraw);
+    stage.content.add(this.drawing.root);
+    stage.scene.add(this.marks.object);
+    stage.world.add(this.frustum.object, this.measurement.object);
+    this.clickable = new Clickable(stage, this.drawing, report);
+    onTap(stage.canvas, (x, y, button) => this.tap(x, y, button));
+    this.followOptions();
+    this.followGraphicsDevice();
+  }
+
+  /** Follow the display options and the selection. */
+  private followOptions(): void {
+    const { stage, session, panels } = this;
+    const follow = (option: Option<"off" | "on">, set: (on: boolean) => void) => effect(() => set(option.shown.value === "on"));
+    follow(options.grid, (on) => stage.show(stage.grid, on));
+    follow(options.axes, (on) => stage.show(stage.axes, on));
+    follow(options.wireframe, (on) => this.materials.setWireframe(on));
+    follow(options.orthographic, (on) => stage.setOrthographic(on));
+    follow(options.shadows, () => this.placeShadows());
+    follow(options.occlusion, (on) => stage.setOcclusion(on));
+    effect(() => {
+      document.documentElement.dataset.theme = options.theme.shown.value;
+      const { background } = this.settings.value;
+      const name = options.background.shown.value;
+      const colors = name === "theme" && background ? colorsOn(background) : backgroundColors(name);
+      for (const material of [this.frustum.object.material, ...this.measurement.materials]) material.color.set(colors.frustum);
+      stage.setBackground(colors.background, colors.grid);
+    });
+    effect(() => this.frustum.setShown(session.streaming.value || panels.isActive("Stereo")));
+    effect(() => {
+      session.changes.value;
+      this.marks.refresh();
+      this.highlight(session.selected.value);
+    });
+  }
+
+  /** Say that the graphics device is lost, and come back with it. */
+  private followGraphicsDevice(): void {
+    const { graphicsNotice } = this.session;
+    const { stage } = this;
+    if (!stage.renderer) graphicsNotice.value = "This browser has no WebGL 2. These are the gateway's own images of the scene.";
+    stage.canvas.addEventListener("webglcontextlost", () => {
+      graphicsNotice.value = "The browser has lost its graphics device. The view returns when it is back.";
+    });
+    stage.canvas.addEventListener("webglcontextrestored", () => {
+      stage.lights.forgetEnvironment();
+      this.materials.renewEnvironment();
+      graphicsNotice.value = "";
+      stage.redraw();
+    });
+  }
+
+  /** Take the camera from the address. Called when the view has its size. */
+  followAddress(): void {
+    const { stage, follow } = this;
+    stage.resize(); // the text of an orthographic camera has a width
+    this.address.read(({ camera, followed }) => {
+      if (!camera) return;
+      this.home.leave();
+      if (camera.orthographic) options.orthographic.shown.value = "on";
+      stage.rig.place(camera);
+      if (followed) follow.start(followed, true);
+      else follow.stop();
+      follow.carry(stage.rig);
+    });
+    // In a window of another shape, for instance on a phone that is turned, the home view stays framed.
+    addEventListener("resize", () => {
+      if (!this.home.isShown) return;
+      stage.resize();
+      this.look("home");
+    });
+  }
+
+  apply(update: SceneUpdate): void {
+    const change = this.session.apply(update);
+    this.follow.carry(this.stage.rig);
+    this.marks.move();
+    this.drawing.apply(change);
+    this.highlight(this.session.selected.peek());
+    if (!this.session.isEmpty.peek()) this.home.followNodes(change.added.length > 0);
+    if (change.added.length || change.removed.length) this.placeShadows();
+    this.stage.redraw();
+  }
+
+  /** Apply the view settings of a client. */
+  configure(next: PageSettings): void {
+    if (next.grid !== this.settings.peek().grid) options.grid.shown.value = next.grid === null ? options.grid.own : next.grid ? "on" : "off";
+    this.settings.value = next;
+    this.clickable.setPaths(next.clickable);
+    if (this.home.setCamera(next.home, !this.isConfigured)) this.look("home");
+    this.isConfigured = true;
+  }
+
+  private placeAll(): void {
+    this.drawing.moveAll();
+    this.marks.move();
+    this.highlight(this.session.selected.peek());
+    this.placeShadows();
+  }
+
+  private highlight(node: TreeNode | null): void {
+    this.stage.outline(node ? this.drawing.bounds(node) : null);
+  }
+
+  /** Fit the lamp's shadow map to the scene, if shadows are on. */
+  placeShadows(): void {
+    const on = options.shadows.shown.peek() === "on";
+    this.stage.setShadows(on ? this.drawing.focusBoxes(this.session.model.root) : null);
+  }
+
+  private tap(x: number, y: number, button: Click["button"]): void {
+    const hit = this.stage.pick(x, y);
+    const node = hit ? (this.drawing.nodeAt(hit) ?? null) : null;
+    const point = hit?.point.add(this.stage.rig.origin).toArray();
+    if (this.measurement.points.peek() && button === "left") {
+      if (point) this.measurement.add(point);
+      return;
+    }
+    if (point && node) this.clickable.report(node, point, button);
+    if (button !== "left") return;
+    this.select(node, true);
+    this.session.clicked.value = point ?? null;
+  }
+
+  select = (node: TreeNode | null, reveal = false): void => {
+    this.session.select(node, reveal);
+    if (node) this.panels.show("Selection");
+  };
+
+  /** Draw a node and all below it as this page has changed them; default: the marks alone. */
+  changed = (node?: TreeNode): void => {
+    for (const each of node?.subtree() ?? []) this.drawing.refresh(each);
+    this.session.changes.value += 1;
+    this.stage.redraw();
+  };
+
+  /** Frame a node; default: the selection, or everything. */
+  fit = (node: TreeNode | null = this.session.selected.peek()): void => {
+    this.stage.rig.fit(node ? this.drawing.boxes(node) : this.drawing.focusBoxes(this.session.model.root));
+  };
+
+  look = (direction: Direction): void => {
+    if (direction !== "home") {
+      this.stage.rig.look(direction, this.drawing.focusBoxes(this.session.model.root));
+      return;
+    }
+    this.follow.stop();
+    this.home.show();
+  };
+
+  private drawn(): void {
+    const { camera } = this.stage.rig;
+    this.materials.disposeUnused();
+    this.marks.placeNames(camera, this.holder.clientWidth, this.holder.clientHeight);
+    const rotation = camera.quaternion.toArray() as Quaternion;
+    if (String(rotation) !== String(this.rotation.peek())) this.rotation.value = rotation;
+  }
+
+  /** Return the bounds of a node in the world, metres. */
+  boundsOf = (node: TreeNode): Box3 => this.drawing.bounds(node).translate(this.stage.rig.origin);
+}
