@@ -11,6 +11,7 @@ from typing import Literal
 from gateway.gltf import DRAKE_GENERATORS, GltfCamera, GltfError, GltfLimits, read_gltf
 from gateway.scene.transforms import Y_UP_TO_Z_UP
 from gateway.scene.tree import Node
+from gateway.scene.tree import Path as TreePath
 from renderers.drawlist import Light
 from scenegate.regular_files import read_regular
 
@@ -40,6 +41,9 @@ class SceneFile:
     digests: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 in hexadecimal of the files that were read, by path relative to the scene file's folder. The scene file
     is first."""
+
+    models: Mapping[TreePath, str] = field(default_factory=dict)
+    """Names of a glTF file's meshes, by the paths of their nodes."""
 
     @property
     def from_drake(self) -> bool:
@@ -101,7 +105,9 @@ def read_scene_file(
         raise SceneFileError(f"{path}: {error.strerror or error}") from None
     except GltfError as error:
         raise SceneFileError(f"{path}: {error}") from None
-    file = SceneFile(scene.root, scene.cameras, scene.warnings, (), scene.generator, scene.lights, files.digests)
+    file = SceneFile(
+        scene.root, scene.cameras, scene.warnings, (), scene.generator, scene.lights, files.digests, scene.models
+    )
     if up == "z" or (up == "auto" and file.from_drake):
         return file
     root = scene.root

@@ -13,6 +13,7 @@ import msgspec
 
 from gateway.assets.mesh_formats import MESH_LIMITS, parse_mesh
 from gateway.assets.scene_file import FolderFiles, SceneFileError
+from gateway.datasets.objects import SceneObject, objects_of
 from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import usable_camera
 from gateway.gltf import GltfCamera
@@ -66,6 +67,8 @@ class LoadedScene:
     """The recorded request, which has its own scene, camera, size and type of image; None for other scenes."""
     description: manifest.SceneRecord
     """Content of ``scene.json``."""
+    objects: tuple[SceneObject, ...] = ()
+    """Nodes that can be annotated, in the order of the tree; empty for a recorded request."""
 
 
 def load_options(settings: manifest.Settings) -> SceneOptions:
@@ -113,7 +116,9 @@ def _load_file(source: Source, files: FolderFiles, options: SceneOptions) -> Loa
     file_camera, flaws = usable_camera(scene.cameras, draw_list)
     warnings = (*scene.warnings, *flaws, *scene.notes)
     description = _describe(source, scene.digests, labels, scene.generator, warnings)
-    return LoadedScene(scene.root, draw_list, file_camera, look, None, description)
+    return LoadedScene(
+        scene.root, draw_list, file_camera, look, None, description, objects_of(scene.root, scene.models)
+    )
 
 
 def _load_tree(source: Source, files: FolderFiles, options: SceneOptions) -> LoadedScene:
@@ -133,7 +138,7 @@ def _load_tree(source: Source, files: FolderFiles, options: SceneOptions) -> Loa
     root = live.snapshot.root
     draw_list, labels = _flatten_numbered(root)
     description = _describe(source, files.digests, labels, warnings=tuple(response.warnings))
-    return LoadedScene(root, draw_list, None, "studio", None, description)
+    return LoadedScene(root, draw_list, None, "studio", None, description, objects_of(root))
 
 
 def _load_request(source: Source, files: FolderFiles, options: SceneOptions) -> LoadedScene:

@@ -78,6 +78,8 @@ class DocumentContent:
     posed_parts: Mapping[int, tuple[Part, ...]]
     """Primitives of the nodes with a skin, morph weights or instances of their own, by position in ``SceneNodes``. Not
     empty: the document is not cached."""
+    mesh_names: Mapping[int, str]
+    """Different names of the meshes in use, by mesh index."""
     element_counts: Mapping[int, int]
     """Number of triangles, lines and points by mesh index."""
     morphed_mesh_count: int

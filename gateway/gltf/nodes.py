@@ -56,6 +56,28 @@ class SceneNodes:
                 node_of_mesh.setdefault(mesh, node)
         return node_of_mesh
 
+    def mesh_names(self, meshes: list[schema.Mesh | None] | None) -> dict[int, str]:
+        """Return a name for each mesh in use, by mesh index. Meshes without a name are called after their first node.
+
+        Args:
+            meshes: Meshes of the document.
+        """
+        names: dict[int, str] = {}
+        used: dict[str, int] = {}
+        for position, mesh in enumerate(self.meshes):
+            if mesh is not None and mesh not in names:
+                source = meshes[mesh] if meshes is not None and 0 <= mesh < len(meshes) else None
+                name = (source.name if isinstance(source, schema.Mesh) else "") or self.sources[position].name
+                names[mesh] = _unique(name or f"mesh{mesh}", used)
+        return names
+
+    def paths(self) -> list[tree.Path]:
+        """Return the path of each node in ``tree``."""
+        paths: list[tree.Path] = []
+        for name, parent in zip(self._names(), self.parents, strict=True):
+            paths.append((*(paths[parent] if parent >= 0 else ()), name))
+        return paths
+
     def tree(self, parts: NodeParts) -> tree.Node:
         """Return a committed tree: a root without parts, whose children are the roots of the scene.
 

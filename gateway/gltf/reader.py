@@ -183,6 +183,7 @@ def _read_content(
         lights=lights,
         parts=parts,
         posed_parts=posed_parts,
+        mesh_names=nodes.mesh_names(document.meshes),
         element_counts={mesh: _element_count(mesh_parts) for mesh, mesh_parts in parts.items()},
         morphed_mesh_count=sum(isinstance(mesh, Mesh) and any(mesh.weights or ()) for mesh in document.meshes or ()),
         warnings=tuple(warnings),

@@ -9,7 +9,7 @@ from gateway.gltf.cameras import GltfCamera
 from gateway.gltf.document_cache import DocumentContent
 from gateway.gltf.nodes import NodeParts, SceneNodes
 from gateway.gltf.schema import DRAKE_GENERATORS
-from gateway.scene.tree import Node
+from gateway.scene.tree import Node, Path
 from renderers.camera import OPENGL_FROM_OPTICAL
 from renderers.drawlist import Light
 
@@ -38,6 +38,13 @@ class GltfScene:
     def root(self) -> Node:
         """Committed tree in the document's own axes (not rotated to Z up). Its children are the scene's nodes."""
         return self.nodes.tree(self.parts)
+
+    @cached_property
+    def models(self) -> dict[Path, str]:
+        """Name of the mesh of each node with a mesh, by the node's path in ``root``."""
+        names = self.content.mesh_names
+        pairs = zip(self.nodes.paths(), self.nodes.meshes, strict=True)
+        return {path: names[mesh] for path, mesh in pairs if mesh is not None}
 
     @property
     def generator(self) -> str:

@@ -7,6 +7,7 @@ for sample in Dataset("out"):
 from __future__ import annotations
 
 import io
+import struct
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +24,11 @@ from scenegate.regular_files import read_regular
 
 NO_LABEL: Final = 0xFFFFFF
 """Label of the background and of objects without a label."""
+FLOW_MAGIC: Final = 202021.25
+"""First number of a flow file of the Middlebury benchmark (.flo). Width, height and float32 pairs follow."""
+FLOW_HEADER_BYTES: Final = 12
+UNKNOWN_FLOW: Final = 1e9
+"""Magnitude from which a flow file's numbers mean that the flow is not known."""
 
 
 class Sample:
@@ -72,6 +78,65 @@ class Sample:
         return np.ascontiguousarray(rgb[..., 0] | rgb[..., 1] << 8 | rgb[..., 2] << 16)
 
     @property
+    def objects(self) -> tuple[manifest.ObjectRecord, ...]:
+        """Annotated objects, with their poses, boxes and visibility."""
+        return self.record.objects
+
+    @property
+    def instance(self) -> NDArray[np.uint16]:
+        """``ObjectRecord.instance`` of the object in each pixel, (H, W); 0: none."""
+        return self._read("instance").astype(np.uint16, copy=False)
+
+    @property
+    def class_ids(self) -> NDArray[np.uint16]:
+        """``ObjectRecord.class_id`` of the object in each pixel, (H, W); 0: none."""
+        return self._read("class").astype(np.uint16, copy=False)
+
+    @property
+    def normal(self) -> NDArray[np.float32]:
+        """Unit normals in the optical frame, facing the camera, (H, W, 3); 0 for the background.
+
+        The file has 8 bits per coordinate: an angle is exact to 0.4 degrees.
+        """
+        stored = self._read("normal")[..., :3].astype(np.float32) - np.float32(128.0)
+        length = np.linalg.norm(stored, axis=-1, keepdims=True)
+        return np.asarray(stored / np.maximum(length, np.float32(1.0)), np.float32)
+
+    @property
+    def albedo(self) -> NDArray[np.uint8]:
+        """Base colour without light in RGB, sRGB, (H, W, 3)."""
+        return np.ascontiguousarray(self._read("albedo")[..., :3], np.uint8)
+
+    @property
+    def stereo(self) -> NDArray[np.uint8]:
+        """Colour image of the right camera of a rectified pair in RGB, (H, W, 3)."""
+        return np.ascontiguousarray(self._read("stereo")[..., :3], np.uint8)
+
+    @property
+    def flow(self) -> NDArray[np.float32]:
+        """Optical flow to the next view in pixels, (H, W, 2): columns to the right, rows down. NaN: not known."""
+        path = self.path("flow")
+        data = self._bytes(path)
+        magic, width, height = struct.unpack_from("<fii", data) if len(data) >= FLOW_HEADER_BYTES else (0.0, 0, 0)
+        if magic != FLOW_MAGIC or len(data) != FLOW_HEADER_BYTES + 8 * width * height or width < 1:
+            raise RecordError(f"{path}: not a flow file (.flo) that can be read")
+        flow = np.frombuffer(data, "<f4", offset=FLOW_HEADER_BYTES).reshape(height, width, 2).astype(np.float32)
+        flow[np.abs(flow) >= UNKNOWN_FLOW] = np.nan
+        return flow
+
+    def amodal_mask(self, instance: int) -> NDArray[np.bool_]:
+        """Return the pixels that an object would have without the others, (H, W).
+
+        Raises:
+            RecordError: the sample has no such object, or no amodal masks.
+        """
+        path = self.path("amodal")
+        masks = manifest.decode_masks(self._bytes(path), str(path))
+        if masks.size != (self.record.camera.height, self.record.camera.width) or str(instance) not in masks.counts:
+            raise RecordError(f"{path}: there is no mask of instance {instance} and of the camera's size")
+        return masks.mask(str(instance))
+
+    @property
     def rays(self) -> NDArray[np.float64]:
         """Ray of each pixel in the optical frame, (H, W, 3), z = 1. ``rays * depth[..., None]`` is points in metres."""
         camera = self.record.camera
@@ -93,15 +158,19 @@ class Sample:
     def _read(self, image_type: ImageType) -> NDArray[Any]:
         """Return the pixels of an image."""
         path = self.path(image_type)
-        try:
-            data = read_regular(path)
-        except OSError as error:
-            raise RecordError(f"{path}: {error.strerror or error}") from None
+        data = self._bytes(path)
         image = pillow()
         try:
             return np.asarray(image.open(io.BytesIO(data)))
         except (OSError, SyntaxError, ValueError, image.DecompressionBombError) as error:
             raise RecordError(f"{path}: not an image that can be read: {error}") from None
+
+    def _bytes(self, path: Path) -> bytes:
+        """Return the content of an image file."""
+        try:
+            return read_regular(path)
+        except OSError as error:
+            raise RecordError(f"{path}: {error.strerror or error}") from None
 
 
 class Dataset(Sequence[Sample]):
@@ -129,12 +198,20 @@ class Dataset(Sequence[Sample]):
         """Names of all scenes. The first access reads the whole manifest."""
         return tuple(dict.fromkeys(self._record(index).scene for index in range(len(self))))
 
+    @property
+    def classes(self) -> Mapping[int, str]:
+        """Names of the classes by ``ObjectRecord.class_id``."""
+        return {int(class_id): name for class_id, name in self.description.classes.items()}
+
+    def scene(self, name: str) -> manifest.SceneRecord:
+        """Return the description of a scene: its files, labels, lights and models."""
+        return manifest.read_file(
+            self.folder / manifest.SCENES_FOLDER / name / manifest.SCENE_FILE, manifest.SceneRecord
+        )
+
     def labels(self, scene: str) -> Mapping[int, tuple[tuple[str | int, ...], ...]]:
         """Return the paths of a scene's nodes by their label."""
-        record = manifest.read_file(
-            self.folder / manifest.SCENES_FOLDER / scene / manifest.SCENE_FILE, manifest.SceneRecord
-        )
-        return {int(label): paths for label, paths in record.labels.items()}
+        return {int(label): paths for label, paths in self.scene(scene).labels.items()}
 
     def __len__(self) -> int:
         return len(self._lines)

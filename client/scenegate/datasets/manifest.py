@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final, Literal, TypeVar
+from typing import Final, Literal, TypeVar, get_args
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from scenegate.regular_files import open_regular, read_regular
 
@@ -31,13 +33,25 @@ FORMAT: Final = "scenegate-dataset"
 """Value of ``DatasetRecord.format``."""
 FORMAT_VERSION: Final = 1
 """Value of ``DatasetRecord.version``."""
-MAX_LINE_BYTES: Final = 1 << 20
-"""Maximum size of a line. A sample's line has about 700 bytes."""
+MODELS_FOLDER: Final = "models"
+"""Folder with the meshes of the models, ``ModelRecord.path``."""
+MAX_LINE_BYTES: Final = 16 << 20
+"""Maximum size of a line. A sample's line has about 700 bytes, and 900 for each object in its image."""
 MAX_DESCRIPTION_BYTES: Final = 256 << 20
 """Maximum size of a dataset.json or scene.json. A scene.json with a million labelled paths has 60 MB."""
 
-ImageType = Literal["color", "depth", "label"]
-IMAGE_TYPES: Final[tuple[ImageType, ...]] = ("color", "depth", "label")
+ImageType = Literal["color", "depth", "label", "instance", "class", "normal", "albedo", "amodal", "flow", "stereo"]
+IMAGE_TYPES: Final[tuple[ImageType, ...]] = get_args(ImageType)
+ANNOTATED_TYPES: Final[tuple[ImageType, ...]] = ("instance", "class", "amodal")
+"""Types of images for which samples have ``SampleRecord.objects``."""
+Vector3 = tuple[float, float, float]
+Pose = tuple[
+    tuple[float, float, float, float],
+    tuple[float, float, float, float],
+    tuple[float, float, float, float],
+    tuple[float, float, float, float],
+]
+"""A rotation and a translation: 4 x 4, row-major."""
 
 
 class RecordError(ValueError):
@@ -83,6 +97,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Keyframe of MJCF files; empty: the joints have the values of the model."""
     robot_gltf_up: str = "y"
     """Up axis of the glTF meshes of robot files: ``y``, ``z`` or ``auto``."""
+    classes_sha256: str | None = None
+    """SHA-256 of the file with the classes; None: a class for each model."""
     strict: bool = False
     """True: a scene with a warning is not rendered."""
 
@@ -99,6 +115,8 @@ class DatasetRecord(msgspec.Struct, frozen=True, kw_only=True):
     settings: Settings
     conventions: dict[str, str]
     """Units and encodings by topic, as texts for people who do not have the documentation."""
+    classes: dict[str, str] = {}
+    """Names of the classes by their number, which is written in decimal digits, from 1. Empty without annotations."""
 
 
 class SourceFile(msgspec.Struct, frozen=True):
@@ -107,6 +125,33 @@ class SourceFile(msgspec.Struct, frozen=True):
     path: str
     """Path relative to the folder of the scene file."""
     sha256: str
+
+
+class ModelRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """Geometry of a model. Models of the same path in several scenes are equal."""
+
+    path: str
+    """Binary PLY file of triangles, relative to the folder of the dataset. Metres, in the frame of the model: that of
+    its objects without ``ObjectRecord.scale``."""
+    sha256: str
+    """SHA-256 of the file."""
+    box: tuple[Vector3, Vector3]
+    """Smallest and largest coordinates in metres, in the frame of the model."""
+
+
+class LightRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """A light of a scene, as in KHR_lights_punctual."""
+
+    kind: str
+    """``directional``, ``point`` or ``spot``."""
+    color: Vector3
+    """Linear RGB."""
+    intensity: float
+    """Lux for directional lights, candela for the others."""
+    position: Vector3
+    """Position in the world in metres; unused for a directional light."""
+    direction: Vector3
+    """Unit vector in the world in which the light shines; unused for a point light."""
 
 
 class SceneRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -124,6 +169,10 @@ class SceneRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Warnings about content of the scene that was ignored or repaired."""
     labels: dict[str, tuple[tuple[str | int, ...], ...]]
     """Paths of nodes by their label, which is written in decimal digits."""
+    lights: tuple[LightRecord, ...] = ()
+    """Lights of the scene. The dataset's settings name the rig, whose lights the scene has in addition or instead."""
+    models: dict[str, ModelRecord] = {}
+    """Models of the objects by ``ObjectRecord.model``. Empty without annotations."""
 
 
 class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -162,6 +211,44 @@ class ImageFile(msgspec.Struct, frozen=True):
     """Size of the file in bytes."""
 
 
+class ObjectRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """An object of which something is in the image, or would be without the objects before it.
+
+    Its frame is that of its node. Boxes of pixels are (x, y, width, height): column and row of the top left pixel.
+    """
+
+    instance: int
+    """Value in ``instance`` images, from 1: number of the object in its scene."""
+    path: tuple[str | int, ...]
+    """Path of the node in the scene."""
+    model: str
+    """Name of the model, a key of ``SceneRecord.models``: the name of the mesh, of the file or of the robot's link."""
+    class_id: int
+    """Value in ``class`` images, a key of ``DatasetRecord.classes``."""
+    X_world_object: Pose
+    """Pose of the object in the world (Z up, metres)."""
+    X_camera_object: Pose
+    """Pose of the object in the optical frame of the camera (+X right, +Y down, +Z forward)."""
+    scale: Vector3
+    """Scale of the model along the axes of the object, negative if mirrored: a point p of the model is at scale * p in
+    the frame of the object."""
+    box_3d: tuple[Vector3, Vector3]
+    """Smallest and largest coordinates in the frame of the object, in metres."""
+    box_visible: tuple[int, int, int, int] | None
+    """Box of the visible pixels; None if there are none."""
+    box_amodal: tuple[int, int, int, int] | None
+    """Box of the silhouette: of all pixels that the object would have without the others, those outside of the image
+    included."""
+    visible_pixels: int
+    """Number of visible pixels."""
+    amodal_pixels: int
+    """Number of pixels of the silhouette, those outside of the image included."""
+    visible_fraction: float
+    """Share of the silhouette that is visible; the rest is hidden by other objects, or outside of the image."""
+    truncation: float
+    """Share of the silhouette that is outside of the image."""
+
+
 class SampleRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A line of ``manifest.jsonl`` or ``journal.jsonl``: the images of one scene from one camera."""
 
@@ -178,6 +265,25 @@ class SampleRecord(msgspec.Struct, frozen=True, kw_only=True):
     camera: CameraRecord
     images: dict[ImageType, ImageFile]
     """Image files by type."""
+    objects: tuple[ObjectRecord, ...] = ()
+    """Annotated objects, by ``instance``. Empty without one of ``ANNOTATED_TYPES``."""
+
+
+class Masks(msgspec.Struct, frozen=True, kw_only=True):
+    """An ``amodal`` file: the silhouettes of the objects in an image, as COCO's uncompressed run-length encoding."""
+
+    size: tuple[int, int]
+    """Height and width of the image in pixels."""
+    counts: dict[str, tuple[int, ...]]
+    """Lengths of the runs of pixels outside and inside of the silhouette, alternately, down the columns from left to
+    right; by ``ObjectRecord.instance``, which is written in decimal digits."""
+
+    def mask(self, instance: str) -> NDArray[np.bool_]:
+        """Return a silhouette, (H, W)."""
+        height, width = self.size
+        runs = np.array(self.counts[instance], np.int64)
+        inside = np.repeat(np.arange(len(runs)) % 2 == 1, runs)
+        return np.ascontiguousarray(inside.reshape(width, height).T)
 
 
 class FailureRecord(msgspec.Struct, frozen=True):
@@ -224,6 +330,23 @@ def decode(data: bytes, record_type: type[Record], location: str) -> Record:
         return msgspec.json.decode(data, type=record_type)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise RecordError(f"{location}: {error}") from None
+
+
+def decode_masks(data: bytes, location: str) -> Masks:
+    """Decode an ``amodal`` file.
+
+    Raises:
+        RecordError: the data is not such a file, or its runs do not fill the image.
+    """
+    try:
+        masks = msgspec.json.decode(data, type=Masks)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise RecordError(f"{location}: {error}") from None
+    pixels = masks.size[0] * masks.size[1]
+    for instance, counts in masks.counts.items():
+        if sum(counts) != pixels or min(counts, default=0) < 0 or min(masks.size) < 1:
+            raise RecordError(f"{location}: the runs of instance {instance} do not fill the image")
+    return masks
 
 
 def read_file(path: Path, record_type: type[Record]) -> Record:
