@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
+import msgspec
 import typer
 
 from gateway.cli.robot_options import GltfUp, Joints, Keyframe, Roots, Strict
@@ -26,7 +27,7 @@ def render(
             metavar="SCENES...",
             exists=True,
             help="glTF files, mesh files (.obj, .stl, .ply, .dae, .vtk), robot files (.urdf, .sdf, .xml, .xacro), tree "
-            "viewer requests (.json), recorded render requests (.multipart), or folders of such files.",
+            "viewer requests (.json), recorded render requests (.multipart), scenarios (.toml), or folders of such files.",
         ),
     ],
     out: Annotated[
@@ -68,6 +69,19 @@ def render(
         float,
         typer.Option(min=0.01, max=179.0, help="Vertical field of view in degrees, for cameras that have none."),
     ] = 45.0,
+    numbers: Annotated[
+        str,
+        typer.Option("--scenes", metavar="NUMBERS", help="Scenes of a scenario: one number, or FIRST-LAST. Default: all."),
+    ] = "",
+    recorded: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            exists=True,
+            file_okay=False,
+            help="Dataset of the same scenario, whose choices and settled poses are used again.",
+        ),
+    ] = None,
     look: Annotated[
         Literal["auto", "phong", "plain", "studio", "pbr", "gltf"],
         typer.Option(help="Shading of colour images; auto: studio, but files written by Drake look as in Drake."),
@@ -155,7 +169,7 @@ def render(
     from gateway.cli.render_image import render_image
     from gateway.datasets.camera_file import CameraFile, read_camera_file
     from gateway.datasets.job import make_job
-    from gateway.datasets.sources import find_sources
+    from gateway.datasets.scenario_jobs import find_scenes
     from gateway.datasets.views import View
     from gateway.runtime.scheduling import usable_cpus
     from gateway.scene.cameras import OrbitCamera
@@ -191,9 +205,21 @@ def render(
         render_image(scenes[0], out, settings, views, cores, timeout)
         return
     file = CameraFile() if cameras is None else read_camera_file(cameras)
-    job = make_job(find_sources(scenes), views, file, settings, out.absolute(), timeout)
+    sources, file, digest = find_scenes(scenes, file, _parse_numbers(numbers), recorded, out.absolute(), bool(views))
+    settings = msgspec.structs.replace(settings, scenario_sha256=digest)
+    job = make_job(sources, views, file, settings, out.absolute(), timeout)
     if not render_dataset(job, cores, ray):
         raise typer.Exit(1)
+
+
+def _parse_numbers(text: str) -> range | None:
+    """Return the numbers in ``7`` or ``0-99``; None for an empty text."""
+    if not text:
+        return None
+    first, _, last = text.partition("-")
+    if not first.isdecimal() or not (last or first).isdecimal() or int(last or first) < int(first):
+        raise ValueError(f"--scenes {text!r}: must be a number, or FIRST-LAST")
+    return range(int(first), int(last or first) + 1)
 
 
 def _parse_types(text: str) -> tuple[ImageType, ...]:

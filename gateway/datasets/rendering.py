@@ -116,12 +116,16 @@ def render_images(
     outputs = reduce(or_, (OUTPUTS[image_type] for image_type in formats))
     samples: SampleCount = style.samples or (4 if look == "studio" else 1)
     full_look = Look(look, style.background, samples, style.rig, style.alpha_threshold)
+    scenery = None if scene.scenario is None else scene.scenario.scenery
+    full_look = full_look if scenery is None else scenery.look(full_look)
     frame = renderer.render(scene.draw_list, camera, outputs, full_look)
     # FXAA would blur points, which may be one pixel wide.
     has_points = any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances)
     use_fxaa = style.antialias == "fxaa" and samples == 1 and look != "studio" and not has_points
     if frame.color is not None and use_fxaa:
         fxaa(frame.color)
+    if frame.color is not None and scenery is not None:
+        frame.color = scenery.finish(frame.color, scene.draw_list, camera, renderer, full_look)
     return {image_type: _encode(frame, image_type, file_format) for image_type, file_format in formats.items()}
 
 

@@ -102,6 +102,7 @@ class Worker:
         if scene.request is not None:
             camera, image_type, data = RequestRenderer(self._renderer, settings).render(scene.request)
             return camera, {image_type: data}
+        scene, view = scene.posed(view)
         camera = camera_of(
             view, scene.root, scene.draw_list, scene.file_camera, settings.width, settings.height, settings.fovy
         )

@@ -18,7 +18,7 @@ from renderers.stop import check_stop
 
 MAX_FILES: Final = 100_000
 """Maximum number of files that a folder or pattern may name."""
-MODEL_SUFFIXES: Final = (*(suffix for suffix in SCENE_SUFFIXES if suffix not in (".xml", ".world", ".xacro")), ".mjcf")
+MODEL_SUFFIXES: Final = tuple(suffix for suffix in SCENE_SUFFIXES if suffix not in (".xml", ".world", ".xacro"))
 """Suffixes of models in folders. A path or pattern that ends with another suffix of a scene file names those, too."""
 IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".webp")
 RIG_SUFFIXES: Final = (".toml", ".hdr")

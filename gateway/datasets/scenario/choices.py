@@ -15,11 +15,11 @@ Rows = tuple[Row, Row, Row, Row]
 Vector = tuple[float, float, float]
 
 
-class Choice(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+class Choice(msgspec.Struct, frozen=True, omit_defaults=True):
     """Base of the choices. Values are as in the structs of ``file``, unless a docstring differs."""
 
 
-class MaterialChoice(Choice):
+class MaterialChoice(Choice, kw_only=True):
     texture: str = ""
     texture_size: float
     color: Vector
@@ -28,7 +28,7 @@ class MaterialChoice(Choice):
     roughness: float
 
 
-class SurfaceChoice(Choice):
+class SurfaceChoice(Choice, kw_only=True):
     kind: str
     size: tuple[float, float]
     X_world_surface: Rows
@@ -36,7 +36,7 @@ class SurfaceChoice(Choice):
     material: MaterialChoice
 
 
-class ObjectChoice(Choice):
+class ObjectChoice(Choice, kw_only=True):
     entry: tuple[str, int]
     """Table of the scenario: ``models`` or ``distractors``, and its index."""
     file: str
@@ -52,20 +52,20 @@ class ObjectChoice(Choice):
     """None: the materials of the file."""
 
 
-class CameraChoice(Choice):
+class CameraChoice(Choice, kw_only=True):
     fovy: float
     X_world_camera: tuple[Rows, ...]
     """Pose of the optical frame in each frame; a single one for all of them."""
 
 
-class LampChoice(Choice):
+class LampChoice(Choice, kw_only=True):
     direction: Vector
     """Unit vector in which it shines."""
     intensity: float
     color: Vector
 
 
-class LightChoice(Choice):
+class LightChoice(Choice, kw_only=True):
     rig: str = ""
     environment: str = ""
     turn: float
@@ -74,20 +74,20 @@ class LightChoice(Choice):
     lamps: tuple[LampChoice, ...] = ()
 
 
-class BackgroundChoice(Choice):
+class BackgroundChoice(Choice, kw_only=True):
     image: str = ""
     color: tuple[int, int, int] | None = None
     """0 to 255."""
 
 
-class SensorChoice(Choice):
+class SensorChoice(Choice, kw_only=True):
     blur: float
     vignetting: bool
     exposure: float
     gain: float
 
 
-class SceneChoices(Choice):
+class SceneChoices(Choice, kw_only=True):
     seed: int
     number: int
     surfaces: tuple[SurfaceChoice, ...]

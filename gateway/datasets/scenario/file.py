@@ -57,7 +57,7 @@ class ScenarioError(ValueError):
     """A scenario cannot be used. The message names the file, the key, its value and the limit."""
 
 
-class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """Base of the file's tables."""
 
 

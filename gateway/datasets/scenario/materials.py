@@ -11,22 +11,34 @@ import numpy as np
 from gateway.datasets.scenario.choices import MaterialChoice
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.meshing import meshes_of
-from gateway.scene.transforms import IDENTITY
 from gateway.scene.tree import Node
 from renderers.cache import Cache
 from renderers.color import linear_from_srgb
-from renderers.drawlist import Image, Material, Mesh, Texture, Topology
+from renderers.drawlist import Image, Material, Mesh, Texture, Topology, name_image_errors
 from renderers.images import image_from_bytes
 from scenegate.regular_files import read_regular
 
 MAX_IMAGE_BYTES: Final = 64 << 20
 """Maximum size of an image file of a scenario."""
+_images: Final[Cache[tuple[Path, int, int], Image]] = Cache("scenario_images")
 _mapped: Final[Cache[tuple[Mesh, tuple[float, ...], float], Mesh]] = Cache("scenario_mapped_meshes")
 
 
 def read_image(path: Path) -> Image:
-    """Return the image in a file; raises OSError, and ImageError if its header is wrong."""
-    return image_from_bytes(read_regular(path, MAX_IMAGE_BYTES))
+    """Return the image in a file, from the cache if it has not changed.
+
+    Raises:
+        OSError, ImageError: it cannot be read, or its header is wrong. The message names the file.
+    """
+    status = path.stat()
+    key = (path, status.st_mtime_ns, status.st_size)
+    image = _images.get(key)
+    if image is None:
+        data = read_regular(path, MAX_IMAGE_BYTES)
+        with name_image_errors(str(path)):
+            image = image_from_bytes(data)
+        _images.put(key, image, len(data))
+    return image
 
 
 def material_of(choice: MaterialChoice, folder: Path) -> Material:
@@ -44,35 +56,35 @@ def material_of(choice: MaterialChoice, folder: Path) -> Material:
     )
 
 
-def with_material(root: Node, material: Material, texture_size: float, scale: float = 1.0) -> Node:
+def with_material(root: Node, material: Material | None, texture_size: float | None, scale: float = 1.0) -> Node:
     """Return a tree with another material on all triangles.
 
     Args:
         root: root of the tree.
-        material: the material.
-        texture_size: side of its texture in metres, on meshes without texture coordinates.
+        material: the material; None: those of the tree, so that equal models have equal meshes.
+        texture_size: side of a texture in metres: meshes without texture coordinates get some. None: they stay.
         scale: scale of the tree in the world.
     """
     parts = root.parts
     if parts is not None:
-        parts = tuple(each for part in parts for each in _textured(part, material, texture_size / scale))
+        size = None if texture_size is None else texture_size / scale
+        parts = tuple(each for part in parts for each in _textured(part, material, size))
     children = {name: with_material(child, material, texture_size, scale) for name, child in root.children.items()}
     node = Node(parts, root.matrix, children)
     node.visible, node.opacity = root.visible, root.opacity
     return node
 
 
-def _textured(part: Part, material: Material, texture_size: float) -> list[Part]:
+def _textured(part: Part, material: Material | None, texture_size: float | None) -> list[Part]:
     """Return the meshes of a part with the material; those without triangles keep theirs."""
     parts: list[Part] = []
     for mesh, old, X_part_mesh in meshes_of(part.shape, part.material):
-        X_node_mesh = part.X_node_part @ X_part_mesh
+        X = part.X_node_part @ X_part_mesh
         is_solid = mesh.topology is Topology.TRIANGLES
-        if is_solid and material.base_color_texture is not None and mesh.uv0 is None:
-            mesh = _box_mapped(mesh, tuple(np.linalg.norm(X_node_mesh[:3, :3], axis=0).tolist()), texture_size)
-        if X_node_mesh is not IDENTITY and part.X_node_part is IDENTITY and X_part_mesh is IDENTITY:
-            X_node_mesh = IDENTITY
-        parts.append(msgspec.structs.replace(part, shape=Surface(mesh), material=material if is_solid else old, X_node_part=X_node_mesh))
+        if is_solid and mesh.uv0 is None and texture_size is not None:
+            mesh = _box_mapped(mesh, tuple(np.linalg.norm(X[:3, :3], axis=0).tolist()), texture_size)
+        used = material if is_solid and material is not None else old
+        parts.append(msgspec.structs.replace(part, shape=Surface(mesh), material=used, X_node_part=X))
     return parts
 
 

@@ -13,7 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.assets.scene_file import AnimationTime, SceneFileError, Up
+from gateway.assets.scene_file import SceneFileError, Up
+from gateway.gltf import AnimationTime
 from gateway.robots.reader import read_robot
 from gateway.robots.robot import Robot
 from gateway.robots.scene_files import SceneOptions, read_scene
