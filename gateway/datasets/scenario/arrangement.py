@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Final
 
 import msgspec
@@ -32,7 +33,7 @@ class Candidate:
 
     table: tables.Model
     choice: ObjectChoice
-    """Its pose is the drawn rotation."""
+    """Its pose is the drawn rotation, or the first one of its track."""
     model: Model
 
     @property
@@ -41,8 +42,10 @@ class Candidate:
         return Solid(tuple(body * self.choice.scale for body in self.model.hulls(self.choice.joints)))
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Placed:
+    """An object with a place."""
+
     candidate: Candidate
     solid: Solid
     """In its own frame, scaled."""
@@ -50,8 +53,9 @@ class _Placed:
     surface: int | None
     """Index of the surface below; None: the object does not drop."""
 
-    @property
+    @cached_property
     def in_world(self) -> Solid:
+        """The object in the world."""
         return self.solid.moved(self.X_world_object)
 
 
@@ -90,13 +94,14 @@ class Arrangement:
             return
         others = [placed.in_world for placed in self._placed if not placed.candidate.table.pose_track]
         if table.position is not None:
-            others += [box for surface in self.surfaces for box in solids_of(surface)]
-            for _ in range(placement.tries):
+            is_fixed = not any(isinstance(each, tuple) for each in table.position)
+            for _ in range(1 if is_fixed else placement.tries):
                 X = translation(*(drawn(self.random, each) for each in table.position)) @ rotation
-                if all(are_apart(solid.moved(X), other, 0.0) for other in others):
+                moved = solid.moved(X)
+                if all(are_apart(moved, other, placement.gap) for other in others):
                     self._placed.append(_Placed(candidate, solid, X, None))
                     return
-            self._leave_out(candidate, f"has no free place at its position after {placement.tries} tries")
+            self._leave_out(candidate, "has no free place at its position")
             return
         indices = [k for k, surface in enumerate(self.scenario.surfaces) if table.on in ("", surface.name)]
         index = indices[int(self.random.integers(len(indices)))]
@@ -132,19 +137,18 @@ class Arrangement:
             static += [box for surface in self.surfaces for box in solids_of(surface)]
             seconds = self.scenario.placement.seconds
             poses = settle([(placed.solid, placed.X_world_object) for placed in dropping], static, seconds)
-            left_out = []
+            settled: dict[int, _Placed] = {}
             for placed, X in zip(dropping, poses, strict=True):
+                moved = placed if X is None else replace(placed, X_world_object=X)
                 if X is None:
                     self._leave_out(placed.candidate, f"is not at rest after {seconds:g} s")
-                    left_out.append(placed)
-                    continue
-                placed.X_world_object = X
-                if not self._is_on_surface(placed):
+                elif not self._is_on_surface(moved):
                     self._leave_out(placed.candidate, "has fallen off its surface")
-                    left_out.append(placed)
-            if not left_out:
+                else:
+                    settled[id(placed)] = moved
+            self._placed = [settled.get(id(p), p) for p in self._placed if p.surface is None or id(p) in settled]
+            if len(settled) == len(dropping):
                 return
-            self._placed = [placed for placed in self._placed if placed not in left_out]
         raise tables.ScenarioError("placement.physics: objects fall off or do not come to rest, however few are left")
 
     def _is_on_surface(self, placed: _Placed) -> bool:

@@ -26,6 +26,7 @@ from gateway.datasets.scenario.choices import (
 from gateway.datasets.scenario.models import Model
 from gateway.datasets.scenario.placement import rotation_of
 from gateway.datasets.scenario.scenery import lamp_direction
+from gateway.datasets.scenario.tracks import read_track
 from gateway.scene.transforms import translation
 
 _STREAMS: Final = ("surfaces", "models", "distractors", "places", "cameras", "lights", "background", "sensor")
@@ -69,10 +70,14 @@ class _Drawing:
         scenario = self._scenario
         surfaces = tuple(self._surface(index, table) for index, table in enumerate(scenario.surfaces))
         arrangement = Arrangement(scenario, surfaces, self._random("places"))
-        for kind, models in (("models", scenario.models), ("distractors", scenario.distractors)):
-            for index, table in enumerate(models):
-                for candidate in self._objects(kind, index, table, arrangement.notes):
-                    arrangement.add(candidate)
+        candidates = [
+            candidate
+            for kind, models in (("models", scenario.models), ("distractors", scenario.distractors))
+            for index, table in enumerate(models)
+            for candidate in self._objects(kind, index, table, arrangement.notes)
+        ]
+        for candidate in sorted(candidates, key=lambda each: each.table.position is None):  # the others give way
+            arrangement.add(candidate)
         arrangement.settle()
         boxes = arrangement.focus_boxes()
         cameras = [
@@ -131,12 +136,16 @@ class _Drawing:
             if model is None:
                 continue
             name = self._catalogue.model_names[file]
+            X = rotation_of(roll, pitch, yaw)
+            if table.pose_track:
+                start = 0.0 if self._scenario.frames is None else self._scenario.frames.start
+                X = read_track(self._catalogue.path.parent / table.pose_track, poses=True).pose_at(start)
             choice = ObjectChoice(
                 entry=(kind, index),
                 file=file,
                 model=name,
                 name=f"{name} {kind[0]}{index}.{k}",
-                X_world_object=rows_of(rotation_of(roll, pitch, yaw)),
+                X_world_object=rows_of(X),
                 scale=scale,
                 joints=_joints(random, table, model),
                 material=material,

@@ -14,7 +14,7 @@ from gateway.scene.transforms import from_pose, quaternions_of
 from renderers.stop import check_stop
 
 TIMESTEP: Final = 0.002
-MARGIN: Final = 0.001
+MARGIN: Final = 0.0002
 """Distance at which contacts begin to push, metres. Contacts are soft: without it, objects would sink in by that."""
 STIFFNESS: Final = (0.005, 1.0)
 """MuJoCo's ``solref``: time constant in seconds, at least two steps, and damping ratio."""
@@ -22,12 +22,13 @@ FRICTION: Final = (0.8, 0.02, 0.005)
 """Sliding, torsional and rolling friction. With the last one, balls come to rest."""
 MIN_THICKNESS: Final = 0.001
 """Thickness to which flat bodies are raised, metres: MuJoCo makes no hull of points in a plane."""
-CHECK_STEPS: Final = 50
-"""Steps between two checks."""
-REST_CHECKS: Final = 4
+CHECK_STEPS: Final = 100
+"""Steps between two checks, 0.2 s."""
+REST_CHECKS: Final = 2
 """Consecutive checks in which an object must have been at rest."""
-REST_SPEED: Final = (0.002, 0.02)
-"""Speeds at rest: metres and radians per second."""
+REST_MOTION: Final = (2e-4, 2e-3)
+"""Motion between two checks of an object at rest: metres, and difference of the unit quaternions. Speeds do not tell:
+objects on several others tremble about their places."""
 
 
 def settle(
@@ -54,23 +55,26 @@ def settle(
     except (ValueError, mujoco.FatalError) as error:
         raise ScenarioError(f"placement.physics: MuJoCo cannot simulate the objects: {error}") from None
     data = mujoco.MjData(model)
-    resting = np.zeros(len(objects), np.int64)
+    resting, last = np.zeros(len(objects), np.int64), data.qpos.reshape(-1, 7).copy()
     for _ in range(max(1, round(seconds / TIMESTEP / CHECK_STEPS))):
         check_stop()
         mujoco.mj_step(model, data, CHECK_STEPS)
-        speeds = np.abs(data.qvel.reshape(-1, 6))
-        at_rest = (speeds[:, :3] < REST_SPEED[0]).all(axis=1) & (speeds[:, 3:] < REST_SPEED[1]).all(axis=1)
-        resting = np.where(at_rest, resting + 1, 0)
+        poses = data.qpos.reshape(-1, 7).copy()
+        motion = np.abs(poses - last)
+        at_rest = (motion[:, :3] < REST_MOTION[0]).all(axis=1) & (motion[:, 3:] < REST_MOTION[1]).all(axis=1)
+        resting, last = np.where(at_rest, resting + 1, 0), poses
         if (resting >= REST_CHECKS).all():
             break
-    poses = [from_pose(qpos[:3], qpos[3:]) for qpos in data.qpos.reshape(-1, 7).tolist()]
-    return [X if count and np.isfinite(X).all() else None for X, count in zip(poses, resting, strict=True)]
+    matrices = [from_pose(qpos[:3], qpos[3:]) for qpos in last.tolist()]
+    return [X if count and np.isfinite(X).all() else None for X, count in zip(matrices, resting, strict=True)]
 
 
 def _model(mujoco: Any, objects: list[tuple[Solid, NDArray[np.float64]]], obstacles: list[Solid]) -> Any:
     """Return the compiled model: a body with a free joint for each object."""
     spec = mujoco.MjSpec()
     spec.option.timestep = TIMESTEP
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC  # objects creep less than with pyramidal friction
+    spec.option.impratio = 10.0
     for index, obstacle in enumerate(obstacles):
         _add_hulls(mujoco, spec, spec.worldbody, obstacle, f"obstacle {index}")
     for index, (solid, X) in enumerate(objects):

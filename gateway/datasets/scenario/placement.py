@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -20,21 +21,21 @@ _ITERATIONS: Final = 100
 """Maximum number of steps for a pair of bodies. Pairs that are a tenth of their size apart need fewer than 10."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Solid:
     """An object or a part of a surface in the world."""
 
     bodies: tuple[Points, ...]
 
-    @property
+    @cached_property
+    def boxes(self) -> NDArray[np.float64]:
+        """Lowest and highest corner of each body, (N, 2, 3) float64, metres."""
+        return np.array([(body.min(axis=0), body.max(axis=0)) for body in self.bodies])
+
+    @cached_property
     def box(self) -> NDArray[np.float64]:
-        """(2, 3) float64, lowest and highest corner, metres."""
-        return np.array(
-            (
-                np.min([body.min(axis=0) for body in self.bodies], axis=0),
-                np.max([body.max(axis=0) for body in self.bodies], axis=0),
-            )
-        )
+        """Lowest and highest corner of all bodies, (2, 3) float64, metres."""
+        return np.array((self.boxes[:, 0].min(axis=0), self.boxes[:, 1].max(axis=0)))
 
     def moved(self, X: NDArray[np.float64], scale: float = 1.0) -> Solid:
         """Return the solid scaled, and then moved by a rigid transform."""
@@ -53,12 +54,10 @@ def are_apart(a: Solid, b: Solid, gap: float) -> bool:
     if _boxes_apart(a.box, b.box, gap):
         return True
     return all(
-        _boxes_apart(_box(p), _box(q), gap) or _bodies_apart(p, q, gap) for p in a.bodies for q in b.bodies
+        _boxes_apart(p_box, q_box, gap) or _bodies_apart(p, q, gap)
+        for p, p_box in zip(a.bodies, a.boxes, strict=True)
+        for q, q_box in zip(b.bodies, b.boxes, strict=True)
     )
-
-
-def _box(points: Points) -> NDArray[np.float64]:
-    return np.array((points.min(axis=0), points.max(axis=0)))
 
 
 def _boxes_apart(a: NDArray[np.float64], b: NDArray[np.float64], gap: float) -> bool:
@@ -125,12 +124,15 @@ def place_on(
     if (free < 0.0).any():
         return None
     turned = solid.moved(X_world_surface @ X_surface_object)
+    box_at_origin = turned.box - X_world_surface[:3, 3]
     for _ in range(tries):
         corner = random.random(2) * free - 0.5 * np.array(area)
         X_surface_object[:3, 3] = (corner[0] - low[0], corner[1] - low[1], -low[2])
         X_world_object = X_world_surface @ X_surface_object
+        box = box_at_origin + X_world_object[:3, 3]
+        near = [other for other in others if not _boxes_apart(box, other.box, gap)]
         step = X_world_object[:3, 3] - X_world_surface[:3, 3]
-        placed = Solid(tuple(body + step for body in turned.bodies))
-        if all(are_apart(placed, other, gap) for other in others):
+        placed = Solid(tuple(body + step for body in turned.bodies)) if near else turned
+        if all(are_apart(placed, other, gap) for other in near):
             return X_world_object
     return None
