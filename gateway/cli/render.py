@@ -27,7 +27,8 @@ def render(
             metavar="SCENES...",
             exists=True,
             help="glTF files, mesh files (.obj, .stl, .ply, .dae, .vtk), robot files (.urdf, .sdf, .xml, .xacro), tree "
-            "viewer requests (.json), recorded render requests (.multipart), scenarios (.toml), or folders of such files.",
+            "viewer requests (.json), recorded render requests (.multipart), scenarios (.toml), or folders of such "
+            "files.",
         ),
     ],
     out: Annotated[
@@ -71,7 +72,9 @@ def render(
     ] = 45.0,
     numbers: Annotated[
         str,
-        typer.Option("--scenes", metavar="NUMBERS", help="Scenes of a scenario: one number, or FIRST-LAST. Default: all."),
+        typer.Option(
+            "--scenes", metavar="NUMBERS", help="Scenes of a scenario: one number, or FIRST-LAST. Default: all."
+        ),
     ] = "",
     recorded: Annotated[
         Path | None,

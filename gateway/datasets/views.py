@@ -81,8 +81,8 @@ class View:
 
     name: str
     pose: str | Matrix | OrbitCamera | SceneCamera | None
-    """Camera text, X_world_camera of the optical frame, position on an orbit, or camera of the scene; None: the scene file's first camera,
-    or ``fit`` if it has none."""
+    """Camera text, X_world_camera of the optical frame, position on an orbit, or camera of the scene; None: the scene
+    file's first camera, or ``fit`` if it has none."""
     intrinsics: Intrinsics = field(default=Intrinsics())
 
     def __post_init__(self) -> None:

@@ -28,9 +28,7 @@ class AnimationTime:
     """Time since the start of the animation, which is repeated after its end."""
 
 
-def pose_nodes(
-    document: schema.Document, accessors: Accessors, time: AnimationTime, warnings: list[str]
-) -> None:
+def pose_nodes(document: schema.Document, accessors: Accessors, time: AnimationTime, warnings: list[str]) -> None:
     """Replace the properties of nodes that an animation changes. An invalid channel is ignored with a warning.
 
     Raises:
@@ -61,7 +59,9 @@ def pose_nodes(
             value = _sample(sampler, times, seconds, name, accessors, path)
             assert document.nodes is None or channel.target.node is not None
             node = checked_item(document.nodes, channel.target.node, "nodes", f"{path}.target.node")
-            posed: dict[str, Any] = {name: value.tolist()} if name == "weights" else {name: value.tolist(), "matrix": None}
+            posed: dict[str, Any] = (
+                {name: value.tolist()} if name == "weights" else {name: value.tolist(), "matrix": None}
+            )
             assert document.nodes is not None
             assert channel.target.node is not None
             document.nodes[channel.target.node] = msgspec.structs.replace(node, **posed)
@@ -72,7 +72,7 @@ def _index_of(document: schema.Document, animation: str | int) -> int:
     if isinstance(animation, int) and animation < len(names):
         return animation
     if animation in names:
-        return names.index(animation)  # type: ignore[arg-type]  # a text, as names are
+        return names.index(animation)
     known = ", ".join(str(index if name is None else name) for index, name in enumerate(names)) or "none"
     raise GltfError(f"animations: there is no {animation!r}; there are: {known}")
 
@@ -102,7 +102,8 @@ def _sample(
     interval = float(times[last] - times[first])
     t = min(max((seconds - float(times[first])) / interval, 0.0), 1.0) if interval > 0.0 else 0.0
     column = 1 if is_cubic else 0
-    begin, end = values[first, column], values[last, column]
+    begin: NDArray[np.float64] = values[first, column]
+    end: NDArray[np.float64] = values[last, column]
     if sampler.interpolation == "STEP":
         return end if t == 1.0 else begin
     if is_cubic:

@@ -19,7 +19,7 @@ class Choice(msgspec.Struct, frozen=True, omit_defaults=True):
     """Base of the choices. Values are as in the structs of ``file``, unless a docstring differs."""
 
 
-class MaterialChoice(Choice, kw_only=True):
+class MaterialChoice(Choice, frozen=True, kw_only=True):
     texture: str = ""
     texture_size: float
     color: Vector
@@ -28,7 +28,7 @@ class MaterialChoice(Choice, kw_only=True):
     roughness: float
 
 
-class SurfaceChoice(Choice, kw_only=True):
+class SurfaceChoice(Choice, frozen=True, kw_only=True):
     kind: str
     size: tuple[float, float]
     X_world_surface: Rows
@@ -36,7 +36,7 @@ class SurfaceChoice(Choice, kw_only=True):
     material: MaterialChoice
 
 
-class ObjectChoice(Choice, kw_only=True):
+class ObjectChoice(Choice, frozen=True, kw_only=True):
     entry: tuple[str, int]
     """Table of the scenario: ``models`` or ``distractors``, and its index."""
     file: str
@@ -52,20 +52,20 @@ class ObjectChoice(Choice, kw_only=True):
     """None: the materials of the file."""
 
 
-class CameraChoice(Choice, kw_only=True):
+class CameraChoice(Choice, frozen=True, kw_only=True):
     fovy: float
     X_world_camera: tuple[Rows, ...]
     """Pose of the optical frame in each frame; a single one for all of them."""
 
 
-class LampChoice(Choice, kw_only=True):
+class LampChoice(Choice, frozen=True, kw_only=True):
     direction: Vector
     """Unit vector in which it shines."""
     intensity: float
     color: Vector
 
 
-class LightChoice(Choice, kw_only=True):
+class LightChoice(Choice, frozen=True, kw_only=True):
     rig: str = ""
     environment: str = ""
     turn: float
@@ -74,20 +74,20 @@ class LightChoice(Choice, kw_only=True):
     lamps: tuple[LampChoice, ...] = ()
 
 
-class BackgroundChoice(Choice, kw_only=True):
+class BackgroundChoice(Choice, frozen=True, kw_only=True):
     image: str = ""
     color: tuple[int, int, int] | None = None
     """0 to 255."""
 
 
-class SensorChoice(Choice, kw_only=True):
+class SensorChoice(Choice, frozen=True, kw_only=True):
     blur: float
     vignetting: bool
     exposure: float
     gain: float
 
 
-class SceneChoices(Choice, kw_only=True):
+class SceneChoices(Choice, frozen=True, kw_only=True):
     seed: int
     number: int
     surfaces: tuple[SurfaceChoice, ...]
@@ -103,4 +103,4 @@ class SceneChoices(Choice, kw_only=True):
 def rows_of(X: NDArray[np.float64]) -> Rows:
     """Return a 4 x 4 matrix as rows."""
     a, b, c, d = (tuple(row) for row in X.tolist())
-    return a, b, c, d  # type: ignore[return-value]  # rows of four
+    return a, b, c, d

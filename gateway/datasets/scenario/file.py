@@ -61,7 +61,7 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
     """Base of the file's tables."""
 
 
-class Materials(Table):
+class Materials(Table, frozen=True):
     """Materials that replace those of models, or that surfaces have."""
 
     share: Unit = 1.0
@@ -76,7 +76,7 @@ class Materials(Table):
     roughness: UnitRange = 0.8
 
 
-class Model(Table):
+class Model(Table, frozen=True):
     """Models, and how objects are made of them."""
 
     path: str
@@ -104,7 +104,7 @@ class Model(Table):
     """CSV file of poses in the world over time, in place of a place: ``time,x,y,z,qw,qx,qy,qz``."""
 
 
-class Surface(Table):
+class Surface(Table, frozen=True):
     """A surface on which objects are placed."""
 
     kind: Literal["floor", "table"] = "floor"
@@ -122,7 +122,7 @@ class Surface(Table):
     material: Materials = Materials()
 
 
-class Placement(Table):
+class Placement(Table, frozen=True):
     """How objects find their places."""
 
     gap: Annotated[float, Meta(ge=0, le=10)] = 0.005
@@ -135,7 +135,7 @@ class Placement(Table):
     """Maximum simulated time."""
 
 
-class Shell(Table, tag_field="kind", tag="shell"):
+class Shell(Table, frozen=True, tag_field="kind", tag="shell"):
     """Cameras around the objects."""
 
     count: Annotated[int, Meta(ge=1, le=1000)] = 1
@@ -152,7 +152,7 @@ class Shell(Table, tag_field="kind", tag="shell"):
     """Vertical field of view, degrees."""
 
 
-class Handheld(Shell, tag_field="kind", tag="handheld"):
+class Handheld(Shell, frozen=True, tag_field="kind", tag="handheld"):
     """Cameras that move on smooth paths over the frames, through points that are drawn like those of a shell."""
 
     waypoints: Annotated[int, Meta(ge=2, le=100)] = 4
@@ -162,7 +162,7 @@ class Handheld(Shell, tag_field="kind", tag="handheld"):
     """Amplitude of the hand's shaking, metres."""
 
 
-class Fixed(Table, tag_field="kind", tag="fixed"):
+class Fixed(Table, frozen=True, tag_field="kind", tag="fixed"):
     """A camera at a place."""
 
     eye: tuple[Metres, Metres, Metres]
@@ -171,7 +171,7 @@ class Fixed(Table, tag_field="kind", tag="fixed"):
     fovy: FovyRange = 45.0
 
 
-class Lamp(Table):
+class Lamp(Table, frozen=True):
     """A directional light with shadows."""
 
     azimuth: DegreesRange = (-180.0, 180.0)
@@ -181,7 +181,7 @@ class Lamp(Table):
     color: ColorRange = ((1.0, 1.0, 1.0),)
 
 
-class Lights(Table):
+class Lights(Table, frozen=True):
     """Lights of the look ``studio``."""
 
     rigs: str = ""
@@ -196,7 +196,7 @@ class Lights(Table):
     """Replace the lights of the rig, if there are any."""
 
 
-class Backgrounds(Table):
+class Backgrounds(Table, frozen=True):
     """What is seen behind the scene."""
 
     images: str = ""
@@ -205,7 +205,7 @@ class Backgrounds(Table):
     """None: that of ``--background``."""
 
 
-class Sensor(Table):
+class Sensor(Table, frozen=True):
     """Lens and noise of the camera, as those of the stereo camera."""
 
     blur: _Blur | Annotated[tuple[_Blur, ...], _PAIR] = 0.0
@@ -217,7 +217,7 @@ class Sensor(Table):
     """Of the noise, dB; the brightness stays."""
 
 
-class FrameRange(Table):
+class FrameRange(Table, frozen=True):
     """Frames of a moving scene: each camera renders each of them."""
 
     count: Frames
@@ -227,7 +227,7 @@ class FrameRange(Table):
     """Time of the first frame, seconds."""
 
 
-class Scenario(Table):
+class Scenario(Table, frozen=True):
     """Content of a scenario file."""
 
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0

@@ -109,7 +109,9 @@ def hulls_of(root: Node) -> tuple[Points, ...]:
     for instance in flatten(root).instances:
         used, _ = used_vertices(instance.mesh.elements, len(instance.mesh.positions))
         points = np.unique(instance.mesh.positions[used].astype(np.float64), axis=0)
-        points = points[np.isfinite(points).all(axis=1)] @ instance.X_world_mesh[:3, :3].T + instance.X_world_mesh[:3, 3]
+        points = (
+            points[np.isfinite(points).all(axis=1)] @ instance.X_world_mesh[:3, :3].T + instance.X_world_mesh[:3, 3]
+        )
         if len(points):
             bodies.append(points)
     return tuple(bodies) if len(bodies) <= MAX_HULLS else (np.concatenate(bodies),)

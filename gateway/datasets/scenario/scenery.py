@@ -123,9 +123,7 @@ def _rig_of(light: LightChoice, folder: Path) -> Rig:
         )
         for lamp in light.lamps
     )
-    return replace(
-        rig, lights=lamps or rig.lights, surroundings=surroundings, exposure=rig.exposure * light.intensity
-    )
+    return replace(rig, lights=lamps or rig.lights, surroundings=surroundings, exposure=rig.exposure * light.intensity)
 
 
 @lru_cache(_CACHED_RIGS)
