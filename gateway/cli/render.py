@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import msgspec
 import typer
+from msgspec.structs import replace
 
 from gateway.cli.robot_options import GltfUp, Joints, Keyframe, Roots, Strict
+
+if TYPE_CHECKING:
+    from gateway.datasets.classes import ClassTable
+    from gateway.datasets.sources import Source
+    from scenegate.datasets.manifest import ImageType, Settings
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 """Suffixes of OUT that mean one image."""
 UNSUPPORTED_SUFFIXES = (".bmp", ".exr", ".gif", ".npy", ".npz", ".webp")
 """Suffixes of OUT that are rejected: the user meant an image, and would get a folder of that name."""
 
-ImageType = Literal["color", "depth", "label"]
-TYPES: tuple[ImageType, ...] = ("color", "depth", "label")
 SAMPLES = (0, 1, 4, 8)
 
 
@@ -38,8 +41,28 @@ def render(
         ),
     ],
     types: Annotated[
-        str, typer.Option("--type", metavar="TYPES", help="Types of images, separated by commas: color, depth, label.")
+        str,
+        typer.Option(
+            "--type",
+            metavar="TYPES",
+            help="Types of images, separated by commas: color, depth, label, normal, albedo; for datasets instance, "
+            "class, amodal (each of these three adds poses, boxes and visibility of all objects), flow, stereo.",
+        ),
     ] = "color",
+    classes: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            exists=True,
+            dir_okay=False,
+            help="TOML or JSON file with classes of objects: patterns of models, paths and scenes. Default: a "
+            "class for each model.",
+        ),
+    ] = None,
+    baseline: Annotated[
+        float,
+        typer.Option(min=0.0, max=100.0, metavar="METRES", help="Distance of the right camera, for stereo images."),
+    ] = 0.0,
     width: Annotated[int, typer.Option(min=1, max=16384, help="Image width in pixels.")] = 640,
     height: Annotated[int, typer.Option(min=1, max=16384, help="Image height in pixels.")] = 480,
     camera: Annotated[
@@ -158,6 +181,8 @@ def render(
         raise ValueError(f"{out}: images are written as {', '.join(IMAGE_SUFFIXES)}; or name a folder with -o")
     if single and (len(scenes) != 1 or scenes[0].is_dir() or len(image_types) != 1 or cameras is not None):
         raise ValueError(f"{out} is one image: for more scenes, types or cameras name a folder with -o")
+    if ("stereo" in image_types) != (baseline > 0.0):
+        raise ValueError("stereo images need --baseline METRES, and nothing else does")
     if rig is not None and look not in ("auto", "studio"):
         typer.echo(f"--rig lights the studio look only: --look {look} is rendered without it", err=True)
     from gateway.runtime.kernels.loading import ensure_compiled
@@ -198,6 +223,7 @@ def render(
         keyframe=keyframe,
         robot_gltf_up=robot_gltf_up,
         strict=strict,
+        baseline=baseline,
     )
     views = (
         *(View(f"camera-{index:03d}", text) for index, text in enumerate(camera or ())),
@@ -209,8 +235,8 @@ def render(
         return
     file = CameraFile() if cameras is None else read_camera_file(cameras)
     sources, file, digest = find_scenes(scenes, file, _parse_numbers(numbers), recorded, out.absolute(), bool(views))
-    settings = msgspec.structs.replace(settings, scenario_sha256=digest)
-    job = make_job(sources, views, file, settings, out.absolute(), timeout)
+    class_table, settings = _parse_classes(classes, sources, replace(settings, scenario_sha256=digest))
+    job = make_job(sources, views, file, settings, out.absolute(), timeout, class_table)
     if not render_dataset(job, cores, ray):
         raise typer.Exit(1)
 
@@ -226,11 +252,30 @@ def _parse_numbers(text: str) -> range | None:
 
 
 def _parse_types(text: str) -> tuple[ImageType, ...]:
-    """Return the types in ``color,depth``, in the order of ``TYPES``."""
+    """Return the types in ``color,depth``, in the order of ``IMAGE_TYPES``."""
+    from scenegate.datasets.manifest import IMAGE_TYPES
+
     wanted = {part.strip() for part in text.split(",") if part.strip()}
-    if not wanted or not wanted <= {*TYPES}:
-        raise ValueError(f"--type {text!r}: must be color, depth or label, or several of them separated by commas")
-    return tuple(name for name in TYPES if name in wanted)
+    if not wanted or not wanted <= {*IMAGE_TYPES}:
+        raise ValueError(f"--type {text[:80]!r}: must be some of {', '.join(IMAGE_TYPES)}, separated by commas")
+    return tuple(name for name in IMAGE_TYPES if name in wanted)
+
+
+def _parse_classes(path: Path | None, sources: tuple[Source, ...], settings: Settings) -> tuple[ClassTable, Settings]:
+    """Return the classes of a dataset, and its settings with the digest of their file."""
+    from gateway.datasets.classes import NO_CLASSES, classes_of_models, read_classes
+    from gateway.datasets.scenes import load_options, model_names
+    from scenegate.datasets.manifest import ANNOTATED_TYPES
+
+    if not {*ANNOTATED_TYPES} & {*settings.types}:
+        if path is not None:
+            raise ValueError(f"--classes needs one of {', '.join(ANNOTATED_TYPES)} in --type")
+        return NO_CLASSES, settings
+    if path is not None:
+        table, digest = read_classes(path)
+        return table, replace(settings, classes_sha256=digest)
+    options = load_options(settings)
+    return classes_of_models(name for source in sources for name in model_names(source, options)), settings
 
 
 def _parse_color(text: str) -> tuple[int, int, int]:

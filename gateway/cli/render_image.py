@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from gateway.datasets.rendering import IMAGE_FORMATS, ignored_rig, render_images, style_of
+from gateway.datasets.rendering import IMAGE_FORMATS, OUTPUTS, ignored_rig, render_images, style_of
 from gateway.datasets.scenes import SceneError, load_options, load_scene
 from gateway.datasets.sources import SourceKind, find_sources
 from gateway.datasets.views import View, camera_of
@@ -36,6 +36,8 @@ def _render_image(path: Path, out: Path, settings: Settings, views: tuple[View, 
     if len(views) > 1:
         raise ValueError(f"{out} is one image: for more cameras name a folder with -o")
     (image_type,) = settings.types
+    if image_type not in (*OUTPUTS, "albedo"):
+        raise ValueError(f"--type {image_type} is for datasets; name a folder with -o")
     suffix = out.suffix[1:].lower()
     if suffix not in IMAGE_FORMATS[image_type]:
         allowed = " or ".join(f".{name}" for name in IMAGE_FORMATS[image_type])

@@ -18,12 +18,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.datasets.check_objects import object_problems
 from gateway.datasets.files import TEMPORARY_SUFFIX
 from gateway.datasets.scenes import scene_digest
 from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST_VIEW_NAME
 from renderers.stop import check_stop
 from scenegate.datasets import dataset, manifest
-from scenegate.datasets.manifest import CameraRecord, FailureRecord, ImageFile, ImageType, RecordError, SampleRecord
+from scenegate.datasets.manifest import (
+    CameraRecord,
+    FailureRecord,
+    ImageFile,
+    ImageType,
+    Masks,
+    RecordError,
+    SampleRecord,
+)
 from scenegate.regular_files import open_regular, read_regular, sha256_of
 
 BATCH_SAMPLES_PER_THREAD: Final = 16
@@ -31,6 +40,10 @@ BATCH_SAMPLES_PER_THREAD: Final = 16
 CACHED_SCENES: Final = 8
 """Number of scene descriptions in memory. Few are needed, because samples are ordered by scene. One may have a million
 paths."""
+
+
+CACHED_MODELS: Final = 10_000
+"""Number of models whose hashes are in memory. Scenes share models."""
 
 
 @dataclass(slots=True)
@@ -106,7 +119,12 @@ def _check_samples(
 
     @lru_cache(CACHED_SCENES)
     def cached_scene(name: str) -> manifest.SceneRecord | None:
-        return _read_scene(folder, name, report)
+        return _read_scene(folder, name, model_digest, report)
+
+    @lru_cache(CACHED_MODELS)
+    def model_digest(path: str) -> str | None:
+        is_inside = PurePosixPath(path).parts[:-1] == (manifest.MODELS_FOLDER,)
+        return sha256_of(folder / path, check_stop) if is_inside else None
 
     def problems_of(sample: SampleRecord, scene: manifest.SceneRecord | None) -> list[str]:
         return list(_sample_problems(folder, sample, description, scene))
@@ -129,8 +147,17 @@ def _check_samples(
     _note_unknown_files(folder, path_hashes, report)
 
 
-def _read_scene(folder: Path, name: str, report: Report) -> manifest.SceneRecord | None:
-    """Return the description of a scene, or None if it cannot be read. Add its errors to the report."""
+def _read_scene(
+    folder: Path, name: str, model_digest: Callable[[str], str | None], report: Report
+) -> manifest.SceneRecord | None:
+    """Return the description of a scene, or None if it cannot be read. Add its errors to the report.
+
+    Args:
+        folder: the dataset.
+        name: name of the scene.
+        model_digest: returns the SHA-256 of the file of a model; None if there is none.
+        report: gets the errors.
+    """
     try:
         scene = manifest.read_file(folder / manifest.SCENES_FOLDER / name / manifest.SCENE_FILE, manifest.SceneRecord)
     except RecordError as error:
@@ -140,6 +167,11 @@ def _read_scene(folder: Path, name: str, report: Report) -> manifest.SceneRecord
         report.problems.append(f"{name}: its {manifest.SCENE_FILE} is that of {scene.scene}")
     if scene.sha256 != scene_digest(scene.sources):
         report.problems.append(f"{name}: the hash in {manifest.SCENE_FILE} does not follow from those of its sources")
+    for model in dict.fromkeys(scene.models.values()):
+        if model_digest(model.path) != model.sha256:
+            report.problems.append(
+                f"{name}: {model.path}: missing, or its SHA-256 is not that of {manifest.SCENE_FILE}"
+            )
     report.scenes += 1
     return scene
 
@@ -155,12 +187,21 @@ def _sample_problems(
     yield from _camera_problems(sample.camera)
     is_request = sample.view == REQUEST_VIEW_NAME
     for image_type in description.settings.types:
-        if image_type not in sample.images and not is_request:
+        if image_type not in sample.images and not is_request and image_type != "flow":  # the last view has none
             yield f"the {image_type} image is missing in the manifest"
+    pixels: dict[ImageType, NDArray[Any]] = {}
+    masks: Masks | None = None
     for image_type, image in sample.images.items():
-        problem = _image_problem(folder, image_type, image, sample.camera, scene)
-        if problem:
-            yield f"{image.path}: {problem}"
+        try:
+            data = _read_image(folder, image)
+            if image_type == "amodal":
+                masks = _decoded_masks(data, sample.camera)
+            else:
+                pixels[image_type] = _decoded(image_type, data, sample.camera)
+                _check_values(image_type, pixels[image_type], scene)
+        except RecordError as error:
+            yield f"{image.path}: {error}"
+    yield from object_problems(sample, description.classes, scene, pixels, masks)
 
 
 def _camera_problems(camera: CameraRecord) -> Iterator[str]:
@@ -183,41 +224,67 @@ _PIXEL_FORMATS: Final[dict[ImageType, tuple[tuple[str, int], ...]]] = {
     "color": (("uint8", 3),),
     "depth": (("float32", 1), ("uint16", 1)),
     "label": (("uint8", 3),),
+    "instance": (("uint16", 1),),
+    "class": (("uint16", 1),),
+    "normal": (("uint8", 3),),
+    "albedo": (("uint8", 3),),
+    "flow": (("float32", 2),),
+    "stereo": (("uint8", 3),),
 }
 """Allowed data types and numbers of channels of each type of image."""
 
 
-def _image_problem(
-    folder: Path, image_type: ImageType, image: ImageFile, camera: CameraRecord, scene: manifest.SceneRecord | None
-) -> str:
-    """Return the first error of an image, or an empty text."""
+def _read_image(folder: Path, image: ImageFile) -> bytes:
+    """Return the content of an image file; raises RecordError if it is not that of the manifest."""
     path = folder / image.path
     if PurePosixPath(image.path).is_absolute() or ".." in PurePosixPath(image.path).parts:
-        return "lies outside of the dataset"
+        raise RecordError("lies outside of the dataset")
     digest = sha256_of(path, check_stop)
     if digest is None:
-        return "missing, or not a regular file that can be read"
+        raise RecordError("missing, or not a regular file that can be read")
     if digest != image.sha256:
         size = path.stat().st_size
-        return f"changed: its SHA-256 is not that of the manifest ({size} bytes, {image.bytes} there)"
-    data = np.frombuffer(read_regular(path), np.uint8)
-    pixels: NDArray[Any] | None = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+        raise RecordError(f"changed: its SHA-256 is not that of the manifest ({size} bytes, {image.bytes} there)")
+    return read_regular(path)
+
+
+def _decoded(image_type: ImageType, data: bytes, camera: CameraRecord) -> NDArray[Any]:
+    """Return the pixels of an image, channels as BGR; raises RecordError if they are not of the type or the camera."""
+    if image_type == "flow":
+        pixels: NDArray[Any] | None = dataset.decode_flow(data, "")
+    else:
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
     if pixels is None:
-        return "not an image that can be read"
+        raise RecordError("not an image that can be read")
     data_type, channels = pixels.dtype.name, 1 if pixels.ndim == 2 else pixels.shape[2]
     if (data_type, channels) not in _PIXEL_FORMATS[image_type]:
-        return f"a {image_type} image with {channels} channels of {data_type}"
-    if pixels.shape[:2] != (camera.height, camera.width):
-        return f"{pixels.shape[1]}x{pixels.shape[0]} pixels, the camera has {camera.width}x{camera.height}"
-    if image_type == "depth" and data_type == "float32" and (np.isnan(pixels).any() or (pixels < 0.0).any()):
-        return "depth that is negative or not a number"
+        raise RecordError(f"a {image_type} image with {channels} channels of {data_type}")
+    _check_size(pixels.shape[0], pixels.shape[1], camera)
+    return pixels
+
+
+def _decoded_masks(data: bytes, camera: CameraRecord) -> Masks:
+    """Return the silhouettes in a file; raises RecordError if they are invalid or not of the camera's size."""
+    masks = manifest.decode_masks(data, "silhouettes")
+    _check_size(*masks.size, camera)
+    return masks
+
+
+def _check_size(height: int, width: int, camera: CameraRecord) -> None:
+    if (height, width) != (camera.height, camera.width):
+        raise RecordError(f"{width}x{height} pixels, the camera has {camera.width}x{camera.height}")
+
+
+def _check_values(image_type: ImageType, pixels: NDArray[Any], scene: manifest.SceneRecord | None) -> None:
+    """Raise RecordError for values that an image cannot have."""
+    if image_type == "depth" and pixels.dtype == np.float32 and (np.isnan(pixels).any() or (pixels < 0.0).any()):
+        raise RecordError("depth that is negative or not a number")
     if image_type == "label" and scene is not None and scene.labels:
         bgr = pixels.astype(np.uint32)
         labels = np.unique(bgr[..., 2] | bgr[..., 1] << 8 | bgr[..., 0] << 16)
         unknown = [label for label in labels.tolist() if label != dataset.NO_LABEL and str(label) not in scene.labels]
         if unknown:
-            return f"labels that {manifest.SCENE_FILE} does not know: {', '.join(map(str, unknown[:5]))}"
-    return ""
+            raise RecordError(f"labels that {manifest.SCENE_FILE} does not know: {', '.join(map(str, unknown[:5]))}")
 
 
 def _note_unknown_files(folder: Path, path_hashes: set[int], report: Report) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway.datasets.camera_file import CameraFile
+from gateway.datasets.classes import NO_CLASSES, ClassTable
 from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import REQUEST_VIEW_NAME, View
 from scenegate.datasets.manifest import FailureRecord, SampleRecord, Settings
@@ -19,6 +20,11 @@ VIEWS_PER_TASK: Final = 16
 the whole task is repeated."""
 
 _REQUEST_VIEWS: Final = (View(REQUEST_VIEW_NAME, None),)
+
+
+def view_description(view: View, next_view: View | None) -> str:
+    """Return ``SampleRecord.view_description`` of a view, and of the view after it if the sample depends on it."""
+    return view.description if next_view is None else f"{view.description}; then {next_view.description}"
 
 
 class JobError(ValueError):
@@ -33,6 +39,13 @@ class PlannedSample:
     """Index among all samples of the job, in the order of the manifest."""
     source: Source
     view: View
+    next_view: View | None = None
+    """View after this one, if the sample depends on it."""
+
+    @property
+    def description(self) -> str:
+        """Value of ``SampleRecord.view_description``."""
+        return view_description(self.view, self.next_view)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +63,8 @@ class Job:
     """Folder of the dataset."""
     timeout: float = 0.0
     """Maximum time for reading a scene, and for rendering each view, in seconds; 0: no limit."""
+    classes: ClassTable = NO_CLASSES
+    """Classes of objects; none without annotations."""
 
     def views_of(self, source: Source) -> tuple[View, ...]:
         """Return the views of a scene."""
@@ -70,7 +85,13 @@ class Job:
         first_number, source = self._first_numbers[scene]
         views = self.views_of(source)
         index = self._view_indices[id(views)].get(view_name)
-        return None if index is None else PlannedSample(first_number + index, source, views[index])
+        if index is None:
+            return None
+        return PlannedSample(first_number + index, source, views[index], self._next_view(views, index))
+
+    def _next_view(self, views: tuple[View, ...], index: int) -> View | None:
+        """Return the view after a view, if samples depend on it and there is one."""
+        return views[index + 1] if "flow" in self.settings.types and index + 1 < len(views) else None
 
     def tasks(self, is_done: Callable[[int], bool], renderer_digest: str) -> list[Task]:
         """Return tasks for the samples that do not exist yet, in the order of the scenes.
@@ -83,10 +104,22 @@ class Job:
         for first_number, source in self._first_numbers.values():
             if source.problem:
                 continue
-            missing = [view for k, view in enumerate(self.views_of(source), first_number) if not is_done(k)]
+            views = self.views_of(source)
+            missing = [k for k in range(len(views)) if not is_done(first_number + k)]
             for k in range(0, len(missing), VIEWS_PER_TASK):
-                views = tuple(missing[k : k + VIEWS_PER_TASK])
-                tasks.append(Task(source, views, str(self.out), self.settings, renderer_digest, timeout=self.timeout))
+                indices = missing[k : k + VIEWS_PER_TASK]
+                tasks.append(
+                    Task(
+                        source,
+                        tuple(views[index] for index in indices),
+                        str(self.out),
+                        self.settings,
+                        renderer_digest,
+                        timeout=self.timeout,
+                        next_views=tuple(self._next_view(views, index) for index in indices),
+                        classes=self.classes,
+                    )
+                )
         return tasks
 
     @cached_property
@@ -121,6 +154,10 @@ class Task:
     """Number of threads with which the worker renders an image."""
     timeout: float = 0.0
     """Maximum time for reading the scene, and for rendering each view, in seconds; 0: no limit."""
+    next_views: tuple[View | None, ...] = ()
+    """View after each of ``views``, for ``flow``; shorter: there are none."""
+    classes: ClassTable = NO_CLASSES
+    """Classes of objects."""
 
     def failed(self, reason: str) -> Result:
         """Return a result in which all views of this task have failed."""
@@ -144,6 +181,7 @@ def make_job(
     settings: Settings,
     out: Path,
     timeout: float = 0.0,
+    classes: ClassTable = NO_CLASSES,
 ) -> Job:
     """Return the job for a command line.
 
@@ -155,6 +193,7 @@ def make_job(
         settings: settings of the images.
         out: folder of the dataset.
         timeout: ``Job.timeout``.
+        classes: ``Job.classes``.
 
     Raises:
         JobError: two views have the same name, or the camera file names a scene that does not exist.
@@ -165,4 +204,4 @@ def make_job(
         raise JobError(f"two views are called {name!r}")
     if unknown_scenes := cameras.scene_views.keys() - {source.name for source in sources}:
         raise JobError(f"the camera file names scenes that are not there: {', '.join(sorted(unknown_scenes)[:5])}")
-    return Job(sources, default_views, cameras.scene_views, settings, out, timeout)
+    return Job(sources, default_views, cameras.scene_views, settings, out, timeout, classes)

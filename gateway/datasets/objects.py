@@ -1,13 +1,22 @@
-"""Objects of a scene: the nodes that are annotated, each with one pose, model, class, masks and boxes."""
+"""Objects of a scene: the nodes that are annotated, with their frames, and the geometry that each of them owns."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.scene.flatten import flatten
+from gateway.scene.transforms import IDENTITY, Matrix
 from gateway.scene.tree import Node
 from gateway.scene.tree import Path as TreePath
+
+_MAX_SHEAR: Final = 1e-6
+"""Largest cosine between two axes of a frame that counts as not sheared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +29,18 @@ class SceneObject:
     """Name of the model. Objects with one model have the same geometry in the frame of their node."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ObjectFrame:
+    """Frame of an object: the node's, made rigid."""
+
+    X_world_object: Matrix
+    """(4, 4), rotation and translation."""
+    scale: tuple[float, float, float]
+    """Scale of the model along the axes of the object; the first is negative if the node is mirrored."""
+    X_model_node: Matrix
+    """(4, 4), identity, except for a sheared node: shear and scale become part of its model."""
+
+
 def objects_of(root: Node, models: Mapping[TreePath, str] = MappingProxyType({})) -> tuple[SceneObject, ...]:
     """Return an object for each node with geometry: each mesh node of a glTF file, link of a robot, path of a tree.
 
@@ -28,5 +49,66 @@ def objects_of(root: Node, models: Mapping[TreePath, str] = MappingProxyType({})
         models: names of models by path; other models are called after their path.
     """
     return tuple(
-        SceneObject(path, models.get(path) or "/".join(map(str, path))) for path, node in root.walk() if node.parts
+        SceneObject(path, models.get(path) or "/".join(map(str, path)).encode("utf-8", "replace").decode())
+        for path, node in root.walk()
+        if node.parts
     )
+
+
+def object_frame(X_world_node: Matrix) -> ObjectFrame | None:
+    """Return the frame of an object, given its node's affine pose; None if the node is flat or not finite."""
+    linear = X_world_node[:3, :3]
+    lengths = np.linalg.norm(linear, axis=0)
+    if not np.isfinite(X_world_node).all() or not (lengths > 0.0).all():
+        return None
+    axes = linear / lengths
+    if abs(np.linalg.det(axes)) < _MAX_SHEAR:
+        return None
+    X_world_object = IDENTITY.copy()
+    X_world_object[:3, 3] = X_world_node[:3, 3]
+    if np.abs(axes.T @ axes - np.eye(3)).max() > _MAX_SHEAR:  # the nearest rotation (polar decomposition)
+        U, _, Vt = np.linalg.svd(linear)
+        X_world_object[:3, :3] = U @ np.diag((1.0, 1.0, np.linalg.det(U @ Vt))) @ Vt
+        X_model_node = IDENTITY.copy()
+        X_model_node[:3, :3] = X_world_object[:3, :3].T @ linear
+        return ObjectFrame(X_world_object, (1.0, 1.0, 1.0), X_model_node)
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 0], lengths[0] = -axes[:, 0], -lengths[0]
+    X_world_object[:3, :3] = axes
+    x, y, z = np.where(np.abs(np.abs(lengths) - 1.0) < 1e-12, np.sign(lengths), lengths).tolist()
+    return ObjectFrame(X_world_object, (x, y, z), IDENTITY)
+
+
+def owner_numbers(root: Node, numbers: Mapping[TreePath, int]) -> NDArray[np.int64]:
+    """Return the number of the object that owns each instance of a scene, (I,) in the order of its draw list; 0: none.
+
+    Args:
+        root: root of the scene's tree.
+        numbers: numbers of objects by path; 0 for objects that are not annotated.
+    """
+
+    def owner_of(path: TreePath) -> int:
+        return next((numbers[path[:n]] for n in range(len(path), -1, -1) if path[:n] in numbers), 0)
+
+    draw_list = flatten(root, label_of=lambda path, _: owner_of(path))
+    return np.array([instance.label for instance in draw_list.instances], np.int64)
+
+
+def own_subtree(node: Node, path: TreePath, paths: Mapping[TreePath, object]) -> Node:
+    """Return the geometry of an object as a tree in the frame of its node, without the objects below it.
+
+    Args:
+        node: node of the object.
+        path: its path.
+        paths: all objects by path.
+    """
+
+    def copy(source: Node, path: TreePath, matrix: Matrix) -> Node:
+        children = {
+            name: copy(child, (*path, name), child.matrix)
+            for name, child in source.children.items()
+            if child.visible and child.nodes_with_parts and (*path, name) not in paths
+        }
+        return Node(source.parts, matrix, children)
+
+    return copy(node, path, IDENTITY)

@@ -5,35 +5,58 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
 from operator import or_
 from pathlib import Path
 from typing import Final, Literal
 
+import msgspec
+import numpy as np
+
 from gateway.assets.light_rig_file import NO_LIGHT, read_rig
+from gateway.datasets.annotated_scene import AnnotatedScene
+from gateway.datasets.annotations import ANNOTATION_OUTPUTS, annotate
 from gateway.datasets.scenes import LoadedScene
+from gateway.datasets.second_view import flow_between, flow_file, instance_motions, right_camera
 from gateway.render.camera import camera_of
 from gateway.render.config import LookChoice, RenderConfig
 from gateway.render.form import RenderRequest
 from gateway.render.pipeline import Pipeline, posted_document
 from renderers.camera import Camera
 from renderers.depth_range import depth_in_millimetres
-from renderers.drawlist import Topology
+from renderers.drawlist import AlphaMode, DrawList, Material, Topology
 from renderers.encode import jpeg_rgb, png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
-from renderers.interface import Frame, Look, LookName, Output, Renderer, SampleCount
+from renderers.interface import VTK_LOOKS, Frame, Look, LookName, Output, Renderer, SampleCount
 from renderers.light_rig import STUDIO, Rig
-from scenegate.datasets.manifest import ImageType, Settings
+from scenegate.datasets.manifest import ImageType, ObjectRecord, Settings
 
-OUTPUTS: Final[dict[ImageType, Output]] = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
-"""The renderer's output for each type of image."""
+OUTPUTS: Final[dict[ImageType, Output]] = {
+    "color": Output.COLOR,
+    "depth": Output.DEPTH,
+    "label": Output.LABEL,
+    "normal": Output.NORMAL,
+}
+"""The renderer's output for each type of image that is one."""
 IMAGE_FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
     "color": ("png", "jpg", "jpeg"),
     "depth": ("tiff", "tif", "png"),
     "label": ("png",),
+    "instance": ("png",),
+    "class": ("png",),
+    "normal": ("png",),
+    "albedo": ("png",),
+    "amodal": ("json",),
+    "flow": ("flo",),
+    "stereo": ("png",),
 }
 """Suffixes of the file formats of each type of image. The first is the default."""
+_ALBEDO_LOOK: Final = Look(
+    "studio", (0, 0, 0), 1, Rig(surroundings=None, scene_lights=False, auto_exposure=False, tone="none", shadow_size=0)
+)
+"""Shows unlit materials as they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,15 +119,40 @@ def _rig(path: str) -> Rig:
     return read_rig(Path(path))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Shot:
+    """What a sample is rendered from."""
+
+    scene: LoadedScene
+    camera: Camera
+    annotated: AnnotatedScene | None = None
+    """Objects of the scene; None: samples are not annotated."""
+    next_camera: Camera | None = None
+    """Camera of the next view, for ``flow``; None: there is none."""
+    next_scene: LoadedScene | None = None
+    """Scene of the next view, if it has moved."""
+    baseline: float = 0.0
+    """Distance of the right camera in metres, for ``stereo``."""
+
+
 def render_images(
-    renderer: Renderer, scene: LoadedScene, camera: Camera, formats: dict[ImageType, str], style: Style
+    renderer: Renderer, scene: LoadedScene, camera: Camera, formats: Mapping[ImageType, str], style: Style
 ) -> dict[ImageType, bytes]:
-    """Render the images of a scene with one call of the renderer; return them encoded, by type.
+    """Render images of a scene that need neither objects nor a second camera; as ``render_sample``."""
+    return render_sample(renderer, Shot(scene, camera), formats, style)[0]
+
+
+def render_sample(
+    renderer: Renderer, shot: Shot, formats: Mapping[ImageType, str], style: Style
+) -> tuple[dict[ImageType, bytes], tuple[ObjectRecord, ...]]:
+    """Render the images of a sample; return them encoded, by type, and the annotated objects.
+
+    One call of the renderer makes all but ``albedo``, ``stereo`` and the silhouettes of objects that may be hidden.
+    There is no ``flow`` without a next camera.
 
     Args:
         renderer: renders the images.
-        scene: the scene.
-        camera: the camera.
+        shot: scene and cameras.
         formats: file format of each type of image to render, one of ``IMAGE_FORMATS``.
         style: shading of the colour image.
 
@@ -112,31 +160,96 @@ def render_images(
         ImageError: a texture cannot be decoded.
         ValueError: the image is larger than the renderer's limit.
     """
+    scene, camera = shot.scene, shot.camera
+    look = _look_of(scene, style)
+    outputs = reduce(or_, (OUTPUTS.get(image_type, Output(0)) for image_type in formats))
+    if shot.annotated is not None:
+        outputs |= ANNOTATION_OUTPUTS
+    if "flow" in formats:
+        outputs |= Output.DEPTH if shot.next_scene is None else Output.DEPTH | Output.INSTANCE
+    frame = renderer.render(scene.draw_list, camera, outputs, look) if outputs else Frame()
+    _finish(frame, scene, camera, renderer, look, style)
+    images = {name: _encode(frame, name, file_format) for name, file_format in formats.items() if name in OUTPUTS}
+    if "albedo" in formats:
+        albedo = renderer.render(_unlit(scene.draw_list, look), camera, Output.COLOR, _ALBEDO_LOOK)
+        images["albedo"] = _encode(albedo, "color", formats["albedo"])
+    if "stereo" in formats:
+        right_view = right_camera(camera, shot.baseline)
+        right = renderer.render(scene.draw_list, right_view, Output.COLOR, look)
+        _finish(right, scene, right_view, renderer, look, style)
+        images["stereo"] = _encode(right, "color", formats["stereo"])
+    if "flow" in formats and shot.next_camera is not None:
+        assert frame.depth is not None
+        X = shot.next_camera.X_camera_world @ camera.X_world_camera
+        if shot.next_scene is not None and frame.instance is not None:
+            X = instance_motions(scene.draw_list, camera, shot.next_scene.draw_list, shot.next_camera)[frame.instance]
+        images["flow"] = flow_file(flow_between(frame.depth, camera, shot.next_camera, X))
+    if shot.annotated is None:
+        return images, ()
+    found = annotate(renderer, shot.annotated, camera, frame, look, with_masks="amodal" in formats)
+    if "instance" in formats:
+        images["instance"] = png_gray16(found.instance)
+    if "class" in formats:
+        images["class"] = png_gray16(shot.annotated.class_of[found.instance])
+    if "amodal" in formats:
+        images["amodal"] = msgspec.json.encode(found.masks)
+    return images, found.objects
+
+
+def _look_of(scene: LoadedScene, style: Style) -> Look:
+    """Return the look of the colour image of a scene."""
     look: LookName = scene.look if style.look == "auto" else style.look
-    outputs = reduce(or_, (OUTPUTS[image_type] for image_type in formats))
     samples: SampleCount = style.samples or (4 if look == "studio" else 1)
     full_look = Look(look, style.background, samples, style.rig, style.alpha_threshold)
-    scenery = None if scene.scenario is None else scene.scenario.scenery
-    full_look = full_look if scenery is None else scenery.look(full_look)
-    frame = renderer.render(scene.draw_list, camera, outputs, full_look)
+    return full_look if scene.scenario is None else scene.scenario.scenery.look(full_look)
+
+
+def _finish(frame: Frame, scene: LoadedScene, camera: Camera, renderer: Renderer, look: Look, style: Style) -> None:
+    """Smooth the colour image of a frame, and add the background and the sensor of a scenario's scene."""
+    _smooth(frame, scene, look, style)
+    if frame.color is not None and scene.scenario is not None:
+        frame.color = scene.scenario.scenery.finish(frame.color, scene.draw_list, camera, renderer, look)
+
+
+def _smooth(frame: Frame, scene: LoadedScene, look: Look, style: Style) -> None:
+    """Apply FXAA to the colour image of a frame, where the style says so."""
+    if frame.color is None or style.antialias != "fxaa" or look.samples != 1 or look.name == "studio":
+        return
     # FXAA would blur points, which may be one pixel wide.
-    has_points = any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances)
-    use_fxaa = style.antialias == "fxaa" and samples == 1 and look != "studio" and not has_points
-    if frame.color is not None and use_fxaa:
+    if not any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances):
         fxaa(frame.color)
-    if frame.color is not None and scenery is not None:
-        frame.color = scenery.finish(frame.color, scene.draw_list, camera, renderer, full_look)
-    return {image_type: _encode(frame, image_type, file_format) for image_type, file_format in formats.items()}
+
+
+@lru_cache(maxsize=2)
+def _unlit(draw_list: DrawList, look: Look) -> DrawList:
+    """Return a draw list that shows base colours, with the cut-outs that the depth image has under a look."""
+    materials = {id(each.material): each.material for each in draw_list.instances}
+    unlit = {key: _unlit_material(material, look) for key, material in materials.items()}
+    instances = tuple(replace(each, material=unlit[id(each.material)]) for each in draw_list.instances)
+    return DrawList(instances, draw_list.images)
+
+
+def _unlit_material(material: Material, look: Look) -> Material:
+    """Return a material that shows the base colour on both sides."""
+    mode, cutoff = material.alpha_mode, material.alpha_cutoff
+    if look.name in VTK_LOOKS or (mode is AlphaMode.BLEND and look.alpha_threshold == 0.0):
+        mode = AlphaMode.OPAQUE
+    elif mode is AlphaMode.BLEND:
+        mode, cutoff = AlphaMode.MASK, look.alpha_threshold
+    return replace(material, unlit=True, alpha_mode=mode, alpha_cutoff=cutoff, double_sided=True)
 
 
 def _encode(frame: Frame, image_type: ImageType, file_format: str) -> bytes:
-    """Encode an image of a frame in one of ``IMAGE_FORMATS``."""
+    """Encode an image of a frame, one of ``OUTPUTS``, in one of ``IMAGE_FORMATS``."""
     if image_type == "color":
         assert frame.color is not None
         return png_rgb(frame.color) if file_format == "png" else jpeg_rgb(frame.color)
     if image_type == "label":
         assert frame.label is not None
         return png_label(frame.label)
+    if image_type == "normal":
+        assert frame.normal is not None
+        return png_rgb((np.rint(frame.normal * np.float32(127.0)) + np.float32(128.0)).astype(np.uint8))
     assert frame.depth is not None
     return png_gray16(depth_in_millimetres(frame.depth)) if file_format == "png" else tiff_float32(frame.depth)
 

@@ -42,6 +42,11 @@ def existing_dataset(job: Job) -> manifest.DatasetRecord | None:
             raise JobError(
                 f"{out} holds a dataset with other settings ({name}: {old} there, {new} now); name another folder"
             )
+    if dataset.classes != job.classes.names:
+        raise JobError(
+            f"{out} holds a dataset with other classes ({len(dataset.classes)} there, {len(job.classes.names)} now); "
+            "name another folder, or give it a file of classes"
+        )
     unknown_count, first_unknown = 0, ""
     for sample in _recorded_samples(job):
         if job.find(sample.id) is None:
@@ -68,7 +73,7 @@ def valid_samples(job: Job, threads: int = 1) -> Iterator[SampleRecord]:
     def has_same_input(sample: SampleRecord) -> bool:
         planned = job.find(sample.id)
         assert planned is not None
-        is_same_view = sample.view_description == planned.view.description
+        is_same_view = sample.view_description == planned.description
         return is_same_view and sample.scene_sha256 == current_digest(planned.source)
 
     stop = StopFlag()

@@ -29,6 +29,15 @@ CONVENTIONS: Final = {
     "color": "8-bit RGB, sRGB",
     "depth": "along the optical axis; tiff: float32 metres, inf is nothing; png: uint16 millimetres, 65535 is nothing",
     "label": "8-bit RGB: label = red + 256 green + 65536 blue; white is no label; scene.json says what they mean",
+    "instance": "16-bit grey: instance of an object in the manifest; 0 is none",
+    "class": "16-bit grey: class_id of an object, named in classes; 0 is none",
+    "normal": "8-bit RGB: 128 + 127 x, y, z of the unit normal in the optical frame; 128, 128, 128 is nothing",
+    "albedo": "8-bit RGB, sRGB: base colour without light; black is nothing",
+    "amodal": "JSON: run lengths of each object's silhouette down the columns, as COCO's uncompressed RLE",
+    "flow": "Middlebury .flo: float32 pixels to the right and down, to the next view; beyond 1e9 is not known",
+    "stereo": "as color, from the camera at (baseline, 0, 0) in the optical frame, of the same intrinsics",
+    "objects": "X_camera_object: 4 x 4, pose in the optical frame; p of the model is scale * p in the object",
+    "boxes": "x, y, width, height in whole pixels; box_amodal may reach beyond the image, by its size at most",
 }
 """Value of ``DatasetRecord.conventions``."""
 
@@ -78,7 +87,11 @@ def _run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Prog
     renderer_digest = cache_folder.sources_digest()
     existing = existing_dataset(job)
     description = manifest.DatasetRecord(
-        generator=f"scenegate {__version__}", renderer=renderer_digest, settings=job.settings, conventions=CONVENTIONS
+        generator=f"scenegate {__version__}",
+        renderer=renderer_digest,
+        settings=job.settings,
+        conventions=CONVENTIONS,
+        classes=job.classes.names,
     )
     if existing is None:
         write_atomically(out / manifest.DATASET_FILE, manifest.encode_indented(description))
@@ -116,6 +129,7 @@ def _finish(job: Job, journal: Journal, failures: Iterable[FailureRecord]) -> No
     """Write ``manifest.jsonl`` and ``failed.jsonl``, and remove the journal and temporary files."""
     out = job.out
     remove_temporary_files(out)
+    remove_temporary_files(out / manifest.MODELS_FOLDER)
     for source in job.sources:
         folder = out / manifest.SCENES_FOLDER / source.name
         if not source.problem and folder.is_dir():

@@ -15,6 +15,7 @@ from gateway.assets.mesh_formats import MESH_LIMITS, parse_mesh
 from gateway.assets.scene_file import FolderFiles, SceneFileError
 from gateway.datasets.objects import SceneObject, objects_of
 from gateway.datasets.scenario.build import build_scene
+from gateway.datasets.scenario.build import model_names as scenario_model_names
 from gateway.datasets.scenario.catalogue import Catalogue, read_catalogue
 from gateway.datasets.scenario.choices import SceneChoices
 from gateway.datasets.scenario.drawing import draw_choices
@@ -22,7 +23,7 @@ from gateway.datasets.scenario.file import ScenarioError
 from gateway.datasets.scenario.scenery import Scenery
 from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import SceneCamera, View, scene_views, usable_camera
-from gateway.gltf import GltfCamera
+from gateway.gltf import GltfCamera, read_mesh_names
 from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest, read_form
@@ -41,7 +42,7 @@ from gateway.treeviewer.apply import RequestApplier
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.json_reader import JsonReader
 from gateway.treeviewer.quota import TreeQuota
-from renderers.drawlist import DrawList
+from renderers.drawlist import DrawList, Light
 from renderers.interface import LookName
 from scenegate.datasets import manifest
 from scenegate.warning_text import strict_refusal
@@ -157,6 +158,18 @@ def load_scene(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> Loade
         raise SceneError(str(error)) from None
 
 
+def model_names(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> frozenset[str]:
+    """Return the names of the models of a scene's objects; empty if the scene cannot be loaded. glTF files are fast."""
+    try:
+        if source.kind is SourceKind.SCENARIO:
+            return scenario_model_names(read_catalogue(Path(source.path)))
+        if source.kind is SourceKind.GLTF:
+            return read_mesh_names(FolderFiles(Path(source.path)).read_scene())
+        return frozenset(each.model for each in load_scene(source, options).objects)
+    except (OSError, ValueError):
+        return frozenset()
+
+
 def _load_file(source: Source, files: FolderFiles, options: SceneOptions) -> LoadedScene:
     """Load a glTF file, a mesh or a robot."""
     scene = read_scene(Path(source.path), options)
@@ -167,7 +180,7 @@ def _load_file(source: Source, files: FolderFiles, options: SceneOptions) -> Loa
     draw_list = replace(draw_list, lights=scene.lights)
     file_camera, flaws = usable_camera(scene.cameras, draw_list)
     warnings = (*scene.warnings, *flaws, *scene.notes)
-    description = _describe(source, scene.digests, labels, scene.generator, warnings)
+    description = _describe(source, scene.digests, labels, scene.generator, warnings, scene.lights)
     return LoadedScene(
         scene.root, draw_list, file_camera, look, None, description, objects_of(scene.root, scene.models)
     )
@@ -299,7 +312,12 @@ def _flatten_with_drake_labels(root: Node) -> tuple[DrawList, Labels]:
 
 
 def _describe(
-    source: Source, digests: Mapping[str, str], labels: Labels, generator: str = "", warnings: tuple[str, ...] = ()
+    source: Source,
+    digests: Mapping[str, str],
+    labels: Labels,
+    generator: str = "",
+    warnings: tuple[str, ...] = (),
+    lights: tuple[Light, ...] = (),
 ) -> manifest.SceneRecord:
     """Return the description of a scene. ``digests`` has those of the files that were read."""
     scene_file = Path(source.path).name
@@ -311,7 +329,17 @@ def _describe(
         sources=sources,
         generator=_utf8(generator),
         warnings=tuple(_utf8(text) for text in warnings),
-        labels={str(label): tuple(_utf8_path(path) for path in paths) for label, paths in labels.items()},
+        labels={str(label): tuple(utf8_path(path) for path in paths) for label, paths in labels.items()},
+        lights=tuple(
+            manifest.LightRecord(
+                kind=light.kind.value,
+                color=light.color,
+                intensity=light.intensity,
+                position=light.position,
+                direction=light.direction,
+            )
+            for light in lights
+        ),
     )
 
 
@@ -321,7 +349,7 @@ def scene_digest(sources: tuple[manifest.SourceFile, ...]) -> str:
     return hashlib.sha256(file_list.encode()).hexdigest()
 
 
-def _utf8_path(path: TreePath) -> TreePath:
+def utf8_path(path: TreePath) -> TreePath:
     """Return a path whose names can be encoded as UTF-8."""
     return tuple(_utf8(name) if isinstance(name, str) else name for name in path)
 

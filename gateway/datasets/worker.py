@@ -9,12 +9,17 @@ import hashlib
 import os
 from collections.abc import Callable
 from functools import cache, lru_cache, partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import Final, TypeVar
 
+import msgspec
+
+from gateway.datasets.annotated_scene import AnnotatedScene, annotate_scene
+from gateway.datasets.classes import ClassTable
 from gateway.datasets.files import write_atomically
-from gateway.datasets.job import Result, Task
-from gateway.datasets.rendering import IMAGE_FORMATS, RequestRenderer, ignored_rig, render_images, style_of
+from gateway.datasets.job import Result, Task, view_description
+from gateway.datasets.rendering import IMAGE_FORMATS, RequestRenderer, Shot, ignored_rig, render_sample, style_of
 from gateway.datasets.scenes import LoadedScene, SceneError, load_options, load_scene
 from gateway.datasets.sources import Source
 from gateway.datasets.views import View, camera_of, record_of
@@ -28,7 +33,14 @@ from renderers.drawlist import ImageError
 from renderers.raster import CpuRenderer
 from renderers.stop import run_within
 from scenegate.datasets import manifest
-from scenegate.datasets.manifest import FailureRecord, ImageType, SampleRecord
+from scenegate.datasets.manifest import (
+    ANNOTATED_TYPES,
+    FailureRecord,
+    ImageType,
+    ModelRecord,
+    ObjectRecord,
+    SampleRecord,
+)
 
 T = TypeVar("T")
 
@@ -63,23 +75,30 @@ class Worker:
         try:
             scene = _with_timeout(task, partial(_load, task))
             warning = ignored_rig(scene, task.settings)
+            annotated = _with_timeout(task, partial(_annotate, task, scene))
+            description = scene.description
+            if annotated is not None:
+                description = msgspec.structs.replace(description, models=annotated.models)
             folder = Path(task.out) / manifest.SCENES_FOLDER / scene_name
-            write_atomically(folder / manifest.SCENE_FILE, manifest.encode_indented(scene.description))
+            write_atomically(folder / manifest.SCENE_FILE, manifest.encode_indented(description))
         except Exception as error:  # noqa: BLE001 - one bad scene must not end the others
             return Result(failures=[FailureRecord(scene_name, None, _reason(error))])
         result = Result(
             warnings=scene.description.warnings if warning is None else (*scene.description.warnings, warning)
         )
-        for view in task.views:
+        for view, next_view in zip_longest(task.views, task.next_views):
             try:
-                result.samples.append(_with_timeout(task, partial(self._render_sample, task, scene, view)))
+                render = partial(self._render_sample, task, scene, annotated, view, next_view)
+                result.samples.append(_with_timeout(task, render))
             except Exception as error:  # noqa: BLE001 - one bad view must not end the others
                 result.failures.append(FailureRecord(scene_name, view.name, _reason(error)))
         return result
 
-    def _render_sample(self, task: Task, scene: LoadedScene, view: View) -> SampleRecord:
+    def _render_sample(
+        self, task: Task, scene: LoadedScene, annotated: AnnotatedScene | None, view: View, next_view: View | None
+    ) -> SampleRecord:
         """Render a view, write its images, and return its record."""
-        camera, encoded_images = self._render(task, scene, view)
+        camera, encoded_images, objects = self._render(task, scene, annotated, view, next_view)
         images: dict[ImageType, manifest.ImageFile] = {}
         for image_type, data in encoded_images.items():
             suffix = _file_format(image_type, task.settings)
@@ -90,24 +109,34 @@ class Worker:
             id=f"{task.source.name}/{view.name}",
             scene=task.source.name,
             view=view.name,
-            view_description=view.description,
+            view_description=view_description(view, next_view),
             scene_sha256=scene.description.sha256,
             camera=record_of(camera),
             images=images,
+            objects=objects,
         )
 
-    def _render(self, task: Task, scene: LoadedScene, view: View) -> tuple[Camera, dict[ImageType, bytes]]:
-        """Render a view; return its camera and its encoded images by type."""
+    def _render(
+        self, task: Task, scene: LoadedScene, annotated: AnnotatedScene | None, view: View, next_view: View | None
+    ) -> tuple[Camera, dict[ImageType, bytes], tuple[ObjectRecord, ...]]:
+        """Render a view; return its camera, its encoded images by type, and the objects in it."""
         settings = task.settings
         if scene.request is not None:
             camera, image_type, data = RequestRenderer(self._renderer, settings).render(scene.request)
-            return camera, {image_type: data}
-        scene, view = scene.posed(view)
-        camera = camera_of(
-            view, scene.root, scene.draw_list, scene.file_camera, settings.width, settings.height, settings.fovy
-        )
+            return camera, {image_type: data}, ()
+        posed, view = scene.posed(view)
+        if posed is not scene:
+            scene, annotated = posed, None if annotated is None else _annotate_cached(posed, task.classes, task.out)
+        camera = _camera_of(view, scene, settings)
+        next_scene, next_camera = scene, None
+        if next_view is not None:
+            next_scene, next_view = scene.posed(next_view)
+            next_camera = _camera_of(next_view, next_scene, settings)
         formats = {image_type: _file_format(image_type, settings) for image_type in settings.types}
-        return camera, render_images(self._renderer, scene, camera, formats, style_of(settings))
+        shot = Shot(
+            scene, camera, annotated, next_camera, next_scene if next_scene is not scene else None, settings.baseline
+        )
+        return camera, *render_sample(self._renderer, shot, formats, style_of(settings))
 
 
 def _task_problem(task: Task) -> str:
@@ -130,6 +159,32 @@ def _load(task: Task) -> LoadedScene:
 def _load_cached(source: Source, options: SceneOptions, modified_ns: int, size: int) -> LoadedScene:
     """Load a scene. The time and size of its file are arguments, so that they are part of the cache's key."""
     return load_scene(source, options)
+
+
+def _camera_of(view: View, scene: LoadedScene, settings: manifest.Settings) -> Camera:
+    """Return the camera of a view in a scene."""
+    return camera_of(
+        view, scene.root, scene.draw_list, scene.file_camera, settings.width, settings.height, settings.fovy
+    )
+
+
+def _annotate(task: Task, scene: LoadedScene) -> AnnotatedScene | None:
+    """Return the objects of the scene of a task, from the cache if it has them; None if the samples have none."""
+    if scene.request is not None or not {*ANNOTATED_TYPES} & {*task.settings.types}:
+        return None
+    return _annotate_cached(scene, task.classes, task.out)
+
+
+@lru_cache(CACHED_SCENES)
+def _annotate_cached(scene: LoadedScene, classes: ClassTable, out: str) -> AnnotatedScene:
+    """Return the objects of a scene, and write the models that the dataset does not have."""
+
+    def save(record: ModelRecord, data: bytes) -> None:
+        path = Path(out) / record.path
+        if not path.is_file():
+            write_atomically(path, data)
+
+    return annotate_scene(scene, classes, save)
 
 
 def _with_timeout(task: Task, call: Callable[[], T]) -> T:

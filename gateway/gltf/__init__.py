@@ -13,7 +13,7 @@ from gateway.gltf.errors import GltfError
 from gateway.gltf.gltf_cache import GltfCache
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.materials import DEFAULT_MATERIAL, label_from_material
-from gateway.gltf.reader import read_gltf
+from gateway.gltf.reader import read_gltf, read_mesh_names
 from gateway.gltf.scene import GltfScene
 from gateway.gltf.schema import DRAKE_GENERATORS, DRAKE_MERGER
 
@@ -32,4 +32,5 @@ __all__ = [
     "Resolver",
     "label_from_material",
     "read_gltf",
+    "read_mesh_names",
 ]

@@ -98,6 +98,7 @@ def read_gltf(
     if animation is not None:
         pose_nodes(document, accessors, animation, warnings)
     nodes = read_nodes(document, limits)
+    mesh_names = nodes.mesh_names(document.meshes)
     has_posed_nodes = not document.merged_by_drake and any(map(has_own_parts, nodes.sources))
     poses: Mapping[int, Pose] = {}
     check_version(document, warnings)
@@ -108,7 +109,7 @@ def read_gltf(
     meshes = Meshes(accessors, draco_meshes, cache.content, limits, warnings)
     images = Textures(document, buffers, cache.content, limits, warnings, enabled=textures, decodes=decode_images)
     materials = Materials(document, images, warnings, variant)
-    content = _read_content(document, nodes, poses, meshes, materials, limits, warnings)
+    content = _read_content(document, nodes, mesh_names, poses, meshes, materials, limits, warnings)
     check_stop()
     scene = _combine(content, nodes, limits)
     is_flawed = has_wrong_types or nodes.warnings or len(content.warnings) > _MAX_LISTED_WARNINGS
@@ -117,9 +118,21 @@ def read_gltf(
     return scene
 
 
+def read_mesh_names(data: bytes, limits: GltfLimits | None = None) -> frozenset[str]:
+    """Return the names of the meshes in use, as ``GltfScene.models`` has them, without reading the meshes.
+
+    Raises:
+        GltfError: The document cannot be read.
+    """
+    limits = limits or _DEFAULT_LIMITS
+    document = parse_document(open_container(data).json, limits, [])
+    return frozenset(read_nodes(document, limits).mesh_names(document.meshes).values())
+
+
 def _read_content(
     document: Document,
     nodes: SceneNodes,
+    mesh_names: Mapping[int, str],
     poses: Mapping[int, Pose],
     meshes: Meshes,
     materials: Materials,
@@ -129,6 +142,7 @@ def _read_content(
     """Read everything but the nodes: the meshes in use with their materials, the cameras and the lights.
 
     Args:
+        mesh_names: Names of the meshes in use, by mesh index.
         poses: Poses of the nodes with parts of their own, by position in ``nodes``.
 
     Raises:
@@ -188,7 +202,7 @@ def _read_content(
         lights=lights,
         parts=parts,
         posed_parts=posed_parts,
-        mesh_names=nodes.mesh_names(document.meshes),
+        mesh_names=mesh_names,
         element_counts={mesh: _element_count(mesh_parts) for mesh, mesh_parts in parts.items()},
         morphed_mesh_count=sum(isinstance(mesh, Mesh) and any(mesh.weights or ()) for mesh in document.meshes or ()),
         warnings=tuple(warnings),

@@ -116,13 +116,7 @@ class Sample:
     def flow(self) -> NDArray[np.float32]:
         """Optical flow to the next view in pixels, (H, W, 2): columns to the right, rows down. NaN: not known."""
         path = self.path("flow")
-        data = self._bytes(path)
-        magic, width, height = struct.unpack_from("<fii", data) if len(data) >= FLOW_HEADER_BYTES else (0.0, 0, 0)
-        if magic != FLOW_MAGIC or len(data) != FLOW_HEADER_BYTES + 8 * width * height or width < 1:
-            raise RecordError(f"{path}: not a flow file (.flo) that can be read")
-        flow = np.frombuffer(data, "<f4", offset=FLOW_HEADER_BYTES).reshape(height, width, 2).astype(np.float32)
-        flow[np.abs(flow) >= UNKNOWN_FLOW] = np.nan
-        return flow
+        return decode_flow(self._bytes(path), str(path))
 
     def amodal_mask(self, instance: int) -> NDArray[np.bool_]:
         """Return the pixels that an object would have without the others, (H, W).
@@ -171,6 +165,24 @@ class Sample:
             return read_regular(path)
         except OSError as error:
             raise RecordError(f"{path}: {error.strerror or error}") from None
+
+
+def decode_flow(data: bytes, location: str) -> NDArray[np.float32]:
+    """Return the flow in a file, (H, W, 2); NaN: not known.
+
+    Args:
+        data: content of the file.
+        location: its path, for the error message.
+
+    Raises:
+        RecordError: the data is not a flow file.
+    """
+    magic, width, height = struct.unpack_from("<fii", data) if len(data) >= FLOW_HEADER_BYTES else (0.0, 0, 0)
+    if magic != FLOW_MAGIC or min(width, height) < 1 or len(data) != FLOW_HEADER_BYTES + 8 * width * height:
+        raise RecordError(f"{location}: not a flow file (.flo) that can be read")
+    flow = np.frombuffer(data, "<f4", offset=FLOW_HEADER_BYTES).reshape(height, width, 2).astype(np.float32)
+    flow[np.abs(flow) >= UNKNOWN_FLOW] = np.nan
+    return flow
 
 
 class Dataset(Sequence[Sample]):

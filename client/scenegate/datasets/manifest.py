@@ -101,6 +101,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """SHA-256 of the file with the classes; None: a class for each model."""
     scenario_sha256: str | None = None
     """Digest of the scenarios without their numbers of scenes, and of the names of their files; None: no scenario."""
+    baseline: float = 0.0
+    """Distance of the right camera of ``stereo`` images in metres."""
     strict: bool = False
     """True: a scene with a warning is not rendered."""
 
@@ -164,7 +166,8 @@ class SceneRecord(msgspec.Struct, frozen=True, kw_only=True):
     sha256: str
     """Digest of the names and digests of all source files."""
     sources: tuple[SourceFile, ...]
-    """Files that the scene was read from. The first is the scene file."""
+    """Files that the scene was read from. The first is the scene file. Of a scenario's scene: the files in use, without
+    the scenario, whose digest is ``Settings.scenario_sha256``."""
     generator: str
     """``asset.generator`` of a glTF file; empty for other files."""
     warnings: tuple[str, ...]

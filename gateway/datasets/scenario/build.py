@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -58,8 +59,9 @@ def build_scene(catalogue: Catalogue, choices: SceneChoices, frame: int) -> Buil
         raise ScenarioError(str(error)) from None
 
 
-def model_names(catalogue: Catalogue) -> tuple[str, ...]:
-    """Return the names of the models of all annotated objects that the scenario may have, in ascending order.
+@lru_cache(8)
+def model_names(catalogue: Catalogue) -> frozenset[str]:
+    """Return the names of the models of all annotated objects that the scenario may have.
 
     Raises:
         ScenarioError: a model cannot be loaded whose parts move, and whose names are those of its parts.
@@ -77,7 +79,7 @@ def model_names(catalogue: Catalogue) -> tuple[str, ...]:
                 names.update(each.model for each in _part_objects(root, name, ()))
             except (OSError, SceneFileError):  # a note of each scene that draws the file
                 continue
-    return tuple(sorted(names))
+    return frozenset(names)
 
 
 def has_moving_parts(table: tables.Model) -> bool:

@@ -1,0 +1,194 @@
+"""Annotations of an image: pixels that each object has, and those that it would have without the others.
+
+Silhouettes, boxes and visible fractions follow the BOP toolkit: each object is drawn alone on a canvas that is three
+times as wide and high as the image, so that those of truncated objects are whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.datasets.annotated_scene import AnnotatedObject, AnnotatedScene
+from renderers.camera import Camera
+from renderers.interface import Frame, Look, Output, Renderer
+from renderers.raster.layout import MAX_SIDE
+from renderers.stop import check_stop
+from scenegate.datasets.manifest import Masks, ObjectRecord, Pose
+
+T = TypeVar("T", bound=np.generic)
+
+ANNOTATION_OUTPUTS: Final = Output.DEPTH | Output.INSTANCE
+"""Images that annotations are made from."""
+_CORNERS: Final = np.array([[(corner >> axis) & 1 for axis in range(3)] for corner in range(8)])
+"""(8, 3): for each corner of a box and each axis, 0 for the smallest and 1 for the largest coordinate."""
+_DEPTH_TOLERANCE: Final = 1e-4
+"""Relative error of depths, with a margin."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Window:
+    """A rectangle of pixels: columns left … right - 1, rows top … bottom - 1. May reach beyond the image."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @property
+    def is_empty(self) -> bool:
+        return self.left >= self.right or self.top >= self.bottom
+
+    def intersection(self, other: _Window) -> _Window:
+        """Return the common pixels."""
+        left, top = max(self.left, other.left), max(self.top, other.top)
+        return _Window(left, top, min(self.right, other.right), min(self.bottom, other.bottom))
+
+    def of(self, image: NDArray[T], origin: _Window) -> NDArray[T]:
+        """Return this part of an image whose first pixel is that of ``origin``, as a view."""
+        rows = slice(self.top - origin.top, self.bottom - origin.top)
+        return image[rows, self.left - origin.left : self.right - origin.left]
+
+    def box_of(self, mask: NDArray[np.bool_]) -> tuple[int, int, int, int] | None:
+        """Return the box (x, y, width, height) of the pixels of a mask of this window; None if there are none."""
+        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        if not len(rows):
+            return None
+        width, height = int(columns[-1] - columns[0]) + 1, int(rows[-1] - rows[0]) + 1
+        return self.left + int(columns[0]), self.top + int(rows[0]), width, height
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Annotations:
+    """Annotations of an image."""
+
+    objects: tuple[ObjectRecord, ...]
+    """Objects in the image, and those that would be without the others."""
+    instance: NDArray[np.uint16]
+    """(H, W): ``ObjectRecord.instance`` in each pixel; 0: none."""
+    masks: Masks
+    """Silhouettes of the objects."""
+
+
+def annotate(
+    renderer: Renderer, scene: AnnotatedScene, camera: Camera, frame: Frame, look: Look, *, with_masks: bool
+) -> Annotations:
+    """Annotate an image.
+
+    Args:
+        renderer: draws objects alone.
+        scene: the objects.
+        camera: camera of the image.
+        frame: images of the scene; has ``ANNOTATION_OUTPUTS``.
+        look: decides what is cut out, as in ``frame``.
+        with_masks: False: ``Annotations.masks`` is empty.
+    """
+    assert frame.instance is not None
+    assert frame.depth is not None
+    instance = scene.instance_of[frame.instance]
+    image = _Window(0, 0, camera.width, camera.height)
+    records: list[ObjectRecord] = []
+    counts: dict[str, tuple[int, ...]] = {}
+    X_camera_world = camera.X_camera_world
+    for each in scene.objects:
+        check_stop()
+        X_camera_object = X_camera_world @ each.frame.X_world_object
+        window, farthest = _window_of(each, X_camera_object, camera)
+        inside = window.intersection(image)
+        if inside.is_empty:
+            continue
+        ids = inside.of(instance, image)
+        visible = ids == each.instance
+        nearer = (inside.of(frame.depth, image) <= farthest) & ~visible
+        if window == inside and visible.any() and not nearer.any():
+            silhouette = visible  # nothing can hide it
+        else:
+            silhouette = _draw_alone(renderer, each, camera, window, look)
+            inside.of(silhouette, window)[visible] = True  # rounding may move an edge by a pixel
+        in_image = inside.of(silhouette, window)
+        if not in_image.any():
+            continue
+        visible_pixels, amodal_pixels = int(np.count_nonzero(visible)), int(np.count_nonzero(silhouette))
+        low, high = map(tuple, each.box.tolist())
+        records.append(
+            ObjectRecord(
+                instance=each.instance,
+                path=each.path,
+                model=each.model,
+                class_id=each.class_id,
+                X_world_object=_rows(each.frame.X_world_object),
+                X_camera_object=_rows(X_camera_object),
+                scale=each.frame.scale,
+                box_3d=(low, high),
+                box_visible=inside.box_of(visible),
+                box_amodal=window.box_of(silhouette),
+                visible_pixels=visible_pixels,
+                amodal_pixels=amodal_pixels,
+                visible_fraction=visible_pixels / amodal_pixels,
+                truncation=1.0 - int(np.count_nonzero(in_image)) / amodal_pixels,
+            )
+        )
+        if with_masks:
+            counts[str(each.instance)] = _run_lengths(in_image, inside, camera.height, camera.width)
+    masks = Masks(size=(camera.height, camera.width), counts=counts)
+    return Annotations(tuple(records), instance, masks)
+
+
+def _window_of(each: AnnotatedObject, X_camera_object: NDArray[np.float64], camera: Camera) -> tuple[_Window, float]:
+    """Return the part of the canvas that has all pixels of an object, and the largest depth of the object in metres."""
+    margin_x = min(camera.width, (MAX_SIDE - camera.width) // 2)
+    margin_y = min(camera.height, (MAX_SIDE - camera.height) // 2)
+    canvas = _Window(-margin_x, -margin_y, camera.width + margin_x, camera.height + margin_y)
+    corners = each.box[_CORNERS, range(3)] @ X_camera_object[:3, :3].T + X_camera_object[:3, 3]
+    z = corners[:, 2]
+    farthest = float(z.max())
+    if farthest < camera.near or z.min() > camera.far:
+        return _Window(0, 0, 0, 0), farthest
+    limit = farthest * (1.0 + _DEPTH_TOLERANCE) - camera.depth_origin
+    if z.min() < camera.near:
+        return canvas, limit
+    columns = camera.fx * corners[:, 0] / z + camera.cx
+    rows = camera.fy * corners[:, 1] / z + camera.cy
+    lowest = np.floor((columns.min(), rows.min())) - each.margin
+    highest = np.ceil((columns.max(), rows.max())) + each.margin
+    left, top, right, bottom = np.clip((*lowest, *highest), -MAX_SIDE, 2 * MAX_SIDE).astype(int).tolist()
+    return _Window(left, top, right, bottom).intersection(canvas), limit
+
+
+def _draw_alone(
+    renderer: Renderer, each: AnnotatedObject, camera: Camera, window: _Window, look: Look
+) -> NDArray[np.bool_]:
+    """Return the pixels of a window in which an object is seen if there is nothing else."""
+    part = Camera(
+        window.right - window.left,
+        window.bottom - window.top,
+        camera.fx,
+        camera.fy,
+        camera.cx - window.left,
+        camera.cy - window.top,
+        camera.near,
+        camera.far,
+        camera.X_world_camera,
+        camera.depth_origin,
+    )
+    depth = renderer.render(each.draw_list, part, Output.DEPTH, look).depth
+    assert depth is not None
+    return np.isfinite(depth)
+
+
+def _run_lengths(mask: NDArray[np.bool_], window: _Window, height: int, width: int) -> tuple[int, ...]:
+    """Return ``Masks.counts`` of a mask of a window of an image."""
+    columns = np.zeros((window.right - window.left, height), np.bool_)
+    columns[:, window.top : window.bottom] = mask.T
+    changes = np.flatnonzero(np.diff(columns.ravel(), prepend=False, append=False)) + window.left * height
+    last = width * height
+    return tuple(np.diff(changes[changes < last], prepend=0, append=last).tolist())
+
+
+def _rows(matrix: NDArray[np.float64]) -> Pose:
+    """Return a matrix as it is written to the manifest."""
+    first, second, third, fourth = map(tuple, matrix.tolist())
+    return first, second, third, fourth

@@ -1,0 +1,99 @@
+"""Check the annotations of a sample against its images, for ``check``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenegate.datasets.manifest import SCENE_FILE, ImageType, Masks, ObjectRecord, SampleRecord, SceneRecord
+
+MAX_POSE_ERROR: Final = 1e-6
+"""Maximum difference between numbers of a pose and the product of the two others, relative to the distances."""
+
+
+def object_problems(
+    sample: SampleRecord,
+    classes: Mapping[str, str],
+    scene: SceneRecord | None,
+    pixels: Mapping[ImageType, NDArray[Any]],
+    masks: Masks | None,
+) -> Iterator[str]:
+    """Yield the errors of the annotated objects of a sample.
+
+    Args:
+        sample: the sample.
+        classes: ``DatasetRecord.classes``.
+        scene: the scene; None if it cannot be read.
+        pixels: images of the sample that can be read.
+        masks: silhouettes of the sample; None if it has none.
+    """
+    instances = [each.instance for each in sample.objects]
+    if len(set(instances)) < len(instances) or 0 in instances:
+        yield "objects: two have the same instance, or one has 0"
+    for each in sample.objects:
+        yield from (f"object {each.instance}: {problem}" for problem in _record_problems(each, sample, classes, scene))
+    ids = pixels.get("instance")
+    if ids is None:
+        return
+    if unknown := {*np.unique(ids).tolist()} - {0, *instances}:
+        yield f"the instance image has values without an object: {', '.join(map(str, sorted(unknown)[:5]))}"
+    class_of = np.zeros(1 << 16, np.uint16)
+    for each in sample.objects:
+        yield from (f"object {each.instance}: {problem}" for problem in _pixel_problems(each, ids, masks))
+        class_of[each.instance & 0xFFFF] = each.class_id & 0xFFFF
+    if "class" in pixels and (pixels["class"] != class_of[ids]).any():
+        yield "the class image does not follow from the instance image"
+
+
+def _record_problems(
+    each: ObjectRecord, sample: SampleRecord, classes: Mapping[str, str], scene: SceneRecord | None
+) -> Iterator[str]:
+    """Yield what is wrong with an object without its pixels."""
+    if str(each.class_id) not in classes:
+        yield f"class_id = {each.class_id} is not one of the classes"
+    if scene is not None and each.model not in scene.models:
+        yield f"model {each.model!r} is not in {SCENE_FILE}"
+    X_world_object, X_camera_object = np.array(each.X_world_object), np.array(each.X_camera_object)
+    expected = np.array(sample.camera.X_world_camera) @ X_camera_object
+    if not (np.abs(expected - X_world_object) <= MAX_POSE_ERROR * (1.0 + np.abs(expected).max())).all():
+        yield "X_world_object is not X_world_camera X_camera_object"
+    rotation = X_world_object[:3, :3]
+    if not (np.abs(rotation.T @ rotation - np.eye(3)) < MAX_POSE_ERROR).all() or np.linalg.det(rotation) < 0.0:
+        yield "X_world_object is not a rotation and translation"
+    if not (np.array(each.box_3d[0]) <= np.array(each.box_3d[1])).all() or 0.0 in each.scale:
+        yield "box_3d or scale is empty"
+    if not 0 <= each.visible_pixels <= each.amodal_pixels or not 0.0 <= each.truncation <= 1.0:
+        yield "visible_pixels, amodal_pixels or truncation is out of range"
+    elif each.visible_fraction != (each.visible_pixels / each.amodal_pixels if each.amodal_pixels else 0.0):
+        yield "visible_fraction is not visible_pixels / amodal_pixels"
+
+
+def _pixel_problems(each: ObjectRecord, ids: NDArray[Any], masks: Masks | None) -> Iterator[str]:
+    """Yield the differences between an object and the images of its pixels."""
+    visible = ids == each.instance
+    if np.count_nonzero(visible) != each.visible_pixels:
+        yield f"visible_pixels = {each.visible_pixels}, the instance image has {np.count_nonzero(visible)}"
+    if _box(visible) != each.box_visible:
+        yield f"box_visible is {each.box_visible}, that of the instance image is {_box(visible)}"
+    if masks is None:
+        return
+    if str(each.instance) not in masks.counts:
+        yield "it has no silhouette"
+        return
+    silhouette = masks.mask(str(each.instance))
+    if (visible & ~silhouette).any():
+        yield "visible pixels are outside of its silhouette"
+    inside = (1.0 - each.truncation) * each.amodal_pixels
+    if abs(np.count_nonzero(silhouette) - inside) > 0.5:
+        yield f"{inside:.0f} pixels of its silhouette are in the image, {np.count_nonzero(silhouette)} in the file"
+
+
+def _box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int] | None:
+    """Return the box (x, y, width, height) of the pixels of a mask; None if there are none."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return None
+    return int(columns[0]), int(rows[0]), int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1

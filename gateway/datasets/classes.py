@@ -1,0 +1,150 @@
+"""Classes of objects: the patterns of a ``--classes`` file, or a class for each model.
+
+The file is TOML or JSON. The first entry that matches an object gives its class::
+
+    [[class]]
+    name = "mug"
+    model = ["mug*", "cup"]          # one of them is the name of the model
+
+    [[class]]
+    name = "robot"
+    path = "panda/*"                 # path of the node in the scene, joined by "/"
+    file = "cells/*.glb"             # and the name of the scene
+    id = 7                           # default: 1, 2 ... in the order of the names
+
+In a pattern, ``*`` stands for any characters, ``?`` for one, ``[abc]`` for one of these.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated, Final
+
+import msgspec
+
+from gateway.scene.tree import Path as TreePath
+from renderers.stop import check_stop
+from scenegate.regular_files import read_file_or_pipe
+
+MAX_CLASSES: Final = 65_535
+"""Maximum number of classes, and the largest number of one: ``class`` images have 16 bits."""
+_MAX_FILE_BYTES: Final = 1 << 20
+"""Maximum size of the file, which has a line for each pattern."""
+
+_Pattern = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
+
+
+class ClassesError(ValueError):
+    """The classes cannot be used; the message is one sentence."""
+
+
+class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A class in the file. All of ``model``, ``path`` and ``file`` that are given must match."""
+
+    name: Annotated[str, msgspec.Meta(min_length=1, max_length=200)]
+    id: Annotated[int, msgspec.Meta(ge=1, le=MAX_CLASSES)] | None = None
+    model: _Pattern | tuple[_Pattern, ...] = ()
+    path: _Pattern | tuple[_Pattern, ...] = ()
+    file: _Pattern | tuple[_Pattern, ...] = ()
+
+    def matches(self, scene: str, path: str, model: str) -> bool:
+        pairs = ((self.model, model), (self.path, path), (self.file, scene))
+        return all(
+            any(fnmatchcase(text, each) for each in ((patterns,) if isinstance(patterns, str) else patterns))
+            for patterns, text in pairs
+            if patterns
+        )
+
+
+class _FileContent(msgspec.Struct, forbid_unknown_fields=True):
+    entries: Annotated[tuple[_Entry, ...], msgspec.Meta(min_length=1, max_length=MAX_CLASSES)] = msgspec.field(
+        name="class"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ClassTable:
+    """Names of classes, and the entries that give objects a class. Equal over all scenes of a dataset."""
+
+    ids: tuple[tuple[str, int], ...] = ()
+    """Name and number of each class."""
+    entries: tuple[_Entry, ...] = ()
+    """Entries of the file; none: the class of an object is that with the name of its model."""
+
+    @property
+    def names(self) -> dict[str, str]:
+        """Value of ``DatasetRecord.classes``."""
+        return {str(number): name for name, number in sorted(self.ids, key=lambda each: each[1])}
+
+    def classifier(self, scene: str) -> Callable[[TreePath, str], int]:
+        """Return a function that returns the number of the class of an object of a scene, given the path and the model
+        of the object; 0: none."""
+        ids = dict(self.ids)
+
+        def class_of(path: TreePath, model: str) -> int:
+            if not self.entries:
+                return ids.get(model, 0)
+            text = "/".join(map(str, path))
+            return next((ids[entry.name] for entry in self.entries if entry.matches(scene, text, model)), 0)
+
+        return class_of
+
+
+NO_CLASSES: Final = ClassTable()
+
+
+def classes_of_models(models: Iterable[str]) -> ClassTable:
+    """Return a class for each model, numbered by name.
+
+    Raises:
+        ClassesError: there are more than ``MAX_CLASSES``.
+    """
+    names = sorted(set(models))
+    if len(names) > MAX_CLASSES:
+        raise ClassesError(f"{len(names)} models are more than {MAX_CLASSES} classes; --classes can join some")
+    return ClassTable(tuple((name, number) for number, name in enumerate(names, 1)))
+
+
+def read_classes(path: Path) -> tuple[ClassTable, str]:
+    """Return the classes of a file, and the SHA-256 of the file.
+
+    Raises:
+        ClassesError: the file cannot be read, or an entry is invalid; the message names the entry.
+    """
+    try:
+        data = read_file_or_pipe(path, _MAX_FILE_BYTES, check_stop)
+        is_json = path.suffix.lower() == ".json"
+        content = (
+            msgspec.json.decode(data, type=_FileContent)
+            if is_json
+            else msgspec.convert(tomllib.loads(data.decode()), _FileContent)
+        )
+        table = ClassTable(_numbered(content.entries), content.entries)
+    except OSError as error:
+        raise ClassesError(f"{path}: {error.strerror or error}") from None
+    except (ValueError, msgspec.DecodeError, RecursionError) as error:  # including those of TOML and UTF-8
+        raise ClassesError(f"{path}: {error}") from None
+    return table, hashlib.sha256(data).hexdigest()
+
+
+def _numbered(entries: tuple[_Entry, ...]) -> tuple[tuple[str, int], ...]:
+    """Return names and numbers of the classes. Entries of one name are one class."""
+    given: dict[str, int] = {}
+    for index, entry in enumerate(entries):
+        if not (entry.model or entry.path or entry.file):
+            raise ClassesError(f"class[{index}] ({entry.name}) has none of model, path and file")
+        if entry.id is not None and given.setdefault(entry.name, entry.id) != entry.id:
+            raise ClassesError(
+                f"class[{index}] ({entry.name}).id = {entry.id}: the class has the id {given[entry.name]}"
+            )
+    if len(set(given.values())) < len(given):  # of different names
+        raise ClassesError("two classes have the same id")
+    names = dict.fromkeys(entry.name for entry in entries)
+    taken = set(given.values())
+    free = (number for number in range(1, MAX_CLASSES + 1) if number not in taken)
+    return tuple((name, given[name] if name in given else next(free)) for name in names)
