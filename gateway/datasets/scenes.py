@@ -240,7 +240,7 @@ def _load_scenario(source: Source, files: FolderFiles, options: SceneOptions) ->
         sources=_sources(built.digests),
         generator="",
         warnings=tuple(map(_utf8, built.warnings)),
-        labels={str(label): tuple(map(_utf8_path, paths)) for label, paths in labels.items()},
+        labels={str(label): tuple(map(utf8_path, paths)) for label, paths in labels.items()},
         scenario=msgspec.to_builtins(choices),
     )
     scenario = ScenarioScene(catalogue, choices, 0, built.scenery)

@@ -114,7 +114,7 @@ def _sample(
         result = slerp(begin, end, t) if name == "rotation" else begin + t * (end - begin)
     if name == "rotation" and result.any():
         result = result / np.linalg.norm(result)
-    return result
+    return np.asarray(result)
 
 
 def slerp(begin: NDArray[np.float64], end: NDArray[np.float64], t: float) -> NDArray[np.float64]:
