@@ -18,6 +18,14 @@ def _common() -> None:
 
 
 @app.command()
+def schema() -> None:
+    """Print the JSON schema of scenario files, for editors."""
+    from gateway.datasets.scenario.file import schema_text
+
+    typer.echo(schema_text(), nl=False)
+
+
+@app.command()
 def check(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", exists=True, file_okay=False, help="Dataset folder.")],
     threads: Annotated[int, typer.Option(min=0, help="Number of threads; 0: one per core.")] = 0,

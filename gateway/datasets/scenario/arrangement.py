@@ -38,8 +38,12 @@ class Candidate:
 
     @property
     def solid(self) -> Solid:
-        """The object in its own frame, scaled."""
-        return Solid(tuple(body * self.choice.scale for body in self.model.hulls(self.choice.joints)))
+        """The object in its own frame, scaled. Raises ScenarioError for joint values that the model cannot have."""
+        try:
+            hulls = self.model.hulls(self.choice.joints)
+        except SceneFileError as error:
+            raise tables.ScenarioError(f"{self.choice.file}: {error}") from None
+        return Solid(tuple(body * self.choice.scale for body in hulls))
 
 
 @dataclass(frozen=True, eq=False)

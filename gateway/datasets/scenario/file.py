@@ -318,11 +318,14 @@ def _check(scenario: Scenario) -> None:
             if moving and scenario.frames is None:
                 raise ValueError(f"{kind}[{index}]: it moves, so [frames] must have the count of frames")
     for index, camera in enumerate(scenario.cameras):
+        if isinstance(camera, Fixed) and camera.eye == camera.target:
+            raise ValueError(f"cameras[{index}]: camera eye and target coincide at {list(camera.eye)}")
         if isinstance(camera, Handheld) and scenario.frames is None:
             raise ValueError(f"cameras[{index}]: a handheld camera moves, so [frames] must have the count of frames")
 
 
-def schema() -> dict[str, Any]:
+def schema_text() -> str:
     """Return the JSON schema of the file, for editors."""
     content = msgspec.json.schema(Scenario)
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Scenegate scenario", **content}
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Scenegate scenario", **content}
+    return msgspec.json.format(msgspec.json.encode(schema), indent=1).decode() + "\n"
