@@ -120,7 +120,7 @@ def test_an_animation_of_a_gltf_file(write: Write, interpolation: str, x: float,
 def test_an_animation_that_does_not_exist(write: Write) -> None:
     path = write(FRAMES + "models = [{path = 'a.gltf', animation = 'run', position = [0, 0, 0]}]")
     animated(path.parent / "a.gltf")
-    with pytest.raises(ValueError, match="a.gltf: animations: there is no 'run'; there are: go"):
+    with pytest.raises(ValueError, match=r"a\.gltf: animations: there is no 'run'; there are: go"):
         load(path)
 
 
@@ -158,7 +158,8 @@ def test_errors_of_tracks_of_poses(tmp_path: Path) -> None:
 def test_a_handheld_camera_moves_smoothly_and_sees_the_objects(write: Write) -> None:
     path = write(
         "frames = {count = 40, rate = 20}\nmodels = [{path = 'models/can.urdf', count = 3}]\n"
-        "surfaces = [{area = [0.5, 0.5]}]\ncameras = [{kind = 'handheld'}, {kind = 'fixed', eye = [2, 0, 1], target = [0, 0, 0]}]"
+        "surfaces = [{area = [0.5, 0.5]}]\ncameras = [{kind = 'handheld'}, "
+        "{kind = 'fixed', eye = [2, 0, 1], target = [0, 0, 0]}]"
     )
     scene = load(path)
     poses = []
