@@ -63,6 +63,14 @@ def render(
         float,
         typer.Option(min=0.0, max=100.0, metavar="METRES", help="Distance of the right camera, for stereo images."),
     ] = 0.0,
+    stereo_profile: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Camera profile (rgbd, rc_visard_160c …, or a .toml file), for stereo and measured images: its size, "
+            "lens, baseline and depth errors.",
+        ),
+    ] = "",
     width: Annotated[int, typer.Option(min=1, max=16384, help="Image width in pixels.")] = 640,
     height: Annotated[int, typer.Option(min=1, max=16384, help="Image height in pixels.")] = 480,
     camera: Annotated[
@@ -181,8 +189,7 @@ def render(
         raise ValueError(f"{out}: images are written as {', '.join(IMAGE_SUFFIXES)}; or name a folder with -o")
     if single and (len(scenes) != 1 or scenes[0].is_dir() or len(image_types) != 1 or cameras is not None):
         raise ValueError(f"{out} is one image: for more scenes, types or cameras name a folder with -o")
-    if ("stereo" in image_types) != (baseline > 0.0):
-        raise ValueError("stereo images need --baseline METRES, and nothing else does")
+    _check_stereo(image_types, baseline, stereo_profile)
     if rig is not None and look not in ("auto", "studio"):
         typer.echo(f"--rig lights the studio look only: --look {look} is rendered without it", err=True)
     from gateway.runtime.kernels.loading import ensure_compiled
@@ -225,6 +232,8 @@ def render(
         strict=strict,
         baseline=baseline,
     )
+    if stereo_profile:
+        settings = _with_profile(settings, stereo_profile)
     views = (
         *(View(f"camera-{index:03d}", text) for index, text in enumerate(camera or ())),
         *(View(f"orbit-{index:03d}", OrbitCamera(index, orbit, orbit_elevation)) for index in range(orbit)),
@@ -259,6 +268,38 @@ def _parse_types(text: str) -> tuple[ImageType, ...]:
     if not wanted or not wanted <= {*IMAGE_TYPES}:
         raise ValueError(f"--type {text[:80]!r}: must be some of {', '.join(IMAGE_TYPES)}, separated by commas")
     return tuple(name for name in IMAGE_TYPES if name in wanted)
+
+
+def _check_stereo(types: tuple[ImageType, ...], baseline: float, profile: str) -> None:
+    """Raise ValueError unless there are a baseline or a profile for the images that need them, and for no others."""
+    if "measured" in types and not profile:
+        raise ValueError("measured images need --stereo-profile NAME")
+    if profile and baseline:
+        raise ValueError("--stereo-profile has a baseline: leave out --baseline")
+    if not {"stereo", "measured"} & {*types} and (baseline or profile):
+        raise ValueError("--baseline and --stereo-profile are for --type stereo or measured")
+    if "stereo" in types and not (baseline or profile):
+        raise ValueError("stereo images need --baseline METRES or --stereo-profile NAME")
+
+
+def _with_profile(settings: Settings, name: str) -> Settings:
+    """Return settings with the image size, lens and baseline of a camera profile."""
+    from hashlib import sha256
+
+    from msgspec.json import encode
+
+    from gateway.stereo.device.profile import read_profile
+
+    profile = read_profile(name)
+    width, height = profile.stereo.size
+    return replace(
+        settings,
+        width=width,
+        height=height,
+        baseline=profile.stereo.baseline,
+        stereo_profile=str(Path(name).absolute()) if name.endswith(".toml") else name,
+        stereo_profile_sha256=sha256(encode(profile)).hexdigest(),
+    )
 
 
 def _parse_classes(path: Path | None, sources: tuple[Source, ...], settings: Settings) -> tuple[ClassTable, Settings]:

@@ -15,7 +15,7 @@ from gateway.datasets.job import Job, Result
 from gateway.datasets.local_tasks import run_local
 from gateway.datasets.ray_tasks import run_ray
 from gateway.datasets.run import Progress, run
-from scenegate.cli.progress_bar import progress_bar
+from scenegate.cli.progress_bar import clock, progress_bar
 from scenegate.datasets import manifest
 
 LOG_SECONDS: Final = 10.0
@@ -46,7 +46,7 @@ def render_dataset(job: Job, cores: int, ray: str | None) -> bool:
 
 def _run_with_progress(job: Job, execute: partial[Iterator[Result]]) -> Progress:
     """Run the job; show a progress bar on a terminal, else a line every ``LOG_SECONDS``."""
-    logged = time.monotonic()
+    begin = logged = time.monotonic()
     with progress_bar("Rendering", f"of {job.size} samples", job.size) as bar:
 
         def report(progress: Progress) -> None:
@@ -55,12 +55,16 @@ def _run_with_progress(job: Job, execute: partial[Iterator[Result]]) -> Progress
             bar.update(progress.finished, progress.finished, note=note)
             if not bar.shown and time.monotonic() - logged > LOG_SECONDS:
                 logged = time.monotonic()
-                typer.echo(f"{progress.finished} of {progress.total} done {note}", err=True)
+                rate = progress.rendered / (logged - begin)
+                left = f", {rate:.1f}/s, {clock((progress.total - progress.finished) / rate)} left" if rate else ""
+                typer.echo(f"{progress.finished} of {progress.total} done{left} {note}", err=True)
 
         return run(job, execute, report)
 
 
 def _print_result(out: Path, progress: Progress, seconds: float) -> None:
+    for note in progress.notes:
+        typer.echo(f"{out}: {note}", err=True)
     for name, warnings in sorted(progress.warnings.items()):
         for warning in warnings:
             typer.echo(f"{name}: {warning}", err=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gateway.datasets.classes import ClassTable
 from gateway.datasets.models import make_model
-from gateway.datasets.objects import ObjectFrame, object_frame, own_subtree, owner_numbers
+from gateway.datasets.objects import ObjectFrame, joined_objects, object_frame, own_subtree, owner_numbers
 from gateway.datasets.scenes import LoadedScene, SceneError, utf8_path
 from gateway.scene.flatten import flatten, images_of
 from gateway.scene.transforms import Matrix
@@ -69,9 +69,10 @@ def annotate_scene(scene: LoadedScene, classes: ClassTable, save: SaveModel) -> 
     Raises:
         SceneError: the scene has more than ``MAX_OBJECTS``.
     """
+    candidates = joined_objects(scene.objects, classes.whole_nodes(scene.description.scene))
     class_of = classes.classifier(scene.description.scene)
-    class_ids = {each.path: class_of(each.path, each.model) for each in scene.objects}
-    wanted = [each for each in scene.objects if class_ids[each.path]]
+    class_ids = {each.path: class_of(each.path, each.model) for each in candidates}
+    wanted = [each for each in candidates if class_ids[each.path]]
     if len(wanted) > MAX_OBJECTS:
         raise SceneError(f"{len(wanted)} annotated objects are more than the limit, {MAX_OBJECTS}; --classes selects")
     numbers = dict.fromkeys(class_ids, 0) | {each.path: number for number, each in enumerate(wanted, 1)}

@@ -230,6 +230,7 @@ _PIXEL_FORMATS: Final[dict[ImageType, tuple[tuple[str, int], ...]]] = {
     "albedo": (("uint8", 3),),
     "flow": (("float32", 2),),
     "stereo": (("uint8", 3),),
+    "measured": (("uint16", 1),),
 }
 """Allowed data types and numbers of channels of each type of image."""
 

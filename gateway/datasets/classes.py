@@ -8,8 +8,9 @@ The file is TOML or JSON. The first entry that matches an object gives its class
 
     [[class]]
     name = "robot"
-    path = "panda/*"                 # path of the node in the scene, joined by "/"
+    path = "cell/panda"              # path of the node in the scene, joined by "/"
     file = "cells/*.glb"             # and the name of the scene
+    whole = true                     # the first node on a path that matches is one object, with all below it
     id = 7                           # default: 1, 2 ... in the order of the names
 
 In a pattern, ``*`` stands for any characters, ``?`` for one, ``[abc]`` for one of these.
@@ -22,6 +23,7 @@ import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -51,6 +53,7 @@ class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     model: _Pattern | tuple[_Pattern, ...] = ()
     path: _Pattern | tuple[_Pattern, ...] = ()
     file: _Pattern | tuple[_Pattern, ...] = ()
+    whole: bool = False
 
     def matches(self, scene: str, path: str, model: str) -> bool:
         pairs = ((self.model, model), (self.path, path), (self.file, scene))
@@ -80,6 +83,17 @@ class ClassTable:
     def names(self) -> dict[str, str]:
         """Value of ``DatasetRecord.classes``."""
         return {str(number): name for name, number in sorted(self.ids, key=lambda each: each[1])}
+
+    def whole_nodes(self, scene: str) -> Callable[[TreePath], bool] | None:
+        """Return a function that returns True for the path of a node that is one object with everything below it; None
+        if there is no such node in any scene."""
+        entries = [entry for entry in self.entries if entry.whole]
+
+        @cache
+        def is_whole(path: TreePath) -> bool:
+            return any(entry.matches(scene, "/".join(map(str, path)), "") for entry in entries)
+
+        return is_whole if entries else None
 
     def classifier(self, scene: str) -> Callable[[TreePath, str], int]:
         """Return a function that returns the number of the class of an object of a scene, given the path and the model
@@ -138,6 +152,8 @@ def _numbered(entries: tuple[_Entry, ...]) -> tuple[tuple[str, int], ...]:
     for index, entry in enumerate(entries):
         if not (entry.model or entry.path or entry.file):
             raise ClassesError(f"class[{index}] ({entry.name}) has none of model, path and file")
+        if entry.whole and (entry.model or not entry.path):
+            raise ClassesError(f"class[{index}] ({entry.name}).whole needs a path, and no model")
         if entry.id is not None and given.setdefault(entry.name, entry.id) != entry.id:
             raise ClassesError(
                 f"class[{index}] ({entry.name}).id = {entry.id}: the class has the id {given[entry.name]}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
@@ -48,11 +48,31 @@ def objects_of(root: Node, models: Mapping[TreePath, str] = MappingProxyType({})
         root: root of the scene's tree.
         models: names of models by path; other models are called after their path.
     """
-    return tuple(
-        SceneObject(path, models.get(path) or "/".join(map(str, path)).encode("utf-8", "replace").decode())
-        for path, node in root.walk()
-        if node.parts
-    )
+    return tuple(SceneObject(path, models.get(path) or _model_name(path)) for path, node in root.walk() if node.parts)
+
+
+def joined_objects(
+    objects: tuple[SceneObject, ...], is_whole: Callable[[TreePath], bool] | None
+) -> tuple[SceneObject, ...]:
+    """Return objects, with those below a whole node replaced by one object of that node, called after it.
+
+    Args:
+        objects: objects of a scene.
+        is_whole: returns True for the path of a whole node; None: there are none.
+    """
+    if is_whole is None:
+        return objects
+    joined: dict[TreePath, SceneObject] = {}
+    for each in objects:
+        top = next((each.path[:n] for n in range(1, len(each.path)) if is_whole(each.path[:n])), None)
+        found = each if top is None else SceneObject(top, _model_name(top[-1:]))
+        joined.setdefault(found.path, found)
+    return tuple(joined.values())
+
+
+def _model_name(path: TreePath) -> str:
+    """Return the name of a model that is called after a path."""
+    return "/".join(map(str, path)).encode("utf-8", "replace").decode()
 
 
 def object_frame(X_world_node: Matrix) -> ObjectFrame | None:
@@ -75,7 +95,7 @@ def object_frame(X_world_node: Matrix) -> ObjectFrame | None:
     if np.linalg.det(axes) < 0.0:
         axes[:, 0], lengths[0] = -axes[:, 0], -lengths[0]
     X_world_object[:3, :3] = axes
-    x, y, z = np.where(np.abs(np.abs(lengths) - 1.0) < 1e-12, np.sign(lengths), lengths).tolist()
+    x, y, z = (float(f"{length:.12g}") for length in lengths)  # equal in all poses
     return ObjectFrame(X_world_object, (x, y, z), IDENTITY)
 
 

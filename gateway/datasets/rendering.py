@@ -20,6 +20,7 @@ from gateway.datasets.annotated_scene import AnnotatedScene
 from gateway.datasets.annotations import ANNOTATION_OUTPUTS, annotate
 from gateway.datasets.scenes import LoadedScene
 from gateway.datasets.second_view import flow_between, flow_file, instance_motions, right_camera
+from gateway.datasets.stereo_sensor import StereoSensor
 from gateway.render.camera import camera_of
 from gateway.render.config import LookChoice, RenderConfig
 from gateway.render.form import RenderRequest
@@ -51,6 +52,7 @@ IMAGE_FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
     "amodal": ("json",),
     "flow": ("flo",),
     "stereo": ("png",),
+    "measured": ("png",),
 }
 """Suffixes of the file formats of each type of image. The first is the default."""
 _ALBEDO_LOOK: Final = Look(
@@ -133,6 +135,10 @@ class Shot:
     """Scene of the next view, if it has moved."""
     baseline: float = 0.0
     """Distance of the right camera in metres, for ``stereo``."""
+    sensor: StereoSensor | None = None
+    """Camera that measures depth, for ``measured``."""
+    number: int = 0
+    """Seed of the noise of the sensor."""
 
 
 def render_images(
@@ -147,8 +153,8 @@ def render_sample(
 ) -> tuple[dict[ImageType, bytes], tuple[ObjectRecord, ...]]:
     """Render the images of a sample; return them encoded, by type, and the annotated objects.
 
-    One call of the renderer makes all but ``albedo``, ``stereo`` and the silhouettes of objects that may be hidden.
-    There is no ``flow`` without a next camera.
+    One call of the renderer makes all but ``albedo``, ``stereo`` and ``measured``. Objects that others may hide take
+    one more each. There is no ``flow`` without a next camera.
 
     Args:
         renderer: renders the images.
@@ -178,6 +184,8 @@ def render_sample(
         right = renderer.render(scene.draw_list, right_view, Output.COLOR, look)
         _finish(right, scene, right_view, renderer, look, style)
         images["stereo"] = _encode(right, "color", formats["stereo"])
+    if "measured" in formats and shot.sensor is not None:
+        images["measured"] = png_gray16(shot.sensor.measure(scene.draw_list, camera, look, shot.number))
     if "flow" in formats and shot.next_camera is not None:
         assert frame.depth is not None
         X = shot.next_camera.X_camera_world @ camera.X_world_camera

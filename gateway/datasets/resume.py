@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
@@ -15,7 +16,7 @@ from gateway.datasets.sources import Source
 from renderers.stop import StopFlag, check_stop
 from scenegate.datasets import manifest
 from scenegate.datasets.manifest import RecordError, SampleRecord, Settings, SourceFile
-from scenegate.regular_files import sha256_of
+from scenegate.regular_files import open_regular, sha256_of
 
 BATCH_SAMPLES: Final = 1000
 """Number of samples whose images are hashed at a time. A dataset may have millions, which do not fit in memory."""
@@ -93,25 +94,37 @@ def valid_samples(job: Job, threads: int = 1) -> Iterator[SampleRecord]:
             pool.shutdown(cancel_futures=True)
 
 
+def ends_in_partial_line(path: Path) -> bool:
+    """Return True if the last line of a file is cut off, as by a full disk or a copy that was stopped."""
+    try:
+        with open_regular(path) as file:
+            if file.seek(0, io.SEEK_END) == 0:
+                return False
+            file.seek(-1, io.SEEK_END)
+            return file.read(1) != b"\n"
+    except OSError:
+        return False
+
+
 def _recorded_samples(job: Job) -> Iterator[SampleRecord]:
     """Yield the samples in the manifest, then those in the journal. A sample may be in both."""
     try:
         for name in (manifest.MANIFEST_FILE, manifest.JOURNAL_FILE):
             if (job.out / name).exists():
-                yield from manifest.read_lines(
-                    job.out / name, SampleRecord, allow_partial_end=name == manifest.JOURNAL_FILE
-                )
+                yield from manifest.read_lines(job.out / name, SampleRecord, allow_partial_end=True)
     except RecordError as error:
         raise JobError(str(error)) from None
 
 
 def _current_digest(job: Job, source: Source) -> str | None:
-    """Return the digest that the scene has now, or None if its ``scene.json`` cannot be read."""
+    """Return the digest that the scene has now, or None if its ``scene.json`` or a model cannot be read."""
     try:
         description = manifest.read_file(
             job.out / manifest.SCENES_FOLDER / source.name / manifest.SCENE_FILE, manifest.SceneRecord
         )
     except RecordError:
+        return None
+    if any(sha256_of(job.out / model.path, check_stop) != model.sha256 for model in description.models.values()):
         return None
     folder = Path(source.path).parent
     return scene_digest(

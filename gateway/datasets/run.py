@@ -5,19 +5,20 @@ If a run is stopped, the next run of the same job continues it.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
 from gateway import __version__
 from gateway.datasets.files import locked, remove_temporary_files, temporary_name, write_atomically
-from gateway.datasets.job import Job, Result, Task
+from gateway.datasets.job import Job, JobError, Result, Task
 from gateway.datasets.journal import Journal
-from gateway.datasets.resume import existing_dataset, valid_samples
+from gateway.datasets.resume import ends_in_partial_line, existing_dataset, valid_samples
 from gateway.runtime.scheduling import usable_cpus
 from renderers.compiler import cache_folder
 from scenegate.datasets import manifest
-from scenegate.datasets.manifest import FailureRecord
+from scenegate.datasets.manifest import FailureRecord, SampleRecord
 
 Execute = Callable[[list[Task]], Iterator[Result]]
 """Function that runs tasks in worker processes, and yields their results in any order."""
@@ -36,6 +37,7 @@ CONVENTIONS: Final = {
     "amodal": "JSON: run lengths of each object's silhouette down the columns, as COCO's uncompressed RLE",
     "flow": "Middlebury .flo: float32 pixels to the right and down, to the next view; beyond 1e9 is not known",
     "stereo": "as color, from the camera at (baseline, 0, 0) in the optical frame, of the same intrinsics",
+    "measured": "16-bit grey: millimetres along the optical axis, with the errors of stereo_profile; 0 is nothing",
     "objects": "X_camera_object: 4 x 4, pose in the optical frame; p of the model is scale * p in the object",
     "boxes": "x, y, width, height in whole pixels; box_amodal may reach beyond the image, by its size at most",
 }
@@ -56,6 +58,8 @@ class Progress:
     """Different failures, in the order of their arrival. All tasks of an unreadable scene report the same failure."""
     warnings: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """Warnings by the name of the scene."""
+    notes: list[str] = field(default_factory=list)
+    """Sentences about what this run found and repaired in the folder."""
 
     @property
     def finished(self) -> int:
@@ -86,6 +90,7 @@ def _run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Prog
     out = job.out
     renderer_digest = cache_folder.sources_digest()
     existing = existing_dataset(job)
+    is_cut = existing is not None and ends_in_partial_line(out / manifest.MANIFEST_FILE)
     description = manifest.DatasetRecord(
         generator=f"scenegate {__version__}",
         renderer=renderer_digest,
@@ -111,8 +116,14 @@ def _run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Prog
             FailureRecord(source.printable_name, None, source.problem) for source in job.sources if source.problem
         )
         progress = Progress(job.size, kept=journal.count, failures=dict.fromkeys(unusable_sources))
+        if is_cut:
+            progress.notes.append(
+                f"the last line of {manifest.MANIFEST_FILE} was cut off; its sample is rendered again"
+            )
         report(progress)
         for result in execute(job.tasks(journal.has, renderer_digest)):
+            if result.samples and not progress.rendered:
+                _check_space(job, result.samples, job.size - journal.count)
             for sample in result.samples:
                 journal.add(sample)
             journal.flush()
@@ -123,6 +134,17 @@ def _run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Prog
             report(progress)
         _finish(job, journal, progress.failures)
     return progress
+
+
+def _check_space(job: Job, samples: list[SampleRecord], missing: int) -> None:
+    """Raise JobError if a disk cannot hold all missing samples, estimated from the first ones."""
+    mean = sum(image.bytes for sample in samples for image in sample.images.values()) / len(samples)
+    needed, free = mean * (missing - len(samples)), shutil.disk_usage(job.out).free
+    if needed > free:
+        raise JobError(
+            f"{job.out}: the samples need about {needed / 1e9:.1f} GB more, and {free / 1e9:.1f} GB are free; name a "
+            "folder on another disk, or render fewer, smaller or other images (--depth-format png is compressed)"
+        )
 
 
 def _finish(job: Job, journal: Journal, failures: Iterable[FailureRecord]) -> None:

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, lru_cache, partial
 from itertools import zip_longest
 from pathlib import Path
@@ -22,7 +24,8 @@ from gateway.datasets.job import Result, Task, view_description
 from gateway.datasets.rendering import IMAGE_FORMATS, RequestRenderer, Shot, ignored_rig, render_sample, style_of
 from gateway.datasets.scenes import LoadedScene, SceneError, load_options, load_scene
 from gateway.datasets.sources import Source
-from gateway.datasets.views import View, camera_of, record_of
+from gateway.datasets.stereo_sensor import StereoSensor, cached_profile, intrinsics_of
+from gateway.datasets.views import Intrinsics, View, camera_of, record_of
 from gateway.render.errors import RequestError
 from gateway.robots.scene_files import SceneOptions
 from gateway.runtime import process_tuning
@@ -41,6 +44,7 @@ from scenegate.datasets.manifest import (
     ObjectRecord,
     SampleRecord,
 )
+from scenegate.regular_files import sha256_of
 
 T = TypeVar("T")
 
@@ -133,9 +137,12 @@ class Worker:
             next_scene, next_view = scene.posed(next_view)
             next_camera = _camera_of(next_view, next_scene, settings)
         formats = {image_type: _file_format(image_type, settings) for image_type in settings.types}
-        shot = Shot(
-            scene, camera, annotated, next_camera, next_scene if next_scene is not scene else None, settings.baseline
-        )
+        sensor = None
+        if settings.stereo_profile:
+            sensor = StereoSensor(cached_profile(settings.stereo_profile), self._renderer)
+        number = zlib.crc32(f"{task.source.name}/{view.name}".encode())
+        moved = next_scene if next_scene is not scene else None
+        shot = Shot(scene, camera, annotated, next_camera, moved, settings.baseline, sensor, number)
         return camera, *render_sample(self._renderer, shot, formats, style_of(settings))
 
 
@@ -162,7 +169,9 @@ def _load_cached(source: Source, options: SceneOptions, modified_ns: int, size: 
 
 
 def _camera_of(view: View, scene: LoadedScene, settings: manifest.Settings) -> Camera:
-    """Return the camera of a view in a scene."""
+    """Return the camera of a view in a scene. Views without a lens have that of the stereo profile, if there is one."""
+    if settings.stereo_profile and view.intrinsics == Intrinsics():
+        view = replace(view, intrinsics=intrinsics_of(cached_profile(settings.stereo_profile)))
     return camera_of(
         view, scene.root, scene.draw_list, scene.file_camera, settings.width, settings.height, settings.fovy
     )
@@ -181,7 +190,7 @@ def _annotate_cached(scene: LoadedScene, classes: ClassTable, out: str) -> Annot
 
     def save(record: ModelRecord, data: bytes) -> None:
         path = Path(out) / record.path
-        if not path.is_file():
+        if sha256_of(path) != record.sha256:
             write_atomically(path, data)
 
     return annotate_scene(scene, classes, save)

@@ -151,7 +151,8 @@ def run_job(monkeypatch: pytest.MonkeyPatch, steps: Callable[[Any, Any], Any]) -
 
 def progress(failures: int = 0, warnings: dict[str, list[str]] | None = None, finished: int = 3) -> Any:
     failed = [FailureRecord(f"s{k}", None if k % 2 else "view", "broken") for k in range(failures)]
-    return SimpleNamespace(failures=failed, warnings=warnings or {}, finished=finished, total=3, kept=1, rendered=2)
+    counts = {"finished": finished, "total": 3, "kept": 1, "rendered": 2}
+    return SimpleNamespace(failures=failed, warnings=warnings or {}, notes=["repaired"], **counts)
 
 
 @pytest.mark.parametrize("failures", [0, 2])
@@ -173,8 +174,8 @@ def test_the_result_of_a_dataset(failures: int, monkeypatch: pytest.MonkeyPatch,
     ]
     lines = capsys.readouterr().err.splitlines()
     lines = lines[: len(lines) // 2]
-    assert lines[:3] == ["a: x", "a: y", "b: odd"]
-    assert lines[3:-1] == ["scenegate: s0, view: broken", "scenegate: s1: broken"][:failures]
+    assert lines[:4] == ["out: repaired", "a: x", "a: y", "b: odd"]
+    assert lines[4:-1] == ["scenegate: s0, view: broken", "scenegate: s1: broken"][:failures]
     assert lines[-1].startswith("out: 3 of 3 samples, 1 of them from before, 2 rendered in 0.")
     assert ("; 2 problems, see " in lines[-1]) == (failures == 2)
 
@@ -203,5 +204,5 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys:
 
     render_dataset.render_dataset(run_job(monkeypatch, steps), 1, None)
     lines = capsys.readouterr().err.splitlines()
-    assert lines[:2] == ["2 of 3 done ", "3 of 3 done 1 failed"]
-    assert len(lines) == 3
+    assert lines[:2] == ["2 of 3 done, 0.2/s, 0:00:05 left ", "3 of 3 done, 0.1/s, 0:00:00 left 1 failed"]
+    assert len(lines) == 4

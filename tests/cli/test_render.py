@@ -20,7 +20,7 @@ def test_types_are_in_a_fixed_order() -> None:
 
 @pytest.mark.parametrize("text", ["", ",", "colour", "color,normals"])
 def test_unknown_types_are_rejected(text: str) -> None:
-    with pytest.raises(ValueError, match=r"--type '.*': must be color, depth or label"):
+    with pytest.raises(ValueError, match=r"--type '.*': must be some of color, depth, label, instance"):
         _parse_types(text)
 
 
@@ -84,6 +84,25 @@ def test_an_existing_folder_may_have_the_suffix_of_an_image(
     file, folder = scenes
     result = render(monkeypatch, file, file, "-o", folder)
     assert type(result.exception).__name__ == "KernelsNeeded"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--type", "stereo"), "stereo images need --baseline METRES or --stereo-profile NAME"),
+        (("--type", "color", "--baseline", "0.1"), "--baseline and --stereo-profile are for --type stereo or measured"),
+        (("--stereo-profile", "rgbd"), "--baseline and --stereo-profile are for --type stereo or measured"),
+        (("--type", "measured", "--baseline", "0.1"), "measured images need --stereo-profile NAME"),
+        (
+            ("--type", "stereo", "--baseline", "0.1", "--stereo-profile", "rgbd"),
+            "--stereo-profile has a baseline: leave out --baseline",
+        ),
+    ],
+)
+def test_baselines_and_profiles_are_for_stereo_images(
+    monkeypatch: pytest.MonkeyPatch, scenes: tuple[str, str], arguments: tuple[str, ...], sentence: str
+) -> None:
+    assert str(render(monkeypatch, scenes[0], "-o", "out", *arguments).exception) == sentence
 
 
 def test_a_rig_for_another_look_is_a_warning(monkeypatch: pytest.MonkeyPatch, scenes: tuple[str, str]) -> None:

@@ -9,13 +9,15 @@ from pathlib import Path
 import pytest
 
 from gateway.datasets.camera_file import CameraFile
+from gateway.datasets.classes import ClassTable, classes_of_models
 from gateway.datasets.job import Job, Result, Task, make_job
 from gateway.datasets.run import Progress, run
+from gateway.datasets.scenes import model_names
 from gateway.datasets.sources import find_sources
 from gateway.datasets.views import View
 from gateway.datasets.worker import Worker
 from gateway.scene.cameras import OrbitCamera
-from scenegate.datasets.manifest import Settings
+from scenegate.datasets.manifest import ANNOTATED_TYPES, Settings
 from tests.support import forms
 
 SETTINGS = Settings(
@@ -77,10 +79,21 @@ def draw(worker: Worker) -> Draw:
 
 
 def job_of(
-    scenes: Path, out: Path, *, orbit: int = 2, settings: Settings = SETTINGS, cameras: CameraFile | None = None
+    scenes: Path,
+    out: Path,
+    *,
+    orbit: int = 2,
+    settings: Settings = SETTINGS,
+    cameras: CameraFile | None = None,
+    classes: ClassTable | None = None,
 ) -> Job:
+    """Return a job. Without ``classes``, each model has one if the settings have annotations."""
     views = tuple(View(f"orbit-{i}", OrbitCamera(i, orbit, 30.0)) for i in range(orbit))
-    return make_job(find_sources([scenes]), views, cameras or CameraFile(), settings, out)
+    sources = find_sources([scenes])
+    if classes is None:
+        has_objects = bool({*ANNOTATED_TYPES} & {*settings.types})
+        classes = classes_of_models(name for source in sources for name in model_names(source) if has_objects)
+    return make_job(sources, views, cameras or CameraFile(), settings, out, classes=classes)
 
 
 def contents(folder: Path) -> dict[str, bytes]:

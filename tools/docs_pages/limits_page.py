@@ -122,6 +122,8 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Datasets: camera files", "gateway.datasets.camera_file", ("MAX_FILE_BYTES",)),
     ("Datasets: names of scenes", "gateway.datasets.sources", ("MAX_NAME_CHARS",)),
     ("Datasets: tasks", "gateway.datasets.job", ("VIEWS_PER_TASK",)),
+    ("Datasets: classes", "gateway.datasets.classes", ("MAX_CLASSES",)),
+    ("Datasets: objects", "gateway.datasets.annotated_scene", ("MAX_OBJECTS",)),
     ("Datasets: retries on Ray", "gateway.datasets.ray_tasks", ("MAX_RETRIES",)),
 )
 """Heading, module and names of each group of limits that are constants."""

@@ -52,11 +52,11 @@ class ProgressBar:
         rate = f"{(count - self._first_update[1]) / seconds:.1f}/s" if seconds > 0.0 else ""
         done = min(completed / self._total, 1.0) if self._total else 0.0
         elapsed = now - self._begin
-        left = "-:--:--" if not done else _clock(elapsed / done - elapsed)
+        left = "-:--:--" if not done else clock(elapsed / done - elapsed)
         columns = shutil.get_terminal_size().columns
         filled = round(done * _BAR_COLUMNS)
         bar = "━" * filled + "─" * (_BAR_COLUMNS - filled) if self._total and columns >= _MIN_COLUMNS else ""
-        parts = (self._description, bar, f"{count} {self._unit}", rate, left if self._total else _clock(elapsed), note)
+        parts = (self._description, bar, f"{count} {self._unit}", rate, left if self._total else clock(elapsed), note)
         self._write(" ".join(part for part in parts if part)[: columns - 1])
 
     def end(self) -> None:
@@ -69,7 +69,8 @@ class ProgressBar:
         sys.stderr.flush()
 
 
-def _clock(seconds: float) -> str:
+def clock(seconds: float) -> str:
+    """Return a time as hours, minutes and seconds."""
     minutes, seconds = divmod(int(seconds), 60)
     return f"{minutes // 60}:{minutes % 60:02}:{seconds:02}"
 

@@ -113,6 +113,14 @@ class Sample:
         return np.ascontiguousarray(self._read("stereo")[..., :3], np.uint8)
 
     @property
+    def measured(self) -> NDArray[np.float32]:
+        """Depth as the stereo camera measures it, along the optical axis in metres, (H, W). NaN: not measured."""
+        stored = self._read("measured")
+        metres = stored.astype(np.float32) / np.float32(1000.0)
+        metres[stored == 0] = np.nan
+        return metres
+
+    @property
     def flow(self) -> NDArray[np.float32]:
         """Optical flow to the next view in pixels, (H, W, 2): columns to the right, rows down. NaN: not known."""
         path = self.path("flow")

@@ -40,7 +40,9 @@ MAX_LINE_BYTES: Final = 16 << 20
 MAX_DESCRIPTION_BYTES: Final = 256 << 20
 """Maximum size of a dataset.json or scene.json. A scene.json with a million labelled paths has 60 MB."""
 
-ImageType = Literal["color", "depth", "label", "instance", "class", "normal", "albedo", "amodal", "flow", "stereo"]
+ImageType = Literal[
+    "color", "depth", "label", "instance", "class", "normal", "albedo", "amodal", "flow", "stereo", "measured"
+]
 IMAGE_TYPES: Final[tuple[ImageType, ...]] = get_args(ImageType)
 ANNOTATED_TYPES: Final[tuple[ImageType, ...]] = ("instance", "class", "amodal")
 """Types of images for which samples have ``SampleRecord.objects``."""
@@ -103,6 +105,10 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Digest of the scenarios without their numbers of scenes, and of the names of their files; None: no scenario."""
     baseline: float = 0.0
     """Distance of the right camera of ``stereo`` images in metres."""
+    stereo_profile: str = ""
+    """Name or path of the camera profile of ``measured`` images; empty: there are none."""
+    stereo_profile_sha256: str | None = None
+    """SHA-256 of the content of the profile; None: no profile."""
     strict: bool = False
     """True: a scene with a warning is not rendered."""
 

@@ -76,11 +76,11 @@ class Catalogue:
             return (pattern,)
         is_folder = (folder / pattern).is_dir()
         search = os.path.join(glob.escape(pattern), "**", "*") if is_folder else pattern  # noqa: PTH118 - a pattern
+        wanted = SCENE_SUFFIXES if suffixes is MODEL_SUFFIXES and not is_folder else suffixes
         found: list[str] = []
         for name in glob.iglob(search, root_dir=folder, recursive=True):  # noqa: PTH207 - keeps the names as written
             check_stop()
-            is_wanted = name.lower().endswith(suffixes if is_folder else suffixes + SCENE_SUFFIXES)
-            if is_wanted and (folder / name).is_file():
+            if name.lower().endswith(wanted) and (folder / name).is_file():
                 found.append(Path(name).as_posix())
             if len(found) > MAX_FILES:
                 raise ScenarioError(f"{self.path}: {key}: {pattern!r} names more than {MAX_FILES} files")

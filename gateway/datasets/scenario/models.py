@@ -20,8 +20,8 @@ from gateway.robots.robot import Robot
 from gateway.robots.scene_files import SceneOptions, read_scene
 from gateway.scene.flatten import flatten
 from gateway.scene.tree import Node
-from renderers.cache import Cache
-from renderers.drawlist import used_vertices
+from renderers.cache import Cache, WeakCache
+from renderers.drawlist import Mesh, used_vertices
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.reader import SUFFIXES as ROBOT_SUFFIXES
 
@@ -67,6 +67,7 @@ class Model:
         return hulls_of(self.root)
 
 
+_points: Final[WeakCache[Mesh, Points]] = WeakCache("scenario_points")
 _models: Final[Cache[tuple[object, ...], Model]] = Cache("scenario_models")
 
 
@@ -107,14 +108,21 @@ def hulls_of(root: Node) -> tuple[Points, ...]:
     """Return the points of each part of a tree, without duplicates; of all together if there are many parts."""
     bodies: list[Points] = []
     for instance in flatten(root).instances:
-        used, _ = used_vertices(instance.mesh.elements, len(instance.mesh.positions))
-        points = np.unique(instance.mesh.positions[used].astype(np.float64), axis=0)
-        points = (
-            points[np.isfinite(points).all(axis=1)] @ instance.X_world_mesh[:3, :3].T + instance.X_world_mesh[:3, 3]
-        )
+        points = _points_of(instance.mesh)
         if len(points):
-            bodies.append(points)
+            bodies.append(points @ instance.X_world_mesh[:3, :3].T + instance.X_world_mesh[:3, 3])
     return tuple(bodies) if len(bodies) <= MAX_HULLS else (np.concatenate(bodies),)
+
+
+def _points_of(mesh: Mesh) -> Points:
+    """Return the different vertices in use of a mesh, from the cache if it has them."""
+    points = _points.get(mesh)
+    if points is None:
+        used, _ = used_vertices(mesh.elements, len(mesh.positions))
+        points = np.unique(mesh.positions[used], axis=0).astype(np.float64)
+        points = points[np.isfinite(points).all(axis=1)]
+        _points.put(mesh, points, points.nbytes)
+    return points
 
 
 def sources_of(file: str, model: Model) -> dict[str, str]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.datasets.scenario.models import Points
+from renderers.stop import check_stop
 
 _ITERATIONS: Final = 100
 """Maximum number of steps for a pair of bodies. Pairs that are a tenth of their size apart need fewer than 10."""
@@ -126,6 +127,7 @@ def place_on(
     turned = solid.moved(X_world_surface @ X_surface_object)
     box_at_origin = turned.box - X_world_surface[:3, 3]
     for _ in range(tries):
+        check_stop()
         corner = random.random(2) * free - 0.5 * np.array(area)
         X_surface_object[:3, 3] = (corner[0] - low[0], corner[1] - low[1], -low[2])
         X_world_object = X_world_surface @ X_surface_object
