@@ -188,7 +188,7 @@ def render_sample(
         images["measured"] = png_gray16(shot.sensor.measure(scene.draw_list, camera, look, shot.number))
     if "flow" in formats and shot.next_camera is not None:
         assert frame.depth is not None
-        X = shot.next_camera.X_camera_world @ camera.X_world_camera
+        X = None
         if shot.next_scene is not None and frame.instance is not None:
             X = instance_motions(scene.draw_list, camera, shot.next_scene.draw_list, shot.next_camera)[frame.instance]
         images["flow"] = flow_file(flow_between(frame.depth, camera, shot.next_camera, X))

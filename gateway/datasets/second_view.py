@@ -39,7 +39,7 @@ def instance_motions(scene: DrawList, camera: Camera, next_scene: DrawList, next
 
 
 def flow_between(
-    depth: NDArray[np.float32], camera: Camera, next_camera: Camera, X_next_camera: NDArray[np.float64]
+    depth: NDArray[np.float32], camera: Camera, next_camera: Camera, X_next_camera: NDArray[np.float64] | None = None
 ) -> NDArray[np.float32]:
     """Return the flow from one camera to the next, (H, W, 2): pixels to the right and down.
 
@@ -50,12 +50,12 @@ def flow_between(
         depth: depth image of ``camera``, (H, W), in metres.
         camera: camera of this view.
         next_camera: camera of the next view.
-        X_next_camera: transform from the frame of ``camera`` to that of ``next_camera``: (4, 4) of a scene at rest, or
-            (H, W, 4, 4) of the surface in each pixel.
+        X_next_camera: transform from the frame of ``camera`` to that of ``next_camera`` for the surface in each pixel,
+            (H, W, 4, 4); None: the scene is at rest.
     """
     columns = np.arange(camera.width) + 0.5
     rows = np.arange(camera.height)[:, None] + 0.5
-    X = X_next_camera
+    X = next_camera.X_camera_world @ camera.X_world_camera if X_next_camera is None else X_next_camera
     z = depth.astype(np.float64) + camera.depth_origin
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         x, y = (columns - camera.cx) / camera.fx * z, (rows - camera.cy) / camera.fy * z
