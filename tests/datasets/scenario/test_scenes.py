@@ -15,14 +15,23 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gateway.datasets.camera_file import CameraFile
+from gateway.datasets.check import check_dataset
+from gateway.datasets.job import Job, JobError, make_job
+from gateway.datasets.rendering import Style, render_images
+from gateway.datasets.run import Progress, run
 from gateway.datasets.scenario.choices import SceneChoices
 from gateway.datasets.scenario.placement import Solid, are_apart, box_solid, rotation_of
+from gateway.datasets.scenario_jobs import find_scenes
 from gateway.datasets.scenes import LoadedScene, SceneError, load_scene, model_names
 from gateway.datasets.sources import SourceError, find_sources
 from gateway.datasets.views import SceneCamera, View, camera_of
+from gateway.datasets.worker import Worker
 from gateway.scene.flatten import flatten
 from gateway.scene.transforms import translation
+from renderers.raster import CpuRenderer
 from scenegate.datasets import manifest
+from tests.datasets.conftest import SETTINGS
 from tests.datasets.scenario.conftest import TABLE, Write
 
 DROP = TABLE + "placement = {physics = 'mujoco'}\n"
@@ -267,3 +276,59 @@ def test_choices_survive_json(write: Write) -> None:
     before = choices(scene(write()))
     text = json.dumps(json.loads(msgspec.json.encode(before)))
     assert msgspec.json.decode(text, type=SceneChoices) == before
+
+
+def test_a_dataset_of_a_scenario(write: Write, tmp_path: Path) -> None:
+    """Numbers of scenes, a run that goes on, records of another dataset, and what is refused."""
+    path = write()
+
+    def make(out: str, *numbers: int, recorded: Path | None = None) -> Job:
+        chosen = range(numbers[0], numbers[-1] + 1)
+        sources, cameras, digest = find_scenes([path], CameraFile(), chosen, recorded, tmp_path / out, False)
+        return make_job(sources, (), cameras, msgspec.structs.replace(SETTINGS, scenario_sha256=digest), tmp_path / out)
+
+    def render(job: Job) -> Progress:
+        return run(job, lambda tasks: map(Worker().run_task, tasks), lambda progress: None)
+
+    first = render(make("first", 2, 3))
+    assert (first.rendered, first.failures) == (4, {})
+    assert check_dataset(tmp_path / "first", 1).problems == []
+    assert render(make("first", 1, 3)).kept == 4
+    alone = render(make("alone", 3, recorded=tmp_path / "first"))
+    assert alone.rendered == 2
+    for file in sorted((tmp_path / "first" / "scenes" / "desk-000003").iterdir()):
+        assert (tmp_path / "alone" / "scenes" / "desk-000003" / file.name).read_bytes() == file.read_bytes()
+    path.write_text(TABLE.replace("seed = 5", "seed = 6"))
+    with pytest.raises(SourceError, match=r"--recorded .*first: it is not a dataset of .*desk.toml as they are now"):
+        make("other", 3, recorded=tmp_path / "first")
+    with pytest.raises(JobError, match="a dataset with other settings \\(scenario_sha256"):
+        render(make("first", 3))
+
+
+def test_options_of_scenarios_without_a_scenario(write: Write, tmp_path: Path) -> None:
+    model = write().parent / "models" / "can.urdf"
+    with pytest.raises(SourceError, match="--scenes and --recorded are for scenarios"):
+        find_scenes([model], CameraFile(), range(1), None, tmp_path, False)
+
+
+def test_an_environment_map_and_a_background_change_the_colour_only(write: Write) -> None:
+    import cv2
+
+    plain = write(TABLE, "plain")
+    rich = write(TABLE + "lights = {environments = 'sky.hdr'}\nbackgrounds = {images = 'behind.png'}", "rich")
+    cv2.imwrite(str(plain.parent / "sky.hdr"), np.full((16, 32, 3), (0.2, 0.2, 2.0), np.float32))
+    cv2.imwrite(str(plain.parent / "behind.png"), np.full((30, 40, 3), (0, 200, 0), np.uint8))
+    images = []
+    for path in (plain, rich):
+        loaded, view = scene(path).posed(View("v", SceneCamera(0, None)))
+        camera = camera_of(view, loaded.root, loaded.draw_list, None, 64, 48, 45.0)
+        images.append(render_images(CpuRenderer(1), loaded, camera, {"color": "png", "depth": "tiff"}, Style()))
+    assert images[0]["depth"] == images[1]["depth"]
+    colors = [cv2.imdecode(np.frombuffer(each["color"], np.uint8), cv2.IMREAD_COLOR) for each in images]
+    depth = cv2.imdecode(np.frombuffer(images[0]["depth"], np.uint8), cv2.IMREAD_UNCHANGED)
+    assert np.isinf(depth).any()
+    inside = cv2.erode(np.isinf(depth).astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1) > 0
+    np.testing.assert_array_equal(colors[1][inside], np.broadcast_to((0, 200, 0), (int(inside.sum()), 3)))
+    surface = cv2.erode(np.isfinite(depth).astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1) > 0
+    redder = colors[1][surface].mean(axis=0) - colors[0][surface].mean(axis=0)
+    assert redder[2] - redder[0] > 20.0
