@@ -19,8 +19,8 @@ from gateway.datasets.scenario.build import model_names as scenario_model_names
 from gateway.datasets.scenario.catalogue import Catalogue, read_catalogue
 from gateway.datasets.scenario.choices import SceneChoices
 from gateway.datasets.scenario.drawing import draw_choices
-from gateway.datasets.scenario.file import ScenarioError
 from gateway.datasets.scenario.scenery import Scenery
+from gateway.datasets.scenario.tables import ScenarioError
 from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import SceneCamera, View, scene_views, usable_camera
 from gateway.gltf import GltfCamera, read_mesh_names

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.assets.scene_file import SceneFileError
-from gateway.datasets.scenario import file as tables
+from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.camera_paths import drawn
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import ObjectChoice, SurfaceChoice, rows_of

@@ -13,14 +13,14 @@ import numpy as np
 from gateway.assets.light_rig_file import RigFileError
 from gateway.assets.scene_file import SceneFileError
 from gateway.datasets.objects import SceneObject
-from gateway.datasets.scenario import file as tables
+from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import ObjectChoice, SceneChoices
-from gateway.datasets.scenario.file import ScenarioError
 from gateway.datasets.scenario.materials import material_of, with_material
 from gateway.datasets.scenario.models import Model, load_model, sources_of
 from gateway.datasets.scenario.scenery import Scenery, scenery_of
 from gateway.datasets.scenario.surfaces import node_of
+from gateway.datasets.scenario.tables import ScenarioError
 from gateway.datasets.scenario.tracks import read_track
 from gateway.gltf import AnimationTime
 from gateway.scene.transforms import scaling

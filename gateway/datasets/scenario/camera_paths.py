@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.datasets.scenario.choices import CameraChoice, rows_of
-from gateway.datasets.scenario.file import Fixed, FrameRange, Handheld, Shell
+from gateway.datasets.scenario.tables import Fixed, FrameRange, Handheld, Shell
 from gateway.scene.transforms import look_at
 from scenegate.transforms import Matrix
 

@@ -12,7 +12,8 @@ from typing import Final
 
 import msgspec
 
-from gateway.datasets.scenario.file import Scenario, ScenarioError, read_scenario
+from gateway.datasets.scenario.file import read_scenario
+from gateway.datasets.scenario.tables import Scenario, ScenarioError
 from gateway.robots.scene_files import SCENE_SUFFIXES
 from renderers.stop import check_stop
 

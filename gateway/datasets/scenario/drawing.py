@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from gateway.datasets.scenario import file as tables
+from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.arrangement import Arrangement, Candidate, load
 from gateway.datasets.scenario.camera_paths import Range, draw_cameras, drawn
 from gateway.datasets.scenario.catalogue import IMAGE_SUFFIXES, RIG_SUFFIXES, Catalogue

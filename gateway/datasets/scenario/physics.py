@@ -7,9 +7,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.datasets.scenario.file import ScenarioError
 from gateway.datasets.scenario.models import Points
 from gateway.datasets.scenario.placement import Solid
+from gateway.datasets.scenario.tables import ScenarioError
 from gateway.scene.transforms import from_pose, quaternions_of
 from renderers.stop import check_stop
 

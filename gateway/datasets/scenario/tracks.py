@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.datasets.scenario.file import ScenarioError
+from gateway.datasets.scenario.tables import ScenarioError
 from gateway.gltf.animations import slerp
 from gateway.scene.transforms import Matrix, from_pose
 from scenegate.regular_files import read_text

@@ -11,8 +11,10 @@ import msgspec
 import pytest
 
 from gateway.datasets.scenario.catalogue import read_catalogue
-from gateway.datasets.scenario.file import ScenarioError, read_scenario, schema_text
+from gateway.datasets.scenario.file import read_scenario, schema_text
+from gateway.datasets.scenario.tables import ScenarioError
 from tests.datasets.scenario.conftest import TABLE, Write
+from tests.support.waiting import SECONDS
 
 ROOT = Path(__file__).parents[3]
 EXAMPLES = sorted((ROOT / "examples" / "scenario").glob("*.toml"))
@@ -76,10 +78,10 @@ def test_the_schema_accepts_examples(path: Path, tmp_path: Path) -> None:
     (tmp_path / "scenario.json").write_bytes(msgspec.json.encode(tomllib.loads(path.read_text())))
     command = (sys.executable, "-m", "check_jsonschema", "--schemafile", "schema.json", "scenario.json")
     pytest.importorskip("check_jsonschema")
-    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=SECONDS)
     assert result.returncode == 0, result.stdout
     (tmp_path / "scenario.json").write_text('{"models": [{"path": "a", "scale": -1}]}')
-    assert subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=60).returncode == 1
+    assert subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=SECONDS).returncode == 1
 
 
 def test_the_published_schema_is_that_of_the_code() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.datasets.scenario.file import ScenarioError
+from gateway.datasets.scenario.tables import ScenarioError
 from gateway.datasets.scenario.tracks import read_track
 from gateway.datasets.scenes import LoadedScene, load_scene
 from gateway.datasets.second_view import flow_between, instance_motions

@@ -33,6 +33,7 @@ from renderers.raster import CpuRenderer
 from scenegate.datasets import manifest
 from tests.datasets.conftest import SETTINGS
 from tests.datasets.scenario.conftest import TABLE, Write
+from tests.support.waiting import SECONDS
 
 DROP = TABLE + "placement = {physics = 'mujoco'}\n"
 ROOT = Path(__file__).parents[3]
@@ -94,7 +95,9 @@ def test_two_processes_make_the_same_scene(write: Write) -> None:
         "import hashlib; print(hashlib.sha256(digest_of(scene(Path(sys.argv[1]), 4))).hexdigest())"
     )
     runs = [
-        subprocess.run((sys.executable, "-c", code, str(path)), cwd=ROOT, capture_output=True, text=True, timeout=300)
+        subprocess.run(
+            (sys.executable, "-c", code, str(path)), cwd=ROOT, capture_output=True, text=True, timeout=SECONDS
+        )
         for _ in range(2)
     ]
     assert runs[0].returncode == 0, runs[0].stderr
@@ -326,6 +329,7 @@ def test_an_environment_map_and_a_background_change_the_colour_only(write: Write
     assert images[0]["depth"] == images[1]["depth"]
     colors = [cv2.imdecode(np.frombuffer(each["color"], np.uint8), cv2.IMREAD_COLOR) for each in images]
     depth = cv2.imdecode(np.frombuffer(images[0]["depth"], np.uint8), cv2.IMREAD_UNCHANGED)
+    assert depth is not None
     assert np.isinf(depth).any()
     inside = cv2.erode(np.isinf(depth).astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1) > 0
     np.testing.assert_array_equal(colors[1][inside], np.broadcast_to((0, 200, 0), (int(inside.sum()), 3)))
