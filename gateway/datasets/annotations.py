@@ -17,7 +17,7 @@ from renderers.camera import Camera
 from renderers.interface import Frame, Look, Output, Renderer
 from renderers.raster.layout import MAX_SIDE
 from renderers.stop import check_stop
-from scenegate.datasets.manifest import Masks, ObjectRecord, Pose
+from scenegate.datasets.manifest import Masks, ObjectRecord, Pose, box_of
 
 T = TypeVar("T", bound=np.generic)
 
@@ -54,11 +54,8 @@ class _Window:
 
     def box_of(self, mask: NDArray[np.bool_]) -> tuple[int, int, int, int] | None:
         """Return the box (x, y, width, height) of the pixels of a mask of this window; None if there are none."""
-        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-        if not len(rows):
-            return None
-        width, height = int(columns[-1] - columns[0]) + 1, int(rows[-1] - rows[0]) + 1
-        return self.left + int(columns[0]), self.top + int(rows[0]), width, height
+        box = box_of(mask)
+        return None if box is None else (self.left + box[0], self.top + box[1], *box[2:])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,13 +145,12 @@ def _window_of(each: AnnotatedObject, X_camera_object: NDArray[np.float64], came
     if farthest < camera.near or z.min() > camera.far:
         return _Window(0, 0, 0, 0), farthest
     limit = farthest * (1.0 + _DEPTH_TOLERANCE) - camera.depth_origin
-    if z.min() < camera.near:
+    if z.min() < camera.near or not np.isfinite(corners).all():
         return canvas, limit
-    columns = camera.fx * corners[:, 0] / z + camera.cx
-    rows = camera.fy * corners[:, 1] / z + camera.cy
-    lowest = np.floor((columns.min(), rows.min())) - each.margin
-    highest = np.ceil((columns.max(), rows.max())) + each.margin
-    left, top, right, bottom = np.clip((*lowest, *highest), -MAX_SIDE, 2 * MAX_SIDE).astype(int).tolist()
+    pixels = corners[:, :2] / z[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    first = np.floor(pixels.min(axis=0)) - each.margin
+    last = np.ceil(pixels.max(axis=0)) + each.margin
+    left, top, right, bottom = np.clip((*first, *last), -MAX_SIDE, 2 * MAX_SIDE).astype(int).tolist()
     return _Window(left, top, right, bottom).intersection(canvas), limit
 
 

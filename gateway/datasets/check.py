@@ -14,26 +14,25 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.datasets.check_images import check_values, decoded, decoded_masks, read_image
 from gateway.datasets.check_objects import object_problems
 from gateway.datasets.files import TEMPORARY_SUFFIX
 from gateway.datasets.scenes import scene_digest
 from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST_VIEW_NAME
 from renderers.stop import check_stop
-from scenegate.datasets import dataset, manifest
+from scenegate.datasets import manifest
 from scenegate.datasets.manifest import (
     CameraRecord,
     FailureRecord,
-    ImageFile,
     ImageType,
     Masks,
     RecordError,
     SampleRecord,
 )
-from scenegate.regular_files import open_regular, read_regular, sha256_of
+from scenegate.regular_files import open_regular, sha256_of
 
 BATCH_SAMPLES_PER_THREAD: Final = 16
 """Number of samples that are checked at a time, per thread. A dataset may have millions, which do not fit in memory."""
@@ -193,12 +192,12 @@ def _sample_problems(
     masks: Masks | None = None
     for image_type, image in sample.images.items():
         try:
-            data = _read_image(folder, image)
+            data = read_image(folder, image)
             if image_type == "amodal":
-                masks = _decoded_masks(data, sample.camera)
+                masks = decoded_masks(data, sample.camera)
             else:
-                pixels[image_type] = _decoded(image_type, data, sample.camera)
-                _check_values(image_type, pixels[image_type], scene)
+                pixels[image_type] = decoded(image_type, data, sample.camera)
+                check_values(image_type, pixels[image_type], scene)
         except RecordError as error:
             yield f"{image.path}: {error}"
     yield from object_problems(sample, description.classes, scene, pixels, masks)
@@ -218,74 +217,6 @@ def _camera_problems(camera: CameraRecord) -> Iterator[str]:
         yield "camera: X_world_camera has no last row 0, 0, 0, 1, or is not finite"
     elif (np.abs(rotation.T @ rotation - np.eye(3)) >= 3 * MAX_ROTATION_ERROR).any() or np.linalg.det(rotation) < 0.0:
         yield "camera: X_world_camera is not a rotation and translation"
-
-
-_PIXEL_FORMATS: Final[dict[ImageType, tuple[tuple[str, int], ...]]] = {
-    "color": (("uint8", 3),),
-    "depth": (("float32", 1), ("uint16", 1)),
-    "label": (("uint8", 3),),
-    "instance": (("uint16", 1),),
-    "class": (("uint16", 1),),
-    "normal": (("uint8", 3),),
-    "albedo": (("uint8", 3),),
-    "flow": (("float32", 2),),
-    "stereo": (("uint8", 3),),
-    "measured": (("uint16", 1),),
-}
-"""Allowed data types and numbers of channels of each type of image."""
-
-
-def _read_image(folder: Path, image: ImageFile) -> bytes:
-    """Return the content of an image file; raises RecordError if it is not that of the manifest."""
-    path = folder / image.path
-    if PurePosixPath(image.path).is_absolute() or ".." in PurePosixPath(image.path).parts:
-        raise RecordError("lies outside of the dataset")
-    digest = sha256_of(path, check_stop)
-    if digest is None:
-        raise RecordError("missing, or not a regular file that can be read")
-    if digest != image.sha256:
-        size = path.stat().st_size
-        raise RecordError(f"changed: its SHA-256 is not that of the manifest ({size} bytes, {image.bytes} there)")
-    return read_regular(path)
-
-
-def _decoded(image_type: ImageType, data: bytes, camera: CameraRecord) -> NDArray[Any]:
-    """Return the pixels of an image, channels as BGR; raises RecordError if they are not of the type or the camera."""
-    if image_type == "flow":
-        pixels: NDArray[Any] | None = dataset.decode_flow(data, "")
-    else:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
-    if pixels is None:
-        raise RecordError("not an image that can be read")
-    data_type, channels = pixels.dtype.name, 1 if pixels.ndim == 2 else pixels.shape[2]
-    if (data_type, channels) not in _PIXEL_FORMATS[image_type]:
-        raise RecordError(f"a {image_type} image with {channels} channels of {data_type}")
-    _check_size(pixels.shape[0], pixels.shape[1], camera)
-    return pixels
-
-
-def _decoded_masks(data: bytes, camera: CameraRecord) -> Masks:
-    """Return the silhouettes in a file; raises RecordError if they are invalid or not of the camera's size."""
-    masks = manifest.decode_masks(data, "silhouettes")
-    _check_size(*masks.size, camera)
-    return masks
-
-
-def _check_size(height: int, width: int, camera: CameraRecord) -> None:
-    if (height, width) != (camera.height, camera.width):
-        raise RecordError(f"{width}x{height} pixels, the camera has {camera.width}x{camera.height}")
-
-
-def _check_values(image_type: ImageType, pixels: NDArray[Any], scene: manifest.SceneRecord | None) -> None:
-    """Raise RecordError for values that an image cannot have."""
-    if image_type == "depth" and pixels.dtype == np.float32 and (np.isnan(pixels).any() or (pixels < 0.0).any()):
-        raise RecordError("depth that is negative or not a number")
-    if image_type == "label" and scene is not None and scene.labels:
-        bgr = pixels.astype(np.uint32)
-        labels = np.unique(bgr[..., 2] | bgr[..., 1] << 8 | bgr[..., 0] << 16)
-        unknown = [label for label in labels.tolist() if label != dataset.NO_LABEL and str(label) not in scene.labels]
-        if unknown:
-            raise RecordError(f"labels that {manifest.SCENE_FILE} does not know: {', '.join(map(str, unknown[:5]))}")
 
 
 def _note_unknown_files(folder: Path, path_hashes: set[int], report: Report) -> None:

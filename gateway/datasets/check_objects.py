@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.datasets.manifest import SCENE_FILE, ImageType, Masks, ObjectRecord, SampleRecord, SceneRecord
+from scenegate.datasets.manifest import SCENE_FILE, ImageType, Masks, ObjectRecord, SampleRecord, SceneRecord, box_of
 
 MAX_POSE_ERROR: Final = 1e-6
 """Maximum difference between numbers of a pose and the product of the two others, relative to the distances."""
@@ -76,8 +76,8 @@ def _pixel_problems(each: ObjectRecord, ids: NDArray[Any], masks: Masks | None) 
     visible = ids == each.instance
     if np.count_nonzero(visible) != each.visible_pixels:
         yield f"visible_pixels = {each.visible_pixels}, the instance image has {np.count_nonzero(visible)}"
-    if _box(visible) != each.box_visible:
-        yield f"box_visible is {each.box_visible}, that of the instance image is {_box(visible)}"
+    if box_of(visible) != each.box_visible:
+        yield f"box_visible is {each.box_visible}, that of the instance image is {box_of(visible)}"
     if masks is None:
         return
     if str(each.instance) not in masks.counts:
@@ -89,11 +89,3 @@ def _pixel_problems(each: ObjectRecord, ids: NDArray[Any], masks: Masks | None) 
     inside = (1.0 - each.truncation) * each.amodal_pixels
     if abs(np.count_nonzero(silhouette) - inside) > 0.5:
         yield f"{inside:.0f} pixels of its silhouette are in the image, {np.count_nonzero(silhouette)} in the file"
-
-
-def _box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int] | None:
-    """Return the box (x, y, width, height) of the pixels of a mask; None if there are none."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not len(rows):
-        return None
-    return int(columns[0]), int(rows[0]), int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, reduce
 from operator import or_
 from pathlib import Path
@@ -18,6 +18,7 @@ import numpy as np
 from gateway.assets.light_rig_file import NO_LIGHT, read_rig
 from gateway.datasets.annotated_scene import AnnotatedScene
 from gateway.datasets.annotations import ANNOTATION_OUTPUTS, annotate
+from gateway.datasets.base_color import BASE_COLOR_LOOK, unlit
 from gateway.datasets.scenes import LoadedScene
 from gateway.datasets.second_view import flow_between, flow_file, instance_motions, right_camera
 from gateway.datasets.stereo_sensor import StereoSensor
@@ -27,10 +28,10 @@ from gateway.render.form import RenderRequest
 from gateway.render.pipeline import Pipeline, posted_document
 from renderers.camera import Camera
 from renderers.depth_range import depth_in_millimetres
-from renderers.drawlist import AlphaMode, DrawList, Material, Topology
+from renderers.drawlist import Topology
 from renderers.encode import jpeg_rgb, png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
-from renderers.interface import VTK_LOOKS, Frame, Look, LookName, Output, Renderer, SampleCount
+from renderers.interface import Frame, Look, LookName, Output, Renderer, SampleCount
 from renderers.light_rig import STUDIO, Rig
 from scenegate.datasets.manifest import ImageType, ObjectRecord, Settings
 
@@ -55,10 +56,6 @@ IMAGE_FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
     "measured": ("png",),
 }
 """Suffixes of the file formats of each type of image. The first is the default."""
-_ALBEDO_LOOK: Final = Look(
-    "studio", (0, 0, 0), 1, Rig(surroundings=None, scene_lights=False, auto_exposure=False, tone="none", shadow_size=0)
-)
-"""Shows unlit materials as they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +174,7 @@ def render_sample(
     _finish(frame, scene, camera, renderer, look, style)
     images = {name: _encode(frame, name, file_format) for name, file_format in formats.items() if name in OUTPUTS}
     if "albedo" in formats:
-        albedo = renderer.render(_unlit(scene.draw_list, look), camera, Output.COLOR, _ALBEDO_LOOK)
+        albedo = renderer.render(unlit(scene.draw_list, look), camera, Output.COLOR, BASE_COLOR_LOOK)
         images["albedo"] = _encode(albedo, "color", formats["albedo"])
     if "stereo" in formats:
         right_view = right_camera(camera, shot.baseline)
@@ -226,25 +223,6 @@ def _smooth(frame: Frame, scene: LoadedScene, look: Look, style: Style) -> None:
     # FXAA would blur points, which may be one pixel wide.
     if not any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances):
         fxaa(frame.color)
-
-
-@lru_cache(maxsize=2)
-def _unlit(draw_list: DrawList, look: Look) -> DrawList:
-    """Return a draw list that shows base colours, with the cut-outs that the depth image has under a look."""
-    materials = {id(each.material): each.material for each in draw_list.instances}
-    unlit = {key: _unlit_material(material, look) for key, material in materials.items()}
-    instances = tuple(replace(each, material=unlit[id(each.material)]) for each in draw_list.instances)
-    return DrawList(instances, draw_list.images)
-
-
-def _unlit_material(material: Material, look: Look) -> Material:
-    """Return a material that shows the base colour on both sides."""
-    mode, cutoff = material.alpha_mode, material.alpha_cutoff
-    if look.name in VTK_LOOKS or (mode is AlphaMode.BLEND and look.alpha_threshold == 0.0):
-        mode = AlphaMode.OPAQUE
-    elif mode is AlphaMode.BLEND:
-        mode, cutoff = AlphaMode.MASK, look.alpha_threshold
-    return replace(material, unlit=True, alpha_mode=mode, alpha_cutoff=cutoff, double_sided=True)
 
 
 def _encode(frame: Frame, image_type: ImageType, file_format: str) -> bytes:

@@ -346,6 +346,14 @@ def decode(data: bytes, record_type: type[Record], location: str) -> Record:
         raise RecordError(f"{location}: {error}") from None
 
 
+def box_of(mask: NDArray[np.bool_]) -> tuple[int, int, int, int] | None:
+    """Return the box (x, y, width, height) of the pixels of a mask, as in ``ObjectRecord``; None if there are none."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return None
+    return int(columns[0]), int(rows[0]), int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1
+
+
 def decode_masks(data: bytes, location: str) -> Masks:
     """Decode an ``amodal`` file.
 

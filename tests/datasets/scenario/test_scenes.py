@@ -327,7 +327,7 @@ def test_an_environment_map_and_a_background_change_the_colour_only(write: Write
         camera = camera_of(view, loaded.root, loaded.draw_list, None, 64, 48, 45.0)
         images.append(render_images(CpuRenderer(1), loaded, camera, {"color": "png", "depth": "tiff"}, Style()))
     assert images[0]["depth"] == images[1]["depth"]
-    colors = [cv2.imdecode(np.frombuffer(each["color"], np.uint8), cv2.IMREAD_COLOR) for each in images]
+    colors = [np.asarray(cv2.imdecode(np.frombuffer(each["color"], np.uint8), cv2.IMREAD_COLOR)) for each in images]
     depth = cv2.imdecode(np.frombuffer(images[0]["depth"], np.uint8), cv2.IMREAD_UNCHANGED)
     assert depth is not None
     assert np.isinf(depth).any()
