@@ -14,7 +14,7 @@ from gateway.scene.transforms import from_pose, quaternions_of
 from renderers.stop import check_stop
 
 TIMESTEP: Final = 0.002
-MARGIN: Final = 0.0002
+MARGIN: Final = 0.0004
 """Distance at which contacts begin to push, metres. Contacts are soft: without it, objects would sink in by that."""
 STIFFNESS: Final = (0.005, 1.0)
 """MuJoCo's ``solref``: time constant in seconds, at least two steps, and damping ratio."""

@@ -106,7 +106,7 @@ def test_two_processes_make_the_same_scene(write: Write) -> None:
 
 @pytest.mark.parametrize("text", [TABLE, DROP], ids=["placed", "dropped"])
 def test_objects_are_apart_and_supported(write: Write, text: str) -> None:
-    """Boxes, spheres and cylinders are convex: FCL, or else a plane between all pairs of parts, tells that they are."""
+    """The parts of the models are convex. A plane lies between each two of them, and each object lies on something."""
     if text is DROP:
         pytest.importorskip("mujoco")
     path = write(text)
@@ -128,10 +128,9 @@ def test_objects_are_apart_and_supported(write: Write, text: str) -> None:
 
 
 def test_collisions_by_another_library(write: Write) -> None:
-    fcl = pytest.importorskip("fcl", reason="python-fcl is not installed")
+    for name in ("fcl", "scipy", "mujoco"):
+        pytest.importorskip(name, reason=f"{name} is not installed")
     trimesh = pytest.importorskip("trimesh")
-    del fcl
-    pytest.importorskip("mujoco")
     loaded = scene(write(DROP), 2)
     managers = []
     for node in loaded.root.children["models"].children.values():
