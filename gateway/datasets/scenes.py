@@ -228,21 +228,19 @@ def _load_scenario(source: Source, files: FolderFiles, options: SceneOptions) ->
     record = _recorded_scene(source)
     choices = None if record is None else msgspec.convert(record.scenario, SceneChoices)
     built = None if choices is None else build_scene(catalogue, choices, 0)
-    if record is None or choices is None or built is None or record.sha256 != scene_digest(_sources(built.digests)):
+    if (
+        record is None
+        or choices is None
+        or built is None
+        or record.sha256 != scene_digest(_sources(source, built.digests))
+    ):
         choices = draw_choices(catalogue, source.number)
         built = build_scene(catalogue, choices, 0)
     if options.strict and built.warnings:
         raise SceneError(strict_refusal(built.warnings))
     draw_list, labels = _flatten_numbered(built.root)
-    description = manifest.SceneRecord(
-        scene=source.name,
-        sha256=scene_digest(_sources(built.digests)),
-        sources=_sources(built.digests),
-        generator="",
-        warnings=tuple(map(_utf8, built.warnings)),
-        labels={str(label): tuple(map(utf8_path, paths)) for label, paths in labels.items()},
-        scenario=msgspec.to_builtins(choices),
-    )
+    description = _describe(source, built.digests, labels, "", built.warnings, built.scenery.rig.lights)
+    description = msgspec.structs.replace(description, scenario=msgspec.to_builtins(choices))
     scenario = ScenarioScene(catalogue, choices, 0, built.scenery)
     return LoadedScene(built.root, draw_list, None, "studio", None, description, built.objects, scenario)
 
@@ -257,10 +255,6 @@ def _recorded_scene(source: Source) -> manifest.SceneRecord | None:
     except manifest.RecordError as error:
         raise SceneError(str(error)) from None
     return None if record.scenario is None else record
-
-
-def _sources(digests: Mapping[str, str]) -> tuple[manifest.SourceFile, ...]:
-    return tuple(manifest.SourceFile(name, digests[name]) for name in sorted(digests))
 
 
 _LOADERS: Final[dict[SourceKind, Callable[[Source, FolderFiles, SceneOptions], LoadedScene]]] = {
@@ -320,9 +314,7 @@ def _describe(
     lights: tuple[Light, ...] = (),
 ) -> manifest.SceneRecord:
     """Return the description of a scene. ``digests`` has those of the files that were read."""
-    scene_file = Path(source.path).name
-    other_files = sorted(name for name in digests if name != scene_file)
-    sources = tuple(manifest.SourceFile(name, digests[name]) for name in (scene_file, *other_files))
+    sources = _sources(source, digests)
     return manifest.SceneRecord(
         scene=source.name,
         sha256=scene_digest(sources),
@@ -341,6 +333,13 @@ def _describe(
             for light in lights
         ),
     )
+
+
+def _sources(source: Source, digests: Mapping[str, str]) -> tuple[manifest.SourceFile, ...]:
+    """Return the files with these digests, the scene file first."""
+    scene_file = Path(source.path).name
+    names = sorted(digests, key=lambda name: (name != scene_file, name))
+    return tuple(manifest.SourceFile(name, digests[name]) for name in names)
 
 
 def scene_digest(sources: tuple[manifest.SourceFile, ...]) -> str:
