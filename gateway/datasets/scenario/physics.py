@@ -50,6 +50,7 @@ def settle(
         raise ScenarioError(
             f"placement.physics: 'mujoco' needs the package mujoco ({error}): pip install 'scenegate[robots]'"
         ) from None
+    mujoco.set_mju_user_warning(lambda _: None)  # it would write them to a file; unstable objects are not at rest
     try:
         model = _model(mujoco, objects, obstacles)
     except (ValueError, mujoco.FatalError) as error:

@@ -335,3 +335,21 @@ def test_an_environment_map_and_a_background_change_the_colour_only(write: Write
     surface = cv2.erode(np.isfinite(depth).astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1) > 0
     redder = colors[1][surface].mean(axis=0) - colors[0][surface].mean(axis=0)
     assert redder[2] - redder[0] > 20.0
+
+
+def test_physics_without_its_package_is_one_sentence(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(SceneError, match=r"placement.physics: 'mujoco' needs .*pip install 'scenegate\[robots\]'"):
+        scene(write(DROP))
+
+
+def test_objects_that_fall_off_are_left_out_with_a_note(write: Write) -> None:
+    pytest.importorskip("mujoco")
+    text = (
+        "surfaces = [{kind = 'table', name = 'post', size = [0.14, 0.14], height = 0.6}, {}]\n"
+        "models = [{path = 'models/ball.urdf', count = 6, on = 'post'}]\nplacement = {physics = 'mujoco'}"
+    )
+    loaded = scene(write(text))
+    assert any(note.endswith("has fallen off its surface; it is left out") for note in loaded.description.warnings)
+    for _, bodies in parts(loaded, "models"):
+        assert np.concatenate(bodies)[:, 2].min() > 0.59
