@@ -7,19 +7,15 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 
 from gateway.assets.mesh_formats import MESH_LIMITS, parse_mesh
 from gateway.assets.scene_file import FolderFiles, SceneFileError
 from gateway.datasets.objects import SceneObject, objects_of
-from gateway.datasets.scenario.build import build_scene
-from gateway.datasets.scenario.build import model_names as scenario_model_names
 from gateway.datasets.scenario.catalogue import Catalogue, read_catalogue
 from gateway.datasets.scenario.choices import SceneChoices
-from gateway.datasets.scenario.drawing import draw_choices
-from gateway.datasets.scenario.scenery import Scenery
 from gateway.datasets.scenario.tables import ScenarioError
 from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import SceneCamera, View, scene_views, usable_camera
@@ -46,6 +42,9 @@ from renderers.drawlist import DrawList, Light
 from renderers.interface import LookName
 from scenegate.datasets import manifest
 from scenegate.warning_text import strict_refusal
+
+if TYPE_CHECKING:
+    from gateway.datasets.scenario.scenery import Scenery
 
 _BOUNDARY_BYTES: Final = 200
 """Bytes at the start of a request in which its boundary is found. It has at most 70 characters (RFC 2046, 5.1.1)."""
@@ -114,6 +113,8 @@ class LoadedScene:
 
     def _at(self, frame: int) -> LoadedScene:
         """Return another frame of a scenario's scene."""
+        from gateway.datasets.scenario.build import build_scene
+
         assert self.scenario is not None
         try:
             built = build_scene(self.scenario.catalogue, self.scenario.choices, frame)
@@ -162,6 +163,8 @@ def model_names(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> froz
     """Return the names of the models of a scene's objects; empty if the scene cannot be loaded. glTF files are fast."""
     try:
         if source.kind is SourceKind.SCENARIO:
+            from gateway.datasets.scenario.build import model_names as scenario_model_names
+
             return scenario_model_names(read_catalogue(Path(source.path)))
         if source.kind is SourceKind.GLTF:
             return read_mesh_names(FolderFiles(Path(source.path)).read_scene())
@@ -224,6 +227,10 @@ def _load_request(source: Source, files: FolderFiles, options: SceneOptions) -> 
 
 def _load_scenario(source: Source, files: FolderFiles, options: SceneOptions) -> LoadedScene:
     """Draw a scene of a scenario, or make it again from the choices of an earlier run if its files have not changed."""
+    # Here, because they load kernels, which takes 0.2 s.
+    from gateway.datasets.scenario.build import build_scene
+    from gateway.datasets.scenario.drawing import draw_choices
+
     catalogue = read_catalogue(Path(source.path))
     record = _recorded_scene(source)
     choices = None if record is None else msgspec.convert(record.scenario, SceneChoices)

@@ -171,7 +171,7 @@ def test_a_scene_is_made_again_from_its_record_without_physics(
     folder.mkdir(parents=True)
     record = manifest.encode_indented(first.description)
     (folder / "scene.json").write_bytes(record)
-    monkeypatch.setattr("gateway.datasets.scenes.draw_choices", lambda *_: pytest.fail("it was drawn again"))
+    monkeypatch.setattr("gateway.datasets.scenario.drawing.draw_choices", lambda *_: pytest.fail("it was drawn again"))
     again = scene(path, 3, str(tmp_path / "out"))
     assert digest_of(again) == digest_of(first)
     assert choices(again) == choices(first)
