@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from gateway.gltf import DRAKE_GENERATORS, GltfCamera, GltfError, GltfLimits, read_gltf
+from gateway.gltf import DRAKE_GENERATORS, AnimationTime, GltfCamera, GltfError, GltfLimits, read_gltf
 from gateway.scene.transforms import Y_UP_TO_Z_UP
 from gateway.scene.tree import Node
 from gateway.scene.tree import Path as TreePath
@@ -80,7 +80,12 @@ class FolderFiles:
 
 
 def read_scene_file(
-    path: Path, *, up: Up = "auto", limits: GltfLimits | None = None, variant: str | None = None
+    path: Path,
+    *,
+    up: Up = "auto",
+    limits: GltfLimits | None = None,
+    variant: str | None = None,
+    animation: AnimationTime | None = None,
 ) -> SceneFile:
     """Read a ``.gltf`` or ``.glb`` file.
 
@@ -88,6 +93,7 @@ def read_scene_file(
         up: The file's up axis; ``auto``: Z for Drake's generators, else Y by the specification.
         limits: None: ``GltfLimits()``.
         variant: Name of a variant of KHR_materials_variants; None: the default materials.
+        animation: Animation whose pose the nodes have; None: the pose in which they are stored.
 
     Raises:
         SceneFileError: The file is not readable, not glTF, or beyond a limit.
@@ -100,6 +106,7 @@ def read_scene_file(
             limits=limits or GltfLimits(),
             variant=variant,
             decode_images=True,
+            animation=animation,
         )
     except OSError as error:
         raise SceneFileError(f"{path}: {error.strerror or error}") from None

@@ -23,6 +23,14 @@ def _common() -> None:
 
 
 @app.command()
+def schema() -> None:
+    """Print the JSON schema of scenario files, for editors."""
+    from gateway.datasets.scenario.file import schema_text
+
+    typer.echo(schema_text(), nl=False)
+
+
+@app.command()
 def check(
     folder: Folder,
     threads: Annotated[int, typer.Option(min=0, help="Number of threads; 0: one per core.")] = 0,

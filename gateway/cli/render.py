@@ -32,7 +32,8 @@ def render(
             metavar="SCENES...",
             exists=True,
             help="glTF files, mesh files (.obj, .stl, .ply, .dae, .vtk), robot files (.urdf, .sdf, .xml, .xacro), tree "
-            "viewer requests (.json), recorded render requests (.multipart), or folders of such files.",
+            "viewer requests (.json), recorded render requests (.multipart), scenarios (.toml), or folders of such "
+            "files.",
         ),
     ],
     out: Annotated[
@@ -102,6 +103,21 @@ def render(
         float,
         typer.Option(min=0.01, max=179.0, help="Vertical field of view in degrees, for cameras that have none."),
     ] = 45.0,
+    numbers: Annotated[
+        str,
+        typer.Option(
+            "--scenes", metavar="NUMBERS", help="Scenes of a scenario: one number, or FIRST-LAST. Default: all."
+        ),
+    ] = "",
+    recorded: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            exists=True,
+            file_okay=False,
+            help="Dataset of the same scenario, whose choices and settled poses are used again.",
+        ),
+    ] = None,
     look: Annotated[
         Literal["auto", "phong", "plain", "studio", "pbr", "gltf"],
         typer.Option(help="Shading of colour images; auto: studio, but files written by Drake look as in Drake."),
@@ -196,7 +212,7 @@ def render(
     from gateway.cli.render_image import render_image
     from gateway.datasets.camera_file import CameraFile, read_camera_file
     from gateway.datasets.job import make_job
-    from gateway.datasets.sources import find_sources
+    from gateway.datasets.scenario_jobs import find_scenes
     from gateway.datasets.views import View
     from gateway.runtime.scheduling import usable_cpus
     from gateway.scene.cameras import OrbitCamera
@@ -235,14 +251,24 @@ def render(
         render_image(scenes[0], out, settings, views, cores, timeout)
         return
     file = CameraFile() if cameras is None else read_camera_file(cameras)
-    sources = find_sources(scenes)
-    class_table, settings = _parse_classes(classes, sources, settings)
+    sources, file, digest = find_scenes(scenes, file, _parse_numbers(numbers), recorded, out.absolute(), bool(views))
+    class_table, settings = _parse_classes(classes, sources, replace(settings, scenario_sha256=digest))
     job = make_job(sources, views, file, settings, out.absolute(), timeout, class_table)
     complete = render_dataset(job, cores, ray)
     if format_name is not None:
         export_dataset(out, out / format_name, format_name, replace=True)
     if not complete:
         raise typer.Exit(1)
+
+
+def _parse_numbers(text: str) -> range | None:
+    """Return the numbers in ``7`` or ``0-99``; None for an empty text."""
+    if not text:
+        return None
+    first, _, last = text.partition("-")
+    if not first.isdecimal() or not (last or first).isdecimal() or int(last or first) < int(first):
+        raise ValueError(f"--scenes {text!r}: must be a number, or FIRST-LAST")
+    return range(int(first), int(last or first) + 1)
 
 
 def _parse_types(text: str) -> tuple[ImageType, ...]:

@@ -42,14 +42,15 @@ def _render_image(path: Path, out: Path, settings: Settings, views: tuple[View, 
     if suffix not in IMAGE_FORMATS[image_type]:
         allowed = " or ".join(f".{name}" for name in IMAGE_FORMATS[image_type])
         raise ValueError(f"{out}: a {image_type} image is written as {allowed}")
-    (source,) = find_sources([path])
+    source = find_sources([path], range(1) if path.suffix.lower() == ".toml" else None)[0]
     if source.kind is SourceKind.REQUEST:
         raise ValueError(f"{path}: a recorded request contains its own camera and type; name a folder with -o")
     try:
         scene = load_scene(source, load_options(settings))
     except SceneError as error:
         raise ValueError(f"{path}: {error}") from None
-    view = views[0] if views else View("default", None)
+    view = views[0] if views else scene.first_view
+    scene, view = scene.posed(view)
     camera = camera_of(
         view, scene.root, scene.draw_list, scene.file_camera, settings.width, settings.height, settings.fovy
     )

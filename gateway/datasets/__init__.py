@@ -5,5 +5,6 @@ one view of one scene. ``run`` renders a job: it keeps the valid samples of the 
 for the others in worker processes (``local_tasks`` or ``ray_tasks``), appends finished samples to the ``journal``, and
 writes the manifest. A ``worker`` loads ``scenes`` and renders their images (``rendering``). ``annotated_scene`` finds
 the ``objects`` of a scene, their ``models`` and ``classes``, and ``annotations`` their pixels in an image. ``check``
-verifies a dataset. ``scenegate.datasets.manifest`` defines the files of a dataset.
+verifies a dataset. ``scenario`` draws scenes from a seed. ``scenegate.datasets.manifest`` defines the files of a
+dataset.
 """

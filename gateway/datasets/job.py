@@ -12,7 +12,7 @@ from typing import Final
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.classes import NO_CLASSES, ClassTable
 from gateway.datasets.sources import Source, SourceKind
-from gateway.datasets.views import REQUEST_VIEW_NAME, View
+from gateway.datasets.views import REQUEST_VIEW_NAME, SceneCamera, View
 from scenegate.datasets.manifest import FailureRecord, SampleRecord, Settings
 
 VIEWS_PER_TASK: Final = 16
@@ -90,8 +90,13 @@ class Job:
         return PlannedSample(first_number + index, source, views[index], self._next_view(views, index))
 
     def _next_view(self, views: tuple[View, ...], index: int) -> View | None:
-        """Return the view after a view, if samples depend on it and there is one."""
-        return views[index + 1] if "flow" in self.settings.types and index + 1 < len(views) else None
+        """Return the view after a view, if samples depend on it and there is one. Frames have one of their camera."""
+        if "flow" not in self.settings.types or index + 1 >= len(views):
+            return None
+        pose, next_pose = views[index].pose, views[index + 1].pose
+        if isinstance(pose, SceneCamera) and isinstance(next_pose, SceneCamera) and pose.frame is not None:
+            return views[index + 1] if pose.index == next_pose.index else None
+        return views[index + 1]
 
     def tasks(self, is_done: Callable[[int], bool], renderer_digest: str) -> list[Task]:
         """Return tasks for the samples that do not exist yet, in the order of the scenes.

@@ -20,7 +20,7 @@ from gateway.datasets.annotated_scene import AnnotatedScene
 from gateway.datasets.annotations import ANNOTATION_OUTPUTS, annotate
 from gateway.datasets.base_color import BASE_COLOR_LOOK, unlit
 from gateway.datasets.scenes import LoadedScene
-from gateway.datasets.second_view import flow_between, flow_file, right_camera
+from gateway.datasets.second_view import flow_between, flow_file, instance_motions, right_camera
 from gateway.datasets.stereo_sensor import StereoSensor
 from gateway.render.camera import camera_of
 from gateway.render.config import LookChoice, RenderConfig
@@ -128,6 +128,8 @@ class Shot:
     """Objects of the scene; None: samples are not annotated."""
     next_camera: Camera | None = None
     """Camera of the next view, for ``flow``; None: there is none."""
+    next_scene: LoadedScene | None = None
+    """Scene of the next view, if it has moved."""
     baseline: float = 0.0
     """Distance of the right camera in metres, for ``stereo``."""
     sensor: StereoSensor | None = None
@@ -167,22 +169,26 @@ def render_sample(
     if shot.annotated is not None:
         outputs |= ANNOTATION_OUTPUTS
     if "flow" in formats:
-        outputs |= Output.DEPTH
+        outputs |= Output.DEPTH if shot.next_scene is None else Output.DEPTH | Output.INSTANCE
     frame = renderer.render(scene.draw_list, camera, outputs, look) if outputs else Frame()
-    _smooth(frame, scene, look, style)
+    _finish(frame, scene, camera, renderer, look, style)
     images = {name: _encode(frame, name, file_format) for name, file_format in formats.items() if name in OUTPUTS}
     if "albedo" in formats:
         albedo = renderer.render(unlit(scene.draw_list, look), camera, Output.COLOR, BASE_COLOR_LOOK)
         images["albedo"] = _encode(albedo, "color", formats["albedo"])
     if "stereo" in formats:
-        right = renderer.render(scene.draw_list, right_camera(camera, shot.baseline), Output.COLOR, look)
-        _smooth(right, scene, look, style)
+        right_view = right_camera(camera, shot.baseline)
+        right = renderer.render(scene.draw_list, right_view, Output.COLOR, look)
+        _finish(right, scene, right_view, renderer, look, style)
         images["stereo"] = _encode(right, "color", formats["stereo"])
     if "measured" in formats and shot.sensor is not None:
         images["measured"] = png_gray16(shot.sensor.measure(scene.draw_list, camera, look, shot.number))
     if "flow" in formats and shot.next_camera is not None:
         assert frame.depth is not None
-        images["flow"] = flow_file(flow_between(frame.depth, camera, shot.next_camera))
+        X = None
+        if shot.next_scene is not None and frame.instance is not None:
+            X = instance_motions(scene.draw_list, camera, shot.next_scene.draw_list, shot.next_camera)[frame.instance]
+        images["flow"] = flow_file(flow_between(frame.depth, camera, shot.next_camera, X))
     if shot.annotated is None:
         return images, ()
     found = annotate(renderer, shot.annotated, camera, frame, look, with_masks="amodal" in formats)
@@ -199,7 +205,15 @@ def _look_of(scene: LoadedScene, style: Style) -> Look:
     """Return the look of the colour image of a scene."""
     look: LookName = scene.look if style.look == "auto" else style.look
     samples: SampleCount = style.samples or (4 if look == "studio" else 1)
-    return Look(look, style.background, samples, style.rig, style.alpha_threshold)
+    full_look = Look(look, style.background, samples, style.rig, style.alpha_threshold)
+    return full_look if scene.scenario is None else scene.scenario.scenery.look(full_look)
+
+
+def _finish(frame: Frame, scene: LoadedScene, camera: Camera, renderer: Renderer, look: Look, style: Style) -> None:
+    """Smooth the colour image of a frame, and add the background and the sensor of a scenario's scene."""
+    _smooth(frame, scene, look, style)
+    if frame.color is not None and scene.scenario is not None:
+        frame.color = scene.scenario.scenery.finish(frame.color, scene.draw_list, camera, renderer, look)
 
 
 def _smooth(frame: Frame, scene: LoadedScene, look: Look, style: Style) -> None:

@@ -7,15 +7,18 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 
 from gateway.assets.mesh_formats import MESH_LIMITS, parse_mesh
 from gateway.assets.scene_file import FolderFiles, SceneFileError
 from gateway.datasets.objects import SceneObject, objects_of
+from gateway.datasets.scenario.catalogue import Catalogue, read_catalogue
+from gateway.datasets.scenario.choices import SceneChoices
+from gateway.datasets.scenario.tables import ScenarioError
 from gateway.datasets.sources import Source, SourceKind
-from gateway.datasets.views import usable_camera
+from gateway.datasets.views import SceneCamera, View, scene_views, usable_camera
 from gateway.gltf import GltfCamera, read_mesh_names
 from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError
@@ -40,6 +43,9 @@ from renderers.interface import LookName
 from scenegate.datasets import manifest
 from scenegate.warning_text import strict_refusal
 
+if TYPE_CHECKING:
+    from gateway.datasets.scenario.scenery import Scenery
+
 _BOUNDARY_BYTES: Final = 200
 """Bytes at the start of a request in which its boundary is found. It has at most 70 characters (RFC 2046, 5.1.1)."""
 
@@ -49,6 +55,17 @@ Labels = Mapping[int, tuple[TreePath, ...]]
 
 class SceneError(ValueError):
     """A scene cannot be loaded; the message is the reason, without the scene's name."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScenarioScene:
+    """Origin of a scenario's scene."""
+
+    catalogue: Catalogue
+    choices: SceneChoices
+    frame: int
+    scenery: Scenery
+    """Lights, background and sensor of the frame."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +86,43 @@ class LoadedScene:
     """Content of ``scene.json``."""
     objects: tuple[SceneObject, ...] = ()
     """Nodes that can be annotated, in the order of the tree; empty for a recorded request."""
+    scenario: ScenarioScene | None = None
+    """Scenario and choices of the scene; None for other scenes."""
+
+    @property
+    def first_view(self) -> View:
+        """View of a scene for which a command names none."""
+        if self.scenario is None:
+            return View("default", None)
+        return scene_views(1, self.scenario.catalogue.scenario.frame_count)[0]
+
+    def posed(self, view: View) -> tuple[LoadedScene, View]:
+        """Return the scene at the frame of a view, and the view with the pose of its camera; usually both unchanged.
+
+        Raises:
+            SceneError: the frame cannot be made.
+        """
+        if not isinstance(view.pose, SceneCamera):
+            return self, view
+        assert self.scenario is not None
+        frame = view.pose.frame or 0
+        camera = self.scenario.choices.cameras[view.pose.index]
+        pose = camera.X_world_camera[frame if len(camera.X_world_camera) > 1 else 0]
+        view = replace(view, pose=pose, intrinsics=replace(view.intrinsics, fovy=camera.fovy))
+        return (self if frame == self.scenario.frame else self._at(frame)), view
+
+    def _at(self, frame: int) -> LoadedScene:
+        """Return another frame of a scenario's scene."""
+        from gateway.datasets.scenario.build import build_scene
+
+        assert self.scenario is not None
+        try:
+            built = build_scene(self.scenario.catalogue, self.scenario.choices, frame)
+        except ScenarioError as error:
+            raise SceneError(str(error)) from None
+        draw_list, _ = _flatten_numbered(built.root)
+        scenario = replace(self.scenario, frame=frame, scenery=built.scenery)
+        return replace(self, root=built.root, draw_list=draw_list, scenario=scenario)
 
 
 def load_options(settings: manifest.Settings) -> SceneOptions:
@@ -108,6 +162,10 @@ def load_scene(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> Loade
 def model_names(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> frozenset[str]:
     """Return the names of the models of a scene's objects; empty if the scene cannot be loaded. glTF files are fast."""
     try:
+        if source.kind is SourceKind.SCENARIO:
+            from gateway.datasets.scenario.build import model_names as scenario_model_names
+
+            return scenario_model_names(read_catalogue(Path(source.path)))
         if source.kind is SourceKind.GLTF:
             return read_mesh_names(FolderFiles(Path(source.path)).read_scene())
         return frozenset(each.model for each in load_scene(source, options).objects)
@@ -167,12 +225,52 @@ def _load_request(source: Source, files: FolderFiles, options: SceneOptions) -> 
     return LoadedScene(Node(), DrawList(), None, "pbr", request, description)
 
 
+def _load_scenario(source: Source, files: FolderFiles, options: SceneOptions) -> LoadedScene:
+    """Draw a scene of a scenario, or make it again from the choices of an earlier run if its files have not changed."""
+    # Here, because they load kernels, which takes 0.2 s.
+    from gateway.datasets.scenario.build import build_scene
+    from gateway.datasets.scenario.drawing import draw_choices
+
+    catalogue = read_catalogue(Path(source.path))
+    record = _recorded_scene(source)
+    choices = None if record is None else msgspec.convert(record.scenario, SceneChoices)
+    built = None if choices is None else build_scene(catalogue, choices, 0)
+    if (
+        record is None
+        or choices is None
+        or built is None
+        or record.sha256 != scene_digest(_sources(source, built.digests))
+    ):
+        choices = draw_choices(catalogue, source.number)
+        built = build_scene(catalogue, choices, 0)
+    if options.strict and built.warnings:
+        raise SceneError(strict_refusal(built.warnings))
+    draw_list, labels = _flatten_numbered(built.root)
+    description = _describe(source, built.digests, labels, "", built.warnings, built.scenery.rig.lights)
+    description = msgspec.structs.replace(description, scenario=msgspec.to_builtins(choices))
+    scenario = ScenarioScene(catalogue, choices, 0, built.scenery)
+    return LoadedScene(built.root, draw_list, None, "studio", None, description, built.objects, scenario)
+
+
+def _recorded_scene(source: Source) -> manifest.SceneRecord | None:
+    """Return the ``scene.json`` of an earlier run that has the choices of a scene; None if there is none."""
+    path = Path(source.recorded) / manifest.SCENES_FOLDER / source.name / manifest.SCENE_FILE
+    if not source.recorded or not path.is_file():
+        return None
+    try:
+        record = manifest.read_file(path, manifest.SceneRecord)
+    except manifest.RecordError as error:
+        raise SceneError(str(error)) from None
+    return None if record.scenario is None else record
+
+
 _LOADERS: Final[dict[SourceKind, Callable[[Source, FolderFiles, SceneOptions], LoadedScene]]] = {
     SourceKind.GLTF: _load_file,
     SourceKind.MESH: _load_file,
     SourceKind.ROBOT: _load_file,
     SourceKind.TREE: _load_tree,
     SourceKind.REQUEST: _load_request,
+    SourceKind.SCENARIO: _load_scenario,
 }
 
 
@@ -223,9 +321,7 @@ def _describe(
     lights: tuple[Light, ...] = (),
 ) -> manifest.SceneRecord:
     """Return the description of a scene. ``digests`` has those of the files that were read."""
-    scene_file = Path(source.path).name
-    other_files = sorted(name for name in digests if name != scene_file)
-    sources = tuple(manifest.SourceFile(name, digests[name]) for name in (scene_file, *other_files))
+    sources = _sources(source, digests)
     return manifest.SceneRecord(
         scene=source.name,
         sha256=scene_digest(sources),
@@ -244,6 +340,13 @@ def _describe(
             for light in lights
         ),
     )
+
+
+def _sources(source: Source, digests: Mapping[str, str]) -> tuple[manifest.SourceFile, ...]:
+    """Return the files with these digests, the scene file first."""
+    scene_file = Path(source.path).name
+    names = sorted(digests, key=lambda name: (name != scene_file, name))
+    return tuple(manifest.SourceFile(name, digests[name]) for name in names)
 
 
 def scene_digest(sources: tuple[manifest.SourceFile, ...]) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
+from renderers.drawlist import DrawList
 from scenegate.datasets.dataset import FLOW_MAGIC, UNKNOWN_FLOW
 
 
@@ -19,8 +20,28 @@ def right_camera(camera: Camera, baseline: float) -> Camera:
     return replace(camera, X_world_camera=X_world_right)
 
 
-def flow_between(depth: NDArray[np.float32], camera: Camera, next_camera: Camera) -> NDArray[np.float32]:
-    """Return the flow of a scene at rest from one camera to the next, (H, W, 2): pixels to the right and down.
+def instance_motions(scene: DrawList, camera: Camera, next_scene: DrawList, next_camera: Camera) -> NDArray[np.float64]:
+    """Return the transform of each instance from the frame of a camera to that of the next one, (I + 1, 4, 4).
+
+    The last one is for pixels without an instance. An instance that is flat, and has no inverse, counts as at rest.
+
+    Args:
+        scene: instances at the time of the camera.
+        camera: camera of this view.
+        next_scene: the same instances at the time of the next camera.
+        next_camera: camera of the next view.
+    """
+    motions = np.tile(np.eye(4), (len(scene.instances) + 1, 1, 1))
+    for index, (now, then) in enumerate(zip(scene.instances, next_scene.instances, strict=True)):
+        if now.X_world_mesh is not then.X_world_mesh and abs(np.linalg.det(now.X_world_mesh[:3, :3])) > 0.0:
+            motions[index] = then.X_world_mesh @ np.linalg.inv(now.X_world_mesh)
+    return np.asarray(next_camera.X_camera_world @ motions @ camera.X_world_camera)
+
+
+def flow_between(
+    depth: NDArray[np.float32], camera: Camera, next_camera: Camera, X_next_camera: NDArray[np.float64] | None = None
+) -> NDArray[np.float32]:
+    """Return the flow from one camera to the next, (H, W, 2): pixels to the right and down.
 
     Surfaces that the next camera does not see, because others hide them or they are outside of its image, have a flow,
     too. It is NaN for the background and for what is behind the next camera.
@@ -29,14 +50,18 @@ def flow_between(depth: NDArray[np.float32], camera: Camera, next_camera: Camera
         depth: depth image of ``camera``, (H, W), in metres.
         camera: camera of this view.
         next_camera: camera of the next view.
+        X_next_camera: transform from the frame of ``camera`` to that of ``next_camera`` for the surface in each pixel,
+            (H, W, 4, 4); None: the scene is at rest.
     """
     columns = np.arange(camera.width) + 0.5
     rows = np.arange(camera.height)[:, None] + 0.5
-    X = next_camera.X_camera_world @ camera.X_world_camera
+    X = next_camera.X_camera_world @ camera.X_world_camera if X_next_camera is None else X_next_camera
     z = depth.astype(np.float64) + camera.depth_origin
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         x, y = (columns - camera.cx) / camera.fx * z, (rows - camera.cy) / camera.fy * z
-        next_x, next_y, next_z = (X[k, 0] * x + X[k, 1] * y + X[k, 2] * z + X[k, 3] for k in range(3))
+        next_x, next_y, next_z = (
+            X[..., k, 0] * x + X[..., k, 1] * y + X[..., k, 2] * z + X[..., k, 3] for k in range(3)
+        )
         next_z[~(next_z > 0.0)] = np.nan
         u = next_camera.fx * next_x / next_z + next_camera.cx - columns
         v = next_camera.fy * next_y / next_z + next_camera.cy - rows

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import Final
 
 from gateway.assets.mesh_formats import FORMATS
+from gateway.datasets.scenario.catalogue import read_catalogue
 
 
 class SourceKind(Enum):
@@ -21,6 +22,8 @@ class SourceKind(Enum):
     TREE = "request of a tree viewer client"
     """A request of Director's remote tree viewer protocol, as JSON."""
     REQUEST = "recorded render request"
+    SCENARIO = "scenario"
+    """A scene of a scenario file (TOML)."""
 
 
 _MESH_FORMATS: Final = FORMATS - {"gltf", "glb"}
@@ -30,7 +33,11 @@ ROBOT_SUFFIXES: Final = (".urdf", ".sdf", ".mjcf")
 """Suffixes of robot files in folders. If the command names the file, .xml, .world and .xacro are too."""
 REQUEST_SUFFIX: Final = ".multipart"
 """Suffix of render requests that ``--keep-failures`` recorded. The file is the unchanged body of the POST."""
-_NAMED_SUFFIXES: Final = {".json": SourceKind.TREE, **dict.fromkeys((".xml", ".world", ".xacro"), SourceKind.ROBOT)}
+_NAMED_SUFFIXES: Final = {
+    ".json": SourceKind.TREE,
+    ".toml": SourceKind.SCENARIO,
+    **dict.fromkeys((".xml", ".world", ".xacro"), SourceKind.ROBOT),
+}
 """Suffixes of files that may be something else, so that they are scenes only if a command names them."""
 MAX_NAME_CHARS: Final = 200
 """Maximum length of a scene's name. It becomes a file name, for which file systems allow 255 bytes."""
@@ -51,6 +58,10 @@ class Source:
     kind: SourceKind
     problem: str = ""
     """Reason why the name cannot be used in a dataset; empty if it can."""
+    number: int = 0
+    """Number of a scenario's scene."""
+    recorded: str = ""
+    """Folder of a dataset whose ``scene.json`` has the choices of a scenario's scene, if it is there."""
 
     @property
     def printable_name(self) -> str:
@@ -58,15 +69,20 @@ class Source:
         return self.name if self.name.isprintable() else repr(self.name)[1:-1]
 
 
-def find_sources(inputs: Iterable[Path]) -> tuple[Source, ...]:
-    """Return the scene files of the inputs, which are files and folders, ordered by name.
+def find_sources(inputs: Iterable[Path], numbers: range | None = None) -> tuple[Source, ...]:
+    """Return the scenes of the inputs, which are files and folders, ordered by name.
+
+    Args:
+        inputs: files and folders.
+        numbers: numbers of the scenes of scenarios; None: all of them.
 
     Raises:
+        ScenarioError: a scenario cannot be used.
         SourceError: an input has no scene file, or two scene files would have the same name.
     """
     by_name: dict[str, Source] = {}
     for path in inputs:
-        sources = list(_sources_below(path)) if path.is_dir() else [_named_source(path)]
+        sources = list(_sources_below(path)) if path.is_dir() else _named_sources(path, numbers)
         if not sources:
             raise SourceError(f"{path} holds no scene: no .gltf, .glb, {', '.join(_suffixes())}")
         for source in sources:
@@ -92,6 +108,17 @@ def _sources_below(folder: Path) -> Iterable[Source]:
         if any(part.startswith(".") for part in path.relative_to(folder).parts):
             continue
         yield _make_source(path.relative_to(folder).as_posix(), path, kind)
+
+
+def _named_sources(path: Path, numbers: range | None) -> list[Source]:
+    """Return the scenes of a file that a command names: the scenes of a scenario, or the only one of another file."""
+    if path.suffix.lower() != ".toml":
+        return [_named_source(path)]
+    count = read_catalogue(path.resolve()).scenario.scenes
+    source = _make_source(f"{path.stem}-{0:06d}", path, SourceKind.SCENARIO)
+    if numbers is not None and numbers.stop > count:
+        raise SourceError(f"--scenes: {path} has the scenes 0 to {count - 1}, not {numbers.stop - 1}")
+    return [replace(source, name=f"{path.stem}-{k:06d}", number=k) for k in numbers or range(count)]
 
 
 def _named_source(path: Path) -> Source:

@@ -67,13 +67,22 @@ class Intrinsics:
 
 
 @dataclass(frozen=True, slots=True)
+class SceneCamera:
+    """A camera that is drawn with the scene, and the frame of the scene that it sees. Only scenarios have them."""
+
+    index: int
+    frame: int | None
+    """None: the scene does not move."""
+
+
+@dataclass(frozen=True, slots=True)
 class View:
     """Camera pose and intrinsics with a name. The constructor raises CameraError if they are invalid."""
 
     name: str
-    pose: str | Matrix | OrbitCamera | None
-    """Camera text, X_world_camera of the optical frame, or position on an orbit; None: the scene file's first camera,
-    or ``fit`` if it has none."""
+    pose: str | Matrix | OrbitCamera | SceneCamera | None
+    """Camera text, X_world_camera of the optical frame, position on an orbit, or camera of the scene; None: the scene
+    file's first camera, or ``fit`` if it has none."""
     intrinsics: Intrinsics = field(default=Intrinsics())
 
     def __post_init__(self) -> None:
@@ -91,6 +100,9 @@ class View:
         """Text for ``SampleRecord.view_description``. Different poses or intrinsics have different texts."""
         if isinstance(self.pose, OrbitCamera):
             text = f"orbit {self.pose.index}/{self.pose.count} at {self.pose.elevation:g} degrees"
+        elif isinstance(self.pose, SceneCamera):
+            text = f"camera {self.pose.index} of the scene"
+            text += "" if self.pose.frame is None else f", frame {self.pose.frame}"
         elif isinstance(self.pose, tuple):
             text = "pose " + hashlib.sha256(repr(self.pose).encode()).hexdigest()[:16]
         else:
@@ -98,6 +110,22 @@ class View:
         if self.intrinsics != Intrinsics():
             text += "; lens " + hashlib.sha256(repr(astuple(self.intrinsics)).encode()).hexdigest()[:16]
         return text
+
+
+def scene_views(cameras: int, frames: int | None) -> tuple[View, ...]:
+    """Return the views of a scene that has cameras of its own, which see each of its frames in turn.
+
+    Args:
+        cameras: number of cameras.
+        frames: number of frames; None: the scene does not move.
+    """
+    if frames is None:
+        return tuple(View(f"camera-{k:03d}", SceneCamera(k, None)) for k in range(cameras))
+    return tuple(
+        View(f"camera-{k:03d}-frame-{frame:04d}", SceneCamera(k, frame))
+        for k in range(cameras)
+        for frame in range(frames)
+    )
 
 
 def camera_of(
@@ -134,6 +162,7 @@ def camera_of(
         elif isinstance(view.pose, tuple):
             spec = PoseCamera(np.array(view.pose))
         else:
+            assert not isinstance(view.pose, SceneCamera)  # ``LoadedScene.posed`` replaces it
             spec = parse_camera(view.pose or "fit")
         fovy = intrinsics.fovy or fovy
         if intrinsics.fy is not None:

@@ -128,14 +128,21 @@ class Worker:
         if scene.request is not None:
             camera, image_type, data = RequestRenderer(self._renderer, settings).render(scene.request)
             return camera, {image_type: data}, ()
+        posed, view = scene.posed(view)
+        if posed is not scene:
+            scene, annotated = posed, None if annotated is None else _annotate_cached(posed, task.classes, task.out)
         camera = _camera_of(view, scene, settings)
-        next_camera = None if next_view is None else _camera_of(next_view, scene, settings)
+        next_scene, next_camera = scene, None
+        if next_view is not None:
+            next_scene, next_view = scene.posed(next_view)
+            next_camera = _camera_of(next_view, next_scene, settings)
         formats = {image_type: _file_format(image_type, settings) for image_type in settings.types}
         sensor = None
         if settings.stereo_profile:
             sensor = StereoSensor(cached_profile(settings.stereo_profile), self._renderer)
         number = zlib.crc32(f"{task.source.name}/{view.name}".encode())
-        shot = Shot(scene, camera, annotated, next_camera, settings.baseline, sensor, number)
+        moved = next_scene if next_scene is not scene else None
+        shot = Shot(scene, camera, annotated, next_camera, moved, settings.baseline, sensor, number)
         return camera, *render_sample(self._renderer, shot, formats, style_of(settings))
 
 

@@ -5,6 +5,7 @@ itself, and rejects documents beyond ``GltfLimits``. Documents that share a ``Gl
 ``Image`` object for equal bytes. ``export.export_glb`` writes a scene tree.
 """
 
+from gateway.gltf.animations import AnimationTime
 from gateway.gltf.buffers import Resolver
 from gateway.gltf.cameras import GltfCamera
 from gateway.gltf.document_cache import DocumentContent, HashedDocument
@@ -20,6 +21,7 @@ __all__ = [
     "DEFAULT_MATERIAL",
     "DRAKE_GENERATORS",
     "DRAKE_MERGER",
+    "AnimationTime",
     "DocumentContent",
     "GltfCache",
     "GltfCamera",

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from gateway.gltf.accessors import Accessors
+from gateway.gltf.animations import AnimationTime, pose_nodes
 from gateway.gltf.buffers import Buffers, Resolver
 from gateway.gltf.cameras import read_cameras
 from gateway.gltf.container import open_container
@@ -53,6 +54,7 @@ def read_gltf(
     textures: bool = True,
     variant: str | None = None,
     decode_images: bool = False,
+    animation: AnimationTime | None = None,
 ) -> GltfScene:
     """Read a ``.gltf`` or ``.glb`` file.
 
@@ -65,6 +67,7 @@ def read_gltf(
         variant: Name of a variant of KHR_materials_variants; None: the default materials. Not with ``cache``.
         decode_images: True: leave out textures whose images cannot be decoded. False: rendering a colour image raises
             an ``ImageError``. Not with ``cache``.
+        animation: Animation whose pose the nodes have; None: the pose in which they are stored. Not with ``cache``.
 
     Raises:
         GltfError: The document cannot be read. The message names the property, its value and the reason.
@@ -90,14 +93,16 @@ def read_gltf(
     document = parse_document(container.json, limits, warnings)
     has_wrong_types = bool(warnings)  # perhaps in nodes, which are not part of the content
     check_stop()
+    buffers = Buffers(document, container, limits, resolve, warnings)
+    accessors = Accessors(document, buffers, limits, warnings)
+    if animation is not None:
+        pose_nodes(document, accessors, animation, warnings)
     nodes = read_nodes(document, limits)
     mesh_names = nodes.mesh_names(document.meshes)
     has_posed_nodes = not document.merged_by_drake and any(map(has_own_parts, nodes.sources))
     poses: Mapping[int, Pose] = {}
     check_version(document, warnings)
     check_extensions(document, warnings)
-    buffers = Buffers(document, container, limits, resolve, warnings)
-    accessors = Accessors(document, buffers, limits, warnings)
     if has_posed_nodes:
         nodes, poses = expand_mesh_nodes(document, nodes, accessors, limits, warnings)
     draco_meshes = DracoMeshes(document, buffers, limits)

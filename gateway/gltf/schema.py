@@ -196,8 +196,33 @@ class Camera(Object):
     perspective: Perspective | None = None
 
 
+class ChannelTarget(StrictObject):
+    node: int | None = None
+    path: str | None = None
+
+
+class Channel(StrictObject):
+    sampler: int | None = None
+    target: ChannelTarget | None = None
+
+
+class AnimationSampler(StrictObject):
+    input: int | None = None
+    interpolation: str | None = None
+    output: int | None = None
+
+
+class Animation(Object):
+    essential = ("channels", "samplers")
+
+    channels: list[Channel | None] | None = None
+    name: str | None = None
+    samplers: list[AnimationSampler | None] | None = None
+
+
 class Document(Object):
     accessors: list[Accessor | None] | None = None
+    animations: list[Animation | None] | None = None
     asset: Asset | None = None
     buffer_views: list[BufferView | None] | None = None
     buffers: list[Buffer | None] | None = None

@@ -8,7 +8,7 @@ from typing import Final
 
 from gateway.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, parse_mesh
 from gateway.assets.scene_file import FolderFiles, SceneFile, SceneFileError, Up, read_scene_file
-from gateway.gltf import GltfError
+from gateway.gltf import AnimationTime, GltfError
 from gateway.robots.gltf_up import RobotGltfUp
 from gateway.robots.reader import read_robot
 from gateway.scene.tree import Node
@@ -40,6 +40,8 @@ class SceneOptions:
     """Up axis of a robot's glTF meshes."""
     strict: bool = False
     """True: a warning is an error."""
+    animation: AnimationTime | None = None
+    """Animation of a glTF file, and its time; None: the pose in which its nodes are stored."""
 
 
 DEFAULT_OPTIONS: Final = SceneOptions()
@@ -61,7 +63,7 @@ def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile
 def _read(path: Path, options: SceneOptions) -> SceneFile:
     suffix = path.suffix.lower()
     if suffix in _GLTF_SUFFIXES:
-        return read_scene_file(path, up=options.up, variant=options.variant or None)
+        return read_scene_file(path, up=options.up, variant=options.variant or None, animation=options.animation)
     if suffix in SUFFIXES:
         return _read_robot(path, options)
     if suffix in SCENE_SUFFIXES:

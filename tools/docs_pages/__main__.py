@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from gateway.datasets.scenario.file import schema_text
 from tools.docs_pages import commands_page, grpc_page, http_page, lcm_page, limits_page, settings_page
 
 if __name__ == "__main__":
@@ -17,5 +18,6 @@ if __name__ == "__main__":
         ("reference/http.md", http_page.page(http_page.description())),
         ("reference/grpc.md", grpc_page.page()),
         ("reference/lcm.md", lcm_page.page()),
+        ("scenario.schema.json", schema_text()),
     ):
         (docs / name).write_text(text, "utf-8")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final, Literal, TypeVar, get_args
+from typing import Any, Final, Literal, TypeVar, get_args
 
 import msgspec
 import numpy as np
@@ -101,6 +101,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Up axis of the glTF meshes of robot files: ``y``, ``z`` or ``auto``."""
     classes_sha256: str | None = None
     """SHA-256 of the file with the classes; None: a class for each model."""
+    scenario_sha256: str | None = None
+    """Digest of the scenarios without their numbers of scenes, and of the names of their files; None: no scenario."""
     baseline: float = 0.0
     """Distance of the right camera of ``stereo`` images in metres."""
     stereo_profile: str = ""
@@ -170,13 +172,17 @@ class SceneRecord(msgspec.Struct, frozen=True, kw_only=True):
     sha256: str
     """Digest of the names and digests of all source files."""
     sources: tuple[SourceFile, ...]
-    """Files that the scene was read from. The first is the scene file."""
+    """Files that the scene was read from. The first is the scene file. Of a scenario's scene: the files in use, without
+    the scenario, whose digest is ``Settings.scenario_sha256``."""
     generator: str
     """``asset.generator`` of a glTF file; empty for other files."""
     warnings: tuple[str, ...]
     """Warnings about content of the scene that was ignored or repaired."""
     labels: dict[str, tuple[tuple[str | int, ...], ...]]
     """Paths of nodes by their label, which is written in decimal digits."""
+    scenario: dict[str, Any] | None = None
+    """Choices from which a scenario's scene can be made again, as ``docs/scenarios.md`` lists them; None: the scene is
+    not of a scenario."""
     lights: tuple[LightRecord, ...] = ()
     """Lights of the scene. The dataset's settings name the rig, whose lights the scene has in addition or instead."""
     models: dict[str, ModelRecord] = {}

@@ -1,0 +1,175 @@
+"""Finds the places of a scene's objects: on surfaces without interpenetration, or at rest after a drop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.assets.scene_file import SceneFileError
+from gateway.datasets.scenario import tables
+from gateway.datasets.scenario.camera_paths import drawn
+from gateway.datasets.scenario.catalogue import Catalogue
+from gateway.datasets.scenario.choices import ObjectChoice, SurfaceChoice, rows_of
+from gateway.datasets.scenario.models import Model, load_model
+from gateway.datasets.scenario.physics import settle
+from gateway.datasets.scenario.placement import Solid, are_apart, place_on
+from gateway.datasets.scenario.surfaces import solids_of
+from gateway.scene.transforms import translation
+
+DROP_HEIGHTS: Final = 40
+"""Maximum number of heights from which the drop of an object is tried."""
+_MAX_ROUNDS: Final = 4
+"""Maximum number of drops: after objects were left out, those that they carried drop again."""
+
+
+@dataclass(slots=True, eq=False)
+class Candidate:
+    """An object before it has a place."""
+
+    table: tables.Model
+    choice: ObjectChoice
+    """Its pose is the drawn rotation, or the first one of its track."""
+    model: Model
+
+    @property
+    def solid(self) -> Solid:
+        """The object in its own frame, scaled. Raises ScenarioError for joint values that the model cannot have."""
+        try:
+            hulls = self.model.hulls(self.choice.joints)
+        except SceneFileError as error:
+            raise tables.ScenarioError(f"{self.choice.file}: {error}") from None
+        return Solid(tuple(body * self.choice.scale for body in hulls))
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """An object with a place."""
+
+    candidate: Candidate
+    solid: Solid
+    """In its own frame, scaled."""
+    X_world_object: NDArray[np.float64]
+    surface: int | None
+    """Index of the surface below; None: the object does not drop."""
+
+    @cached_property
+    def in_world(self) -> Solid:
+        """The object in the world."""
+        return self.solid.moved(self.X_world_object)
+
+
+def load(catalogue: Catalogue, table: tables.Model, file: str, notes: list[str]) -> Model | None:
+    """Return the model in a file; None, and a note, if it cannot be used."""
+    folder = catalogue.path.parent
+    try:
+        model = load_model(folder / file, table.up, tuple(folder / root for root in table.roots))
+    except (SceneFileError, OSError) as error:
+        reason = str(error).removeprefix(f"{folder / file}: ")
+        notes.append(f"{file}: {reason}; it is left out")
+        return None
+    if not model.hulls({}):
+        notes.append(f"{file}: it draws nothing; it is left out")
+        return None
+    return model
+
+
+@dataclass(slots=True, eq=False)
+class Arrangement:
+    """Objects with places in a scene."""
+
+    scenario: tables.Scenario
+    surfaces: tuple[SurfaceChoice, ...]
+    random: np.random.Generator
+    notes: list[str] = field(default_factory=list)
+    """Sentences about objects that are left out."""
+    _placed: list[_Placed] = field(default_factory=list)
+
+    def add(self, candidate: Candidate) -> None:
+        """Find a place for an object; without one it is left out, with a note."""
+        table, placement = candidate.table, self.scenario.placement
+        solid, rotation = candidate.solid, np.array(candidate.choice.X_world_object)
+        if table.pose_track:
+            self._placed.append(_Placed(candidate, solid, rotation, None))
+            return
+        others = [placed.in_world for placed in self._placed if not placed.candidate.table.pose_track]
+        if table.position is not None:
+            is_fixed = not any(isinstance(each, tuple) for each in table.position)
+            for _ in range(1 if is_fixed else placement.tries):
+                X = translation(*(drawn(self.random, each) for each in table.position)) @ rotation
+                moved = solid.moved(X)
+                if all(are_apart(moved, other, placement.gap) for other in others):
+                    self._placed.append(_Placed(candidate, solid, X, None))
+                    return
+            self._leave_out(candidate, "has no free place at its position")
+            return
+        indices = [k for k, surface in enumerate(self.scenario.surfaces) if table.on in ("", surface.name)]
+        index = indices[int(self.random.integers(len(indices)))]
+        surface, X_world_surface = self.surfaces[index], np.array(self.surfaces[index].X_world_surface)
+        for k, each in enumerate(self.surfaces):
+            others += solids_of(each)[1 if k == index else 0 :]
+        area = self.scenario.surfaces[index].area or surface.size
+        drops = placement.physics == "mujoco"
+        height = float(np.ptp(solid.moved(rotation).box[:, 2]))
+        for level in range(DROP_HEIGHTS if drops else 1):
+            above = translation(0.0, 0.0, placement.gap + level * 0.3 * height) if drops else np.eye(4)
+            tries = max(1, placement.tries // 10) if drops else placement.tries
+            X_above = above @ X_world_surface
+            place = place_on(solid, rotation, X_above, area, others, placement.gap, tries, self.random)
+            if place is not None:
+                self._placed.append(_Placed(candidate, solid, place, index))
+                return
+        x, y = area
+        self._leave_out(candidate, f"has no free place in {x:g} x {y:g} m after {placement.tries} tries")
+
+    def _leave_out(self, candidate: Candidate, reason: str) -> None:
+        self.notes.append(f"{candidate.choice.name} {reason}; it is left out")
+
+    def settle(self) -> None:
+        """Drop the objects, if the scenario says so. Those that fall off or do not come to rest are left out."""
+        if self.scenario.placement.physics == "none":
+            return
+        for _ in range(_MAX_ROUNDS):
+            dropping = [placed for placed in self._placed if placed.surface is not None]
+            if not dropping:
+                return
+            static = [p.in_world for p in self._placed if p.surface is None and not p.candidate.table.pose_track]
+            static += [box for surface in self.surfaces for box in solids_of(surface)]
+            seconds = self.scenario.placement.seconds
+            poses = settle([(placed.solid, placed.X_world_object) for placed in dropping], static, seconds)
+            settled: dict[int, _Placed] = {}
+            for placed, X in zip(dropping, poses, strict=True):
+                moved = placed if X is None else replace(placed, X_world_object=X)
+                if X is None:
+                    self._leave_out(placed.candidate, f"is not at rest after {seconds:g} s")
+                elif not self._is_on_surface(moved):
+                    self._leave_out(placed.candidate, "has fallen off its surface")
+                else:
+                    settled[id(placed)] = moved
+            self._placed = [settled.get(id(p), p) for p in self._placed if p.surface is None or id(p) in settled]
+            if len(settled) == len(dropping):
+                return
+        raise tables.ScenarioError("placement.physics: objects fall off or do not come to rest, however few are left")
+
+    def _is_on_surface(self, placed: _Placed) -> bool:
+        assert placed.surface is not None
+        surface = self.surfaces[placed.surface]
+        box = placed.solid.moved(np.linalg.inv(np.array(surface.X_world_surface)) @ placed.X_world_object).box
+        centre = 0.5 * (box[0] + box[1])
+        return bool((np.abs(centre[:2]) <= 0.5 * np.array(surface.size)).all() and centre[2] > 0.0)
+
+    def objects(self) -> tuple[ObjectChoice, ...]:
+        """Return all objects with their poses."""
+        return tuple(
+            msgspec.structs.replace(placed.candidate.choice, X_world_object=rows_of(placed.X_world_object))
+            for placed in self._placed
+        )
+
+    def focus_boxes(self) -> NDArray[np.float64]:
+        """Return the boxes that cameras look at, (N, 2, 3): of the annotated objects, or else of the surfaces."""
+        boxes = [p.in_world.box for p in self._placed if p.candidate.choice.entry[0] == "models"]
+        return np.array(boxes or [solids_of(surface)[0].box for surface in self.surfaces])

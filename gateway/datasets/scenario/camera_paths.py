@@ -1,0 +1,121 @@
+"""Draws cameras around objects: single poses on a shell, and smooth paths of a hand that holds a camera."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.datasets.scenario.choices import CameraChoice, rows_of
+from gateway.datasets.scenario.tables import Fixed, FrameRange, Handheld, Shell
+from gateway.scene.transforms import look_at
+from scenegate.transforms import Matrix
+
+Range = float | tuple[float, ...]
+DEFAULT_FRAMES: Final = FrameRange(count=1)
+CLEARANCE: Final = 0.02
+"""Minimum distance of a camera from the boxes of objects, metres."""
+_TRIES: Final = 100
+_SHAKE_HERTZ: Final = (1.1, 2.3, 4.7)
+
+
+def drawn(random: np.random.Generator, values: Range) -> float:
+    """Return a number of a range."""
+    if not isinstance(values, tuple):
+        return float(values)
+    low, high = values
+    return low + (high - low) * float(random.random())
+
+
+def draw_cameras(
+    camera: Shell | Fixed, boxes: NDArray[np.float64], frames: FrameRange | None, random: np.random.Generator
+) -> list[CameraChoice]:
+    """Return the cameras of a table of the scenario.
+
+    Args:
+        camera: the table.
+        boxes: (N, 2, 3) boxes of the objects in the world, metres.
+        frames: frames of the scene; None if it does not move.
+        random: source of random numbers.
+    """
+    if isinstance(camera, Fixed):
+        pose = look_at(camera.eye, camera.target, camera.up)
+        return [CameraChoice(fovy=drawn(random, camera.fovy), X_world_camera=(rows_of(pose),))]
+    choices = []
+    for _ in range(camera.count):
+        fovy = drawn(random, camera.fovy)
+        if isinstance(camera, Handheld):
+            poses = _path(camera, boxes, fovy, frames or DEFAULT_FRAMES, random)
+        else:
+            place, roll = _draw_place(camera, boxes, fovy, random), drawn(random, camera.roll)
+            poses = [_pose(place, roll)]
+        choices.append(CameraChoice(fovy=fovy, X_world_camera=tuple(map(rows_of, poses))))
+    return choices
+
+
+def _draw_place(
+    camera: Shell, boxes: NDArray[np.float64], fovy: float, random: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return distance, elevation and azimuth (metres, degrees) and the target, (6,) float64.
+
+    The eye is outside of all boxes unless the ranges allow no such place.
+    """
+    low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+    fitted = 0.5 * float(np.linalg.norm(high - low)) / math.sin(math.radians(0.5 * fovy))
+    for _ in range(_TRIES):
+        if camera.look_at == "objects":
+            target = 0.5 * (low + high)
+        elif camera.look_at == "object":
+            target = boxes[int(random.integers(len(boxes)))].mean(axis=0)
+        else:
+            target = np.array(camera.look_at)
+        distance = fitted * drawn(random, camera.margin) if camera.distance is None else drawn(random, camera.distance)
+        place = np.array((distance, drawn(random, camera.elevation), drawn(random, camera.azimuth), *target))
+        eye = _eye(place)
+        if not ((boxes[:, 0] - CLEARANCE < eye) & (eye < boxes[:, 1] + CLEARANCE)).all(axis=1).any():
+            break
+    return place
+
+
+def _eye(place: NDArray[np.float64]) -> NDArray[np.float64]:
+    distance, elevation, azimuth = place[0], math.radians(place[1]), math.radians(place[2])
+    direction = (math.cos(elevation) * math.cos(azimuth), math.cos(elevation) * math.sin(azimuth), math.sin(elevation))
+    return np.asarray(place[3:] + distance * np.array(direction))
+
+
+def _pose(place: NDArray[np.float64], roll: float) -> Matrix:
+    pose = look_at(_eye(place), place[3:], (0.0, 0.0, 1.0))
+    c, s = math.cos(math.radians(roll)), math.sin(math.radians(roll))
+    x, y = pose[:3, 0].copy(), pose[:3, 1].copy()
+    pose[:3, 0], pose[:3, 1] = c * x + s * y, c * y - s * x
+    return pose
+
+
+def _path(
+    camera: Handheld, boxes: NDArray[np.float64], fovy: float, frames: FrameRange, random: np.random.Generator
+) -> list[Matrix]:
+    """Return a pose for each frame: a Catmull-Rom curve through the drawn places, and the shaking of a hand."""
+    places = np.array([_draw_place(camera, boxes, fovy, random) for _ in range(camera.waypoints)])
+    places[1:, 2] = places[0, 2] + camera.sweep * (random.random(camera.waypoints - 1) - 0.5)
+    rolls = [drawn(random, camera.roll) for _ in places]
+    knots = np.column_stack((places, rolls))
+    knots = np.concatenate((knots[:1], knots, knots[-1:]))
+    phases = math.tau * random.random((len(_SHAKE_HERTZ), 6))
+    poses = []
+    for frame in range(frames.count):
+        position = (camera.waypoints - 1) * frame / max(frames.count - 1, 1)
+        first = min(int(position), camera.waypoints - 2)
+        t = position - first
+        a, b, c, d = knots[first : first + 4]
+        place = 0.5 * (2 * b + (c - a) * t + (2 * a - 5 * b + 4 * c - d) * t**2 + (3 * b - a - 3 * c + d) * t**3)
+        waves = [
+            np.sin(math.tau * hertz * frame / frames.rate + phase) / (index + 1)
+            for index, (hertz, phase) in enumerate(zip(_SHAKE_HERTZ, phases, strict=True))
+        ]
+        shake = camera.shake * np.sum(waves, axis=0)
+        pose = _pose(np.concatenate((place[:3], place[3:6] + shake[:3])), float(place[6]))
+        pose[:3, 3] += shake[3:]
+        poses.append(pose)
+    return poses

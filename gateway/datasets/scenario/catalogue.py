@@ -1,0 +1,128 @@
+"""Lists the files that a scenario names: models, textures, rigs, environments and backgrounds."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import os
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from gateway.datasets.scenario.file import read_scenario
+from gateway.datasets.scenario.tables import Scenario, ScenarioError
+from gateway.robots.scene_files import SCENE_SUFFIXES
+from renderers.stop import check_stop
+
+MAX_FILES: Final = 100_000
+"""Maximum number of files that a folder or pattern may name."""
+MODEL_SUFFIXES: Final = tuple(suffix for suffix in SCENE_SUFFIXES if suffix not in (".xml", ".world", ".xacro"))
+"""Suffixes of models in folders. A path or pattern that ends with another suffix of a scene file names those, too."""
+IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".webp")
+RIG_SUFFIXES: Final = (".toml", ".hdr")
+_CACHED_CATALOGUES: Final = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Catalogue:
+    """A scenario with the lists of its files."""
+
+    path: Path
+    scenario: Scenario
+
+    @cached_property
+    def models(self) -> dict[tuple[str, int], tuple[str, ...]]:
+        """Files of each table of models, by the table's name and index."""
+        scenario = self.scenario
+        return {
+            (kind, index): self.files(model.path, MODEL_SUFFIXES, f"{kind}[{index}].path")
+            for kind, models in (("models", scenario.models), ("distractors", scenario.distractors))
+            for index, model in enumerate(models)
+        }
+
+    @cached_property
+    def model_names(self) -> dict[str, str]:
+        """Name of each model by its file: the shortest end of its path, without suffix, that no other model has."""
+        files = list(dict.fromkeys(name for names in self.models.values() for name in names))
+        parts = {name: Path(name).with_suffix("").parts for name in files}
+        names: dict[str, str] = {}
+        length = 1
+        while files:
+            by_name: dict[str, list[str]] = {}
+            for file in files:
+                by_name.setdefault("/".join(parts[file][-length:]), []).append(file)
+            for name, same in by_name.items():
+                if len(same) == 1 or all(length >= len(parts[file]) for file in same):  # a.obj and a.stl
+                    names |= {file: name if len(same) == 1 else file for file in same}
+            files = [file for file in files if file not in names]
+            length += 1
+        return names
+
+    def files(self, pattern: str, suffixes: tuple[str, ...], key: str) -> tuple[str, ...]:
+        """Return the files of a path, folder or pattern in ascending order, relative to the scenario's folder.
+
+        Args:
+            pattern: value of the key; the paths in the result begin as it does.
+            suffixes: suffixes of the files in a folder.
+            key: key in the scenario, for the message.
+
+        Raises:
+            ScenarioError: there are none, or too many.
+        """
+        folder = self.path.parent
+        if (folder / pattern).is_file():
+            return (pattern,)
+        is_folder = (folder / pattern).is_dir()
+        search = os.path.join(glob.escape(pattern), "**", "*") if is_folder else pattern  # noqa: PTH118 - a pattern
+        wanted = SCENE_SUFFIXES if suffixes is MODEL_SUFFIXES and not is_folder else suffixes
+        found: list[str] = []
+        for name in glob.iglob(search, root_dir=folder, recursive=True):  # noqa: PTH207 - keeps the names as written
+            check_stop()
+            if name.lower().endswith(wanted) and (folder / name).is_file():
+                found.append(Path(name).as_posix())
+            if len(found) > MAX_FILES:
+                raise ScenarioError(f"{self.path}: {key}: {pattern!r} names more than {MAX_FILES} files")
+        if not found:
+            raise ScenarioError(f"{self.path}: {key}: {pattern!r} names no file ({', '.join(suffixes)})")
+        return tuple(sorted(found))
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the scenario without its number of scenes, and of the names of its files.
+
+        With the same digest, and the same content of files, a number means the same scene.
+        """
+        scenario = self.scenario
+        lists = [*self.models.values()]
+        materials = [scenario.materials, *(surface.material for surface in scenario.surfaces)]
+        lists += [self.files(m.textures, IMAGE_SUFFIXES, "textures") for m in materials if m is not None and m.textures]
+        lights, background = scenario.lights, scenario.backgrounds.images
+        for pattern, suffixes in ((lights.rigs, RIG_SUFFIXES), (lights.environments, (".hdr",))):
+            lists += [self.files(pattern, suffixes, "lights")] if pattern else []
+        lists += [self.files(background, IMAGE_SUFFIXES, "backgrounds.images")] if background else []
+        tracks = [m.joint_track or m.pose_track for m in (*scenario.models, *scenario.distractors)]
+        lists += [self.files(track, (".csv",), "track") for track in tracks if track]
+        text = msgspec.json.encode([msgspec.structs.replace(scenario, scenes=1), lists])
+        return hashlib.sha256(text).hexdigest()
+
+
+def read_catalogue(path: Path) -> Catalogue:
+    """Read a scenario, or return it from the cache if its file has not changed.
+
+    Raises:
+        ScenarioError: it cannot be used.
+    """
+    try:
+        status = path.stat()
+    except OSError as error:
+        raise ScenarioError(f"{path}: {error.strerror or error}") from None
+    return _read_cached(path, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(_CACHED_CATALOGUES)
+def _read_cached(path: Path, modified_ns: int, size: int) -> Catalogue:
+    """Read a scenario. The time and size of its file are part of the cache's key."""
+    return Catalogue(path, read_scenario(path))

@@ -1,0 +1,199 @@
+"""Draws the choices of a scene from the seed of its scenario and its number, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from gateway.datasets.scenario import tables
+from gateway.datasets.scenario.arrangement import Arrangement, Candidate, load
+from gateway.datasets.scenario.camera_paths import Range, draw_cameras, drawn
+from gateway.datasets.scenario.catalogue import IMAGE_SUFFIXES, RIG_SUFFIXES, Catalogue
+from gateway.datasets.scenario.choices import (
+    BackgroundChoice,
+    LampChoice,
+    LightChoice,
+    MaterialChoice,
+    ObjectChoice,
+    SceneChoices,
+    SensorChoice,
+    SurfaceChoice,
+    Vector,
+    rows_of,
+)
+from gateway.datasets.scenario.models import Model
+from gateway.datasets.scenario.placement import rotation_of
+from gateway.datasets.scenario.scenery import lamp_direction
+from gateway.datasets.scenario.tracks import read_track
+from gateway.scene.transforms import translation
+
+_STREAMS: Final = ("surfaces", "models", "distractors", "places", "cameras", "lights", "background", "sensor")
+"""Sources of random numbers, each with a sequence of its own: more lights do not move the cameras."""
+
+
+def draw_choices(catalogue: Catalogue, number: int) -> SceneChoices:
+    """Return the choices of a scene. The same scenario, files and number give the same choices.
+
+    Raises:
+        ScenarioError: a file cannot be used, or no object could be placed.
+    """
+    return _Drawing(catalogue, number).choices()
+
+
+def _color(random: np.random.Generator, colors: Sequence[Vector]) -> Vector:
+    """Return a colour between the first and the last one."""
+    red, green, blue = (drawn(random, channel) for channel in zip(colors[0], colors[-1], strict=True))
+    return red, green, blue
+
+
+def _count(random: np.random.Generator, count: int | tuple[int, ...]) -> int:
+    return count if isinstance(count, int) else int(random.integers(min(count), max(count) + 1))
+
+
+class _Drawing:
+    """The drawing of one scene."""
+
+    def __init__(self, catalogue: Catalogue, number: int) -> None:
+        self._catalogue = catalogue
+        self._scenario = catalogue.scenario
+        self._number = number
+
+    def _random(self, stream: str, index: int = 0) -> np.random.Generator:
+        """Return the source of random numbers of a table."""
+        key = (self._number, _STREAMS.index(stream), index)
+        return np.random.Generator(np.random.Philox(np.random.SeedSequence(self._scenario.seed, spawn_key=key)))
+
+    def choices(self) -> SceneChoices:
+        """Return all choices of the scene."""
+        scenario = self._scenario
+        surfaces = tuple(self._surface(index, table) for index, table in enumerate(scenario.surfaces))
+        arrangement = Arrangement(scenario, surfaces, self._random("places"))
+        candidates = [
+            candidate
+            for kind, models in (("models", scenario.models), ("distractors", scenario.distractors))
+            for index, table in enumerate(models)
+            for candidate in self._objects(kind, index, table, arrangement.notes)
+        ]
+        for candidate in sorted(candidates, key=lambda each: each.table.position is None):  # the others give way
+            arrangement.add(candidate)
+        arrangement.settle()
+        boxes = arrangement.focus_boxes()
+        cameras = [
+            choice
+            for index, camera in enumerate(scenario.cameras)
+            for choice in draw_cameras(camera, boxes, scenario.frames, self._random("cameras", index))
+        ]
+        return SceneChoices(
+            seed=scenario.seed,
+            number=self._number,
+            surfaces=surfaces,
+            objects=arrangement.objects(),
+            cameras=tuple(cameras),
+            light=self._light(scenario.lights),
+            background=self._background(scenario.backgrounds),
+            sensor=None if scenario.sensor is None else self._sensor(scenario.sensor),
+            notes=tuple(arrangement.notes),
+        )
+
+    def _file(self, random: np.random.Generator, pattern: str, suffixes: tuple[str, ...], key: str) -> str:
+        """Return a drawn file of a path, folder or pattern; empty if that is."""
+        if not pattern:
+            return ""
+        files = self._catalogue.files(pattern, suffixes, key)
+        return files[int(random.integers(len(files)))]
+
+    def _material(self, random: np.random.Generator, table: tables.Materials, key: str) -> MaterialChoice:
+        return MaterialChoice(
+            texture=self._file(random, table.textures, IMAGE_SUFFIXES, f"{key}.textures"),
+            texture_size=table.texture_size,
+            color=_color(random, table.color),
+            metallic=drawn(random, table.metallic),
+            roughness=drawn(random, table.roughness),
+        )
+
+    def _surface(self, index: int, table: tables.Surface) -> SurfaceChoice:
+        random = self._random("surfaces", index)
+        x, y = (drawn(random, each) for each in table.position)
+        X = translation(x, y, drawn(random, table.height)) @ rotation_of(0.0, 0.0, drawn(random, table.turn))
+        material = self._material(random, table.material, f"surfaces[{index}].material")
+        return SurfaceChoice(kind=table.kind, size=table.size, X_world_surface=rows_of(X), material=material)
+
+    def _objects(self, kind: str, index: int, table: tables.Model, notes: list[str]) -> list[Candidate]:
+        """Return the objects of a table of models, without their places."""
+        random = self._random(kind, index)
+        files, materials = self._catalogue.models[kind, index], self._scenario.materials
+        candidates = []
+        for k in range(_count(random, table.count)):
+            file = files[int(random.integers(len(files)))]
+            model = load(self._catalogue, table, file, notes)
+            scale = drawn(random, table.scale)
+            roll, pitch, yaw = (drawn(random, each) for each in table.rotation)
+            material = None
+            if materials is not None and random.random() < materials.share:
+                material = self._material(random, materials, "materials")
+            if model is None:
+                continue
+            name = self._catalogue.model_names[file]
+            X = rotation_of(roll, pitch, yaw)
+            if table.pose_track:
+                start = 0.0 if self._scenario.frames is None else self._scenario.frames.start
+                X = read_track(self._catalogue.path.parent / table.pose_track, poses=True).pose_at(start)
+            choice = ObjectChoice(
+                entry=(kind, index),
+                file=file,
+                model=name,
+                name=f"{name} {kind[0]}{index}.{k}",
+                X_world_object=rows_of(X),
+                scale=scale,
+                joints=_joints(random, table, model),
+                material=material,
+            )
+            candidates.append(Candidate(table, choice, model))
+        return candidates
+
+    def _light(self, table: tables.Lights) -> LightChoice:
+        random = self._random("lights")
+        lamps = []
+        for lamp in table.lamps:
+            direction = lamp_direction(drawn(random, lamp.azimuth), drawn(random, lamp.elevation))
+            intensity = drawn(random, lamp.intensity)
+            lamps.append(LampChoice(direction=direction, intensity=intensity, color=_color(random, lamp.color)))
+        return LightChoice(
+            rig=self._file(random, table.rigs, RIG_SUFFIXES, "lights.rigs"),
+            environment=self._file(random, table.environments, (".hdr",), "lights.environments"),
+            turn=float(np.radians(drawn(random, table.turn))),
+            intensity=drawn(random, table.intensity),
+            lamps=tuple(lamps),
+        )
+
+    def _background(self, table: tables.Backgrounds) -> BackgroundChoice:
+        random = self._random("background")
+        color = None
+        if table.color is not None:
+            red, green, blue = (round(255.0 * channel) for channel in _color(random, table.color))
+            color = red, green, blue
+        return BackgroundChoice(
+            image=self._file(random, table.images, IMAGE_SUFFIXES, "backgrounds.images"), color=color
+        )
+
+    def _sensor(self, table: tables.Sensor) -> SensorChoice:
+        random = self._random("sensor")
+        return SensorChoice(
+            blur=drawn(random, table.blur),
+            vignetting=table.vignetting,
+            exposure=drawn(random, table.exposure),
+            gain=drawn(random, table.gain),
+        )
+
+
+def _joints(random: np.random.Generator, table: tables.Model, model: Model) -> dict[str, tuple[float, ...]]:
+    """Return drawn joint values: of the table's ranges, or between the limits of the robot's file."""
+    if isinstance(table.joints, dict):
+        return {name: (drawn(random, values),) for name, values in table.joints.items()}
+    ranges: dict[str, Range] = {}
+    for name, joint in ({} if model.robot is None else model.robot.joints).items():
+        if joint.mimic is None and joint.kind in ("revolute", "prismatic"):
+            ranges[name] = joint.limits or ((-np.pi, np.pi) if joint.kind == "revolute" else joint.default[0])
+    return {name: (drawn(random, values),) for name, values in ranges.items()}

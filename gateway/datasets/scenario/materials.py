@@ -1,0 +1,122 @@
+"""Replaces materials of trees by drawn ones, with texture coordinates for meshes that have none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from gateway.datasets.scenario.choices import MaterialChoice
+from gateway.scene.geometry import Part, Surface
+from gateway.scene.meshing import meshes_of
+from gateway.scene.tree import Node
+from renderers.cache import Cache
+from renderers.color import linear_from_srgb
+from renderers.drawlist import Image, Material, Mesh, Texture, Topology, name_image_errors
+from renderers.images import image_from_bytes
+from scenegate.regular_files import read_regular
+
+MAX_IMAGE_BYTES: Final = 64 << 20
+"""Maximum size of an image file of a scenario."""
+_images: Final[Cache[tuple[Path, int, int], Image]] = Cache("scenario_images")
+_mapped: Final[Cache[tuple[Mesh, tuple[float, ...], float], Mesh]] = Cache("scenario_mapped_meshes")
+
+
+def read_image(path: Path) -> Image:
+    """Return the image in a file, from the cache if it has not changed.
+
+    Raises:
+        OSError, ImageError: it cannot be read, or its header is wrong. The message names the file.
+    """
+    status = path.stat()
+    key = (path, status.st_mtime_ns, status.st_size)
+    image = _images.get(key)
+    if image is None:
+        data = read_regular(path, MAX_IMAGE_BYTES)
+        with name_image_errors(str(path)):
+            image = image_from_bytes(data)
+        _images.put(key, image, len(data))
+    return image
+
+
+def material_of(choice: MaterialChoice, folder: Path) -> Material:
+    """Return the material of a choice, whose texture is in a folder; raises as ``read_image`` does."""
+    red, green, blue = map(linear_from_srgb, choice.color)
+    texture = None
+    if choice.texture:
+        texture = Texture(read_image(folder / choice.texture), name=choice.texture)
+    return Material(
+        base_color=(red, green, blue, 1.0),
+        base_color_texture=texture,
+        metallic=choice.metallic,
+        roughness=choice.roughness,
+        double_sided=True,
+    )
+
+
+def with_material(root: Node, material: Material | None, texture_size: float | None, scale: float = 1.0) -> Node:
+    """Return a tree with another material on all triangles.
+
+    Args:
+        root: root of the tree.
+        material: the material; None: those of the tree, so that equal models have equal meshes.
+        texture_size: side of a texture in metres: meshes without texture coordinates get some. None: they stay.
+        scale: scale of the tree in the world.
+    """
+    parts = root.parts
+    if parts is not None:
+        size = None if texture_size is None else texture_size / scale
+        parts = tuple(each for part in parts for each in _textured(part, material, size))
+    children = {name: with_material(child, material, texture_size, scale) for name, child in root.children.items()}
+    node = Node(parts, root.matrix, children)
+    node.visible, node.opacity = root.visible, root.opacity
+    return node
+
+
+def _textured(part: Part, material: Material | None, texture_size: float | None) -> list[Part]:
+    """Return the meshes of a part with the material; those without triangles keep theirs."""
+    parts: list[Part] = []
+    for mesh, old, X_part_mesh in meshes_of(part.shape, part.material):
+        X = part.X_node_part @ X_part_mesh
+        is_solid = mesh.topology is Topology.TRIANGLES
+        if is_solid and mesh.uv0 is None and texture_size is not None:
+            mesh = _box_mapped(mesh, tuple(np.linalg.norm(X[:3, :3], axis=0).tolist()), texture_size)
+        used = material if is_solid and material is not None else old
+        parts.append(msgspec.structs.replace(part, shape=Surface(mesh), material=used, X_node_part=X))
+    return parts
+
+
+def _box_mapped(mesh: Mesh, scale: tuple[float, ...], texture_size: float) -> Mesh:
+    """Return a mesh with texture coordinates: each triangle sees the texture along the axis that it faces most.
+
+    Args:
+        mesh: triangles.
+        scale: scale of the mesh along its axes in the node, metres.
+        texture_size: side of the texture, metres.
+    """
+    key = (mesh, scale, texture_size)
+    mapped = _mapped.get(key)
+    if mapped is None:
+        vertices = mesh.elements.reshape(-1)
+        points = mesh.positions[vertices].reshape(-1, 3, 3) * np.array(scale, np.float32)
+        normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+        # The two axes of the texture for triangles that face x, y and z.
+        axes = np.array(((1, 2), (0, 2), (0, 1)))[np.abs(normals).argmax(axis=1)]
+        uv = np.take_along_axis(points, np.repeat(axes[:, None, :], 3, axis=1), axis=2).reshape(-1, 2) / texture_size
+        if mesh.normals is None:
+            lengths = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+            flat = normals / lengths / np.array(scale, np.float32)
+            vertex_normals = np.repeat(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30), 3, axis=0)
+        else:
+            vertex_normals = mesh.normals[vertices]
+        mapped = Mesh(
+            np.ascontiguousarray(mesh.positions[vertices]),
+            np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3),
+            normals=np.ascontiguousarray(vertex_normals, np.float32),
+            uv0=np.ascontiguousarray(uv * (1.0, -1.0), np.float32),
+            colors=None if mesh.colors is None else np.ascontiguousarray(mesh.colors[vertices]),
+        )
+        _mapped.put(key, mapped, mapped.nbytes)
+    return mapped

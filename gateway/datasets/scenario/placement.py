@@ -1,0 +1,140 @@
+"""Places objects on surfaces without interpenetration.
+
+Objects are unions of convex bodies. Two bodies are apart if their boxes are, or if a plane separates their points by
+the gap. The plane is found by Gilbert's algorithm (1966), which approaches the point of the bodies' Minkowski
+difference that is nearest to the origin. Undecided pairs count as too near.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.datasets.scenario.models import Points
+from renderers.stop import check_stop
+
+_ITERATIONS: Final = 100
+"""Maximum number of steps for a pair of bodies. Pairs that are a tenth of their size apart need fewer than 10."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """An object or a part of a surface in the world."""
+
+    bodies: tuple[Points, ...]
+
+    @cached_property
+    def boxes(self) -> NDArray[np.float64]:
+        """Lowest and highest corner of each body, (N, 2, 3) float64, metres."""
+        return np.array([(body.min(axis=0), body.max(axis=0)) for body in self.bodies])
+
+    @cached_property
+    def box(self) -> NDArray[np.float64]:
+        """Lowest and highest corner of all bodies, (2, 3) float64, metres."""
+        return np.array((self.boxes[:, 0].min(axis=0), self.boxes[:, 1].max(axis=0)))
+
+    def moved(self, X: NDArray[np.float64], scale: float = 1.0) -> Solid:
+        """Return the solid scaled, and then moved by a rigid transform."""
+        linear = scale * X[:3, :3]
+        return Solid(tuple(body @ linear.T + X[:3, 3] for body in self.bodies))
+
+
+def box_solid(X_world_box: NDArray[np.float64], size: tuple[float, float, float]) -> Solid:
+    """Return a box with its centre at the origin of its frame."""
+    corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    return Solid((corners * size,)).moved(X_world_box)
+
+
+def are_apart(a: Solid, b: Solid, gap: float) -> bool:
+    """Return True if two solids are at least ``gap`` metres apart."""
+    if _boxes_apart(a.box, b.box, gap):
+        return True
+    return all(
+        _boxes_apart(p_box, q_box, gap) or _bodies_apart(p, q, gap)
+        for p, p_box in zip(a.bodies, a.boxes, strict=True)
+        for q, q_box in zip(b.bodies, b.boxes, strict=True)
+    )
+
+
+def _boxes_apart(a: NDArray[np.float64], b: NDArray[np.float64], gap: float) -> bool:
+    return bool((a[0] > b[1] + gap).any() or (b[0] > a[1] + gap).any())
+
+
+def _bodies_apart(p: Points, q: Points, gap: float) -> bool:
+    nearest = p.mean(axis=0) - q.mean(axis=0)
+    for _ in range(_ITERATIONS):
+        distance = float(np.linalg.norm(nearest))
+        if distance <= gap:
+            return False
+        direction = nearest / distance
+        along_p, along_q = p @ direction, q @ direction
+        lowest, highest = int(along_p.argmin()), int(along_q.argmax())
+        if along_p[lowest] - along_q[highest] > gap:
+            return True
+        step = p[lowest] - q[highest] - nearest
+        length = float(step @ step)
+        if length == 0.0:
+            return False
+        nearest = nearest + min(max(-float(nearest @ step) / length, 0.0), 1.0) * step
+    return False
+
+
+def rotation_of(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
+    """Return the rotation, (4, 4) float64, by angles in degrees about the fixed x, y and z axes, in this order."""
+    X = np.eye(4)
+    for axis, degrees in enumerate((roll, pitch, yaw)):
+        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        turn = np.eye(4)
+        turn[i, i], turn[i, j], turn[j, i], turn[j, j] = c, -s, s, c
+        X = turn @ X
+    return X
+
+
+def place_on(
+    solid: Solid,
+    rotation: NDArray[np.float64],
+    X_world_surface: NDArray[np.float64],
+    area: tuple[float, float],
+    others: list[Solid],
+    gap: float,
+    tries: int,
+    random: np.random.Generator,
+) -> NDArray[np.float64] | None:
+    """Return a pose of an object that stands on a surface, apart from all others; None if none was found.
+
+    Args:
+        solid: the object in its own frame, scaled.
+        rotation: (4, 4), its orientation in the world.
+        X_world_surface: (4, 4), the centre of the surface.
+        area: size of the rectangle in which the object must lie, metres.
+        others: objects and surfaces that it must not touch. The surface itself is not among them.
+        gap: minimum distance from the others, metres.
+        tries: number of places to try.
+        random: source of random numbers.
+    """
+    X_surface_object = np.linalg.inv(X_world_surface) @ rotation
+    X_surface_object[:3, 3] = 0.0
+    low, high = solid.moved(X_surface_object).box
+    free = np.array(area) - (high - low)[:2]
+    if (free < 0.0).any():
+        return None
+    turned = solid.moved(X_world_surface @ X_surface_object)
+    box_at_origin = turned.box - X_world_surface[:3, 3]
+    for _ in range(tries):
+        check_stop()
+        corner = random.random(2) * free - 0.5 * np.array(area)
+        X_surface_object[:3, 3] = (corner[0] - low[0], corner[1] - low[1], -low[2])
+        X_world_object = X_world_surface @ X_surface_object
+        box = box_at_origin + X_world_object[:3, 3]
+        near = [other for other in others if not _boxes_apart(box, other.box, gap)]
+        step = X_world_object[:3, 3] - X_world_surface[:3, 3]
+        placed = Solid(tuple(body + step for body in turned.bodies)) if near else turned
+        if all(are_apart(placed, other, gap) for other in near):
+            return X_world_object
+    return None

@@ -1,0 +1,142 @@
+"""What surrounds the objects in colour images: lights, background and the camera's sensor."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.assets.light_rig_file import read_rig
+from gateway.datasets.scenario.choices import BackgroundChoice, LightChoice, SceneChoices, SensorChoice
+from gateway.datasets.scenario.materials import read_image
+from renderers.camera import Camera
+from renderers.color import linear_from_srgb
+from renderers.drawlist import DrawList, Image, Light, LightKind
+from renderers.interface import Look, Output, Renderer
+from renderers.light_rig import STUDIO, Rig, Surroundings
+from renderers.stereo.lens.optics import Lens, SceneLight, light_on_sensor
+from renderers.stereo.model import Intrinsics
+from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, REFERENCE_EXPOSURE, Exposure
+from renderers.stereo.sensor.noise import NoiseStream, frame_key
+from renderers.stereo.sensor.sensor_image import image_from_light
+
+_CACHED_RIGS: Final = 16
+"""Number of rigs in memory. An environment map has some megabytes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scenery:
+    """Lights, background and sensor of one view."""
+
+    rig: Rig
+    background: BackgroundChoice
+    image: Image | None
+    """Image of the background; None: a colour."""
+    sensor: SensorChoice | None
+    seed: int
+    """Seed of the sensor's noise."""
+    frame: int
+    """Frame of the scene, which has noise of its own."""
+
+    def look(self, look: Look) -> Look:
+        """Return a look with the lights and the colour of the background."""
+        color = (0, 0, 0) if self.image is not None else self.background.color or look.background
+        return replace(look, rig=self.rig, background=color)
+
+    def finish(
+        self, color: NDArray[np.uint8], scene: DrawList, camera: Camera, renderer: Renderer, look: Look
+    ) -> NDArray[np.uint8]:
+        """Return a colour image, (H, W, 3) uint8, with the image of the background and the effects of the sensor.
+
+        The scene is rendered once more before white: how much brighter a pixel is than before black is its share of
+        background (Smith and Blinn 1996), at edges and through glass.
+
+        Args:
+            color: image of the scene in the look ``self.look(…)``.
+            scene: the scene.
+            camera: its camera.
+            renderer: renders the scene.
+            look: look of the image.
+        """
+        if self.image is not None:
+            white = renderer.render(scene, camera, Output.COLOR, replace(look, background=(255, 255, 255))).color
+            assert white is not None
+            share = (white.astype(np.float32) - color).mean(axis=2, keepdims=True) / 255.0
+            behind = _filling(self.image.decode()[..., :3], camera.width, camera.height)
+            color = np.clip(color + share * behind + 0.5, 0.0, 255.0).astype(np.uint8)
+        return color if self.sensor is None else self._sensed(color, camera, self.sensor)
+
+    def _sensed(self, color: NDArray[np.uint8], camera: Camera, sensor: SensorChoice) -> NDArray[np.uint8]:
+        """Return the image as a sensor sees it, with the gamma of a display."""
+        k = Intrinsics(camera.width, camera.height, camera.fx, camera.cx, camera.cy)
+        gain = 10.0 ** (sensor.gain / 20.0)
+        exposure = Exposure(REFERENCE_EXPOSURE * sensor.exposure / gain, sensor.gain, 1.0 / DISPLAY_GAMMA)
+        lens = Lens(sensor.blur, sensor.vignetting)
+        light = light_on_sensor(np.ascontiguousarray(color), k, exposure, SceneLight(), lens, color=True)
+        view = self.frame << 32 | zlib.crc32(camera.X_world_camera.tobytes())
+        key = frame_key(self.seed, view, NoiseStream.COLOR_CAMERA)
+        return image_from_light(light, exposure, key).image
+
+
+def _filling(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.float32]:
+    """Return the middle of an image that has the aspect of ``width`` x ``height``, in that size."""
+    scale = min(image.shape[1] / width, image.shape[0] / height)
+    columns, rows = max(1, int(scale * width)), max(1, int(scale * height))
+    x, y = (image.shape[1] - columns) // 2, (image.shape[0] - rows) // 2
+    part = np.ascontiguousarray(image[y : y + rows, x : x + columns])
+    interpolation = cv2.INTER_AREA if scale > 1.0 else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(part, (width, height), interpolation=interpolation), np.float32)
+
+
+def scenery_of(choices: SceneChoices, folder: Path, frame: int) -> Scenery:
+    """Return the scenery of a frame of a scene, whose files are relative to a folder.
+
+    Raises:
+        OSError, RigFileError, ImageError: a file cannot be used.
+    """
+    background = choices.background
+    image = read_image(folder / background.image) if background.image else None
+    seed = (choices.seed << 20 ^ choices.number) & (2**63 - 1)
+    return Scenery(_rig_of(choices.light, folder), background, image, choices.sensor, seed, frame)
+
+
+def _rig_of(light: LightChoice, folder: Path) -> Rig:
+    rig = _read_rig(folder / light.rig) if light.rig else STUDIO
+    surroundings = rig.surroundings
+    if light.environment:
+        surroundings = Surroundings(image=_read_image_bytes(folder / light.environment))
+    if surroundings is not None:
+        surroundings = replace(surroundings, turn=surroundings.turn + light.turn)
+    lamps = tuple(
+        Light(
+            LightKind.DIRECTIONAL,
+            tuple(map(linear_from_srgb, lamp.color)),  # type: ignore[arg-type]  # three numbers
+            lamp.intensity,
+            direction=lamp.direction,
+        )
+        for lamp in light.lamps
+    )
+    return replace(rig, lights=lamps or rig.lights, surroundings=surroundings, exposure=rig.exposure * light.intensity)
+
+
+@lru_cache(_CACHED_RIGS)
+def _read_rig(path: Path) -> Rig:
+    return read_rig(path)
+
+
+def _read_image_bytes(path: Path) -> bytes | None:
+    surroundings = _read_rig(path).surroundings
+    return None if surroundings is None else surroundings.image
+
+
+def lamp_direction(azimuth: float, elevation: float) -> tuple[float, float, float]:
+    """Return the direction in which a light shines that comes from an azimuth and elevation in degrees."""
+    a, e = math.radians(azimuth), math.radians(elevation)
+    return -math.cos(e) * math.cos(a), -math.cos(e) * math.sin(a), -math.sin(e)

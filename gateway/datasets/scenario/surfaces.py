@@ -1,0 +1,50 @@
+"""Floors and tables: boxes in the frame of their upper side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.datasets.scenario.choices import SurfaceChoice
+from gateway.datasets.scenario.materials import material_of, with_material
+from gateway.datasets.scenario.placement import Solid, box_solid
+from gateway.scene.geometry import Box, Part
+from gateway.scene.transforms import translation
+from gateway.scene.tree import Node
+
+Placed = tuple[NDArray[np.float64], tuple[float, float, float]]
+"""Pose of a box's centre, (4, 4), and its side lengths in metres."""
+FLOOR_THICKNESS: Final = 0.02
+TOP_THICKNESS: Final = 0.03
+LEG: Final = 0.05
+"""Side of a table's leg, metres."""
+
+
+def boxes_of(surface: SurfaceChoice) -> list[Placed]:
+    """Return the boxes of a surface in its frame. A table stands at the height 0 of the world, or is a shelf below."""
+    x, y = surface.size
+    if surface.kind == "floor":
+        return [(translation(0.0, 0.0, -0.5 * FLOOR_THICKNESS), (x, y, FLOOR_THICKNESS))]
+    boxes: list[Placed] = [(translation(0.0, 0.0, -0.5 * TOP_THICKNESS), (x, y, TOP_THICKNESS))]
+    length = surface.X_world_surface[2][3] - TOP_THICKNESS
+    if length > 0.0 and min(x, y) > 2.0 * LEG:
+        for sx, sy in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)):
+            centre = translation(sx * (x - LEG), sy * (y - LEG), -TOP_THICKNESS - 0.5 * length)
+            boxes.append((centre, (LEG, LEG, length)))
+    return boxes
+
+
+def solids_of(surface: SurfaceChoice) -> list[Solid]:
+    """Return the boxes of a surface in the world, the upper one first."""
+    X = np.array(surface.X_world_surface)
+    return [box_solid(X @ X_surface_box, size) for X_surface_box, size in boxes_of(surface)]
+
+
+def node_of(surface: SurfaceChoice, folder: Path) -> Node:
+    """Return the node of a surface; raises OSError and ImageError for its texture."""
+    material = material_of(surface.material, folder)
+    parts = tuple(Part(Box(size), material, X) for X, size in boxes_of(surface))
+    return with_material(Node(parts, np.array(surface.X_world_surface)), material, surface.material.texture_size)

@@ -1,0 +1,250 @@
+"""The tables of a scenario file, declared as msgspec structs. ``docs/scenarios.md`` explains each of them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final, Literal
+
+import msgspec
+from msgspec import Meta
+
+MAX_OBJECTS: Final = 1000
+"""Maximum number of objects and distractors of a scene: each new one is tested against all others."""
+MAX_VIEWS: Final = 100_000
+"""Maximum number of cameras of a scene times its frames."""
+
+# msgspec 0.22 reads the constraints of `Annotated[float, …] | tuple[float, float]` from wrong addresses; a tuple of any
+# length with limits on its length is safe.
+_PAIR: Final = Meta(min_length=2, max_length=2)
+_Intensity = Annotated[float, Meta(ge=0, le=1e6)]
+_Blur = Annotated[float, Meta(ge=0, le=0.7)]
+_Gain = Annotated[float, Meta(ge=0, le=40)]
+Metres = Annotated[float, Meta(ge=-1000, le=1000)]
+Length = Annotated[float, Meta(gt=0, le=1000)]
+Degrees = Annotated[float, Meta(ge=-360, le=360)]
+Elevation = Annotated[float, Meta(ge=-89, le=89)]
+Unit = Annotated[float, Meta(ge=0, le=1)]
+Factor = Annotated[float, Meta(gt=0, le=1000)]
+Fovy = Annotated[float, Meta(ge=1, le=170)]
+Count = Annotated[int, Meta(ge=0, le=MAX_OBJECTS)]
+Number = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Frames = Annotated[int, Meta(ge=1, le=MAX_VIEWS)]
+Color = tuple[Unit, Unit, Unit]
+"""Red, green and blue, sRGB."""
+
+# Ranges: a number, or [low, high], between which numbers are drawn uniformly.
+MetresRange = Metres | Annotated[tuple[Metres, ...], _PAIR]
+LengthRange = Length | Annotated[tuple[Length, ...], _PAIR]
+DegreesRange = Degrees | Annotated[tuple[Degrees, ...], _PAIR]
+ElevationRange = Elevation | Annotated[tuple[Elevation, ...], _PAIR]
+UnitRange = Unit | Annotated[tuple[Unit, ...], _PAIR]
+FactorRange = Factor | Annotated[tuple[Factor, ...], _PAIR]
+FovyRange = Fovy | Annotated[tuple[Fovy, ...], _PAIR]
+CountRange = Count | Annotated[tuple[Count, ...], _PAIR]
+NumberRange = Number | Annotated[tuple[Number, ...], _PAIR]
+ColorRange = Annotated[tuple[Color, ...], Meta(min_length=1, max_length=2)]
+"""One colour, or the two ends of a range of each channel."""
+
+
+class ScenarioError(ValueError):
+    """A scenario cannot be used. The message names the file, the key, its value and the limit."""
+
+
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """Base of the file's tables."""
+
+
+class Materials(Table, frozen=True):
+    """Materials that replace those of models, or that surfaces have."""
+
+    share: Unit = 1.0
+    """Probability that an object gets a drawn material."""
+    textures: str = ""
+    """Images: a file, a folder or a pattern. Empty: none."""
+    texture_size: Length = 0.3
+    """Side of a texture on a model without texture coordinates and on surfaces, metres."""
+    color: ColorRange = ((1.0, 1.0, 1.0),)
+    """Colour; multiplies the texture."""
+    metallic: UnitRange = 0.0
+    roughness: UnitRange = 0.8
+
+
+class Model(Table, frozen=True):
+    """Models, and how objects are made of them."""
+
+    path: str
+    """A file, a folder or a pattern (``**`` for all folders): glTF, meshes, URDF, SDF or MJCF."""
+    count: CountRange = 1
+    """Number of objects; the model of each is drawn among the files."""
+    scale: FactorRange = 1.0
+    up: Literal["auto", "y", "z"] = "auto"
+    """Up axis of glTF files."""
+    roots: tuple[str, ...] = ()
+    """Folders with the packages of robot files."""
+    on: str = ""
+    """Name of the surface; empty: one is drawn for each object."""
+    position: tuple[MetresRange, MetresRange, MetresRange] | None = None
+    """Position in the world instead of a place on a surface."""
+    rotation: tuple[DegreesRange, DegreesRange, DegreesRange] = (0.0, 0.0, (-180.0, 180.0))
+    """Roll, pitch and yaw about the world's x, y and z axes, in this order."""
+    joints: dict[str, NumberRange] | Literal["limits"] = {}
+    """Values of a robot's joints, radians or metres; ``limits``: drawn between the limits of its file."""
+    animation: str | Annotated[int, Meta(ge=0)] | None = None
+    """Animation of a glTF file, by name or index, that plays over the frames."""
+    joint_track: str = ""
+    """CSV file of a robot's joint values over time: ``time`` and columns named like the joints."""
+    pose_track: str = ""
+    """CSV file of poses in the world over time, in place of a place: ``time,x,y,z,qw,qx,qy,qz``."""
+
+
+class Surface(Table, frozen=True):
+    """A surface on which objects are placed."""
+
+    kind: Literal["floor", "table"] = "floor"
+    name: str = ""
+    size: tuple[Length, Length] = (4.0, 4.0)
+    """Along its x and y axes."""
+    position: tuple[MetresRange, MetresRange] = (0.0, 0.0)
+    """Of its centre."""
+    height: MetresRange = 0.0
+    """Of its upper side."""
+    turn: DegreesRange = 0.0
+    """About its centre."""
+    area: tuple[Length, Length] | None = None
+    """Size of the part in the middle where objects are placed; None: all of it."""
+    material: Materials = Materials()
+
+
+class Placement(Table, frozen=True):
+    """How objects find their places."""
+
+    gap: Annotated[float, Meta(ge=0, le=10)] = 0.005
+    """Minimum distance of objects, metres."""
+    tries: Annotated[int, Meta(ge=1, le=10_000)] = 200
+    """Number of places that are tried for an object before it is left out."""
+    physics: Literal["none", "mujoco"] = "none"
+    """``mujoco``: objects drop as convex hulls until they are at rest; needs ``scenegate[robots]``."""
+    seconds: Annotated[float, Meta(gt=0, le=120)] = 10.0
+    """Maximum simulated time."""
+
+
+class Shell(Table, frozen=True, tag_field="kind", tag="shell"):
+    """Cameras around the objects."""
+
+    count: Annotated[int, Meta(ge=1, le=1000)] = 1
+    distance: LengthRange | None = None
+    """Metres from what the camera looks at; None: as far as needed to see all objects, times ``margin``."""
+    margin: FactorRange = (1.0, 1.5)
+    elevation: ElevationRange = (15.0, 75.0)
+    azimuth: DegreesRange = (-180.0, 180.0)
+    """Degrees counter-clockwise from +x."""
+    roll: DegreesRange = 0.0
+    look_at: Literal["objects", "object"] | tuple[Metres, Metres, Metres] = "objects"
+    """The centre of all objects, of a drawn one, or a point."""
+    fovy: FovyRange = 45.0
+    """Vertical field of view, degrees."""
+
+
+class Handheld(Shell, frozen=True, tag_field="kind", tag="handheld"):
+    """Cameras that move on smooth paths over the frames, through points that are drawn like those of a shell."""
+
+    waypoints: Annotated[int, Meta(ge=2, le=100)] = 4
+    sweep: Annotated[float, Meta(ge=0, le=360)] = 60.0
+    """Range of the azimuth of further points around that of the first one, degrees."""
+    shake: Annotated[float, Meta(ge=0, le=1)] = 0.003
+    """Amplitude of the hand's shaking, metres."""
+
+
+class Fixed(Table, frozen=True, tag_field="kind", tag="fixed"):
+    """A camera at a place."""
+
+    eye: tuple[Metres, Metres, Metres]
+    target: tuple[Metres, Metres, Metres]
+    up: tuple[Metres, Metres, Metres] = (0.0, 0.0, 1.0)
+    fovy: FovyRange = 45.0
+
+
+class Lamp(Table, frozen=True):
+    """A directional light with shadows."""
+
+    azimuth: DegreesRange = (-180.0, 180.0)
+    """Of the direction from which it shines."""
+    elevation: ElevationRange = (30.0, 80.0)
+    intensity: _Intensity | Annotated[tuple[_Intensity, ...], _PAIR] = 2.3
+    color: ColorRange = ((1.0, 1.0, 1.0),)
+
+
+class Lights(Table, frozen=True):
+    """Lights of the look ``studio``."""
+
+    rigs: str = ""
+    """Rig files (TOML or .hdr): a file, a folder or a pattern. Empty: the built-in rig."""
+    environments: str = ""
+    """Environment maps (.hdr): a file, a folder or a pattern. They replace the surroundings of the rig."""
+    turn: DegreesRange = 0.0
+    """Rotation of the surroundings about z."""
+    intensity: FactorRange = 1.0
+    """Factor of all light."""
+    lamps: Annotated[tuple[Lamp, ...], Meta(max_length=8)] = ()
+    """Replace the lights of the rig, if there are any."""
+
+
+class Backgrounds(Table, frozen=True):
+    """What is seen behind the scene."""
+
+    images: str = ""
+    """Images: a file, a folder or a pattern. Empty: a colour."""
+    color: ColorRange | None = None
+    """None: that of ``--background``."""
+
+
+class Sensor(Table, frozen=True):
+    """Lens and noise of the camera, as those of the stereo camera."""
+
+    blur: _Blur | Annotated[tuple[_Blur, ...], _PAIR] = 0.0
+    """Standard deviation of the point spread, pixels."""
+    vignetting: bool = False
+    exposure: FactorRange = 1.0
+    """Factor of the light."""
+    gain: _Gain | Annotated[tuple[_Gain, ...], _PAIR] = 0.0
+    """Of the noise, dB; the brightness stays."""
+
+
+class FrameRange(Table, frozen=True):
+    """Frames of a moving scene: each camera renders each of them."""
+
+    count: Frames
+    rate: Factor = 10.0
+    """Frames per second."""
+    start: Annotated[float, Meta(ge=0, le=1e6)] = 0.0
+    """Time of the first frame, seconds."""
+
+
+class Scenario(Table, frozen=True):
+    """Content of a scenario file."""
+
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
+    scenes: Annotated[int, Meta(ge=1, le=1_000_000)] = 1
+    """Number of scenes."""
+    models: tuple[Model, ...] = ()
+    distractors: tuple[Model, ...] = ()
+    """Models that are not annotated."""
+    surfaces: tuple[Surface, ...] = (Surface(),)
+    placement: Placement = Placement()
+    cameras: tuple[Shell | Handheld | Fixed, ...] = (Shell(),)
+    lights: Lights = Lights()
+    materials: Materials | None = None
+    """Materials of objects and distractors; None: those of their files."""
+    backgrounds: Backgrounds = Backgrounds()
+    sensor: Sensor | None = None
+    frames: FrameRange | None = None
+    """None: scenes do not move."""
+
+    @property
+    def camera_count(self) -> int:
+        """Number of cameras of each scene."""
+        return sum(1 if isinstance(camera, Fixed) else camera.count for camera in self.cameras)
+
+    @property
+    def frame_count(self) -> int | None:
+        """Number of frames; None for scenes that do not move."""
+        return None if self.frames is None else self.frames.count

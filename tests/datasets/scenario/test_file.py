@@ -1,0 +1,113 @@
+"""Reading scenario files: errors, and the schema for editors."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from gateway.datasets.scenario.catalogue import read_catalogue
+from gateway.datasets.scenario.file import read_scenario, schema_text
+from gateway.datasets.scenario.tables import ScenarioError
+from tests.datasets.scenario.conftest import TABLE, Write
+from tests.support.waiting import SECONDS
+
+ROOT = Path(__file__).parents[3]
+EXAMPLES = sorted((ROOT / "examples" / "scenario").glob("*.toml"))
+MODEL = "[[models]]\npath = 'models/can.urdf'\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (MODEL + "colour = 1", "models[0]: object contains unknown field `colour`"),
+        (MODEL + "scale = -2", "models[0].scale: expected `float` > 0.0, not -2"),
+        (MODEL + "scale = [1, 0]", "models[0].scale[1]: expected `float` > 0.0, not 0"),
+        (MODEL + "scale = [1, 2, 3]", "models[0].scale: expected `array` of length <= 2, not [1, 2, 3]"),
+        (MODEL + "scale = nan", "models[0].scale: expected `float` > 0.0, not nan"),
+        (MODEL + "count = [1, 2000]", "models[0].count[1]: expected `int` <= 1000, not 2000"),
+        (
+            MODEL + "count = 600\n[[distractors]]\npath = 'a'\ncount = [1, 500]",
+            "count is up to 1100 together, 1000 are",
+        ),
+        (MODEL + "joints = {elbow = 'x'}", "models[0].joints[...]: expected `float | array`, not {'elbow': 'x'}"),
+        (MODEL + "on = 'desk'", "models[0].on: no surface has the name 'desk'"),
+        (MODEL + "pose_track = 'a.csv'", "models[0]: it moves, so [frames] must have the count of frames"),
+        (MODEL + "animation = 0", "models[0]: it moves, so [frames] must have the count of frames"),
+        ("seed = 'x'", "seed: expected `int`, not 'x'"),
+        ("scenes = 0", "scenes: expected `int` >= 1, not 0"),
+        ("[[models]]\nscale = 1", "models[0]: object missing required field `path`"),
+        ("[[cameras]]\nkind = 'orbit'", "cameras[0].kind: invalid value 'orbit'"),
+        ("[[cameras]]\nkind = 'handheld'", "cameras[0]: a handheld camera moves, so [frames] must have the count"),
+        ("cameras = []", "cameras: 0 views of a scene; there must be 1 to 100000"),
+        ("[[cameras]]\nkind = 'shell'\ncount = 200\n[frames]\ncount = 1000", "cameras: 200000 views of a scene"),
+        (
+            "[[cameras]]\nkind = 'fixed'\neye = [1, 1, 1]\ntarget = [1, 1, 1]",
+            "cameras[0]: camera eye and target coincide",
+        ),
+        ("surfaces = []", "surfaces: there must be one"),
+        ("[sensor]\ngain = 90", "sensor.gain: expected `float` <= 40.0, not 90"),
+        ("[placement]\nphysics = 'bullet'", "placement.physics: invalid enum value 'bullet'"),
+        ("seed = [", "Invalid value (at end of document)"),
+    ],
+)
+def test_errors_name_file_key_value_and_limit(write: Write, text: str, message: str) -> None:
+    path = write(text)
+    with pytest.raises(ScenarioError) as raised:
+        read_scenario(path)
+    assert str(raised.value).startswith(f"{path}: ")
+    assert message in str(raised.value)
+
+
+def test_a_missing_file_and_a_folder_without_models(write: Write, tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="No such file"):
+        read_catalogue(tmp_path / "none.toml")
+    catalogue = read_catalogue(write("[[models]]\npath = 'nothing/*.obj'"))
+    with pytest.raises(ScenarioError, match=r"models\[0\].path: 'nothing/\*.obj' names no file"):
+        _ = catalogue.models
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_the_schema_accepts_examples(path: Path, tmp_path: Path) -> None:
+    read_scenario(path)
+    (tmp_path / "schema.json").write_text(schema_text())
+    (tmp_path / "scenario.json").write_bytes(msgspec.json.encode(tomllib.loads(path.read_text())))
+    command = (sys.executable, "-m", "check_jsonschema", "--schemafile", "schema.json", "scenario.json")
+    pytest.importorskip("check_jsonschema")
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=SECONDS)
+    assert result.returncode == 0, result.stdout
+    (tmp_path / "scenario.json").write_text('{"models": [{"path": "a", "scale": -1}]}')
+    assert subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=SECONDS).returncode == 1
+
+
+def test_the_published_schema_is_that_of_the_code() -> None:
+    assert (ROOT / "docs" / "scenario.schema.json").read_text() == schema_text()
+
+
+def test_names_of_models_are_the_shortest_that_differ(write: Write) -> None:
+    path = write("[[models]]\npath = '.'")
+    folder = path.parent
+    for name in ("a/box.urdf", "b/box.urdf", "b/can.obj"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text("x")
+    (folder / "models" / "can.urdf").rename(folder / "tin.urdf")
+    names = read_catalogue(path).model_names
+    assert {names["a/box.urdf"], names["b/box.urdf"], names["b/can.obj"]} == {"a/box", "b/box", "can"}
+    assert names["models/ball.urdf"] == "ball"
+
+
+def test_the_digest_depends_on_values_and_files_but_not_on_the_number_of_scenes(write: Write) -> None:
+    def digest(text: str, name: str) -> str:
+        return read_catalogue(write(text, name)).digest
+
+    before = digest(TABLE, "a")
+    assert digest(TABLE.replace("scenes = 9", "scenes = 20"), "b") == before
+    assert digest(TABLE + "# a comment", "c") == before
+    assert digest(TABLE.replace("seed = 5", "seed = 6"), "d") != before
+    path = write(TABLE, "e")
+    (path.parent / "models" / "tin.urdf").write_bytes((path.parent / "models" / "can.urdf").read_bytes())
+    assert read_catalogue(path).digest != before
