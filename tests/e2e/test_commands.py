@@ -166,7 +166,7 @@ def test_errors_of_render_are_sentences(tmp_path: Path) -> None:
         (("-o", str(tmp_path / "o.png"), "--camera", "eye=1,2"), "camera"),
         (("-o", str(tmp_path / "o.png"), "--camera", 'path:["nobody"]'), "there is no such node"),
         (("-o", str(tmp_path / "o.png"), "--type", "color,depth"), "is one image: for more scenes, types or cameras"),
-        (("-o", str(tmp_path / "o"), "--type", "normals"), "must be color, depth or label"),
+        (("-o", str(tmp_path / "o"), "--type", "normals"), "must be some of color, depth, label, "),
         (("-o", str(tmp_path / "o"), "--background", "red"), "must be three numbers from 0 to 255"),
     ):
         result = render_triangle(tmp_path, *arguments)
@@ -182,7 +182,12 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("typed", "completions"), [("d", ["dataset", "doctor"]), ("serve --worker", ["--workers"]), ("dataset ", ["check"])]
+    ("typed", "completions"),
+    [
+        ("d", ["dataset", "doctor"]),
+        ("serve --worker", ["--workers"]),
+        ("dataset ", ["check", "export", "schema", "show"]),
+    ],
 )
 def test_words_are_completed_in_bash(typed: str, completions: list[str], tmp_path: Path) -> None:
     script = tmp_path / "scenegate"  # the name under which the completion is installed
