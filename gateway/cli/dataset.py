@@ -31,6 +31,24 @@ def schema() -> None:
 
 
 @app.command()
+def track(
+    log: Annotated[Path, typer.Argument(metavar="LOG", exists=True, dir_okay=False, help="LCM log.")],
+    node: Annotated[str, typer.Argument(metavar="PATH", help='Path of the node, such as \'["robot", "base"]\'.')],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="CSV", help="File to write.")],
+) -> None:
+    """Write the poses of a node in an LCM log as a track for scenarios (pose_track)."""
+    from gateway.datasets.log_track import read_track_of_log
+    from gateway.runtime.kernels.loading import ensure_compiled
+    from gateway.scene.mount import parse_mount_path
+
+    path = parse_mount_path(node)
+    ensure_compiled(show=True)
+    table = read_track_of_log(log, path)
+    out.write_text(table)
+    typer.echo(f"{out}: {table.count(chr(10)) - 1} poses", err=True)
+
+
+@app.command()
 def check(
     folder: Folder,
     threads: Annotated[int, typer.Option(min=0, help="Number of threads; 0: one per core.")] = 0,

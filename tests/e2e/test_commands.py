@@ -186,7 +186,7 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     [
         ("d", ["dataset", "doctor"]),
         ("serve --worker", ["--workers"]),
-        ("dataset ", ["check", "export", "schema", "show"]),
+        ("dataset ", ["check", "export", "schema", "show", "track"]),
     ],
 )
 def test_words_are_completed_in_bash(typed: str, completions: list[str], tmp_path: Path) -> None:

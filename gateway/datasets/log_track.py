@@ -1,0 +1,81 @@
+"""Poses of a node over time from an LCM log, as the track of a scenario (``gateway.datasets.scenario.tracks``)."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from gateway.assets.mesh_files import MeshFiles
+from gateway.datasets.scenario.tracks import POSE_COLUMNS
+from gateway.drakeviewer.messages import MessageError
+from gateway.drakeviewer.viewer import DrakeViewer
+from gateway.scene.live import LiveTree
+from gateway.scene.transforms import Matrix, quaternions_of
+from gateway.scene.tree import Path as TreePath
+from gateway.treeviewer.protocol import TreeViewerProtocol
+from scenegate.lcm.event_log import read_events
+from scenegate.messages import wire
+from scenegate.regular_files import open_regular
+
+
+class LogTrackError(ValueError):
+    """A log has no track of the node; the message is one sentence."""
+
+
+def read_track_of_log(log: Path, node: TreePath) -> str:
+    """Return the poses of a node in the world as CSV, at the times at which they change.
+
+    Times are seconds since the log's first message.
+
+    Args:
+        log: LCM log with messages of tree viewer clients or of Drake.
+        node: path of the node.
+
+    Raises:
+        LogTrackError: the log never has the node, or its pose is not finite.
+        EventLogError: the file is not an LCM log.
+        OSError: the file cannot be read.
+    """
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(("time", *POSE_COLUMNS))
+    last: Matrix | None = None
+    for seconds, pose in _poses(log, node):
+        if last is not None and np.array_equal(last, pose):
+            continue
+        with np.errstate(all="ignore"):
+            axes = pose[:3, :3] / np.linalg.norm(pose[:3, :3], axis=0)  # tracks have no scale
+        row = (seconds, *pose[:3, 3].tolist(), *quaternions_of(axes[None])[0].tolist())
+        if not np.isfinite(row).all():
+            raise LogTrackError(f"{log}: at {seconds:g} s the pose of {list(node)} is not finite, or has a scale of 0")
+        writer.writerow(row)
+        last = pose
+    if last is None:
+        raise LogTrackError(f"{log}: it has no node at {list(node)}")
+    return out.getvalue()
+
+
+def _poses(log: Path, node: TreePath) -> Iterator[tuple[float, Matrix]]:
+    """Yield the time and X_world_node after each message that the live tree shows, while it has the node."""
+    live = LiveTree()
+    tree, drake = TreeViewerProtocol(live), DrakeViewer(live, MeshFiles(()))  # the shapes of meshes do not matter
+    begin = None
+    with open_regular(log) as file:
+        for event in read_events(file):
+            begin = event.time_us if begin is None else begin
+            try:
+                if event.channel.startswith(wire.REQUEST):
+                    tree.handle(event.data)
+                elif drake.is_shown(event.channel):
+                    drake.handle(event.channel, event.data)
+                else:
+                    continue
+            except (wire.WireError, MessageError):  # as the server, which counts it
+                continue
+            pose = live.snapshot.root.world_matrix(node)
+            if pose is not None:
+                yield (event.time_us - begin) / 1e6, pose
