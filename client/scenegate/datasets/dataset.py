@@ -64,7 +64,7 @@ class Sample:
     @property
     def color(self) -> NDArray[np.uint8]:
         """Colour image in RGB, (H, W, 3)."""
-        return np.ascontiguousarray(self._read("color")[..., :3], np.uint8)
+        return self._read_rgb("color")
 
     @property
     def depth(self) -> NDArray[np.float32]:
@@ -72,9 +72,7 @@ class Sample:
         stored = self._read("depth")
         if stored.dtype != np.uint16:
             return stored.astype(np.float32, copy=False)
-        metres = stored.astype(np.float32) / np.float32(1000.0)
-        metres[stored == np.iinfo(np.uint16).max] = np.inf
-        return metres
+        return np.where(stored == np.iinfo(np.uint16).max, np.float32(np.inf), stored / np.float32(1000.0))
 
     @property
     def label(self) -> NDArray[np.uint32]:
@@ -110,20 +108,18 @@ class Sample:
     @property
     def albedo(self) -> NDArray[np.uint8]:
         """Base colour without light in RGB, sRGB, (H, W, 3)."""
-        return np.ascontiguousarray(self._read("albedo")[..., :3], np.uint8)
+        return self._read_rgb("albedo")
 
     @property
     def stereo(self) -> NDArray[np.uint8]:
         """Colour image of the right camera of a rectified pair in RGB, (H, W, 3)."""
-        return np.ascontiguousarray(self._read("stereo")[..., :3], np.uint8)
+        return self._read_rgb("stereo")
 
     @property
     def measured(self) -> NDArray[np.float32]:
         """Depth as the stereo camera measures it, along the optical axis in metres, (H, W). NaN: not measured."""
         stored = self._read("measured")
-        metres = stored.astype(np.float32) / np.float32(1000.0)
-        metres[stored == 0] = np.nan
-        return metres
+        return np.where(stored == 0, np.float32(np.nan), stored / np.float32(1000.0))
 
     @property
     def flow(self) -> NDArray[np.float32]:
@@ -199,6 +195,10 @@ class Sample:
             return np.array(image.open(io.BytesIO(data)))  # writable, as tensors have to be
         except (OSError, SyntaxError, ValueError, image.DecompressionBombError) as error:
             raise RecordError(f"{path}: not an image that can be read: {error}") from None
+
+    def _read_rgb(self, image_type: ImageType) -> NDArray[np.uint8]:
+        """Return an image without its alpha."""
+        return np.ascontiguousarray(self._read(image_type)[..., :3], np.uint8)
 
     def _bytes(self, path: Path) -> bytes:
         """Return the content of an image file."""
