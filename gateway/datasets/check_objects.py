@@ -8,7 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.datasets.manifest import SCENE_FILE, ImageType, Masks, ObjectRecord, SampleRecord, SceneRecord, box_of
+from scenegate.datasets.boxes import box_of
+from scenegate.datasets.manifest import SCENE_FILE, ImageType, Masks, ObjectRecord, SampleRecord, SceneRecord
 
 MAX_POSE_ERROR: Final = 1e-6
 """Maximum difference between numbers of a pose and the product of the two others, relative to the distances."""

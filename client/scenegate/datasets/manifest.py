@@ -47,12 +47,8 @@ IMAGE_TYPES: Final[tuple[ImageType, ...]] = get_args(ImageType)
 ANNOTATED_TYPES: Final[tuple[ImageType, ...]] = ("instance", "class", "amodal")
 """Types of images for which samples have ``SampleRecord.objects``."""
 Vector3 = tuple[float, float, float]
-Pose = tuple[
-    tuple[float, float, float, float],
-    tuple[float, float, float, float],
-    tuple[float, float, float, float],
-    tuple[float, float, float, float],
-]
+Row = tuple[float, float, float, float]
+Pose = tuple[Row, Row, Row, Row]
 """A rotation and a translation: 4 x 4, row-major."""
 
 
@@ -208,7 +204,7 @@ class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Distance of the near plane along the optical axis in metres."""
     far: float | None
     """Distance of the far plane along the optical axis in metres; None: no far plane."""
-    X_world_camera: tuple[tuple[float, float, float, float], ...]
+    X_world_camera: Pose
     """Pose of the optical frame (+X right, +Y down, +Z forward) in the world (Z up, metres): 4 x 4, row-major."""
     depth_origin: float = 0.0
     """Metres along the optical axis from which depth images count. Not 0 for an orthographic camera, which is
@@ -346,12 +342,10 @@ def decode(data: bytes, record_type: type[Record], location: str) -> Record:
         raise RecordError(f"{location}: {error}") from None
 
 
-def box_of(mask: NDArray[np.bool_]) -> tuple[int, int, int, int] | None:
-    """Return the box (x, y, width, height) of the pixels of a mask, as in ``ObjectRecord``; None if there are none."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not len(rows):
-        return None
-    return int(columns[0]), int(rows[0]), int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1
+def pose_rows(X: NDArray[np.float64]) -> Pose:
+    """Return a (4, 4) matrix as rows."""
+    first, second, third, fourth = map(tuple, X.tolist())
+    return first, second, third, fourth
 
 
 def decode_masks(data: bytes, location: str) -> Masks:

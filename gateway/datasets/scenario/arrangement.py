@@ -14,12 +14,13 @@ from gateway.assets.scene_file import SceneFileError
 from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.camera_paths import drawn
 from gateway.datasets.scenario.catalogue import Catalogue
-from gateway.datasets.scenario.choices import ObjectChoice, SurfaceChoice, rows_of
+from gateway.datasets.scenario.choices import ObjectChoice, SurfaceChoice
 from gateway.datasets.scenario.models import Model, load_model
 from gateway.datasets.scenario.physics import settle
 from gateway.datasets.scenario.placement import Solid, are_apart, place_on
 from gateway.datasets.scenario.surfaces import solids_of
 from gateway.scene.transforms import translation
+from scenegate.datasets.manifest import pose_rows
 
 DROP_HEIGHTS: Final = 40
 """Maximum number of heights from which the drop of an object is tried."""
@@ -165,7 +166,7 @@ class Arrangement:
     def objects(self) -> tuple[ObjectChoice, ...]:
         """Return all objects with their poses."""
         return tuple(
-            msgspec.structs.replace(placed.candidate.choice, X_world_object=rows_of(placed.X_world_object))
+            msgspec.structs.replace(placed.candidate.choice, X_world_object=pose_rows(placed.X_world_object))
             for placed in self._placed
         )
 

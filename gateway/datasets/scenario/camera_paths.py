@@ -8,9 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.datasets.scenario.choices import CameraChoice, rows_of
+from gateway.datasets.scenario.choices import CameraChoice
 from gateway.datasets.scenario.tables import Fixed, FrameRange, Handheld, Shell
 from gateway.scene.transforms import look_at
+from scenegate.datasets.manifest import pose_rows
 from scenegate.transforms import Matrix
 
 Range = float | tuple[float, ...]
@@ -42,7 +43,7 @@ def draw_cameras(
     """
     if isinstance(camera, Fixed):
         pose = look_at(camera.eye, camera.target, camera.up)
-        return [CameraChoice(fovy=drawn(random, camera.fovy), X_world_camera=(rows_of(pose),))]
+        return [CameraChoice(fovy=drawn(random, camera.fovy), X_world_camera=(pose_rows(pose),))]
     choices = []
     for _ in range(camera.count):
         fovy = drawn(random, camera.fovy)
@@ -51,7 +52,7 @@ def draw_cameras(
         else:
             place, roll = _draw_place(camera, boxes, fovy, random), drawn(random, camera.roll)
             poses = [_pose(place, roll)]
-        choices.append(CameraChoice(fovy=fovy, X_world_camera=tuple(map(rows_of, poses))))
+        choices.append(CameraChoice(fovy=fovy, X_world_camera=tuple(map(pose_rows, poses))))
     return choices
 
 

@@ -20,14 +20,13 @@ from gateway.datasets.scenario.choices import (
     SceneChoices,
     SensorChoice,
     SurfaceChoice,
-    Vector,
-    rows_of,
 )
 from gateway.datasets.scenario.models import Model
 from gateway.datasets.scenario.placement import rotation_of
 from gateway.datasets.scenario.scenery import lamp_direction
 from gateway.datasets.scenario.tracks import read_track
 from gateway.scene.transforms import translation
+from scenegate.datasets.manifest import Vector3, pose_rows
 
 _STREAMS: Final = ("surfaces", "models", "distractors", "places", "cameras", "lights", "background", "sensor")
 """Sources of random numbers, each with a sequence of its own: more lights do not move the cameras."""
@@ -42,7 +41,7 @@ def draw_choices(catalogue: Catalogue, number: int) -> SceneChoices:
     return _Drawing(catalogue, number).choices()
 
 
-def _color(random: np.random.Generator, colors: Sequence[Vector]) -> Vector:
+def _color(random: np.random.Generator, colors: Sequence[Vector3]) -> Vector3:
     """Return a colour between the first and the last one."""
     red, green, blue = (drawn(random, channel) for channel in zip(colors[0], colors[-1], strict=True))
     return red, green, blue
@@ -118,7 +117,7 @@ class _Drawing:
         x, y = (drawn(random, each) for each in table.position)
         X = translation(x, y, drawn(random, table.height)) @ rotation_of(0.0, 0.0, drawn(random, table.turn))
         material = self._material(random, table.material, f"surfaces[{index}].material")
-        return SurfaceChoice(kind=table.kind, size=table.size, X_world_surface=rows_of(X), material=material)
+        return SurfaceChoice(kind=table.kind, size=table.size, X_world_surface=pose_rows(X), material=material)
 
     def _objects(self, kind: str, index: int, table: tables.Model, notes: list[str]) -> list[Candidate]:
         """Return the objects of a table of models, without their places."""
@@ -145,7 +144,7 @@ class _Drawing:
                 file=file,
                 model=name,
                 name=f"{name} {kind[0]}{index}.{k}",
-                X_world_object=rows_of(X),
+                X_world_object=pose_rows(X),
                 scale=scale,
                 joints=_joints(random, table, model),
                 material=material,

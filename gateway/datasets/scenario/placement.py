@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gateway.datasets.scenario.models import Points
 from renderers.stop import check_stop
+from scenegate.datasets.boxes import box_corners
 
 _ITERATIONS: Final = 100
 """Maximum number of steps for a pair of bodies. Pairs that are a tenth of their size apart need fewer than 10."""
@@ -46,8 +47,8 @@ class Solid:
 
 def box_solid(X_world_box: NDArray[np.float64], size: tuple[float, float, float]) -> Solid:
     """Return a box with its centre at the origin of its frame."""
-    corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    return Solid((corners * size,)).moved(X_world_box)
+    half = 0.5 * np.array(size)
+    return Solid((box_corners((-half, half)),)).moved(X_world_box)
 
 
 def are_apart(a: Solid, b: Solid, gap: float) -> bool:

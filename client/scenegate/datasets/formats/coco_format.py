@@ -7,7 +7,6 @@ and the corners of its 3D box.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,19 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
+from scenegate.datasets.boxes import CORNERS, EDGES, box_corners
 from scenegate.datasets.dataset import Dataset, Sample
 from scenegate.datasets.manifest import ObjectRecord
 
-CORNERS: Final = tuple(product((0, 1), repeat=3))
-"""Corners of a box: 0 or 1 along x, y and z for the smallest or the largest coordinate."""
 KEYPOINTS: Final = ("origin", *(f"corner_{x}{y}{z}" for x, y, z in CORNERS))
 """Names of an object's keypoints."""
-SKELETON: Final = tuple(
-    (2 + i, 2 + k)
-    for i in range(8)
-    for k in range(i + 1, 8)
-    if sum(a != b for a, b in zip(CORNERS[i], CORNERS[k], strict=True)) == 1
-)
+SKELETON: Final = tuple((2 + i, 2 + k) for i, k in EDGES)
 """Edges of the box: numbers of keypoints from 1."""
 OUTSIDE, HIDDEN, VISIBLE = 0, 1, 2
 """COCO's flags of keypoints: not labelled, labelled and hidden, labelled and visible."""
@@ -88,8 +81,7 @@ def _keypoints(
 
     A point is hidden if another object is seen at its pixel, or something else that is nearer.
     """
-    box = np.array(record.box_3d)
-    points = np.array([(0.0, 0.0, 0.0), *(tuple(box[k, axis] for axis, k in enumerate(corner)) for corner in CORNERS)])
+    points = np.vstack(((0.0, 0.0, 0.0), box_corners(record.box_3d)))
     X = np.array(record.X_camera_object)
     in_camera = points @ X[:3, :3].T + X[:3, 3]
     places: list[tuple[float, float]] = []
