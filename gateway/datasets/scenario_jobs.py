@@ -45,8 +45,7 @@ def find_scenes(
     views: dict[str, tuple[View, ...]] = {}
     for path in paths:
         scenario = read_catalogue(Path(path)).scenario
-        own = scene_views(
-            scenario.camera_count, scenario.frame_count
-        )  # one tuple for all scenes: there may be millions
+        # One tuple for all scenes, of which there may be millions.
+        own = scene_views(scenario.camera_count, scenario.frame_count)
         views |= {source.name: own for source in sources if source.path == path}
     return sources, replace(cameras, scene_views={**views, **cameras.scene_views}), digest

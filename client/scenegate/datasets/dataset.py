@@ -30,6 +30,8 @@ NO_LABEL: Final = 0xFFFFFF
 FLOW_MAGIC: Final = 202021.25
 """First number of a flow file of the Middlebury benchmark (.flo). Width, height and float32 pairs follow."""
 FLOW_HEADER_BYTES: Final = 12
+PIXEL_CENTER: Final = 0.5
+"""Coordinate of the centre of the top left pixel; 0 in OpenCV, BOP and COCO."""
 NO_BOX: Final = (-1, -1, -1, -1)
 """Box of an object without visible pixels, in ``Sample.arrays``."""
 UNKNOWN_FLOW: Final = 1e9

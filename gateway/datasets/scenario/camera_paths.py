@@ -103,20 +103,19 @@ def _path(
     rolls = [drawn(random, camera.roll) for _ in places]
     knots = np.column_stack((places, rolls))
     knots = np.concatenate((knots[:1], knots, knots[-1:]))
-    phases = math.tau * random.random((len(_SHAKE_HERTZ), 6))
+    phases = math.tau * random.random((len(_SHAKE_HERTZ), 1, 6))
+    seconds = np.arange(frames.count) / frames.rate
+    angles = math.tau * np.multiply.outer(_SHAKE_HERTZ, seconds)[..., None] + phases
+    shakes = camera.shake * np.tensordot(1.0 / np.arange(1, len(_SHAKE_HERTZ) + 1), np.sin(angles), 1)
     poses = []
-    for frame in range(frames.count):
+    for frame, shake in enumerate(shakes):
         position = (camera.waypoints - 1) * frame / max(frames.count - 1, 1)
         first = min(int(position), camera.waypoints - 2)
         t = position - first
         a, b, c, d = knots[first : first + 4]
         place = 0.5 * (2 * b + (c - a) * t + (2 * a - 5 * b + 4 * c - d) * t**2 + (3 * b - a - 3 * c + d) * t**3)
-        waves = [
-            np.sin(math.tau * hertz * frame / frames.rate + phase) / (index + 1)
-            for index, (hertz, phase) in enumerate(zip(_SHAKE_HERTZ, phases, strict=True))
-        ]
-        shake = camera.shake * np.sum(waves, axis=0)
-        pose = _pose(np.concatenate((place[:3], place[3:6] + shake[:3])), float(place[6]))
+        place[3:6] += shake[:3]
+        pose = _pose(place[:6], float(place[6]))
         pose[:3, 3] += shake[3:]
         poses.append(pose)
     return poses

@@ -105,16 +105,10 @@ def _box_mapped(mesh: Mesh, scale: tuple[float, ...], texture_size: float) -> Me
         # The two axes of the texture for triangles that face x, y and z.
         axes = np.array(((1, 2), (0, 2), (0, 1)))[np.abs(normals).argmax(axis=1)]
         uv = np.take_along_axis(points, np.repeat(axes[:, None, :], 3, axis=1), axis=2).reshape(-1, 2) / texture_size
-        if mesh.normals is None:
-            lengths = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-            flat = normals / lengths / np.array(scale, np.float32)
-            vertex_normals = np.repeat(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30), 3, axis=0)
-        else:
-            vertex_normals = mesh.normals[vertices]
         mapped = Mesh(
             np.ascontiguousarray(mesh.positions[vertices]),
             np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3),
-            normals=np.ascontiguousarray(vertex_normals, np.float32),
+            normals=None if mesh.normals is None else np.ascontiguousarray(mesh.normals[vertices]),
             uv0=np.ascontiguousarray(uv * (1.0, -1.0), np.float32),
             colors=None if mesh.colors is None else np.ascontiguousarray(mesh.colors[vertices]),
         )

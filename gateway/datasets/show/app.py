@@ -6,10 +6,11 @@ import asyncio
 import hashlib
 import io
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from typing import Annotated, Final, Literal
 
-from fastapi import FastAPI, Path, Query, Request, Response
+from fastapi import Depends, FastAPI, Path, Query, Request, Response
 from fastapi.responses import HTMLResponse, PlainTextResponse
 
 from gateway.datasets.show.overlay import LAYERS, Layer, draw_sample
@@ -32,9 +33,22 @@ STATIC: Final = {"show.css": "text/css", "show.js": "text/javascript"}
 """Content types of the files of the page."""
 
 Layers = Annotated[list[Literal["masks", "boxes", "poses", "none"]] | None, Query(max_length=8)]
-ClassId = Annotated[int | None, Query(alias="class")]
-PageNumber = Annotated[int, Query(ge=0)]
 SampleNumber = Annotated[int, Path(ge=0)]
+
+
+def _layers(chosen: Sequence[str] | None) -> tuple[Layer, ...]:
+    """Return the layers that an address names; all, if it has no choice. A form sends ``none``, too."""
+    return LAYERS if chosen is None else tuple(layer for layer in LAYERS if layer in chosen)
+
+
+def _view(
+    layer: Layers = None,
+    image: ImageType = "color",
+    class_id: Annotated[int | None, Query(alias="class")] = None,
+    page: Annotated[int, Query(ge=0)] = 0,
+) -> View:
+    """Return what an address selects."""
+    return View(_layers(layer), image, class_id, page)
 
 
 def create_app(dataset: Dataset) -> FastAPI:
@@ -66,21 +80,13 @@ def create_app(dataset: Dataset) -> FastAPI:
         return PlainTextResponse(f"the dataset has {len(dataset)} samples", 404)
 
     @app.get("/")
-    async def grid(
-        layer: Layers = None, image: ImageType = "color", class_id: ClassId = None, page: PageNumber = 0
-    ) -> Response:
-        page = min(page, len(dataset) // PAGE_SAMPLES)
-        return await html(lambda: grid_page(dataset, summary, View(_layers(layer), image, class_id, page)))
+    async def grid(view: Annotated[View, Depends(_view)]) -> Response:
+        page = min(view.page, len(dataset) // PAGE_SAMPLES)
+        return await html(lambda: grid_page(dataset, summary, replace(view, page=page)))
 
     @app.get("/sample/{number}")
-    async def sample(
-        number: SampleNumber,
-        layer: Layers = None,
-        image: ImageType = "color",
-        class_id: ClassId = None,
-        page: PageNumber = 0,
-    ) -> Response:
-        return await html(lambda: sample_page(dataset, number, View(_layers(layer), image, class_id, page)))
+    async def sample(number: SampleNumber, view: Annotated[View, Depends(_view)]) -> Response:
+        return await html(lambda: sample_page(dataset, number, view))
 
     @app.get("/image/{number}")
     async def drawn(
@@ -109,8 +115,3 @@ def create_app(dataset: Dataset) -> FastAPI:
         return Response(text, media_type=STATIC[name], headers={"Cache-Control": "no-cache"})
 
     return app
-
-
-def _layers(chosen: Sequence[str] | None) -> tuple[Layer, ...]:
-    """Return the layers that an address names; all, if it has no choice. A form sends ``none``, too."""
-    return LAYERS if chosen is None else tuple(layer for layer in LAYERS if layer in chosen)
