@@ -59,12 +59,7 @@ class AnnotatedScene:
 
 
 def annotate_scene(scene: LoadedScene, classes: ClassTable, save: SaveModel) -> AnnotatedScene:
-    """Return the objects of a scene that have a class.
-
-    Args:
-        scene: the scene.
-        classes: classes of the dataset.
-        save: gets the models.
+    """Return the objects of a scene that have a class, and save their models.
 
     Raises:
         SceneError: the scene has more than ``MAX_OBJECTS``.

@@ -30,7 +30,7 @@ _DEPTH_TOLERANCE: Final = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class _Window:
-    """A rectangle of pixels: columns left … right - 1, rows top … bottom - 1. May reach beyond the image."""
+    """A rectangle of pixels: columns left to right - 1, rows top to bottom - 1. It may reach beyond the image."""
 
     left: int
     top: int
@@ -46,7 +46,7 @@ class _Window:
         left, top = max(self.left, other.left), max(self.top, other.top)
         return _Window(left, top, min(self.right, other.right), min(self.bottom, other.bottom))
 
-    def of(self, image: NDArray[T], origin: _Window) -> NDArray[T]:
+    def part_of(self, image: NDArray[T], origin: _Window) -> NDArray[T]:
         """Return this part of an image whose first pixel is that of ``origin``, as a view."""
         rows = slice(self.top - origin.top, self.bottom - origin.top)
         return image[rows, self.left - origin.left : self.right - origin.left]
@@ -72,14 +72,9 @@ class Annotations:
 def annotate(
     renderer: Renderer, scene: AnnotatedScene, camera: Camera, frame: Frame, look: Look, *, with_masks: bool
 ) -> Annotations:
-    """Annotate an image.
+    """Annotate a frame with ``ANNOTATION_OUTPUTS``, which was rendered with this camera and look.
 
     Args:
-        renderer: draws objects alone.
-        scene: the objects.
-        camera: camera of the image.
-        frame: images of the scene; has ``ANNOTATION_OUTPUTS``.
-        look: decides what is cut out, as in ``frame``.
         with_masks: False: ``Annotations.masks`` is empty.
     """
     assert frame.instance is not None
@@ -92,19 +87,19 @@ def annotate(
     for each in scene.objects:
         check_stop()
         X_camera_object = X_camera_world @ each.frame.X_world_object
-        window, farthest = _window_of(each, X_camera_object, camera)
+        window, max_depth = _window_of(each, X_camera_object, camera)
         inside = window.intersection(image)
         if inside.is_empty:
             continue
-        ids = inside.of(instance, image)
+        ids = inside.part_of(instance, image)
         visible = ids == each.instance
-        nearer = (inside.of(frame.depth, image) <= farthest) & ~visible
+        nearer = (inside.part_of(frame.depth, image) <= max_depth) & ~visible
         if window == inside and visible.any() and not nearer.any():
             silhouette = visible  # nothing can hide it
         else:
             silhouette = _draw_alone(renderer, each, camera, window, look)
-            inside.of(silhouette, window)[visible] = True  # rounding may move an edge by a pixel
-        in_image = inside.of(silhouette, window)
+            inside.part_of(silhouette, window)[visible] = True  # rounding may move an edge by a pixel
+        in_image = inside.part_of(silhouette, window)
         if not in_image.any():
             continue
         visible_pixels, amodal_pixels = int(np.count_nonzero(visible)), int(np.count_nonzero(silhouette))

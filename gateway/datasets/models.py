@@ -20,15 +20,15 @@ _DIGEST_CHARS: Final = 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Model:
-    """Mesh of a model in its own frame."""
+class ModelFile:
+    """File of a model, and its record."""
 
     record: ModelRecord
     data: bytes
     """Content of the file."""
 
 
-def make_model(instances: Iterable[Instance], X_model_node: Matrix) -> Model | None:
+def make_model(instances: Iterable[Instance], X_model_node: Matrix) -> ModelFile | None:
     """Return the model of an object; None if it has no finite vertex.
 
     Args:
@@ -56,4 +56,4 @@ def make_model(instances: Iterable[Instance], X_model_node: Matrix) -> Model | N
     digest = hashlib.sha256(data).hexdigest()
     low, high = (tuple(corner.tolist()) for corner in (finite.min(axis=0), finite.max(axis=0)))
     path = f"{MODELS_FOLDER}/{digest[:_DIGEST_CHARS]}.ply"
-    return Model(ModelRecord(path=path, sha256=digest, box=(low, high)), data)
+    return ModelFile(ModelRecord(path=path, sha256=digest, box=(low, high)), data)

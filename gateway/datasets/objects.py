@@ -57,7 +57,6 @@ def joined_objects(
     """Return objects, with those below a whole node replaced by one object of that node, called after it.
 
     Args:
-        objects: objects of a scene.
         is_whole: returns True for the path of a whole node; None: there are none.
     """
     if is_whole is None:
@@ -115,13 +114,7 @@ def owner_numbers(root: Node, numbers: Mapping[TreePath, int]) -> NDArray[np.int
 
 
 def own_subtree(node: Node, path: TreePath, paths: Mapping[TreePath, object]) -> Node:
-    """Return the geometry of an object as a tree in the frame of its node, without the objects below it.
-
-    Args:
-        node: node of the object.
-        path: its path.
-        paths: all objects by path.
-    """
+    """Return the geometry of the object at a node as a tree in its frame, without the objects below it (``paths``)."""
 
     def copy(source: Node, path: TreePath, matrix: Matrix) -> Node:
         children = {

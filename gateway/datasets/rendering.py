@@ -73,7 +73,7 @@ class Style:
     rig: Rig = STUDIO
     """Lights of the look ``studio``."""
     alpha_threshold: float = 0.0
-    """As ``Look.alpha_threshold``."""
+    """Alpha below which blended surfaces are cut out; see ``Look``."""
 
 
 def style_of(settings: Settings) -> Style:
@@ -120,7 +120,7 @@ def _rig(path: str) -> Rig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shot:
-    """What a sample is rendered from."""
+    """Input of a sample: scene, cameras and sensor."""
 
     scene: LoadedScene
     camera: Camera
@@ -154,10 +154,7 @@ def render_sample(
     one more each. There is no ``flow`` without a next camera.
 
     Args:
-        renderer: renders the images.
-        shot: scene and cameras.
         formats: file format of each type of image to render, one of ``IMAGE_FORMATS``.
-        style: shading of the colour image.
 
     Raises:
         ImageError: a texture cannot be decoded.

@@ -211,11 +211,7 @@ class Sample:
 
 
 def decode_flow(data: bytes, location: str) -> NDArray[np.float32]:
-    """Return the flow in a file, (H, W, 2); NaN: not known.
-
-    Args:
-        data: content of the file.
-        location: its path, for the error message.
+    """Return the flow in the content of a file, (H, W, 2); NaN: not known. Messages begin with ``location``.
 
     Raises:
         RecordError: the data is not a flow file.

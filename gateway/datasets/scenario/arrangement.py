@@ -15,7 +15,7 @@ from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.camera_paths import drawn
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import ObjectChoice, SurfaceChoice
-from gateway.datasets.scenario.models import Model, load_model
+from gateway.datasets.scenario.models import LoadedModel, load_model
 from gateway.datasets.scenario.physics import settle
 from gateway.datasets.scenario.placement import Solid, are_apart, place_on
 from gateway.datasets.scenario.surfaces import solids_of
@@ -35,7 +35,7 @@ class Candidate:
     table: tables.Model
     choice: ObjectChoice
     """Its pose is the drawn rotation, or the first one of its track."""
-    model: Model
+    model: LoadedModel
 
     @property
     def solid(self) -> Solid:
@@ -64,7 +64,7 @@ class _Placed:
         return self.solid.moved(self.X_world_object)
 
 
-def load(catalogue: Catalogue, table: tables.Model, file: str, notes: list[str]) -> Model | None:
+def load_usable(catalogue: Catalogue, table: tables.Model, file: str, notes: list[str]) -> LoadedModel | None:
     """Return the model in a file; None, and a note, if it cannot be used."""
     folder = catalogue.path.parent
     try:

@@ -36,10 +36,8 @@ def draw_cameras(
     """Return the cameras of a table of the scenario.
 
     Args:
-        camera: the table.
         boxes: (N, 2, 3) boxes of the objects in the world, metres.
         frames: frames of the scene; None if it does not move.
-        random: source of random numbers.
     """
     if isinstance(camera, Fixed):
         pose = look_at(camera.eye, camera.target, camera.up)

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from gateway.datasets.scenario import tables
-from gateway.datasets.scenario.arrangement import Arrangement, Candidate, load
+from gateway.datasets.scenario.arrangement import Arrangement, Candidate, load_usable
 from gateway.datasets.scenario.camera_paths import Range, draw_cameras, drawn
 from gateway.datasets.scenario.catalogue import IMAGE_SUFFIXES, RIG_SUFFIXES, Catalogue
 from gateway.datasets.scenario.choices import (
@@ -21,7 +21,7 @@ from gateway.datasets.scenario.choices import (
     SensorChoice,
     SurfaceChoice,
 )
-from gateway.datasets.scenario.models import Model
+from gateway.datasets.scenario.models import LoadedModel
 from gateway.datasets.scenario.placement import rotation_of
 from gateway.datasets.scenario.scenery import lamp_direction
 from gateway.datasets.scenario.tracks import read_track
@@ -126,7 +126,7 @@ class _Drawing:
         candidates = []
         for k in range(_count(random, table.count)):
             file = files[int(random.integers(len(files)))]
-            model = load(self._catalogue, table, file, notes)
+            model = load_usable(self._catalogue, table, file, notes)
             scale = drawn(random, table.scale)
             roll, pitch, yaw = (drawn(random, each) for each in table.rotation)
             material = None
@@ -187,7 +187,7 @@ class _Drawing:
         )
 
 
-def _joints(random: np.random.Generator, table: tables.Model, model: Model) -> dict[str, tuple[float, ...]]:
+def _joints(random: np.random.Generator, table: tables.Model, model: LoadedModel) -> dict[str, tuple[float, ...]]:
     """Return drawn joint values: of the table's ranges, or between the limits of the robot's file."""
     if isinstance(table.joints, dict):
         return {name: (drawn(random, values),) for name, values in table.joints.items()}

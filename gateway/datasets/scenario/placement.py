@@ -116,8 +116,6 @@ def place_on(
         area: size of the rectangle in which the object must lie, metres.
         others: objects and surfaces that it must not touch. The surface itself is not among them.
         gap: minimum distance from the others, metres.
-        tries: number of places to try.
-        random: source of random numbers.
     """
     X_surface_object = np.linalg.inv(X_world_surface) @ rotation
     X_surface_object[:3, 3] = 0.0

@@ -53,9 +53,7 @@ def draw_sample(
     """Return an image of a sample in RGB.
 
     Args:
-        sample: the sample.
         classes: names of the classes by their number.
-        layers: what is drawn over the image.
         width: width of the result in pixels.
         image_type: one of ``SHOWN_TYPES``; if the sample lacks it, its first image is drawn.
 

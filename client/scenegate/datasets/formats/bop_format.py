@@ -31,7 +31,7 @@ MAX_DEPTH_UNITS: Final = 65535
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """What must be known before the first image is written."""
+    """Models and depth scale of all scenes."""
 
     object_ids: Mapping[ModelKey, int]
     """BOP's numbers of the models, from 1."""
