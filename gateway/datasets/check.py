@@ -39,8 +39,6 @@ BATCH_SAMPLES_PER_THREAD: Final = 16
 CACHED_SCENES: Final = 8
 """Number of scene descriptions in memory. Few are needed, because samples are ordered by scene. One may have a million
 paths."""
-
-
 CACHED_MODELS: Final = 10_000
 """Number of models whose hashes are in memory. Scenes share models."""
 

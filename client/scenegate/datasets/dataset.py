@@ -10,7 +10,7 @@ import io
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, Final, TypeVar, overload
 
 import msgspec
@@ -158,7 +158,7 @@ class Sample:
         image = self.record.images.get(image_type)
         if image is None:
             raise RecordError(f"{self.id} has no {image_type} image, only {', '.join(self.record.images)}")
-        if PurePosixPath(image.path).is_absolute() or ".." in PurePosixPath(image.path).parts:
+        if not manifest.is_inside(image.path):
             raise RecordError(f"{self.id}: the {image_type} image {image.path!r} lies outside of the dataset")
         return self._folder / image.path
 

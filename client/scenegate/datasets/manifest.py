@@ -8,7 +8,7 @@ same input gives the same bytes. See ``docs/datasets.md``.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Final, Literal, TypeVar, get_args
 
 import msgspec
@@ -306,7 +306,7 @@ class FailureRecord(msgspec.Struct, frozen=True):
     reason: str
 
 
-Record = TypeVar("Record", DatasetRecord, SceneRecord, SampleRecord, FailureRecord)
+Record = TypeVar("Record", DatasetRecord, SceneRecord, SampleRecord, FailureRecord, Masks)
 _encoder = msgspec.json.Encoder()
 
 
@@ -342,6 +342,11 @@ def decode(data: bytes, record_type: type[Record], location: str) -> Record:
         raise RecordError(f"{location}: {error}") from None
 
 
+def is_inside(path: str) -> bool:
+    """Return True if a path of a record, relative to the dataset's folder, does not lead out of it."""
+    return not PurePosixPath(path).is_absolute() and ".." not in PurePosixPath(path).parts
+
+
 def pose_rows(X: NDArray[np.float64]) -> Pose:
     """Return a (4, 4) matrix as rows."""
     first, second, third, fourth = map(tuple, X.tolist())
@@ -354,10 +359,7 @@ def decode_masks(data: bytes, location: str) -> Masks:
     Raises:
         RecordError: the data is not such a file, or its runs do not fill the image.
     """
-    try:
-        masks = msgspec.json.decode(data, type=Masks)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise RecordError(f"{location}: {error}") from None
+    masks = decode(data, Masks, location)
     pixels = masks.size[0] * masks.size[1]
     for instance, counts in masks.counts.items():
         if sum(counts) != pixels or min(counts, default=0) < 0 or min(masks.size) < 1:

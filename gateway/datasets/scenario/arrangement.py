@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gateway.assets.scene_file import SceneFileError
 from gateway.datasets.scenario import tables
-from gateway.datasets.scenario.camera_paths import drawn
+from gateway.datasets.scenario.camera_paths import uniform
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import ObjectChoice, SurfaceChoice
 from gateway.datasets.scenario.models import LoadedModel, load_model
@@ -101,7 +101,7 @@ class Arrangement:
         if table.position is not None:
             is_fixed = not any(isinstance(each, tuple) for each in table.position)
             for _ in range(1 if is_fixed else placement.tries):
-                X = translation(*(drawn(self.random, each) for each in table.position)) @ rotation
+                X = translation(*(uniform(self.random, each) for each in table.position)) @ rotation
                 moved = solid.moved(X)
                 if all(are_apart(moved, other, placement.gap) for other in others):
                     self._placed.append(_Placed(candidate, solid, X, None))

@@ -22,8 +22,8 @@ _TRIES: Final = 100
 _SHAKE_HERTZ: Final = (1.1, 2.3, 4.7)
 
 
-def drawn(random: np.random.Generator, values: Range) -> float:
-    """Return a number of a range."""
+def uniform(random: np.random.Generator, values: Range) -> float:
+    """Return a number that is drawn uniformly from a range."""
     if not isinstance(values, tuple):
         return float(values)
     low, high = values
@@ -41,14 +41,14 @@ def draw_cameras(
     """
     if isinstance(camera, Fixed):
         pose = look_at(camera.eye, camera.target, camera.up)
-        return [CameraChoice(fovy=drawn(random, camera.fovy), X_world_camera=(pose_rows(pose),))]
+        return [CameraChoice(fovy=uniform(random, camera.fovy), X_world_camera=(pose_rows(pose),))]
     choices = []
     for _ in range(camera.count):
-        fovy = drawn(random, camera.fovy)
+        fovy = uniform(random, camera.fovy)
         if isinstance(camera, Handheld):
             poses = _path(camera, boxes, fovy, frames or DEFAULT_FRAMES, random)
         else:
-            place, roll = _draw_place(camera, boxes, fovy, random), drawn(random, camera.roll)
+            place, roll = _draw_place(camera, boxes, fovy, random), uniform(random, camera.roll)
             poses = [_pose(place, roll)]
         choices.append(CameraChoice(fovy=fovy, X_world_camera=tuple(map(pose_rows, poses))))
     return choices
@@ -70,8 +70,10 @@ def _draw_place(
             target = boxes[int(random.integers(len(boxes)))].mean(axis=0)
         else:
             target = np.array(camera.look_at)
-        distance = fitted * drawn(random, camera.margin) if camera.distance is None else drawn(random, camera.distance)
-        place = np.array((distance, drawn(random, camera.elevation), drawn(random, camera.azimuth), *target))
+        distance = (
+            fitted * uniform(random, camera.margin) if camera.distance is None else uniform(random, camera.distance)
+        )
+        place = np.array((distance, uniform(random, camera.elevation), uniform(random, camera.azimuth), *target))
         eye = _eye(place)
         if not ((boxes[:, 0] - CLEARANCE < eye) & (eye < boxes[:, 1] + CLEARANCE)).all(axis=1).any():
             break
@@ -98,7 +100,7 @@ def _path(
     """Return a pose for each frame: a Catmull-Rom curve through the drawn places, and the shaking of a hand."""
     places = np.array([_draw_place(camera, boxes, fovy, random) for _ in range(camera.waypoints)])
     places[1:, 2] = places[0, 2] + camera.sweep * (random.random(camera.waypoints - 1) - 0.5)
-    rolls = [drawn(random, camera.roll) for _ in places]
+    rolls = [uniform(random, camera.roll) for _ in places]
     knots = np.column_stack((places, rolls))
     knots = np.concatenate((knots[:1], knots, knots[-1:]))
     phases = math.tau * random.random((len(_SHAKE_HERTZ), 1, 6))

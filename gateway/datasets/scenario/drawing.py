@@ -9,7 +9,7 @@ import numpy as np
 
 from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.arrangement import Arrangement, Candidate, load_usable
-from gateway.datasets.scenario.camera_paths import Range, draw_cameras, drawn
+from gateway.datasets.scenario.camera_paths import Range, draw_cameras, uniform
 from gateway.datasets.scenario.catalogue import IMAGE_SUFFIXES, RIG_SUFFIXES, Catalogue
 from gateway.datasets.scenario.choices import (
     BackgroundChoice,
@@ -43,7 +43,7 @@ def draw_choices(catalogue: Catalogue, number: int) -> SceneChoices:
 
 def _color(random: np.random.Generator, colors: Sequence[Vector3]) -> Vector3:
     """Return a colour between the first and the last one."""
-    red, green, blue = (drawn(random, channel) for channel in zip(colors[0], colors[-1], strict=True))
+    red, green, blue = (uniform(random, channel) for channel in zip(colors[0], colors[-1], strict=True))
     return red, green, blue
 
 
@@ -108,14 +108,14 @@ class _Drawing:
             texture=self._file(random, table.textures, IMAGE_SUFFIXES, f"{key}.textures"),
             texture_size=table.texture_size,
             color=_color(random, table.color),
-            metallic=drawn(random, table.metallic),
-            roughness=drawn(random, table.roughness),
+            metallic=uniform(random, table.metallic),
+            roughness=uniform(random, table.roughness),
         )
 
     def _surface(self, index: int, table: tables.Surface) -> SurfaceChoice:
         random = self._random("surfaces", index)
-        x, y = (drawn(random, each) for each in table.position)
-        X = translation(x, y, drawn(random, table.height)) @ rotation_of(0.0, 0.0, drawn(random, table.turn))
+        x, y = (uniform(random, each) for each in table.position)
+        X = translation(x, y, uniform(random, table.height)) @ rotation_of(0.0, 0.0, uniform(random, table.turn))
         material = self._material(random, table.material, f"surfaces[{index}].material")
         return SurfaceChoice(kind=table.kind, size=table.size, X_world_surface=pose_rows(X), material=material)
 
@@ -127,8 +127,8 @@ class _Drawing:
         for k in range(_count(random, table.count)):
             file = files[int(random.integers(len(files)))]
             model = load_usable(self._catalogue, table, file, notes)
-            scale = drawn(random, table.scale)
-            roll, pitch, yaw = (drawn(random, each) for each in table.rotation)
+            scale = uniform(random, table.scale)
+            roll, pitch, yaw = (uniform(random, each) for each in table.rotation)
             material = None
             if materials is not None and random.random() < materials.share:
                 material = self._material(random, materials, "materials")
@@ -156,14 +156,14 @@ class _Drawing:
         random = self._random("lights")
         lamps = []
         for lamp in table.lamps:
-            direction = lamp_direction(drawn(random, lamp.azimuth), drawn(random, lamp.elevation))
-            intensity = drawn(random, lamp.intensity)
+            direction = lamp_direction(uniform(random, lamp.azimuth), uniform(random, lamp.elevation))
+            intensity = uniform(random, lamp.intensity)
             lamps.append(LampChoice(direction=direction, intensity=intensity, color=_color(random, lamp.color)))
         return LightChoice(
             rig=self._file(random, table.rigs, RIG_SUFFIXES, "lights.rigs"),
             environment=self._file(random, table.environments, (".hdr",), "lights.environments"),
-            turn=float(np.radians(drawn(random, table.turn))),
-            intensity=drawn(random, table.intensity),
+            turn=float(np.radians(uniform(random, table.turn))),
+            intensity=uniform(random, table.intensity),
             lamps=tuple(lamps),
         )
 
@@ -180,19 +180,19 @@ class _Drawing:
     def _sensor(self, table: tables.Sensor) -> SensorChoice:
         random = self._random("sensor")
         return SensorChoice(
-            blur=drawn(random, table.blur),
+            blur=uniform(random, table.blur),
             vignetting=table.vignetting,
-            exposure=drawn(random, table.exposure),
-            gain=drawn(random, table.gain),
+            exposure=uniform(random, table.exposure),
+            gain=uniform(random, table.gain),
         )
 
 
 def _joints(random: np.random.Generator, table: tables.Model, model: LoadedModel) -> dict[str, tuple[float, ...]]:
     """Return drawn joint values: of the table's ranges, or between the limits of the robot's file."""
     if isinstance(table.joints, dict):
-        return {name: (drawn(random, values),) for name, values in table.joints.items()}
+        return {name: (uniform(random, values),) for name, values in table.joints.items()}
     ranges: dict[str, Range] = {}
     for name, joint in ({} if model.robot is None else model.robot.joints).items():
         if joint.mimic is None and joint.kind in ("revolute", "prismatic"):
             ranges[name] = joint.limits or ((-np.pi, np.pi) if joint.kind == "revolute" else joint.default[0])
-    return {name: (drawn(random, values),) for name, values in ranges.items()}
+    return {name: (uniform(random, values),) for name, values in ranges.items()}

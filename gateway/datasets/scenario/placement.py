@@ -39,10 +39,9 @@ class Solid:
         """Lowest and highest corner of all bodies, (2, 3) float64, metres."""
         return np.array((self.boxes[:, 0].min(axis=0), self.boxes[:, 1].max(axis=0)))
 
-    def moved(self, X: NDArray[np.float64], scale: float = 1.0) -> Solid:
-        """Return the solid scaled, and then moved by a rigid transform."""
-        linear = scale * X[:3, :3]
-        return Solid(tuple(body @ linear.T + X[:3, 3] for body in self.bodies))
+    def moved(self, X: NDArray[np.float64]) -> Solid:
+        """Return the solid moved by a rigid transform."""
+        return Solid(tuple(body @ X[:3, :3].T + X[:3, 3] for body in self.bodies))
 
 
 def box_solid(X_world_box: NDArray[np.float64], size: tuple[float, float, float]) -> Solid:

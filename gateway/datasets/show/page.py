@@ -106,7 +106,8 @@ def _form(dataset: Dataset, selection: Selection) -> str:
     hidden = "" if selection.class_id is None else f'<input type="hidden" name="class" value="{selection.class_id}">'
     return (
         '<form><input type="hidden" name="layer" value="none">'
-        f'<input type="hidden" name="page" value="{selection.page}">{hidden}{boxes}<label>Image <select name="image">{options}</select></label>'
+        f'<input type="hidden" name="page" value="{selection.page}">{hidden}{boxes}'
+        f'<label>Image <select name="image">{options}</select></label>'
         "<noscript><button>Show</button></noscript></form>"
     )
 

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.datasets.manifest import ModelRecord, ObjectRecord, RecordError
+from scenegate.datasets.manifest import ModelRecord, ObjectRecord, RecordError, is_inside
 from scenegate.datasets.ply import encode_ply, read_ply
 
 SCALE_DIGITS: Final = 6
@@ -33,12 +33,15 @@ def model_key(record: ObjectRecord, models: Mapping[str, ModelRecord]) -> ModelK
     """Return the model of an object.
 
     Raises:
-        RecordError: the scene has no such model.
+        RecordError: the scene has no such model, or not in the dataset.
     """
     if record.model not in models:
         raise RecordError(f"scene.json has no model {record.model!r}, which instance {record.instance} has")
+    path = models[record.model].path
+    if not is_inside(path):
+        raise RecordError(f"scene.json: the model {path!r} lies outside of the dataset")
     x, y, z = (round(value, SCALE_DIGITS) for value in record.scale)
-    return ModelKey(record.model, models[record.model].path, (x, y, z))
+    return ModelKey(record.model, path, (x, y, z))
 
 
 def diameter(points: NDArray[np.float64]) -> float:
