@@ -45,7 +45,6 @@ def objects_of(root: Node, models: Mapping[TreePath, str] = MappingProxyType({})
     """Return an object for each node with geometry: each mesh node of a glTF file, link of a robot, path of a tree.
 
     Args:
-        root: root of the scene's tree.
         models: names of models by path; other models are called after their path.
     """
     return tuple(SceneObject(path, models.get(path) or _model_name(path)) for path, node in root.walk() if node.parts)
@@ -102,7 +101,6 @@ def owner_numbers(root: Node, numbers: Mapping[TreePath, int]) -> NDArray[np.int
     """Return the number of the object that owns each instance of a scene, (I,) in the order of its draw list; 0: none.
 
     Args:
-        root: root of the scene's tree.
         numbers: numbers of objects by path; 0 for objects that are not annotated.
     """
 

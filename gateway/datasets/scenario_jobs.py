@@ -19,11 +19,8 @@ def find_scenes(
     """Return the scenes of a command, its cameras with those of scenarios, and ``Settings.scenario_sha256``.
 
     Args:
-        inputs: files and folders.
-        cameras: cameras of the command's file.
         numbers: numbers of the scenes of scenarios; None: all of them.
         recorded: dataset of the same scenario, whose choices are used; None: those in ``out``, if there are any.
-        out: folder of the dataset.
         has_views: the command names cameras, which replace those of scenarios.
 
     Raises:

@@ -60,7 +60,6 @@ def with_material(root: Node, material: Material | None, texture_size: float | N
     """Return a tree with another material on all triangles.
 
     Args:
-        root: root of the tree.
         material: the material; None: those of the tree, so that equal models have equal meshes.
         texture_size: side of a texture in metres: meshes without texture coordinates get some. None: they stay.
         scale: scale of the tree in the world.
@@ -91,10 +90,7 @@ def _textured(part: Part, material: Material | None, texture_size: float | None)
 def _box_mapped(mesh: Mesh, scale: tuple[float, ...], texture_size: float) -> Mesh:
     """Return a mesh with texture coordinates: each triangle sees the texture along the axis that it faces most.
 
-    Args:
-        mesh: triangles.
-        scale: scale of the mesh along its axes in the node, metres.
-        texture_size: side of the texture, metres.
+    ``scale`` is that of the mesh along its axes, and ``texture_size`` the side of the texture in metres.
     """
     key = (mesh, scale, texture_size)
     mapped = _mapped.get(key)

@@ -75,7 +75,6 @@ def load_model(path: Path, up: Up, roots: tuple[Path, ...], animation: Animation
     """Load a model, or return it from the cache if its file has not changed.
 
     Args:
-        path: the file.
         up: up axis of a glTF file.
         roots: folders with the packages of a robot file.
         animation: animation of a glTF file, and its time.

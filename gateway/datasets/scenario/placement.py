@@ -114,7 +114,6 @@ def place_on(
         X_world_surface: (4, 4), the centre of the surface.
         area: size of the rectangle in which the object must lie, metres.
         others: objects and surfaces that it must not touch. The surface itself is not among them.
-        gap: minimum distance from the others, metres.
     """
     X_surface_object = np.linalg.inv(X_world_surface) @ rotation
     X_surface_object[:3, 3] = 0.0

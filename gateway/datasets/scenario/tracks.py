@@ -52,7 +52,6 @@ def read_track(path: Path, *, poses: bool) -> Track:
     """Read a track, or return it from the cache if its file has not changed.
 
     Args:
-        path: the file.
         poses: the columns must be ``POSE_COLUMNS``.
 
     Raises:
