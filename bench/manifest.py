@@ -34,7 +34,7 @@ VIEWS = 100
 SETTINGS = Settings(("color", "depth", "label"), 640, 480, 45.0, "auto", "auto", "fxaa", "tiff", (204, 229, 255))
 CAMERA = CameraRecord(
     width=640, height=480, fx=579.4112549695428, fy=579.4112549695428, cx=320.0, cy=240.0, near=0.01, far=4.25,
-    X_world_camera=tuple((0.8660254037844386, 0.25, -0.4330127018922193, 1.2990381056766578) for _ in range(4)),
+    X_world_camera=(4 * ((0.8660254037844386, 0.25, -0.4330127018922193, 1.2990381056766578),)),
 )  # fmt: skip
 
 

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from msgspec.structs import replace
 
-from gateway.cli.dataset import export_dataset
+from gateway.cli.dataset import Format, export_dataset
 from gateway.cli.robot_options import GltfUp, Joints, Keyframe, Roots, Strict
 
 if TYPE_CHECKING:
     from gateway.datasets.classes import ClassTable
     from gateway.datasets.sources import Source
-    from scenegate.datasets.formats import FormatName
     from scenegate.datasets.manifest import ImageType, Settings
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -154,7 +153,7 @@ def render(
         typer.Option(help="Depth images of datasets: tiff (32-bit float, metres) or png (16-bit, millimetres)."),
     ] = "tiff",
     format_name: Annotated[
-        Literal["bop", "coco", "webdataset", "hdf5"] | None,
+        Format | None,
         typer.Option("--format", help="Format in which the dataset is written again, into OUT/FORMAT."),
     ] = None,
     up: Annotated[
@@ -197,7 +196,11 @@ def render(
         raise ValueError(f"{out} is one image: for more scenes, types or cameras name a folder with -o")
     _check_stereo(image_types, baseline, stereo_profile)
     if format_name is not None:
-        _check_format(format_name, image_types, single)
+        from scenegate.datasets.formats import check_types
+
+        if single:
+            raise ValueError(f"--format {format_name} is for datasets: name a folder with -o")
+        check_types(image_types, format_name)
     if rig is not None and look not in ("auto", "studio"):
         typer.echo(f"--rig lights the studio look only: --look {look} is rendered without it", err=True)
     from gateway.runtime.kernels.loading import ensure_compiled
@@ -279,15 +282,6 @@ def _parse_types(text: str) -> tuple[ImageType, ...]:
     if not wanted or not wanted <= {*IMAGE_TYPES}:
         raise ValueError(f"--type {text[:80]!r}: must be some of {', '.join(IMAGE_TYPES)}, separated by commas")
     return tuple(name for name in IMAGE_TYPES if name in wanted)
-
-
-def _check_format(format_name: FormatName, types: tuple[ImageType, ...], single: bool) -> None:
-    """Raise ValueError if a dataset in another format cannot be written."""
-    from scenegate.datasets.formats import check_types
-
-    if single:
-        raise ValueError(f"--format {format_name} is for datasets: name a folder with -o")
-    check_types(types, format_name)
 
 
 def _check_stereo(types: tuple[ImageType, ...], baseline: float, profile: str) -> None:

@@ -59,12 +59,7 @@ class AnnotatedScene:
 
 
 def annotate_scene(scene: LoadedScene, classes: ClassTable, save: SaveModel) -> AnnotatedScene:
-    """Return the objects of a scene that have a class.
-
-    Args:
-        scene: the scene.
-        classes: classes of the dataset.
-        save: gets the models.
+    """Return the objects of a scene that have a class, and save their models.
 
     Raises:
         SceneError: the scene has more than ``MAX_OBJECTS``.
@@ -122,10 +117,8 @@ class _Models:
         """Return the name of the model of an object; None if it has no geometry.
 
         Args:
-            name: name of the model in the scene.
             key: equal keys mean equal geometry.
             geometry: geometry in the frame of the node.
-            X_model_node: as ``ObjectFrame.X_model_node``.
         """
         if key not in self._names:
             model = make_model(geometry.instances, X_model_node)

@@ -6,7 +6,7 @@ times as wide and high as the image, so that those of truncated objects are whol
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, TypeVar
 
 import numpy as np
@@ -17,21 +17,20 @@ from renderers.camera import Camera
 from renderers.interface import Frame, Look, Output, Renderer
 from renderers.raster.layout import MAX_SIDE
 from renderers.stop import check_stop
-from scenegate.datasets.manifest import Masks, ObjectRecord, Pose, box_of
+from scenegate.datasets.boxes import box_corners, box_of
+from scenegate.datasets.manifest import Masks, ObjectRecord, pose_rows
 
 T = TypeVar("T", bound=np.generic)
 
 ANNOTATION_OUTPUTS: Final = Output.DEPTH | Output.INSTANCE
 """Images that annotations are made from."""
-_CORNERS: Final = np.array([[(corner >> axis) & 1 for axis in range(3)] for corner in range(8)])
-"""(8, 3): for each corner of a box and each axis, 0 for the smallest and 1 for the largest coordinate."""
 _DEPTH_TOLERANCE: Final = 1e-4
 """Relative error of depths, with a margin."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Window:
-    """A rectangle of pixels: columns left … right - 1, rows top … bottom - 1. May reach beyond the image."""
+    """A rectangle of pixels: columns left to right - 1, rows top to bottom - 1. It may reach beyond the image."""
 
     left: int
     top: int
@@ -47,7 +46,7 @@ class _Window:
         left, top = max(self.left, other.left), max(self.top, other.top)
         return _Window(left, top, min(self.right, other.right), min(self.bottom, other.bottom))
 
-    def of(self, image: NDArray[T], origin: _Window) -> NDArray[T]:
+    def part_of(self, image: NDArray[T], origin: _Window) -> NDArray[T]:
         """Return this part of an image whose first pixel is that of ``origin``, as a view."""
         rows = slice(self.top - origin.top, self.bottom - origin.top)
         return image[rows, self.left - origin.left : self.right - origin.left]
@@ -73,14 +72,9 @@ class Annotations:
 def annotate(
     renderer: Renderer, scene: AnnotatedScene, camera: Camera, frame: Frame, look: Look, *, with_masks: bool
 ) -> Annotations:
-    """Annotate an image.
+    """Annotate a frame with ``ANNOTATION_OUTPUTS``, which was rendered with this camera and look.
 
     Args:
-        renderer: draws objects alone.
-        scene: the objects.
-        camera: camera of the image.
-        frame: images of the scene; has ``ANNOTATION_OUTPUTS``.
-        look: decides what is cut out, as in ``frame``.
         with_masks: False: ``Annotations.masks`` is empty.
     """
     assert frame.instance is not None
@@ -93,19 +87,19 @@ def annotate(
     for each in scene.objects:
         check_stop()
         X_camera_object = X_camera_world @ each.frame.X_world_object
-        window, farthest = _window_of(each, X_camera_object, camera)
+        window, max_depth = _window_of(each, X_camera_object, camera)
         inside = window.intersection(image)
         if inside.is_empty:
             continue
-        ids = inside.of(instance, image)
+        ids = inside.part_of(instance, image)
         visible = ids == each.instance
-        nearer = (inside.of(frame.depth, image) <= farthest) & ~visible
+        nearer = (inside.part_of(frame.depth, image) <= max_depth) & ~visible
         if window == inside and visible.any() and not nearer.any():
             silhouette = visible  # nothing can hide it
         else:
             silhouette = _draw_alone(renderer, each, camera, window, look)
-            inside.of(silhouette, window)[visible] = True  # rounding may move an edge by a pixel
-        in_image = inside.of(silhouette, window)
+            inside.part_of(silhouette, window)[visible] = True  # rounding may move an edge by a pixel
+        in_image = inside.part_of(silhouette, window)
         if not in_image.any():
             continue
         visible_pixels, amodal_pixels = int(np.count_nonzero(visible)), int(np.count_nonzero(silhouette))
@@ -116,8 +110,8 @@ def annotate(
                 path=each.path,
                 model=each.model,
                 class_id=each.class_id,
-                X_world_object=_rows(each.frame.X_world_object),
-                X_camera_object=_rows(X_camera_object),
+                X_world_object=pose_rows(each.frame.X_world_object),
+                X_camera_object=pose_rows(X_camera_object),
                 scale=each.frame.scale,
                 box_3d=(low, high),
                 box_visible=inside.box_of(visible),
@@ -139,7 +133,7 @@ def _window_of(each: AnnotatedObject, X_camera_object: NDArray[np.float64], came
     margin_x = min(camera.width, (MAX_SIDE - camera.width) // 2)
     margin_y = min(camera.height, (MAX_SIDE - camera.height) // 2)
     canvas = _Window(-margin_x, -margin_y, camera.width + margin_x, camera.height + margin_y)
-    corners = each.box[_CORNERS, range(3)] @ X_camera_object[:3, :3].T + X_camera_object[:3, 3]
+    corners = box_corners(each.box) @ X_camera_object[:3, :3].T + X_camera_object[:3, 3]
     z = corners[:, 2]
     farthest = float(z.max())
     if farthest < camera.near or z.min() > camera.far:
@@ -158,18 +152,8 @@ def _draw_alone(
     renderer: Renderer, each: AnnotatedObject, camera: Camera, window: _Window, look: Look
 ) -> NDArray[np.bool_]:
     """Return the pixels of a window in which an object is seen if there is nothing else."""
-    part = Camera(
-        window.right - window.left,
-        window.bottom - window.top,
-        camera.fx,
-        camera.fy,
-        camera.cx - window.left,
-        camera.cy - window.top,
-        camera.near,
-        camera.far,
-        camera.X_world_camera,
-        camera.depth_origin,
-    )
+    width, height = window.right - window.left, window.bottom - window.top
+    part = replace(camera, width=width, height=height, cx=camera.cx - window.left, cy=camera.cy - window.top)
     depth = renderer.render(each.draw_list, part, Output.DEPTH, look).depth
     assert depth is not None
     return np.isfinite(depth)
@@ -182,9 +166,3 @@ def _run_lengths(mask: NDArray[np.bool_], window: _Window, height: int, width: i
     changes = np.flatnonzero(np.diff(columns.ravel(), prepend=False, append=False)) + window.left * height
     last = width * height
     return tuple(np.diff(changes[changes < last], prepend=0, append=last).tolist())
-
-
-def _rows(matrix: NDArray[np.float64]) -> Pose:
-    """Return a matrix as it is written to the manifest."""
-    first, second, third, fourth = map(tuple, matrix.tolist())
-    return first, second, third, fourth

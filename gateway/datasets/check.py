@@ -39,8 +39,6 @@ BATCH_SAMPLES_PER_THREAD: Final = 16
 CACHED_SCENES: Final = 8
 """Number of scene descriptions in memory. Few are needed, because samples are ordered by scene. One may have a million
 paths."""
-
-
 CACHED_MODELS: Final = 10_000
 """Number of models whose hashes are in memory. Scenes share models."""
 
@@ -151,11 +149,7 @@ def _read_scene(
 ) -> manifest.SceneRecord | None:
     """Return the description of a scene, or None if it cannot be read. Add its errors to the report.
 
-    Args:
-        folder: the dataset.
-        name: name of the scene.
-        model_digest: returns the SHA-256 of the file of a model; None if there is none.
-        report: gets the errors.
+    ``model_digest`` returns the SHA-256 of the file of a model; None if there is none.
     """
     try:
         scene = manifest.read_file(folder / manifest.SCENES_FOLDER / name / manifest.SCENE_FILE, manifest.SceneRecord)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, Final
 
 import cv2
@@ -32,7 +32,7 @@ _PIXEL_FORMATS: Final[dict[ImageType, tuple[tuple[str, int], ...]]] = {
 def read_image(folder: Path, image: ImageFile) -> bytes:
     """Return the content of an image file; raises RecordError if it is not that of the manifest."""
     path = folder / image.path
-    if PurePosixPath(image.path).is_absolute() or ".." in PurePosixPath(image.path).parts:
+    if not manifest.is_inside(image.path):
         raise RecordError("lies outside of the dataset")
     digest = sha256_of(path, check_stop)
     if digest is None:

@@ -8,7 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.datasets.manifest import SCENE_FILE, ImageType, Masks, ObjectRecord, SampleRecord, SceneRecord, box_of
+from scenegate.datasets.boxes import box_of
+from scenegate.datasets.manifest import SCENE_FILE, ImageType, Masks, ObjectRecord, SampleRecord, SceneRecord
 
 MAX_POSE_ERROR: Final = 1e-6
 """Maximum difference between numbers of a pose and the product of the two others, relative to the distances."""
@@ -21,15 +22,7 @@ def object_problems(
     pixels: Mapping[ImageType, NDArray[Any]],
     masks: Masks | None,
 ) -> Iterator[str]:
-    """Yield the errors of the annotated objects of a sample.
-
-    Args:
-        sample: the sample.
-        classes: ``DatasetRecord.classes``.
-        scene: the scene; None if it cannot be read.
-        pixels: images of the sample that can be read.
-        masks: silhouettes of the sample; None if it has none.
-    """
+    """Yield the errors of the annotated objects of a sample, as far as its scene and its images can be read."""
     instances = [each.instance for each in sample.objects]
     if len(set(instances)) < len(instances) or 0 in instances:
         yield "objects: two have the same instance, or one has 0"

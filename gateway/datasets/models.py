@@ -13,22 +13,22 @@ from numpy.typing import NDArray
 from gateway.scene.transforms import Matrix
 from renderers.drawlist import Instance, Topology, used_vertices
 from scenegate.datasets.manifest import MODELS_FOLDER, ModelRecord
+from scenegate.datasets.ply import encode_ply
 
 _DIGEST_CHARS: Final = 32
 """Number of hexadecimal digits in the name of a file."""
-_FACE: Final = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Model:
-    """Mesh of a model in its own frame."""
+class ModelFile:
+    """File of a model, and its record."""
 
     record: ModelRecord
     data: bytes
     """Content of the file."""
 
 
-def make_model(instances: Iterable[Instance], X_model_node: Matrix) -> Model | None:
+def make_model(instances: Iterable[Instance], X_model_node: Matrix) -> ModelFile | None:
     """Return the model of an object; None if it has no finite vertex.
 
     Args:
@@ -52,20 +52,8 @@ def make_model(instances: Iterable[Instance], X_model_node: Matrix) -> Model | N
     finite = vertices[np.isfinite(vertices).all(axis=1)]
     if not len(finite):
         return None
-    data = _ply(vertices, triangles)
+    data = encode_ply(vertices, triangles, "metres")
     digest = hashlib.sha256(data).hexdigest()
     low, high = (tuple(corner.tolist()) for corner in (finite.min(axis=0), finite.max(axis=0)))
     path = f"{MODELS_FOLDER}/{digest[:_DIGEST_CHARS]}.ply"
-    return Model(ModelRecord(path=path, sha256=digest, box=(low, high)), data)
-
-
-def _ply(vertices: NDArray[np.float32], triangles: NDArray[np.int64]) -> bytes:
-    """Return a binary PLY file of (N, 3) vertices and (M, 3) triangles."""
-    header = (
-        "ply\nformat binary_little_endian 1.0\ncomment metres\n"
-        f"element vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
-        f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    faces = np.empty(len(triangles), _FACE)
-    faces["count"], faces["vertices"] = 3, triangles
-    return header.encode() + vertices.astype("<f4").tobytes() + faces.tobytes()
+    return ModelFile(ModelRecord(path=path, sha256=digest, box=(low, high)), data)

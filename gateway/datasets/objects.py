@@ -45,7 +45,6 @@ def objects_of(root: Node, models: Mapping[TreePath, str] = MappingProxyType({})
     """Return an object for each node with geometry: each mesh node of a glTF file, link of a robot, path of a tree.
 
     Args:
-        root: root of the scene's tree.
         models: names of models by path; other models are called after their path.
     """
     return tuple(SceneObject(path, models.get(path) or _model_name(path)) for path, node in root.walk() if node.parts)
@@ -57,7 +56,6 @@ def joined_objects(
     """Return objects, with those below a whole node replaced by one object of that node, called after it.
 
     Args:
-        objects: objects of a scene.
         is_whole: returns True for the path of a whole node; None: there are none.
     """
     if is_whole is None:
@@ -103,7 +101,6 @@ def owner_numbers(root: Node, numbers: Mapping[TreePath, int]) -> NDArray[np.int
     """Return the number of the object that owns each instance of a scene, (I,) in the order of its draw list; 0: none.
 
     Args:
-        root: root of the scene's tree.
         numbers: numbers of objects by path; 0 for objects that are not annotated.
     """
 
@@ -115,13 +112,7 @@ def owner_numbers(root: Node, numbers: Mapping[TreePath, int]) -> NDArray[np.int
 
 
 def own_subtree(node: Node, path: TreePath, paths: Mapping[TreePath, object]) -> Node:
-    """Return the geometry of an object as a tree in the frame of its node, without the objects below it.
-
-    Args:
-        node: node of the object.
-        path: its path.
-        paths: all objects by path.
-    """
+    """Return the geometry of the object at a node as a tree in its frame, without the objects below it (``paths``)."""
 
     def copy(source: Node, path: TreePath, matrix: Matrix) -> Node:
         children = {

@@ -73,7 +73,7 @@ class Style:
     rig: Rig = STUDIO
     """Lights of the look ``studio``."""
     alpha_threshold: float = 0.0
-    """As ``Look.alpha_threshold``."""
+    """Alpha below which blended surfaces are cut out; see ``Look``."""
 
 
 def style_of(settings: Settings) -> Style:
@@ -120,7 +120,7 @@ def _rig(path: str) -> Rig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shot:
-    """What a sample is rendered from."""
+    """Input of a sample: scene, cameras and sensor."""
 
     scene: LoadedScene
     camera: Camera
@@ -154,10 +154,7 @@ def render_sample(
     one more each. There is no ``flow`` without a next camera.
 
     Args:
-        renderer: renders the images.
-        shot: scene and cameras.
         formats: file format of each type of image to render, one of ``IMAGE_FORMATS``.
-        style: shading of the colour image.
 
     Raises:
         ImageError: a texture cannot be decoded.
@@ -211,18 +208,14 @@ def _look_of(scene: LoadedScene, style: Style) -> Look:
 
 def _finish(frame: Frame, scene: LoadedScene, camera: Camera, renderer: Renderer, look: Look, style: Style) -> None:
     """Smooth the colour image of a frame, and add the background and the sensor of a scenario's scene."""
-    _smooth(frame, scene, look, style)
-    if frame.color is not None and scene.scenario is not None:
-        frame.color = scene.scenario.scenery.finish(frame.color, scene.draw_list, camera, renderer, look)
-
-
-def _smooth(frame: Frame, scene: LoadedScene, look: Look, style: Style) -> None:
-    """Apply FXAA to the colour image of a frame, where the style says so."""
-    if frame.color is None or style.antialias != "fxaa" or look.samples != 1 or look.name == "studio":
+    if frame.color is None:
         return
     # FXAA would blur points, which may be one pixel wide.
-    if not any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances):
+    has_points = any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances)
+    if style.antialias == "fxaa" and look.samples == 1 and look.name != "studio" and not has_points:
         fxaa(frame.color)
+    if scene.scenario is not None:
+        frame.color = scene.scenario.scenery.finish(frame.color, scene.draw_list, camera, renderer, look)
 
 
 def _encode(frame: Frame, image_type: ImageType, file_format: str) -> bytes:

@@ -19,11 +19,8 @@ def find_scenes(
     """Return the scenes of a command, its cameras with those of scenarios, and ``Settings.scenario_sha256``.
 
     Args:
-        inputs: files and folders.
-        cameras: cameras of the command's file.
         numbers: numbers of the scenes of scenarios; None: all of them.
         recorded: dataset of the same scenario, whose choices are used; None: those in ``out``, if there are any.
-        out: folder of the dataset.
         has_views: the command names cameras, which replace those of scenarios.
 
     Raises:
@@ -45,8 +42,7 @@ def find_scenes(
     views: dict[str, tuple[View, ...]] = {}
     for path in paths:
         scenario = read_catalogue(Path(path)).scenario
-        own = scene_views(
-            scenario.camera_count, scenario.frame_count
-        )  # one tuple for all scenes: there may be millions
+        # One tuple for all scenes, of which there may be millions.
+        own = scene_views(scenario.camera_count, scenario.frame_count)
         views |= {source.name: own for source in sources if source.path == path}
     return sources, replace(cameras, scene_views={**views, **cameras.scene_views}), digest

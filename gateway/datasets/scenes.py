@@ -233,14 +233,10 @@ def _load_scenario(source: Source, files: FolderFiles, options: SceneOptions) ->
 
     catalogue = read_catalogue(Path(source.path))
     record = _recorded_scene(source)
-    choices = None if record is None else msgspec.convert(record.scenario, SceneChoices)
-    built = None if choices is None else build_scene(catalogue, choices, 0)
-    if (
-        record is None
-        or choices is None
-        or built is None
-        or record.sha256 != scene_digest(_sources(source, built.digests))
-    ):
+    if record is not None:
+        choices = msgspec.convert(record.scenario, SceneChoices)
+        built = build_scene(catalogue, choices, 0)
+    if record is None or record.sha256 != scene_digest(_sources(source, built.digests)):
         choices = draw_choices(catalogue, source.number)
         built = build_scene(catalogue, choices, 0)
     if options.strict and built.warnings:

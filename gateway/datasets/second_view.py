@@ -23,13 +23,8 @@ def right_camera(camera: Camera, baseline: float) -> Camera:
 def instance_motions(scene: DrawList, camera: Camera, next_scene: DrawList, next_camera: Camera) -> NDArray[np.float64]:
     """Return the transform of each instance from the frame of a camera to that of the next one, (I + 1, 4, 4).
 
-    The last one is for pixels without an instance. An instance that is flat, and has no inverse, counts as at rest.
-
-    Args:
-        scene: instances at the time of the camera.
-        camera: camera of this view.
-        next_scene: the same instances at the time of the next camera.
-        next_camera: camera of the next view.
+    The scenes have the same instances. The last transform is for pixels without an instance. An instance that is flat,
+    and has no inverse, counts as at rest.
     """
     motions = np.tile(np.eye(4), (len(scene.instances) + 1, 1, 1))
     for index, (now, then) in enumerate(zip(scene.instances, next_scene.instances, strict=True)):
@@ -48,8 +43,6 @@ def flow_between(
 
     Args:
         depth: depth image of ``camera``, (H, W), in metres.
-        camera: camera of this view.
-        next_camera: camera of the next view.
         X_next_camera: transform from the frame of ``camera`` to that of ``next_camera`` for the surface in each pixel,
             (H, W, 4, 4); None: the scene is at rest.
     """

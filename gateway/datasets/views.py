@@ -29,7 +29,7 @@ from gateway.scene.tree import Node
 from gateway.scene.viewpoints import orthographic_camera, resolve_camera
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
-from scenegate.datasets.manifest import CameraRecord
+from scenegate.datasets.manifest import CameraRecord, pose_rows
 
 NAME_PATTERN: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 """Allowed names of views. They become parts of file names."""
@@ -237,7 +237,6 @@ def _check_pose(rows: Matrix) -> None:
 
 def record_of(camera: Camera) -> CameraRecord:
     """Return a camera as it is written to the manifest."""
-    rows = tuple(tuple(float(value) for value in row) for row in camera.X_world_camera)
     far = None if math.isinf(camera.far) else float(camera.far)
     return CameraRecord(
         width=camera.width,
@@ -248,6 +247,6 @@ def record_of(camera: Camera) -> CameraRecord:
         cy=float(camera.cy),
         near=float(camera.near),
         far=far,
-        X_world_camera=rows,  # type: ignore[arg-type]  # four rows of four
+        X_world_camera=pose_rows(camera.X_world_camera),
         depth_origin=float(camera.depth_origin),
     )

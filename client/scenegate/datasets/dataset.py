@@ -10,7 +10,7 @@ import io
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, Final, TypeVar, overload
 
 import msgspec
@@ -30,6 +30,8 @@ NO_LABEL: Final = 0xFFFFFF
 FLOW_MAGIC: Final = 202021.25
 """First number of a flow file of the Middlebury benchmark (.flo). Width, height and float32 pairs follow."""
 FLOW_HEADER_BYTES: Final = 12
+PIXEL_CENTER: Final = 0.5
+"""Coordinate of the centre of the top left pixel; 0 in OpenCV, BOP and COCO."""
 NO_BOX: Final = (-1, -1, -1, -1)
 """Box of an object without visible pixels, in ``Sample.arrays``."""
 UNKNOWN_FLOW: Final = 1e9
@@ -64,7 +66,7 @@ class Sample:
     @property
     def color(self) -> NDArray[np.uint8]:
         """Colour image in RGB, (H, W, 3)."""
-        return np.ascontiguousarray(self._read("color")[..., :3], np.uint8)
+        return self._read_rgb("color")
 
     @property
     def depth(self) -> NDArray[np.float32]:
@@ -72,9 +74,7 @@ class Sample:
         stored = self._read("depth")
         if stored.dtype != np.uint16:
             return stored.astype(np.float32, copy=False)
-        metres = stored.astype(np.float32) / np.float32(1000.0)
-        metres[stored == np.iinfo(np.uint16).max] = np.inf
-        return metres
+        return np.where(stored == np.iinfo(np.uint16).max, np.float32(np.inf), stored / np.float32(1000.0))
 
     @property
     def label(self) -> NDArray[np.uint32]:
@@ -110,20 +110,18 @@ class Sample:
     @property
     def albedo(self) -> NDArray[np.uint8]:
         """Base colour without light in RGB, sRGB, (H, W, 3)."""
-        return np.ascontiguousarray(self._read("albedo")[..., :3], np.uint8)
+        return self._read_rgb("albedo")
 
     @property
     def stereo(self) -> NDArray[np.uint8]:
         """Colour image of the right camera of a rectified pair in RGB, (H, W, 3)."""
-        return np.ascontiguousarray(self._read("stereo")[..., :3], np.uint8)
+        return self._read_rgb("stereo")
 
     @property
     def measured(self) -> NDArray[np.float32]:
         """Depth as the stereo camera measures it, along the optical axis in metres, (H, W). NaN: not measured."""
         stored = self._read("measured")
-        metres = stored.astype(np.float32) / np.float32(1000.0)
-        metres[stored == 0] = np.nan
-        return metres
+        return np.where(stored == 0, np.float32(np.nan), stored / np.float32(1000.0))
 
     @property
     def flow(self) -> NDArray[np.float32]:
@@ -160,7 +158,7 @@ class Sample:
         image = self.record.images.get(image_type)
         if image is None:
             raise RecordError(f"{self.id} has no {image_type} image, only {', '.join(self.record.images)}")
-        if PurePosixPath(image.path).is_absolute() or ".." in PurePosixPath(image.path).parts:
+        if not manifest.is_inside(image.path):
             raise RecordError(f"{self.id}: the {image_type} image {image.path!r} lies outside of the dataset")
         return self._folder / image.path
 
@@ -200,6 +198,10 @@ class Sample:
         except (OSError, SyntaxError, ValueError, image.DecompressionBombError) as error:
             raise RecordError(f"{path}: not an image that can be read: {error}") from None
 
+    def _read_rgb(self, image_type: ImageType) -> NDArray[np.uint8]:
+        """Return an image without its alpha."""
+        return np.ascontiguousarray(self._read(image_type)[..., :3], np.uint8)
+
     def _bytes(self, path: Path) -> bytes:
         """Return the content of an image file."""
         try:
@@ -209,11 +211,7 @@ class Sample:
 
 
 def decode_flow(data: bytes, location: str) -> NDArray[np.float32]:
-    """Return the flow in a file, (H, W, 2); NaN: not known.
-
-    Args:
-        data: content of the file.
-        location: its path, for the error message.
+    """Return the flow in the content of a file, (H, W, 2); NaN: not known. Messages begin with ``location``.
 
     Raises:
         RecordError: the data is not a flow file.

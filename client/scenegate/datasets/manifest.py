@@ -8,7 +8,7 @@ same input gives the same bytes. See ``docs/datasets.md``.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Final, Literal, TypeVar, get_args
 
 import msgspec
@@ -47,12 +47,8 @@ IMAGE_TYPES: Final[tuple[ImageType, ...]] = get_args(ImageType)
 ANNOTATED_TYPES: Final[tuple[ImageType, ...]] = ("instance", "class", "amodal")
 """Types of images for which samples have ``SampleRecord.objects``."""
 Vector3 = tuple[float, float, float]
-Pose = tuple[
-    tuple[float, float, float, float],
-    tuple[float, float, float, float],
-    tuple[float, float, float, float],
-    tuple[float, float, float, float],
-]
+Row = tuple[float, float, float, float]
+Pose = tuple[Row, Row, Row, Row]
 """A rotation and a translation: 4 x 4, row-major."""
 
 
@@ -208,7 +204,7 @@ class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Distance of the near plane along the optical axis in metres."""
     far: float | None
     """Distance of the far plane along the optical axis in metres; None: no far plane."""
-    X_world_camera: tuple[tuple[float, float, float, float], ...]
+    X_world_camera: Pose
     """Pose of the optical frame (+X right, +Y down, +Z forward) in the world (Z up, metres): 4 x 4, row-major."""
     depth_origin: float = 0.0
     """Metres along the optical axis from which depth images count. Not 0 for an orthographic camera, which is
@@ -310,7 +306,7 @@ class FailureRecord(msgspec.Struct, frozen=True):
     reason: str
 
 
-Record = TypeVar("Record", DatasetRecord, SceneRecord, SampleRecord, FailureRecord)
+Record = TypeVar("Record", DatasetRecord, SceneRecord, SampleRecord, FailureRecord, Masks)
 _encoder = msgspec.json.Encoder()
 
 
@@ -346,12 +342,15 @@ def decode(data: bytes, record_type: type[Record], location: str) -> Record:
         raise RecordError(f"{location}: {error}") from None
 
 
-def box_of(mask: NDArray[np.bool_]) -> tuple[int, int, int, int] | None:
-    """Return the box (x, y, width, height) of the pixels of a mask, as in ``ObjectRecord``; None if there are none."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not len(rows):
-        return None
-    return int(columns[0]), int(rows[0]), int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1
+def is_inside(path: str) -> bool:
+    """Return True if a path of a record, relative to the dataset's folder, does not lead out of it."""
+    return not PurePosixPath(path).is_absolute() and ".." not in PurePosixPath(path).parts
+
+
+def pose_rows(X: NDArray[np.float64]) -> Pose:
+    """Return a (4, 4) matrix as rows."""
+    first, second, third, fourth = map(tuple, X.tolist())
+    return first, second, third, fourth
 
 
 def decode_masks(data: bytes, location: str) -> Masks:
@@ -360,10 +359,7 @@ def decode_masks(data: bytes, location: str) -> Masks:
     Raises:
         RecordError: the data is not such a file, or its runs do not fill the image.
     """
-    try:
-        masks = msgspec.json.decode(data, type=Masks)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise RecordError(f"{location}: {error}") from None
+    masks = decode(data, Masks, location)
     pixels = masks.size[0] * masks.size[1]
     for instance, counts in masks.counts.items():
         if sum(counts) != pixels or min(counts, default=0) < 0 or min(masks.size) < 1:

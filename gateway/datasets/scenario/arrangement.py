@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from gateway.assets.scene_file import SceneFileError
 from gateway.datasets.scenario import tables
-from gateway.datasets.scenario.camera_paths import drawn
+from gateway.datasets.scenario.camera_paths import uniform
 from gateway.datasets.scenario.catalogue import Catalogue
-from gateway.datasets.scenario.choices import ObjectChoice, SurfaceChoice, rows_of
-from gateway.datasets.scenario.models import Model, load_model
+from gateway.datasets.scenario.choices import ObjectChoice, SurfaceChoice
+from gateway.datasets.scenario.models import LoadedModel, load_model
 from gateway.datasets.scenario.physics import settle
 from gateway.datasets.scenario.placement import Solid, are_apart, place_on
 from gateway.datasets.scenario.surfaces import solids_of
 from gateway.scene.transforms import translation
+from scenegate.datasets.manifest import pose_rows
 
 DROP_HEIGHTS: Final = 40
 """Maximum number of heights from which the drop of an object is tried."""
@@ -34,7 +35,7 @@ class Candidate:
     table: tables.Model
     choice: ObjectChoice
     """Its pose is the drawn rotation, or the first one of its track."""
-    model: Model
+    model: LoadedModel
 
     @property
     def solid(self) -> Solid:
@@ -63,7 +64,7 @@ class _Placed:
         return self.solid.moved(self.X_world_object)
 
 
-def load(catalogue: Catalogue, table: tables.Model, file: str, notes: list[str]) -> Model | None:
+def load_usable(catalogue: Catalogue, table: tables.Model, file: str, notes: list[str]) -> LoadedModel | None:
     """Return the model in a file; None, and a note, if it cannot be used."""
     folder = catalogue.path.parent
     try:
@@ -100,7 +101,7 @@ class Arrangement:
         if table.position is not None:
             is_fixed = not any(isinstance(each, tuple) for each in table.position)
             for _ in range(1 if is_fixed else placement.tries):
-                X = translation(*(drawn(self.random, each) for each in table.position)) @ rotation
+                X = translation(*(uniform(self.random, each) for each in table.position)) @ rotation
                 moved = solid.moved(X)
                 if all(are_apart(moved, other, placement.gap) for other in others):
                     self._placed.append(_Placed(candidate, solid, X, None))
@@ -165,7 +166,7 @@ class Arrangement:
     def objects(self) -> tuple[ObjectChoice, ...]:
         """Return all objects with their poses."""
         return tuple(
-            msgspec.structs.replace(placed.candidate.choice, X_world_object=rows_of(placed.X_world_object))
+            msgspec.structs.replace(placed.candidate.choice, X_world_object=pose_rows(placed.X_world_object))
             for placed in self._placed
         )
 

@@ -17,7 +17,7 @@ from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import ObjectChoice, SceneChoices
 from gateway.datasets.scenario.materials import material_of, with_material
-from gateway.datasets.scenario.models import Model, load_model, sources_of
+from gateway.datasets.scenario.models import LoadedModel, load_model, sources_of
 from gateway.datasets.scenario.scenery import Scenery, scenery_of
 from gateway.datasets.scenario.surfaces import node_of
 from gateway.datasets.scenario.tables import ScenarioError
@@ -157,7 +157,7 @@ class _Builder:
             X = X @ scaling(choice.scale, choice.scale, choice.scale)
         return Node(None, X, {MODEL_NODE: tree})
 
-    def _tree(self, model: Model, joints: dict[str, tuple[float, ...]], choice: ObjectChoice) -> Node:
+    def _tree(self, model: LoadedModel, joints: dict[str, tuple[float, ...]], choice: ObjectChoice) -> Node:
         """Return the tree of a model with its drawn material."""
         try:
             tree = model.tree(joints)

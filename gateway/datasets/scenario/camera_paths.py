@@ -8,9 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.datasets.scenario.choices import CameraChoice, rows_of
+from gateway.datasets.scenario.choices import CameraChoice
 from gateway.datasets.scenario.tables import Fixed, FrameRange, Handheld, Shell
 from gateway.scene.transforms import look_at
+from scenegate.datasets.manifest import pose_rows
 from scenegate.transforms import Matrix
 
 Range = float | tuple[float, ...]
@@ -21,8 +22,8 @@ _TRIES: Final = 100
 _SHAKE_HERTZ: Final = (1.1, 2.3, 4.7)
 
 
-def drawn(random: np.random.Generator, values: Range) -> float:
-    """Return a number of a range."""
+def uniform(random: np.random.Generator, values: Range) -> float:
+    """Return a number that is drawn uniformly from a range."""
     if not isinstance(values, tuple):
         return float(values)
     low, high = values
@@ -35,23 +36,21 @@ def draw_cameras(
     """Return the cameras of a table of the scenario.
 
     Args:
-        camera: the table.
         boxes: (N, 2, 3) boxes of the objects in the world, metres.
         frames: frames of the scene; None if it does not move.
-        random: source of random numbers.
     """
     if isinstance(camera, Fixed):
         pose = look_at(camera.eye, camera.target, camera.up)
-        return [CameraChoice(fovy=drawn(random, camera.fovy), X_world_camera=(rows_of(pose),))]
+        return [CameraChoice(fovy=uniform(random, camera.fovy), X_world_camera=(pose_rows(pose),))]
     choices = []
     for _ in range(camera.count):
-        fovy = drawn(random, camera.fovy)
+        fovy = uniform(random, camera.fovy)
         if isinstance(camera, Handheld):
             poses = _path(camera, boxes, fovy, frames or DEFAULT_FRAMES, random)
         else:
-            place, roll = _draw_place(camera, boxes, fovy, random), drawn(random, camera.roll)
+            place, roll = _draw_place(camera, boxes, fovy, random), uniform(random, camera.roll)
             poses = [_pose(place, roll)]
-        choices.append(CameraChoice(fovy=fovy, X_world_camera=tuple(map(rows_of, poses))))
+        choices.append(CameraChoice(fovy=fovy, X_world_camera=tuple(map(pose_rows, poses))))
     return choices
 
 
@@ -71,8 +70,10 @@ def _draw_place(
             target = boxes[int(random.integers(len(boxes)))].mean(axis=0)
         else:
             target = np.array(camera.look_at)
-        distance = fitted * drawn(random, camera.margin) if camera.distance is None else drawn(random, camera.distance)
-        place = np.array((distance, drawn(random, camera.elevation), drawn(random, camera.azimuth), *target))
+        distance = (
+            fitted * uniform(random, camera.margin) if camera.distance is None else uniform(random, camera.distance)
+        )
+        place = np.array((distance, uniform(random, camera.elevation), uniform(random, camera.azimuth), *target))
         eye = _eye(place)
         if not ((boxes[:, 0] - CLEARANCE < eye) & (eye < boxes[:, 1] + CLEARANCE)).all(axis=1).any():
             break
@@ -99,23 +100,22 @@ def _path(
     """Return a pose for each frame: a Catmull-Rom curve through the drawn places, and the shaking of a hand."""
     places = np.array([_draw_place(camera, boxes, fovy, random) for _ in range(camera.waypoints)])
     places[1:, 2] = places[0, 2] + camera.sweep * (random.random(camera.waypoints - 1) - 0.5)
-    rolls = [drawn(random, camera.roll) for _ in places]
+    rolls = [uniform(random, camera.roll) for _ in places]
     knots = np.column_stack((places, rolls))
     knots = np.concatenate((knots[:1], knots, knots[-1:]))
-    phases = math.tau * random.random((len(_SHAKE_HERTZ), 6))
+    phases = math.tau * random.random((len(_SHAKE_HERTZ), 1, 6))
+    seconds = np.arange(frames.count) / frames.rate
+    angles = math.tau * np.multiply.outer(_SHAKE_HERTZ, seconds)[..., None] + phases
+    shakes = camera.shake * np.tensordot(1.0 / np.arange(1, len(_SHAKE_HERTZ) + 1), np.sin(angles), 1)
     poses = []
-    for frame in range(frames.count):
+    for frame, shake in enumerate(shakes):
         position = (camera.waypoints - 1) * frame / max(frames.count - 1, 1)
         first = min(int(position), camera.waypoints - 2)
         t = position - first
         a, b, c, d = knots[first : first + 4]
         place = 0.5 * (2 * b + (c - a) * t + (2 * a - 5 * b + 4 * c - d) * t**2 + (3 * b - a - 3 * c + d) * t**3)
-        waves = [
-            np.sin(math.tau * hertz * frame / frames.rate + phase) / (index + 1)
-            for index, (hertz, phase) in enumerate(zip(_SHAKE_HERTZ, phases, strict=True))
-        ]
-        shake = camera.shake * np.sum(waves, axis=0)
-        pose = _pose(np.concatenate((place[:3], place[3:6] + shake[:3])), float(place[6]))
+        place[3:6] += shake[:3]
+        pose = _pose(place[:6], float(place[6]))
         pose[:3, 3] += shake[3:]
         poses.append(pose)
     return poses

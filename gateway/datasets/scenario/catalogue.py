@@ -96,15 +96,15 @@ class Catalogue:
         With the same digest, and the same content of files, a number means the same scene.
         """
         scenario = self.scenario
-        lists = [*self.models.values()]
         materials = [scenario.materials, *(surface.material for surface in scenario.surfaces)]
-        lists += [self.files(m.textures, IMAGE_SUFFIXES, "textures") for m in materials if m is not None and m.textures]
-        lights, background = scenario.lights, scenario.backgrounds.images
-        for pattern, suffixes in ((lights.rigs, RIG_SUFFIXES), (lights.environments, (".hdr",))):
-            lists += [self.files(pattern, suffixes, "lights")] if pattern else []
-        lists += [self.files(background, IMAGE_SUFFIXES, "backgrounds.images")] if background else []
-        tracks = [m.joint_track or m.pose_track for m in (*scenario.models, *scenario.distractors)]
-        lists += [self.files(track, (".csv",), "track") for track in tracks if track]
+        patterns = [
+            *((each.textures, IMAGE_SUFFIXES, "textures") for each in materials if each is not None),
+            (scenario.lights.rigs, RIG_SUFFIXES, "lights"),
+            (scenario.lights.environments, (".hdr",), "lights"),
+            (scenario.backgrounds.images, IMAGE_SUFFIXES, "backgrounds.images"),
+            *((m.joint_track or m.pose_track, (".csv",), "track") for m in (*scenario.models, *scenario.distractors)),
+        ]
+        lists = [*self.models.values(), *(self.files(*each) for each in patterns if each[0])]
         text = msgspec.json.encode([msgspec.structs.replace(scenario, scenes=1), lists])
         return hashlib.sha256(text).hexdigest()
 

@@ -6,13 +6,8 @@ Files are named as in the scenario: relative to its folder, unless the scenario 
 from __future__ import annotations
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
-Row = tuple[float, float, float, float]
-Rows = tuple[Row, Row, Row, Row]
-"""4 x 4, row-major."""
-Vector = tuple[float, float, float]
+from scenegate.datasets.manifest import Pose, Vector3
 
 
 class Choice(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -22,7 +17,7 @@ class Choice(msgspec.Struct, frozen=True, omit_defaults=True):
 class MaterialChoice(Choice, frozen=True, kw_only=True):
     texture: str = ""
     texture_size: float
-    color: Vector
+    color: Vector3
     """sRGB."""
     metallic: float
     roughness: float
@@ -31,7 +26,7 @@ class MaterialChoice(Choice, frozen=True, kw_only=True):
 class SurfaceChoice(Choice, frozen=True, kw_only=True):
     kind: str
     size: tuple[float, float]
-    X_world_surface: Rows
+    X_world_surface: Pose
     """Pose of the centre of its upper side, +Z up."""
     material: MaterialChoice
 
@@ -44,7 +39,7 @@ class ObjectChoice(Choice, frozen=True, kw_only=True):
     """Name of the model, the same in all scenes."""
     name: str
     """Name of the object, unique in the scene."""
-    X_world_object: Rows
+    X_world_object: Pose
     """Rigid pose of the model's frame."""
     scale: float = 1.0
     joints: dict[str, tuple[float, ...]] = {}
@@ -54,15 +49,15 @@ class ObjectChoice(Choice, frozen=True, kw_only=True):
 
 class CameraChoice(Choice, frozen=True, kw_only=True):
     fovy: float
-    X_world_camera: tuple[Rows, ...]
+    X_world_camera: tuple[Pose, ...]
     """Pose of the optical frame in each frame; a single one for all of them."""
 
 
 class LampChoice(Choice, frozen=True, kw_only=True):
-    direction: Vector
+    direction: Vector3
     """Unit vector in which it shines."""
     intensity: float
-    color: Vector
+    color: Vector3
 
 
 class LightChoice(Choice, frozen=True, kw_only=True):
@@ -98,9 +93,3 @@ class SceneChoices(Choice, frozen=True, kw_only=True):
     sensor: SensorChoice | None = None
     notes: tuple[str, ...] = ()
     """Sentences about objects that found no place."""
-
-
-def rows_of(X: NDArray[np.float64]) -> Rows:
-    """Return a 4 x 4 matrix as rows."""
-    a, b, c, d = (tuple(row) for row in X.tolist())
-    return a, b, c, d

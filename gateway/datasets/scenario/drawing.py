@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from gateway.datasets.scenario import tables
-from gateway.datasets.scenario.arrangement import Arrangement, Candidate, load
-from gateway.datasets.scenario.camera_paths import Range, draw_cameras, drawn
+from gateway.datasets.scenario.arrangement import Arrangement, Candidate, load_usable
+from gateway.datasets.scenario.camera_paths import Range, draw_cameras, uniform
 from gateway.datasets.scenario.catalogue import IMAGE_SUFFIXES, RIG_SUFFIXES, Catalogue
 from gateway.datasets.scenario.choices import (
     BackgroundChoice,
@@ -20,14 +20,13 @@ from gateway.datasets.scenario.choices import (
     SceneChoices,
     SensorChoice,
     SurfaceChoice,
-    Vector,
-    rows_of,
 )
-from gateway.datasets.scenario.models import Model
+from gateway.datasets.scenario.models import LoadedModel
 from gateway.datasets.scenario.placement import rotation_of
 from gateway.datasets.scenario.scenery import lamp_direction
 from gateway.datasets.scenario.tracks import read_track
 from gateway.scene.transforms import translation
+from scenegate.datasets.manifest import Vector3, pose_rows
 
 _STREAMS: Final = ("surfaces", "models", "distractors", "places", "cameras", "lights", "background", "sensor")
 """Sources of random numbers, each with a sequence of its own: more lights do not move the cameras."""
@@ -42,9 +41,9 @@ def draw_choices(catalogue: Catalogue, number: int) -> SceneChoices:
     return _Drawing(catalogue, number).choices()
 
 
-def _color(random: np.random.Generator, colors: Sequence[Vector]) -> Vector:
+def _color(random: np.random.Generator, colors: Sequence[Vector3]) -> Vector3:
     """Return a colour between the first and the last one."""
-    red, green, blue = (drawn(random, channel) for channel in zip(colors[0], colors[-1], strict=True))
+    red, green, blue = (uniform(random, channel) for channel in zip(colors[0], colors[-1], strict=True))
     return red, green, blue
 
 
@@ -109,16 +108,16 @@ class _Drawing:
             texture=self._file(random, table.textures, IMAGE_SUFFIXES, f"{key}.textures"),
             texture_size=table.texture_size,
             color=_color(random, table.color),
-            metallic=drawn(random, table.metallic),
-            roughness=drawn(random, table.roughness),
+            metallic=uniform(random, table.metallic),
+            roughness=uniform(random, table.roughness),
         )
 
     def _surface(self, index: int, table: tables.Surface) -> SurfaceChoice:
         random = self._random("surfaces", index)
-        x, y = (drawn(random, each) for each in table.position)
-        X = translation(x, y, drawn(random, table.height)) @ rotation_of(0.0, 0.0, drawn(random, table.turn))
+        x, y = (uniform(random, each) for each in table.position)
+        X = translation(x, y, uniform(random, table.height)) @ rotation_of(0.0, 0.0, uniform(random, table.turn))
         material = self._material(random, table.material, f"surfaces[{index}].material")
-        return SurfaceChoice(kind=table.kind, size=table.size, X_world_surface=rows_of(X), material=material)
+        return SurfaceChoice(kind=table.kind, size=table.size, X_world_surface=pose_rows(X), material=material)
 
     def _objects(self, kind: str, index: int, table: tables.Model, notes: list[str]) -> list[Candidate]:
         """Return the objects of a table of models, without their places."""
@@ -127,9 +126,9 @@ class _Drawing:
         candidates = []
         for k in range(_count(random, table.count)):
             file = files[int(random.integers(len(files)))]
-            model = load(self._catalogue, table, file, notes)
-            scale = drawn(random, table.scale)
-            roll, pitch, yaw = (drawn(random, each) for each in table.rotation)
+            model = load_usable(self._catalogue, table, file, notes)
+            scale = uniform(random, table.scale)
+            roll, pitch, yaw = (uniform(random, each) for each in table.rotation)
             material = None
             if materials is not None and random.random() < materials.share:
                 material = self._material(random, materials, "materials")
@@ -145,7 +144,7 @@ class _Drawing:
                 file=file,
                 model=name,
                 name=f"{name} {kind[0]}{index}.{k}",
-                X_world_object=rows_of(X),
+                X_world_object=pose_rows(X),
                 scale=scale,
                 joints=_joints(random, table, model),
                 material=material,
@@ -157,14 +156,14 @@ class _Drawing:
         random = self._random("lights")
         lamps = []
         for lamp in table.lamps:
-            direction = lamp_direction(drawn(random, lamp.azimuth), drawn(random, lamp.elevation))
-            intensity = drawn(random, lamp.intensity)
+            direction = lamp_direction(uniform(random, lamp.azimuth), uniform(random, lamp.elevation))
+            intensity = uniform(random, lamp.intensity)
             lamps.append(LampChoice(direction=direction, intensity=intensity, color=_color(random, lamp.color)))
         return LightChoice(
             rig=self._file(random, table.rigs, RIG_SUFFIXES, "lights.rigs"),
             environment=self._file(random, table.environments, (".hdr",), "lights.environments"),
-            turn=float(np.radians(drawn(random, table.turn))),
-            intensity=drawn(random, table.intensity),
+            turn=float(np.radians(uniform(random, table.turn))),
+            intensity=uniform(random, table.intensity),
             lamps=tuple(lamps),
         )
 
@@ -181,19 +180,19 @@ class _Drawing:
     def _sensor(self, table: tables.Sensor) -> SensorChoice:
         random = self._random("sensor")
         return SensorChoice(
-            blur=drawn(random, table.blur),
+            blur=uniform(random, table.blur),
             vignetting=table.vignetting,
-            exposure=drawn(random, table.exposure),
-            gain=drawn(random, table.gain),
+            exposure=uniform(random, table.exposure),
+            gain=uniform(random, table.gain),
         )
 
 
-def _joints(random: np.random.Generator, table: tables.Model, model: Model) -> dict[str, tuple[float, ...]]:
+def _joints(random: np.random.Generator, table: tables.Model, model: LoadedModel) -> dict[str, tuple[float, ...]]:
     """Return drawn joint values: of the table's ranges, or between the limits of the robot's file."""
     if isinstance(table.joints, dict):
-        return {name: (drawn(random, values),) for name, values in table.joints.items()}
+        return {name: (uniform(random, values),) for name, values in table.joints.items()}
     ranges: dict[str, Range] = {}
     for name, joint in ({} if model.robot is None else model.robot.joints).items():
         if joint.mimic is None and joint.kind in ("revolute", "prismatic"):
             ranges[name] = joint.limits or ((-np.pi, np.pi) if joint.kind == "revolute" else joint.default[0])
-    return {name: (drawn(random, values),) for name, values in ranges.items()}
+    return {name: (uniform(random, values),) for name, values in ranges.items()}

@@ -60,7 +60,6 @@ def with_material(root: Node, material: Material | None, texture_size: float | N
     """Return a tree with another material on all triangles.
 
     Args:
-        root: root of the tree.
         material: the material; None: those of the tree, so that equal models have equal meshes.
         texture_size: side of a texture in metres: meshes without texture coordinates get some. None: they stay.
         scale: scale of the tree in the world.
@@ -91,10 +90,7 @@ def _textured(part: Part, material: Material | None, texture_size: float | None)
 def _box_mapped(mesh: Mesh, scale: tuple[float, ...], texture_size: float) -> Mesh:
     """Return a mesh with texture coordinates: each triangle sees the texture along the axis that it faces most.
 
-    Args:
-        mesh: triangles.
-        scale: scale of the mesh along its axes in the node, metres.
-        texture_size: side of the texture, metres.
+    ``scale`` is that of the mesh along its axes, and ``texture_size`` the side of the texture in metres.
     """
     key = (mesh, scale, texture_size)
     mapped = _mapped.get(key)
@@ -105,16 +101,10 @@ def _box_mapped(mesh: Mesh, scale: tuple[float, ...], texture_size: float) -> Me
         # The two axes of the texture for triangles that face x, y and z.
         axes = np.array(((1, 2), (0, 2), (0, 1)))[np.abs(normals).argmax(axis=1)]
         uv = np.take_along_axis(points, np.repeat(axes[:, None, :], 3, axis=1), axis=2).reshape(-1, 2) / texture_size
-        if mesh.normals is None:
-            lengths = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-            flat = normals / lengths / np.array(scale, np.float32)
-            vertex_normals = np.repeat(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-30), 3, axis=0)
-        else:
-            vertex_normals = mesh.normals[vertices]
         mapped = Mesh(
             np.ascontiguousarray(mesh.positions[vertices]),
             np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3),
-            normals=np.ascontiguousarray(vertex_normals, np.float32),
+            normals=None if mesh.normals is None else np.ascontiguousarray(mesh.normals[vertices]),
             uv0=np.ascontiguousarray(uv * (1.0, -1.0), np.float32),
             colors=None if mesh.colors is None else np.ascontiguousarray(mesh.colors[vertices]),
         )

@@ -33,7 +33,7 @@ Points = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class LoadedModel:
     """A model as its file has it."""
 
     root: Node
@@ -68,14 +68,13 @@ class Model:
 
 
 _points: Final[WeakCache[Mesh, Points]] = WeakCache("scenario_points")
-_models: Final[Cache[tuple[object, ...], Model]] = Cache("scenario_models")
+_models: Final[Cache[tuple[object, ...], LoadedModel]] = Cache("scenario_models")
 
 
-def load_model(path: Path, up: Up, roots: tuple[Path, ...], animation: AnimationTime | None = None) -> Model:
+def load_model(path: Path, up: Up, roots: tuple[Path, ...], animation: AnimationTime | None = None) -> LoadedModel:
     """Load a model, or return it from the cache if its file has not changed.
 
     Args:
-        path: the file.
         up: up axis of a glTF file.
         roots: folders with the packages of a robot file.
         animation: animation of a glTF file, and its time.
@@ -93,13 +92,13 @@ def load_model(path: Path, up: Up, roots: tuple[Path, ...], animation: Animation
     return model
 
 
-def _load(path: Path, up: Up, roots: tuple[Path, ...], animation: AnimationTime | None) -> Model:
+def _load(path: Path, up: Up, roots: tuple[Path, ...], animation: AnimationTime | None) -> LoadedModel:
     if path.suffix.lower() not in ROBOT_SUFFIXES:
         scene = read_scene(path, SceneOptions(up=up, animation=animation))
-        return Model(scene.root, None, scene.warnings, scene.digests)
+        return LoadedModel(scene.root, None, scene.warnings, scene.digests)
     try:
         robot = read_robot(path, roots=roots)
-        return Model(robot.tree({}), robot, robot.warnings, robot.digests)
+        return LoadedModel(robot.tree({}), robot, robot.warnings, robot.digests)
     except (RobotFileError, ImportError) as error:
         raise SceneFileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
@@ -125,7 +124,7 @@ def _points_of(mesh: Mesh) -> Points:
     return points
 
 
-def sources_of(file: str, model: Model) -> dict[str, str]:
+def sources_of(file: str, model: LoadedModel) -> dict[str, str]:
     """Return the digests of a model's files, by path relative to the scenario's folder."""
     folder = os.path.dirname(file)  # noqa: PTH120 - a name of the scenario, not a path here
     return {posixpath.normpath(posixpath.join(folder, name)): digest for name, digest in model.digests.items()}

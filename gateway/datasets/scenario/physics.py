@@ -39,7 +39,6 @@ def settle(
     Args:
         objects: each object in its own frame, scaled, and its first pose, (4, 4).
         obstacles: what does not move, in the world.
-        seconds: maximum simulated time.
 
     Raises:
         ScenarioError: the package is not installed, or cannot simulate the objects.

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gateway.datasets.scenario.models import Points
 from renderers.stop import check_stop
+from scenegate.datasets.boxes import box_corners
 
 _ITERATIONS: Final = 100
 """Maximum number of steps for a pair of bodies. Pairs that are a tenth of their size apart need fewer than 10."""
@@ -38,16 +39,15 @@ class Solid:
         """Lowest and highest corner of all bodies, (2, 3) float64, metres."""
         return np.array((self.boxes[:, 0].min(axis=0), self.boxes[:, 1].max(axis=0)))
 
-    def moved(self, X: NDArray[np.float64], scale: float = 1.0) -> Solid:
-        """Return the solid scaled, and then moved by a rigid transform."""
-        linear = scale * X[:3, :3]
-        return Solid(tuple(body @ linear.T + X[:3, 3] for body in self.bodies))
+    def moved(self, X: NDArray[np.float64]) -> Solid:
+        """Return the solid moved by a rigid transform."""
+        return Solid(tuple(body @ X[:3, :3].T + X[:3, 3] for body in self.bodies))
 
 
 def box_solid(X_world_box: NDArray[np.float64], size: tuple[float, float, float]) -> Solid:
     """Return a box with its centre at the origin of its frame."""
-    corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    return Solid((corners * size,)).moved(X_world_box)
+    half = 0.5 * np.array(size)
+    return Solid((box_corners((-half, half)),)).moved(X_world_box)
 
 
 def are_apart(a: Solid, b: Solid, gap: float) -> bool:
@@ -114,9 +114,6 @@ def place_on(
         X_world_surface: (4, 4), the centre of the surface.
         area: size of the rectangle in which the object must lie, metres.
         others: objects and surfaces that it must not touch. The surface itself is not among them.
-        gap: minimum distance from the others, metres.
-        tries: number of places to try.
-        random: source of random numbers.
     """
     X_surface_object = np.linalg.inv(X_world_surface) @ rotation
     X_surface_object[:3, 3] = 0.0

@@ -1,4 +1,4 @@
-"""What surrounds the objects in colour images: lights, background and the camera's sensor."""
+"""Lights, background and camera sensor of colour images."""
 
 from __future__ import annotations
 
@@ -60,10 +60,6 @@ class Scenery:
 
         Args:
             color: image of the scene in the look ``self.look(…)``.
-            scene: the scene.
-            camera: its camera.
-            renderer: renders the scene.
-            look: look of the image.
         """
         if self.image is not None:
             white = renderer.render(scene, camera, Output.COLOR, replace(look, background=(255, 255, 255))).color
@@ -111,7 +107,8 @@ def _rig_of(light: LightChoice, folder: Path) -> Rig:
     rig = _read_rig(folder / light.rig) if light.rig else STUDIO
     surroundings = rig.surroundings
     if light.environment:
-        surroundings = Surroundings(image=_read_image_bytes(folder / light.environment))
+        environment = _read_rig(folder / light.environment).surroundings  # a .hdr file is a rig of its surroundings
+        surroundings = Surroundings(image=None if environment is None else environment.image)
     if surroundings is not None:
         surroundings = replace(surroundings, turn=surroundings.turn + light.turn)
     lamps = tuple(
@@ -129,11 +126,6 @@ def _rig_of(light: LightChoice, folder: Path) -> Rig:
 @lru_cache(_CACHED_RIGS)
 def _read_rig(path: Path) -> Rig:
     return read_rig(path)
-
-
-def _read_image_bytes(path: Path) -> bytes | None:
-    surroundings = _read_rig(path).surroundings
-    return None if surroundings is None else surroundings.image
 
 
 def lamp_direction(azimuth: float, elevation: float) -> tuple[float, float, float]:

@@ -24,7 +24,7 @@ LEG: Final = 0.05
 
 
 def boxes_of(surface: SurfaceChoice) -> list[Placed]:
-    """Return the boxes of a surface in its frame. A table stands at the height 0 of the world, or is a shelf below."""
+    """Return the boxes of a surface in its frame. A table stands on z = 0; without room for legs it is a shelf."""
     x, y = surface.size
     if surface.kind == "floor":
         return [(translation(0.0, 0.0, -0.5 * FLOOR_THICKNESS), (x, y, FLOOR_THICKNESS))]

@@ -104,11 +104,11 @@ class Surface(Table, frozen=True):
     size: tuple[Length, Length] = (4.0, 4.0)
     """Along its x and y axes."""
     position: tuple[MetresRange, MetresRange] = (0.0, 0.0)
-    """Of its centre."""
+    """Coordinates of its centre, metres."""
     height: MetresRange = 0.0
-    """Of its upper side."""
+    """Height of its upper side, metres."""
     turn: DegreesRange = 0.0
-    """About its centre."""
+    """Rotation about its centre, degrees."""
     area: tuple[Length, Length] | None = None
     """Size of the part in the middle where objects are placed; None: all of it."""
     material: Materials = Materials()
@@ -167,7 +167,7 @@ class Lamp(Table, frozen=True):
     """A directional light with shadows."""
 
     azimuth: DegreesRange = (-180.0, 180.0)
-    """Of the direction from which it shines."""
+    """Azimuth of the place from which it shines, degrees."""
     elevation: ElevationRange = (30.0, 80.0)
     intensity: _Intensity | Annotated[tuple[_Intensity, ...], _PAIR] = 2.3
     color: ColorRange = ((1.0, 1.0, 1.0),)
@@ -189,7 +189,7 @@ class Lights(Table, frozen=True):
 
 
 class Backgrounds(Table, frozen=True):
-    """What is seen behind the scene."""
+    """Image or colour behind the scene."""
 
     images: str = ""
     """Images: a file, a folder or a pattern. Empty: a colour."""
@@ -206,7 +206,7 @@ class Sensor(Table, frozen=True):
     exposure: FactorRange = 1.0
     """Factor of the light."""
     gain: _Gain | Annotated[tuple[_Gain, ...], _PAIR] = 0.0
-    """Of the noise, dB; the brightness stays."""
+    """Gain of the noise, dB; the brightness stays."""
 
 
 class FrameRange(Table, frozen=True):

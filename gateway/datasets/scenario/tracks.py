@@ -40,20 +40,18 @@ class Track:
     def pose_at(self, seconds: float) -> Matrix:
         """Return the pose at a time, (4, 4), of a track with ``POSE_COLUMNS``."""
         columns = self.values[:, [self.names.index(name) for name in POSE_COLUMNS]]
-        x, y, z = (float(np.interp(seconds, self.times, column)) for column in columns[:, :3].T)
-        last = int(np.clip(np.searchsorted(self.times, seconds), 1, max(len(self.times) - 1, 1)))
-        rows = columns[[last - 1, min(last, len(columns) - 1)], 3:]
-        begin, end = (row / np.linalg.norm(row) for row in rows)
-        times = self.times[[last - 1, min(last, len(columns) - 1)]]
-        t = float(np.clip((seconds - times[0]) / max(float(times[1] - times[0]), 1e-12), 0.0, 1.0))
-        return from_pose((x, y, z), tuple(slerp(begin, end, t).tolist()))
+        row = float(np.interp(seconds, self.times, np.arange(len(columns))))
+        t = row - int(row)
+        begin, end = columns[int(row)], columns[min(int(row) + 1, len(columns) - 1)]
+        position = (1.0 - t) * begin[:3] + t * end[:3]
+        q_begin, q_end = (q / np.linalg.norm(q) for q in (begin[3:], end[3:]))
+        return from_pose(position.tolist(), slerp(q_begin, q_end, t).tolist())
 
 
 def read_track(path: Path, *, poses: bool) -> Track:
     """Read a track, or return it from the cache if its file has not changed.
 
     Args:
-        path: the file.
         poses: the columns must be ``POSE_COLUMNS``.
 
     Raises:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
 from importlib.resources import files
 from typing import Annotated, Final, Literal
 
-from fastapi import FastAPI, Path, Query, Request, Response
+from fastapi import Depends, FastAPI, Path, Query, Request, Response
 from fastapi.responses import HTMLResponse, PlainTextResponse
 
-from gateway.datasets.show.overlay import LAYERS, Layer, draw_sample
-from gateway.datasets.show.page import PAGE_SAMPLES, View, grid_page, sample_page
+from gateway.datasets.show.overlay import LAYERS, draw_sample
+from gateway.datasets.show.page import PAGE_SAMPLES, Selection, grid_page, sample_page
 from gateway.datasets.show.summary import summarize
 from gateway.server.access import SecurityHeaders, TrustedHosts
 from gateway.server.middleware import TargetLimit
@@ -31,10 +32,18 @@ CONTENT_SECURITY_POLICY: Final = (
 STATIC: Final = {"show.css": "text/css", "show.js": "text/javascript"}
 """Content types of the files of the page."""
 
-Layers = Annotated[list[Literal["masks", "boxes", "poses", "none"]] | None, Query(max_length=8)]
-ClassId = Annotated[int | None, Query(alias="class")]
-PageNumber = Annotated[int, Query(ge=0)]
 SampleNumber = Annotated[int, Path(ge=0)]
+
+
+async def _selection(
+    layer: Annotated[list[Literal["masks", "boxes", "poses", "none"]] | None, Query(max_length=8)] = None,
+    image: ImageType = "color",
+    class_id: Annotated[int | None, Query(alias="class")] = None,
+    page: Annotated[int, Query(ge=0)] = 0,
+) -> Selection:
+    """Return what an address selects. Without a layer these are all; a form always sends ``none``, too."""
+    layers = LAYERS if layer is None else tuple(name for name in LAYERS if name in layer)
+    return Selection(layers, image, class_id, page)
 
 
 def create_app(dataset: Dataset) -> FastAPI:
@@ -66,29 +75,20 @@ def create_app(dataset: Dataset) -> FastAPI:
         return PlainTextResponse(f"the dataset has {len(dataset)} samples", 404)
 
     @app.get("/")
-    async def grid(
-        layer: Layers = None, image: ImageType = "color", class_id: ClassId = None, page: PageNumber = 0
-    ) -> Response:
-        page = min(page, len(dataset) // PAGE_SAMPLES)
-        return await html(lambda: grid_page(dataset, summary, View(_layers(layer), image, class_id, page)))
+    async def grid(selection: Annotated[Selection, Depends(_selection)]) -> Response:
+        page = min(selection.page, len(dataset) // PAGE_SAMPLES)
+        return await html(lambda: grid_page(dataset, summary, replace(selection, page=page)))
 
     @app.get("/sample/{number}")
-    async def sample(
-        number: SampleNumber,
-        layer: Layers = None,
-        image: ImageType = "color",
-        class_id: ClassId = None,
-        page: PageNumber = 0,
-    ) -> Response:
-        return await html(lambda: sample_page(dataset, number, View(_layers(layer), image, class_id, page)))
+    async def sample(number: SampleNumber, selection: Annotated[Selection, Depends(_selection)]) -> Response:
+        return await html(lambda: sample_page(dataset, number, selection))
 
     @app.get("/image/{number}")
     async def drawn(
         request: Request,
         number: SampleNumber,
         width: Annotated[int, Query(ge=16, le=MAX_WIDTH)],
-        layer: Layers = None,
-        image: ImageType = "color",
+        selection: Annotated[Selection, Depends(_selection)],
     ) -> Response:
         sample = dataset[number]
         version = hashlib.sha256(manifest.encode(sample.record)).hexdigest()[:16]
@@ -96,7 +96,7 @@ def create_app(dataset: Dataset) -> FastAPI:
         if request.headers.get("if-none-match") == headers["ETag"]:
             return Response(status_code=304, headers=headers)
         async with drawing:
-            picture = await asyncio.to_thread(draw_sample, sample, classes, _layers(layer), width, image)
+            picture = await asyncio.to_thread(draw_sample, sample, classes, selection.layers, width, selection.image)
         data = io.BytesIO()
         picture.save(data, "JPEG", quality=JPEG_QUALITY)
         return Response(data.getvalue(), media_type="image/jpeg", headers=headers)
@@ -109,8 +109,3 @@ def create_app(dataset: Dataset) -> FastAPI:
         return Response(text, media_type=STATIC[name], headers={"Cache-Control": "no-cache"})
 
     return app
-
-
-def _layers(chosen: Sequence[str] | None) -> tuple[Layer, ...]:
-    """Return the layers that an address names; all, if it has no choice. A form sends ``none``, too."""
-    return LAYERS if chosen is None else tuple(layer for layer in LAYERS if layer in chosen)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import colorsys
 from collections.abc import Collection
-from itertools import combinations, product
 from typing import Final, Literal, get_args
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from scenegate.datasets import NO_LABEL, Sample
+from scenegate.datasets.boxes import EDGES, box_corners
 from scenegate.datasets.manifest import ImageType, ObjectRecord
 
 Layer = Literal["masks", "boxes", "poses"]
@@ -39,8 +39,6 @@ NEAREST: Final = 1e-3
 """Metres along the optical axis at which lines are cut off."""
 _GOLDEN_ANGLE: Final = 0.381966
 """Turn between the hues of two successive classes, so that any number of them differ."""
-_CORNERS: Final = np.array(list(product((0, 1), repeat=3)))
-_EDGES: Final = [(i, k) for i, k in combinations(range(8), 2) if np.abs(_CORNERS[i] - _CORNERS[k]).sum() == 1]
 
 
 def class_color(class_id: int) -> Color:
@@ -55,9 +53,7 @@ def draw_sample(
     """Return an image of a sample in RGB.
 
     Args:
-        sample: the sample.
         classes: names of the classes by their number.
-        layers: what is drawn over the image.
         width: width of the result in pixels.
         image_type: one of ``SHOWN_TYPES``; if the sample lacks it, its first image is drawn.
 
@@ -152,8 +148,8 @@ def _draw_pose(draw: ImageDraw.ImageDraw, sample: Sample, record: ObjectRecord, 
     """Draw the 3D box of an object, and the axes of its frame."""
     low, high = np.array(record.box_3d)
     X = np.array(record.X_camera_object)
-    corners = (low + _CORNERS * (high - low)) @ X[:3, :3].T + X[:3, 3]
-    for i, k in _EDGES:
+    corners = box_corners(record.box_3d) @ X[:3, :3].T + X[:3, 3]
+    for i, k in EDGES:
         _draw_line(draw, sample.K * scale, corners[i], corners[k], class_color(record.class_id), 1.0)
     length = AXIS_LENGTH * float(np.cbrt(np.prod(np.maximum(high - low, 1e-3 * (high - low).max()))))
     for axis, color in enumerate(AXIS_COLORS):

@@ -25,8 +25,8 @@ BAR_HEIGHT: Final = 60
 
 
 @dataclass(frozen=True, slots=True)
-class View:
-    """What the address of a page selects."""
+class Selection:
+    """Layers, image and samples that an address selects."""
 
     layers: tuple[Layer, ...]
     image: ImageType
@@ -43,41 +43,41 @@ class View:
         return "?" + urlencode(chosen, doseq=True)
 
 
-def grid_page(dataset: Dataset, summary: Summary, view: View) -> str:
-    """Return the page with the samples that the view selects, and the distributions of all objects."""
-    numbers = summary.samples if view.class_id is None else summary.samples_by_class.get(view.class_id, ())
-    begin = view.page * PAGE_SAMPLES
+def grid_page(dataset: Dataset, summary: Summary, selection: Selection) -> str:
+    """Return the page with the selected samples, and the distributions of all objects."""
+    numbers = summary.samples if selection.class_id is None else summary.samples_by_class.get(selection.class_id, ())
+    begin = selection.page * PAGE_SAMPLES
     cells = (
-        f'<a class="cell" href="sample/{number}{escape(view.query())}">{_image(number, view, THUMBNAIL_WIDTH)}'
-        f"<span>{escape(dataset[number].id)}</span></a>"
+        f'<a class="cell" href="sample/{number}{escape(selection.query())}">'
+        f"{_image(number, selection, THUMBNAIL_WIDTH)}<span>{escape(dataset[number].id)}</span></a>"
         for number in numbers[begin : begin + PAGE_SAMPLES]
     )
     partial = f" ({len(summary.samples)} chosen at random)" if len(summary.samples) < len(dataset) else ""
     objects = sum(summary.objects_by_class.values())
     count = f"{len(numbers)} of {len(dataset)} samples{partial}, {objects} objects in all"
     pages = -(-len(numbers) // PAGE_SAMPLES)
-    links = _page_link(view, -1, "Previous", pages) + f"<span>{view.page + 1} / {max(pages, 1)}</span>"
-    links += _page_link(view, 1, "Next", pages)
+    links = _page_link(selection, -1, "Previous", pages) + f"<span>{selection.page + 1} / {max(pages, 1)}</span>"
+    links += _page_link(selection, 1, "Next", pages)
     body = (
-        f"<header><h1>{escape(dataset.folder.absolute().name)}</h1><p>{count}</p>{_form(dataset, view)}</header>"
-        f"<section>{_classes(dataset, summary, view)}{''.join(map(_histogram, summary.histograms))}</section>"
+        f"<header><h1>{escape(dataset.folder.absolute().name)}</h1><p>{count}</p>{_form(dataset, selection)}</header>"
+        f"<section>{_classes(dataset, summary, selection)}{''.join(map(_histogram, summary.histograms))}</section>"
         f"<main>{''.join(cells) or '<p>No sample has an object of this class.</p>'}</main><nav>{links}</nav>"
     )
     return _document(dataset.folder.absolute().name, body, "")
 
 
-def sample_page(dataset: Dataset, number: int, view: View) -> str:
+def sample_page(dataset: Dataset, number: int, selection: Selection) -> str:
     """Return the page of a sample with the records of its objects."""
     sample = dataset[number]
     neighbours = (
-        f'<a class="button" href="{k}{escape(view.query())}" rel="{rel}">{text}</a>'
+        f'<a class="button" href="{k}{escape(selection.query())}" rel="{rel}">{text}</a>'
         for k, rel, text in ((number - 1, "prev", "Previous"), (number + 1, "next", "Next"))
         if 0 <= k < len(dataset)
     )
     body = (
-        f"<header><h1>{escape(sample.id)}</h1>{_form(dataset, view)}</header>"
-        f'<nav><a class="button" href="../{escape(view.query())}">All samples</a>{"".join(neighbours)}</nav>'
-        f"<article>{_image(number, view, LARGE_WIDTH, '../')}{_objects(dataset, sample)}</article>"
+        f"<header><h1>{escape(sample.id)}</h1>{_form(dataset, selection)}</header>"
+        f'<nav><a class="button" href="../{escape(selection.query())}">All samples</a>{"".join(neighbours)}</nav>'
+        f"<article>{_image(number, selection, LARGE_WIDTH, '../')}{_objects(dataset, sample)}</article>"
     )
     return _document(sample.id, body, "../")
 
@@ -91,41 +91,42 @@ def _document(title: str, body: str, root: str) -> str:
     )
 
 
-def _form(dataset: Dataset, view: View) -> str:
+def _form(dataset: Dataset, selection: Selection) -> str:
     """Return the choice of layers and of the image; the script sends it on each change."""
     boxes = "".join(
-        f'<label><input type="checkbox" name="layer" value="{layer}"{" checked" * (layer in view.layers)}>'
+        f'<label><input type="checkbox" name="layer" value="{layer}"{" checked" * (layer in selection.layers)}>'
         f"{layer.capitalize()}</label>"
         for layer in LAYERS
     )
     options = "".join(
-        f"<option{' selected' * (name == view.image)}>{name}</option>"
+        f"<option{' selected' * (name == selection.image)}>{name}</option>"
         for name in SHOWN_TYPES
         if name in dataset.description.settings.types
     )
-    hidden = "" if view.class_id is None else f'<input type="hidden" name="class" value="{view.class_id}">'
+    hidden = "" if selection.class_id is None else f'<input type="hidden" name="class" value="{selection.class_id}">'
     return (
-        f'<form><input type="hidden" name="layer" value="none"><input type="hidden" name="page" value="{view.page}">'
-        f'{hidden}{boxes}<label>Image <select name="image">{options}</select></label>'
+        '<form><input type="hidden" name="layer" value="none">'
+        f'<input type="hidden" name="page" value="{selection.page}">{hidden}{boxes}'
+        f'<label>Image <select name="image">{options}</select></label>'
         "<noscript><button>Show</button></noscript></form>"
     )
 
 
-def _classes(dataset: Dataset, summary: Summary, view: View) -> str:
+def _classes(dataset: Dataset, summary: Summary, selection: Selection) -> str:
     """Return the classes as filters, with bars of their numbers of objects."""
     most = max(summary.objects_by_class.values(), default=1)
-    rows = [_class_row(view, None, "All classes", "", 0.0)] if dataset.classes else []
+    rows = [_class_row(selection, None, "All classes", "", 0.0)] if dataset.classes else []
     for class_id, name in dataset.classes.items():
         count = summary.objects_by_class.get(class_id, 0)
-        rows.append(_class_row(view, class_id, name, str(count), count / most))
+        rows.append(_class_row(selection, class_id, name, str(count), count / most))
     return f'<figure class="classes"><figcaption>Classes</figcaption>{"".join(rows)}</figure>' if rows else ""
 
 
-def _class_row(view: View, class_id: int | None, name: str, count: str, share: float) -> str:
-    current = ' aria-current="true"' if class_id == view.class_id else ""
+def _class_row(selection: Selection, class_id: int | None, name: str, count: str, share: float) -> str:
+    current = ' aria-current="true"' if class_id == selection.class_id else ""
     color = "none" if class_id is None else "rgb({},{},{})".format(*class_color(class_id))
     bar = f'<svg width="72" height="10"><rect width="{72 * share:.1f}" height="10" fill="{color}"/></svg>'
-    query = escape(view.query(**{"class": class_id, "page": 0}))
+    query = escape(selection.query(**{"class": class_id, "page": 0}))
     return f'<a href="{query}"{current}>{bar}<span>{escape(name)}</span><span>{count}</span></a>'
 
 
@@ -144,14 +145,14 @@ def _histogram(histogram: Histogram) -> str:
     )
 
 
-def _image(number: int, view: View, width: int, root: str = "") -> str:
-    query = escape("?" + urlencode({"layer": [*view.layers, "none"], "image": view.image, "width": width}, doseq=True))
+def _image(number: int, selection: Selection, width: int, root: str = "") -> str:
+    query = escape(selection.query(**{"class": None, "page": None, "width": width}))
     return f'<img src="{root}image/{number}{query}" width="{width}" loading="lazy" alt="">'
 
 
-def _page_link(view: View, step: int, text: str, pages: int) -> str:
-    page = view.page + step
-    return f'<a class="button" href="{escape(view.query(page=page))}">{text}</a>' if 0 <= page < pages else ""
+def _page_link(selection: Selection, step: int, text: str, pages: int) -> str:
+    page = selection.page + step
+    return f'<a class="button" href="{escape(selection.query(page=page))}">{text}</a>' if 0 <= page < pages else ""
 
 
 def _objects(dataset: Dataset, sample: Sample) -> str:

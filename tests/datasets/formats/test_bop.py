@@ -11,7 +11,8 @@ import trimesh
 
 from scenegate.datasets import Dataset, RecordError
 from scenegate.datasets.formats import export
-from scenegate.datasets.formats.bop_models import diameter, read_ply
+from scenegate.datasets.formats.bop_models import diameter
+from scenegate.datasets.ply import read_ply
 from tests.datasets.analytic import FOCAL, HEIGHT, WIDTH, write_dataset
 from tests.datasets.formats.bop_reader import BopImage, read_bop
 
@@ -128,3 +129,12 @@ def test_a_model_that_is_no_model(tmp_path: Path) -> None:
     path.write_bytes(data[:-4] + b"\x08\x00\x00\x00")
     with pytest.raises(RecordError, match="not a triangle of its vertices"):
         read_ply(path)
+
+
+def test_a_model_outside_of_the_dataset_is_not_read(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "out")
+    for path in folder.rglob("scene.json"):
+        path.write_text(path.read_text().replace("models/block.ply", "../block.ply"))
+    (tmp_path / "block.ply").write_bytes((folder / "models" / "block.ply").read_bytes())
+    with pytest.raises(RecordError, match=r"'\.\./block\.ply' lies outside of the dataset"):
+        export(Dataset(folder), tmp_path / "bop", "bop")

@@ -19,7 +19,7 @@ from PIL import Image
 
 from gateway.datasets.show.app import create_app
 from gateway.datasets.show.overlay import LAYERS, Layer, class_color, draw_sample
-from gateway.datasets.show.page import View, grid_page
+from gateway.datasets.show.page import Selection, grid_page
 from gateway.datasets.show.sheet import CELL_WIDTH, contact_sheet
 from gateway.datasets.show.summary import summarize
 from scenegate.datasets import Dataset, Sample
@@ -190,7 +190,7 @@ def test_only_a_part_of_a_large_dataset_is_read(dataset: Dataset, monkeypatch: p
     part = summarize(dataset)
     assert len(part.samples) == 2
     assert part == summarize(dataset)
-    page = grid_page(dataset, part, View((), "color", None, 0))
+    page = grid_page(dataset, part, Selection((), "color", None, 0))
     assert "2 of 3 samples (2 chosen at random)" in page
 
 

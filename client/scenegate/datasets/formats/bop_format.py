@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.datasets.dataset import Dataset, Sample
+from scenegate.datasets.dataset import NO_BOX, PIXEL_CENTER, Dataset, Sample
 from scenegate.datasets.formats.bop_models import ModelKey, model_key, write_models
 from scenegate.datasets.manifest import CameraRecord, ModelRecord, ObjectRecord
 from scenegate.png import encode_png
@@ -24,17 +24,14 @@ from scenegate.png import encode_png
 SPLIT: Final = "train_pbr"
 """Folder of the scenes, by BOP's name for rendered training images."""
 MILLIMETRES: Final = 1000.0
-PIXEL_CENTER: Final = 0.5
-"""Coordinate of the centre of the top left pixel in our images; 0 in OpenCV's and BOP's."""
 DEPTH_SCALES: Final = (0.1, 1.0)
 """Millimetres of one unit of depth images. The first that reaches all far planes is used, else the last."""
 MAX_DEPTH_UNITS: Final = 65535
-NO_BOX: Final = [-1, -1, -1, -1]
 
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """What must be known before the first image is written."""
+    """Models and depth scale of all scenes."""
 
     object_ids: Mapping[ModelKey, int]
     """BOP's numbers of the models, from 1."""
@@ -152,9 +149,9 @@ def _info(record: ObjectRecord, pixels_with_depth: int) -> dict[str, Any]:
     }
 
 
-def _box(box: tuple[int, int, int, int] | None) -> list[int]:
+def _box(box: tuple[int, int, int, int] | None) -> tuple[int, int, int, int]:
     """Return a box as the BOP toolkit computes it: its width is the last column minus the first."""
-    return NO_BOX if box is None else [box[0], box[1], box[2] - 1, box[3] - 1]
+    return NO_BOX if box is None else (box[0], box[1], box[2] - 1, box[3] - 1)
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:

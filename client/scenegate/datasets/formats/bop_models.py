@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -11,19 +10,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.datasets.manifest import ModelRecord, ObjectRecord, RecordError
-from scenegate.regular_files import read_regular
+from scenegate.datasets.manifest import ModelRecord, ObjectRecord, RecordError, is_inside
+from scenegate.datasets.ply import encode_ply, read_ply
 
 SCALE_DIGITS: Final = 6
 """Decimal digits in which scales of one object of BOP agree."""
-_HEADER: Final = re.compile(
-    rb"ply\nformat binary_little_endian 1\.0\n(?:comment [^\n]*\n)*element vertex (?P<vertices>\d{1,9})\n"
-    rb"property float x\nproperty float y\nproperty float z\nelement face (?P<faces>\d{1,9})\n"
-    rb"property list uchar int vertex_ind(?:ices|ex)\nend_header\n"
-)
-"""Header of the models of datasets."""
-_VERTEX: Final = np.dtype([("position", "<f4", 3)])
-_FACE: Final = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 BLOCK_POINTS: Final = 1024
 """Number of points whose distances to all others are computed at a time."""
 
@@ -42,12 +33,15 @@ def model_key(record: ObjectRecord, models: Mapping[str, ModelRecord]) -> ModelK
     """Return the model of an object.
 
     Raises:
-        RecordError: the scene has no such model.
+        RecordError: the scene has no such model, or not in the dataset.
     """
     if record.model not in models:
         raise RecordError(f"scene.json has no model {record.model!r}, which instance {record.instance} has")
+    path = models[record.model].path
+    if not is_inside(path):
+        raise RecordError(f"scene.json: the model {path!r} lies outside of the dataset")
     x, y, z = (round(value, SCALE_DIGITS) for value in record.scale)
-    return ModelKey(record.model, models[record.model].path, (x, y, z))
+    return ModelKey(record.model, path, (x, y, z))
 
 
 def diameter(points: NDArray[np.float64]) -> float:
@@ -84,7 +78,9 @@ def write_models(dataset_folder: Path, folder: Path, object_ids: Mapping[ModelKe
         points = (points * np.array(key.scale) * 1000.0).astype(np.float32).astype(np.float64)  # as the file has them
         if np.prod(key.scale) < 0.0:  # a mirrored model: its triangles face outwards again
             triangles = triangles[:, ::-1]
-        (folder / f"obj_{number:06d}.ply").write_bytes(_encode_ply(points, triangles))
+        (folder / f"obj_{number:06d}.ply").write_bytes(
+            encode_ply(points, triangles, "millimetres", _normals(points, triangles))
+        )
         finite = points[np.isfinite(points).all(axis=1)]
         low, high = finite.min(axis=0), finite.max(axis=0)
         infos[str(number)] = {
@@ -95,44 +91,11 @@ def write_models(dataset_folder: Path, folder: Path, object_ids: Mapping[ModelKe
     (folder / "models_info.json").write_text(json.dumps(infos, indent=1) + "\n", "utf-8")
 
 
-def read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return the vertices, (N, 3) metres, and triangles, (M, 3), of a model of a dataset.
-
-    Raises:
-        RecordError: it is not a file as ``scenegate render`` writes it.
-    """
-    try:
-        data = read_regular(path)
-    except OSError as error:
-        raise RecordError(f"{path}: {error.strerror or error}") from None
-    match = _HEADER.match(data)
-    if match is None:
-        raise RecordError(f"{path}: not a binary PLY file with vertices and triangles as datasets have them")
-    vertex_count, face_count = int(match["vertices"]), int(match["faces"])
-    vertex_bytes = vertex_count * _VERTEX.itemsize
-    if vertex_count < 1 or len(data) != match.end() + vertex_bytes + face_count * _FACE.itemsize:
-        raise RecordError(f"{path}: cut off, or without vertices")
-    points = np.frombuffer(data, _VERTEX, vertex_count, match.end())["position"]
-    faces = np.frombuffer(data, _FACE, face_count, match.end() + vertex_bytes)
-    corners = faces["corners"].astype(np.int32)
-    if (faces["count"] != 3).any() or (corners < 0).any() or (corners >= vertex_count).any():
-        raise RecordError(f"{path}: a face is not a triangle of its vertices")
-    return points.astype(np.float64), corners
-
-
-def _encode_ply(points: NDArray[np.float64], triangles: NDArray[np.int32]) -> bytes:
-    """Return a binary PLY file with normals, which are the means of the triangles' by their areas."""
+def _normals(points: NDArray[np.float64], triangles: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Return unit normals of vertices, (N, 3): the means of the triangles' by their areas."""
     corners = points[triangles]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros_like(points)
     for corner in range(3):
         np.add.at(normals, triangles[:, corner], areas)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    faces = np.empty(len(triangles), _FACE)
-    faces["count"], faces["corners"] = 3, triangles
-    properties = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
-    header = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n{properties}"
-        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    return header.encode() + np.hstack((points, normals)).astype("<f4").tobytes() + faces.tobytes()
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30))

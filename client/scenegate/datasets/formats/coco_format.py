@@ -7,7 +7,6 @@ and the corners of its 3D box.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,24 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
-from scenegate.datasets.dataset import Dataset, Sample
+from scenegate.datasets.boxes import CORNERS, EDGES, box_corners
+from scenegate.datasets.dataset import PIXEL_CENTER, Dataset, Sample
 from scenegate.datasets.manifest import ObjectRecord
 
-CORNERS: Final = tuple(product((0, 1), repeat=3))
-"""Corners of a box: 0 or 1 along x, y and z for the smallest or the largest coordinate."""
 KEYPOINTS: Final = ("origin", *(f"corner_{x}{y}{z}" for x, y, z in CORNERS))
 """Names of an object's keypoints."""
-SKELETON: Final = tuple(
-    (2 + i, 2 + k)
-    for i in range(8)
-    for k in range(i + 1, 8)
-    if sum(a != b for a, b in zip(CORNERS[i], CORNERS[k], strict=True)) == 1
-)
+SKELETON: Final = tuple((2 + i, 2 + k) for i, k in EDGES)
 """Edges of the box: numbers of keypoints from 1."""
 OUTSIDE, HIDDEN, VISIBLE = 0, 1, 2
 """COCO's flags of keypoints: not labelled, labelled and hidden, labelled and visible."""
-PIXEL_CENTER: Final = 0.5
-"""Coordinate of the centre of the top left pixel in our images. COCO's keypoints count from there."""
 
 
 def write(dataset: Dataset, folder: Path, samples: Iterator[Sample]) -> None:
@@ -69,7 +60,7 @@ def write(dataset: Dataset, folder: Path, samples: Iterator[Sample]) -> None:
 def _annotation(sample: Sample, record: ObjectRecord, instances: NDArray[np.uint16]) -> dict[str, Any]:
     """Return an object's annotation without its numbers."""
     rle = coco_mask.encode(np.asfortranarray(instances == record.instance, np.uint8))
-    points = [(*xy, flag) for xy, flag in zip(*_keypoints(sample, record, instances), strict=True)]
+    points = _keypoints(sample, record, instances)
     return {
         "category_id": record.class_id,
         "iscrowd": 0,
@@ -81,29 +72,24 @@ def _annotation(sample: Sample, record: ObjectRecord, instances: NDArray[np.uint
     }
 
 
-def _keypoints(
-    sample: Sample, record: ObjectRecord, instances: NDArray[np.uint16]
-) -> tuple[list[tuple[float, float]], list[int]]:
-    """Return COCO's coordinates and flags of an object's keypoints. Points outside of the image are at (0, 0).
+def _keypoints(sample: Sample, record: ObjectRecord, instances: NDArray[np.uint16]) -> list[tuple[float, float, int]]:
+    """Return COCO's coordinates and flag of each keypoint of an object. Points outside of the image are at (0, 0).
 
     A point is hidden if another object is seen at its pixel, or something else that is nearer.
     """
-    box = np.array(record.box_3d)
-    points = np.array([(0.0, 0.0, 0.0), *(tuple(box[k, axis] for axis, k in enumerate(corner)) for corner in CORNERS)])
+    points = np.vstack(((0.0, 0.0, 0.0), box_corners(record.box_3d)))
     X = np.array(record.X_camera_object)
     in_camera = points @ X[:3, :3].T + X[:3, 3]
-    places: list[tuple[float, float]] = []
-    flags: list[int] = []
+    keypoints: list[tuple[float, float, int]] = []
     height, width = instances.shape
     depth = sample.depth + sample.record.camera.depth_origin if "depth" in sample.record.images else None
     for x, y, z in (in_camera @ sample.K.T).tolist():
         u, v = (x / z, y / z) if z > 0.0 else (-1.0, -1.0)
         if not (0.0 <= u < width and 0.0 <= v < height):
-            places.append((0.0, 0.0))
-            flags.append(OUTSIDE)
+            keypoints.append((0.0, 0.0, OUTSIDE))
             continue
-        places.append((round(u - PIXEL_CENTER, 3), round(v - PIXEL_CENTER, 3)))
         pixel = int(v), int(u)
         nearer = instances[pixel] != 0 if depth is None else depth[pixel] < z
-        flags.append(HIDDEN if nearer and instances[pixel] != record.instance else VISIBLE)
-    return places, flags
+        flag = HIDDEN if nearer and instances[pixel] != record.instance else VISIBLE
+        keypoints.append((round(u - PIXEL_CENTER, 3), round(v - PIXEL_CENTER, 3), flag))
+    return keypoints

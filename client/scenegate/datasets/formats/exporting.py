@@ -52,10 +52,7 @@ def export(
     missing.
 
     Args:
-        dataset: a finished dataset.
         destination: folder to write, which must be empty or missing.
-        format_name: one of ``FORMATS``.
-        report: progress.
         replace: remove the folder if it is there.
 
     Raises:
