@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import islice
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -41,6 +41,9 @@ CACHED_SCENES: Final = 8
 paths."""
 CACHED_MODELS: Final = 10_000
 """Number of models whose hashes are in memory. Scenes share models."""
+
+MAX_FOCAL_PIXELS: Final = 1e12
+"""Maximum focal length. Those of orthographic cameras, which are far away, are large."""
 
 
 @dataclass(slots=True)
@@ -120,8 +123,10 @@ def _check_samples(
 
     @lru_cache(CACHED_MODELS)
     def model_digest(path: str) -> str | None:
-        is_inside = PurePosixPath(path).parts[:-1] == (manifest.MODELS_FOLDER,)
-        return sha256_of(folder / path, check_stop) if is_inside else None
+        try:
+            return sha256_of(manifest.path_inside(folder, path), check_stop)
+        except RecordError:
+            return None
 
     def problems_of(sample: SampleRecord, scene: manifest.SceneRecord | None) -> list[str]:
         return list(_sample_problems(folder, sample, description, scene))
@@ -141,6 +146,8 @@ def _check_samples(
                 report.image_bytes += sum(image.bytes for image in sample.images.values())
                 id_hashes.add(hash(sample.id))
                 path_hashes.update(hash(image.path) for image in sample.images.values())
+    if not report.samples:
+        report.problems.append(f"{manifest.MANIFEST_FILE} has no samples")
     _note_unknown_files(folder, path_hashes, report)
 
 
@@ -152,7 +159,7 @@ def _read_scene(
     ``model_digest`` returns the SHA-256 of the file of a model; None if there is none.
     """
     try:
-        scene = manifest.read_file(folder / manifest.SCENES_FOLDER / name / manifest.SCENE_FILE, manifest.SceneRecord)
+        scene = manifest.read_scene(folder, name)
     except RecordError as error:
         report.problems.append(str(error))
         return None
@@ -199,10 +206,8 @@ def _sample_problems(
 
 def _camera_problems(camera: CameraRecord) -> Iterator[str]:
     """Yield the errors of a camera."""
-    if camera.width < 1 or camera.height < 1:
-        yield f"camera: size {camera.width}x{camera.height}"
-    if not (camera.fx > 0.0 and camera.fy > 0.0):
-        yield f"camera: focal lengths ({camera.fx}, {camera.fy}) are not positive"
+    if not all(0.0 < focal <= MAX_FOCAL_PIXELS for focal in (camera.fx, camera.fy)):
+        yield f"camera: focal lengths ({camera.fx}, {camera.fy}) must be above 0, up to {MAX_FOCAL_PIXELS:.0e}"
     if not camera.near > 0.0 or (camera.far is not None and not camera.near < camera.far):
         yield f"camera: planes near={camera.near}, far={camera.far}"
     pose = np.array(camera.X_world_camera)

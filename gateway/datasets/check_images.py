@@ -31,9 +31,7 @@ _PIXEL_FORMATS: Final[dict[ImageType, tuple[tuple[str, int], ...]]] = {
 
 def read_image(folder: Path, image: ImageFile) -> bytes:
     """Return the content of an image file; raises RecordError if it is not that of the manifest."""
-    path = folder / image.path
-    if not manifest.is_inside(image.path):
-        raise RecordError("lies outside of the dataset")
+    path = manifest.path_inside(folder, image.path)
     digest = sha256_of(path, check_stop)
     if digest is None:
         raise RecordError("missing, or not a regular file that can be read")

@@ -47,7 +47,13 @@ def _record_problems(
     """Yield what is wrong with an object without its pixels."""
     if str(each.class_id) not in classes:
         yield f"class_id = {each.class_id} is not one of the classes"
-    if scene is not None and each.model not in scene.models:
+    model = None if scene is None else scene.models.get(each.model)
+    if model is not None:
+        with np.errstate(over="ignore"):
+            expected_box = np.sort(np.array(model.box) * each.scale, axis=0)
+        if not np.allclose(each.box_3d, expected_box, rtol=1e-6, atol=MAX_POSE_ERROR):
+            yield "box_3d is not that of the model times scale"
+    elif scene is not None:
         yield f"model {each.model!r} is not in {SCENE_FILE}"
     X_world_object, X_camera_object = np.array(each.X_world_object), np.array(each.X_camera_object)
     expected = np.array(sample.camera.X_world_camera) @ X_camera_object
@@ -58,6 +64,12 @@ def _record_problems(
         yield "X_world_object is not a rotation and translation"
     if not (np.array(each.box_3d[0]) <= np.array(each.box_3d[1])).all() or 0.0 in each.scale:
         yield "box_3d or scale is empty"
+    if each.box_amodal is not None:
+        x, y, width, height = each.box_amodal
+        camera = sample.camera
+        is_across = -camera.width <= x < x + width <= 2 * camera.width
+        if not is_across or not -camera.height <= y < y + height <= 2 * camera.height:
+            yield f"box_amodal {each.box_amodal} is empty, or reaches beyond the image by more than its size"
     if not 0 <= each.visible_pixels <= each.amodal_pixels or not 0.0 <= each.truncation <= 1.0:
         yield "visible_pixels, amodal_pixels or truncation is out of range"
     elif each.visible_fraction != (each.visible_pixels / each.amodal_pixels if each.amodal_pixels else 0.0):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +21,7 @@ from gateway.datasets.job import Job, JobError
 from gateway.datasets.run import run
 from gateway.datasets.views import View
 from scenegate.datasets import manifest
-from scenegate.datasets.dataset import Dataset
+from scenegate.datasets.dataset import FLOW_MAGIC, Dataset
 from scenegate.datasets.manifest import IMAGE_TYPES, RecordError
 from scenegate.regular_files import sha256_of
 from tests.datasets.conftest import SETTINGS, Draw, contents, job_of
@@ -73,6 +74,9 @@ def test_the_reader_returns_all_images(dataset: Path) -> None:
     expected = -first.record.camera.fx * 0.25 / first.depth
     np.testing.assert_allclose(first.flow[..., 0][first.instance > 0], expected[first.instance > 0], rtol=1e-5)
     assert np.isnan(first.flow[np.isinf(first.depth)]).all()
+    first.path("flow").write_bytes(struct.pack("<fii2f", FLOW_MAGIC, 1, 1, 0.0, 0.0))
+    with pytest.raises(RecordError, match=r"v0\.flow\.flo: 1x1 pixels, the camera has 32x24"):
+        _ = first.flow
     with pytest.raises(RecordError, match="has no flow image"):
         _ = last.flow
     with pytest.raises(RecordError, match="no mask of instance 9"):
@@ -169,6 +173,10 @@ def change_masks(dataset: Path, **counts: list[int]) -> None:
             "is not a rotation and translation",
         ),
         (lambda d: change_object(d, scale=[0, 1, 1]), "box_3d or scale is empty"),
+        (lambda d: change_object(d, scale=[-1, 1e308, 1]), "box_3d is not that of the model times scale"),
+        (lambda d: change_object(d, box_3d=[[-9e9] * 3, [9e9] * 3]), "box_3d is not that of the model times scale"),
+        (lambda d: change_object(d, box_amodal=[-33, 0, 40, 9]), "box_amodal (-33, 0, 40, 9) is empty, or reaches"),
+        (lambda d: change_object(d, box_amodal=[0, 0, 9, 10**9]), "box_amodal (0, 0, 9, 1000000000) is empty, or r"),
         (lambda d: change_object(d, visible_pixels=10_000), "visible_pixels, amodal_pixels or truncation is out"),
         (lambda d: change_object(d, truncation=-1.0), "visible_pixels, amodal_pixels or truncation is out"),
         (lambda d: change_object(d, visible_fraction=0.25), "visible_fraction is not visible_pixels / amodal_pixels"),

@@ -127,7 +127,9 @@ class Sample:
     def flow(self) -> NDArray[np.float32]:
         """Optical flow to the next view in pixels, (H, W, 2): columns to the right, rows down. NaN: not known."""
         path = self.path("flow")
-        return decode_flow(self._bytes(path), str(path))
+        flow = decode_flow(self._bytes(path), str(path))
+        self._check_size(path, flow.shape[1], flow.shape[0])
+        return flow
 
     def amodal_mask(self, instance: int) -> NDArray[np.bool_]:
         """Return the pixels that an object would have without the others, (H, W).
@@ -153,18 +155,21 @@ class Sample:
         """Return the path of an image file.
 
         Raises:
-            RecordError: the sample has no image of this type.
+            RecordError: the sample has no image of this type, or it lies outside of the dataset.
         """
         image = self.record.images.get(image_type)
         if image is None:
-            raise RecordError(f"{self.id} has no {image_type} image, only {', '.join(self.record.images)}")
-        if not manifest.is_inside(image.path):
-            raise RecordError(f"{self.id}: the {image_type} image {image.path!r} lies outside of the dataset")
-        return self._folder / image.path
+            raise RecordError(f"{self.id} has no {image_type} image, only {', '.join(self.record.images) or 'none'}")
+        try:
+            return manifest.path_inside(self._folder, image.path)
+        except RecordError as error:
+            raise RecordError(f"{self.id}: the {image_type} image {error}") from None
 
     def file_bytes(self, image_type: ImageType) -> bytes:
-        """Return the content of an image file; raises as ``path``, and if it cannot be read."""
-        return self._bytes(self.path(image_type))
+        """Return the content of an image file; raises as ``path``, and if it is not an image of the camera's size."""
+        if image_type in ("amodal", "flow"):
+            return self._bytes(self.path(image_type))
+        return self._opened(image_type)[0]
 
     def image(self, image_type: ImageType) -> NDArray[Any]:
         """Return an image as the property of its type does. For ``amodal``: all silhouettes by object, (N, H, W)."""
@@ -190,17 +195,32 @@ class Sample:
 
     def _read(self, image_type: ImageType) -> NDArray[Any]:
         """Return the pixels of an image."""
+        _, image = self._opened(image_type)
+        try:
+            return np.array(image)  # writable, as tensors have to be
+        except (OSError, SyntaxError, ValueError) as error:
+            raise RecordError(f"{self.path(image_type)}: not an image that can be read: {error}") from None
+
+    def _opened(self, image_type: ImageType) -> tuple[bytes, Any]:
+        """Return an image file's content, and the image of the camera's size, which is not decompressed yet."""
         path = self.path(image_type)
         data = self._bytes(path)
         image = pillow()
         try:
-            return np.array(image.open(io.BytesIO(data)))  # writable, as tensors have to be
+            opened = image.open(io.BytesIO(data))
         except (OSError, SyntaxError, ValueError, image.DecompressionBombError) as error:
             raise RecordError(f"{path}: not an image that can be read: {error}") from None
+        self._check_size(path, *opened.size)
+        return data, opened
 
     def _read_rgb(self, image_type: ImageType) -> NDArray[np.uint8]:
         """Return an image without its alpha."""
         return np.ascontiguousarray(self._read(image_type)[..., :3], np.uint8)
+
+    def _check_size(self, path: Path, width: int, height: int) -> None:
+        camera = self.record.camera
+        if (width, height) != (camera.width, camera.height):
+            raise RecordError(f"{path}: {width}x{height} pixels, the camera has {camera.width}x{camera.height}")
 
     def _bytes(self, path: Path) -> bytes:
         """Return the content of an image file."""
@@ -256,9 +276,7 @@ class Dataset(Sequence[Sample]):
 
     def scene(self, name: str) -> manifest.SceneRecord:
         """Return the description of a scene: its files, labels, lights and models."""
-        return manifest.read_file(
-            self.folder / manifest.SCENES_FOLDER / name / manifest.SCENE_FILE, manifest.SceneRecord
-        )
+        return manifest.read_scene(self.folder, name)
 
     def labels(self, scene: str) -> Mapping[int, tuple[tuple[str | int, ...], ...]]:
         """Return the paths of a scene's nodes by their label."""

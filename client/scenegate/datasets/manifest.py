@@ -7,9 +7,10 @@ same input gives the same bytes. See ``docs/datasets.md``.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
-from typing import Any, Final, Literal, TypeVar, get_args
+from typing import Annotated, Any, Final, Literal, TypeVar, get_args
 
 import msgspec
 import numpy as np
@@ -185,12 +186,15 @@ class SceneRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Models of the objects by ``ObjectRecord.model``. Empty without annotations."""
 
 
+_Side = Annotated[int, msgspec.Meta(ge=1, le=1 << 16)]
+
+
 class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
     """A pinhole camera. The ray of pixel (column i, row j) is ((i + 0.5 - cx) / fx, (j + 0.5 - cy) / fy, 1)."""
 
-    width: int
+    width: _Side
     """Width of the image in pixels."""
-    height: int
+    height: _Side
     """Height of the image in pixels."""
     fx: float
     """Horizontal focal length in pixels."""
@@ -306,7 +310,7 @@ class FailureRecord(msgspec.Struct, frozen=True):
     reason: str
 
 
-Record = TypeVar("Record", DatasetRecord, SceneRecord, SampleRecord, FailureRecord, Masks)
+Record = TypeVar("Record", bound=msgspec.Struct)
 _encoder = msgspec.json.Encoder()
 
 
@@ -342,9 +346,18 @@ def decode(data: bytes, record_type: type[Record], location: str) -> Record:
         raise RecordError(f"{location}: {error}") from None
 
 
-def is_inside(path: str) -> bool:
-    """Return True if a path of a record, relative to the dataset's folder, does not lead out of it."""
-    return not PurePosixPath(path).is_absolute() and ".." not in PurePosixPath(path).parts
+def path_inside(folder: Path, path: str) -> Path:
+    """Return the path of a file that a record names relative to the dataset's folder.
+
+    Raises:
+        RecordError: it leads out of the folder, be it by symbolic links.
+    """
+    pure = PurePosixPath(path)
+    if pure.is_absolute() or ".." in pure.parts or "\0" in path:
+        raise RecordError(f"{path!r} lies outside of the dataset")
+    if not Path(os.path.realpath(folder / path)).is_relative_to(os.path.realpath(folder)):
+        raise RecordError(f"{path!r} lies outside of the dataset, by a symbolic link")
+    return folder / path
 
 
 def pose_rows(X: NDArray[np.float64]) -> Pose:
@@ -405,6 +418,11 @@ def read_lines(path: Path, record_type: type[Record], *, allow_partial_end: bool
                 yield decode(line, record_type, location)
     except OSError as error:
         raise RecordError(f"{path}: {error.strerror or error}") from None
+
+
+def read_scene(folder: Path, name: str) -> SceneRecord:
+    """Read the description of a scene of the dataset in a folder; raises as ``path_inside`` and ``read_file``."""
+    return read_file(path_inside(folder, f"{SCENES_FOLDER}/{name}/{SCENE_FILE}"), SceneRecord)
 
 
 def read_dataset(folder: Path) -> DatasetRecord:

@@ -42,12 +42,12 @@ class _Plan:
 def write(dataset: Dataset, folder: Path, samples: Iterator[Sample]) -> None:
     """Write the samples of a dataset into a folder."""
     plan = _plan(dataset)
+    write_models(dataset.folder, folder / "models", plan.object_ids)
     names: dict[str, str] = {}
     camera: CameraRecord | None = None
     for number, (scene, views) in enumerate(groupby(samples, key=lambda sample: sample.record.scene)):
         names[f"{number:06d}"] = scene
         camera = _write_scene(folder / SPLIT / f"{number:06d}", views, plan, dataset.scene(scene).models)
-    write_models(dataset.folder, folder / "models", plan.object_ids)
     objects = {str(number): {"model": key.name, "scale": key.scale} for key, number in plan.object_ids.items()}
     _write_json(folder / "dataset_info.json", {"scenes": names, "objects": objects})
     if camera is not None:
@@ -76,7 +76,7 @@ def _write_scene(folder: Path, views: Iterator[Sample], plan: _Plan, models: Map
     poses: dict[str, Any] = {}
     infos: dict[str, Any] = {}
     for number, sample in enumerate(views):
-        suffix = Path(sample.record.images["color"].path).suffix
+        suffix = sample.path("color").suffix
         (folder / "rgb" / f"{number:06d}{suffix}").write_bytes(sample.file_bytes("color"))
         depth = _depth_units(sample, plan.depth_scale)
         (folder / "depth" / f"{number:06d}.png").write_bytes(encode_png(depth))

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.datasets.manifest import ModelRecord, ObjectRecord, RecordError, is_inside
+from scenegate.datasets.manifest import ModelRecord, ObjectRecord, RecordError, path_inside
 from scenegate.datasets.ply import encode_ply, read_ply
 
 SCALE_DIGITS: Final = 6
@@ -33,15 +33,12 @@ def model_key(record: ObjectRecord, models: Mapping[str, ModelRecord]) -> ModelK
     """Return the model of an object.
 
     Raises:
-        RecordError: the scene has no such model, or not in the dataset.
+        RecordError: the scene has no such model.
     """
     if record.model not in models:
         raise RecordError(f"scene.json has no model {record.model!r}, which instance {record.instance} has")
-    path = models[record.model].path
-    if not is_inside(path):
-        raise RecordError(f"scene.json: the model {path!r} lies outside of the dataset")
     x, y, z = (round(value, SCALE_DIGITS) for value in record.scale)
-    return ModelKey(record.model, path, (x, y, z))
+    return ModelKey(record.model, models[record.model].path, (x, y, z))
 
 
 def diameter(points: NDArray[np.float64]) -> float:
@@ -69,12 +66,12 @@ def write_models(dataset_folder: Path, folder: Path, object_ids: Mapping[ModelKe
     """Write the models of a dataset into a folder.
 
     Raises:
-        RecordError: a model cannot be read.
+        RecordError: a model cannot be read, or lies outside of the dataset.
     """
     folder.mkdir()
     infos: dict[str, dict[str, float]] = {}
     for key, number in object_ids.items():
-        points, triangles = read_ply(dataset_folder / key.path)
+        points, triangles = read_ply(path_inside(dataset_folder, key.path))
         points = (points * np.array(key.scale) * 1000.0).astype(np.float32).astype(np.float64)  # as the file has them
         if np.prod(key.scale) < 0.0:  # a mirrored model: its triangles face outwards again
             triangles = triangles[:, ::-1]

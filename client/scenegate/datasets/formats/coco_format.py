@@ -44,7 +44,7 @@ def write(dataset: Dataset, folder: Path, samples: Iterator[Sample]) -> None:
         )
         file.write(encode(categories) + b',"annotations":[')
         for index, sample in enumerate(samples):
-            name = f"{index:06d}{Path(sample.record.images['color'].path).suffix}"
+            name = f"{index:06d}{sample.path('color').suffix}"
             (folder / "images" / name).write_bytes(sample.file_bytes("color"))
             camera = sample.record.camera
             images.append({"id": index, "file_name": name, "width": camera.width, "height": camera.height})
