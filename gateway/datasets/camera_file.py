@@ -13,8 +13,7 @@ import numpy as np
 from gateway.datasets.views import Intrinsics, Matrix, View
 from gateway.scene.cameras import CameraError
 from renderers.camera import OPENGL_FROM_OPTICAL
-from renderers.stop import check_stop
-from scenegate.regular_files import read_file_or_pipe
+from scenegate.regular_files import read_regular
 
 MAX_FILE_BYTES: Final = 256 << 20
 """Maximum size of the file. A camera takes about 400 bytes."""
@@ -67,7 +66,7 @@ def read_camera_file(path: Path) -> CameraFile:
         CameraError: the file cannot be read, or an entry is invalid; the message names the entry.
     """
     try:
-        data = read_file_or_pipe(path, MAX_FILE_BYTES, check_stop)
+        data = read_regular(path, MAX_FILE_BYTES)
     except OSError as error:
         raise CameraError(f"{path}: {error.strerror or error}") from None
     try:

@@ -30,8 +30,7 @@ from typing import Annotated, Final
 import msgspec
 
 from gateway.scene.tree import Path as TreePath
-from renderers.stop import check_stop
-from scenegate.regular_files import read_file_or_pipe
+from scenegate.regular_files import read_regular
 
 MAX_CLASSES: Final = 65_535
 """Maximum number of classes, and the largest number of one: ``class`` images have 16 bits."""
@@ -131,7 +130,7 @@ def read_classes(path: Path) -> tuple[ClassTable, str]:
         ClassesError: the file cannot be read, or an entry is invalid; the message names the entry.
     """
     try:
-        data = read_file_or_pipe(path, _MAX_FILE_BYTES, check_stop)
+        data = read_regular(path, _MAX_FILE_BYTES)
         is_json = path.suffix.lower() == ".json"
         content = (
             msgspec.json.decode(data, type=_FileContent)
@@ -150,6 +149,8 @@ def _numbered(entries: tuple[_Entry, ...]) -> tuple[tuple[str, int], ...]:
     """Return names and numbers of the classes. Entries of one name are one class."""
     given: dict[str, int] = {}
     for index, entry in enumerate(entries):
+        if not entry.name.isprintable():
+            raise ClassesError(f"class[{index}].name = {entry.name!r}: must be of printable characters")
         if not (entry.model or entry.path or entry.file):
             raise ClassesError(f"class[{index}] ({entry.name}) has none of model, path and file")
         if entry.whole and (entry.model or not entry.path):

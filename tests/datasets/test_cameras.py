@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -206,6 +207,9 @@ def test_unnamed_cameras_are_numbered_with_equal_width(tmp_path: Path, size: int
 def test_camera_files_that_cannot_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(CameraError, match=r"none\.json: No such file"):
         read_camera_file(tmp_path / "none.json")
+    os.mkfifo(tmp_path / "pipe.json")
+    with pytest.raises(CameraError, match=r"pipe\.json: it is not a regular file"):
+        read_camera_file(tmp_path / "pipe.json")
     path = written(tmp_path, {"cameras": [{"camera": "fit"}]})
     monkeypatch.setattr("gateway.datasets.camera_file.MAX_FILE_BYTES", path.stat().st_size)
     assert len(read_camera_file(path).default_views) == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import tomllib
 from pathlib import Path
 
@@ -97,6 +98,7 @@ def test_without_a_file_each_model_is_a_class(monkeypatch: pytest.MonkeyPatch) -
         ('[[class]]\nname = "a"\nmodel = 3', r"`\$\.class\[0\]\.model`|class\[0\]\.model"),
         ('[[class]]\nname = "a"\nmodel = ""', "length >= 1"),
         ('[[class]]\nname = ""\nmodel = "a"', "length >= 1"),
+        ('[[class]]\nname = "a\\nb"\nmodel = "a"', r"class\[0\].name = 'a\\nb': must be of printable characters"),
         ('[[class]]\nname = "a"\nid = 0\nmodel = "a"', ">= 1"),
         ('[[class]]\nname = "a"\nid = 65536\nmodel = "a"', "<= 65535"),
         ('[[class]]\nname = "a"\nmodels = "a"', "unknown field `models`"),
@@ -121,6 +123,9 @@ def test_files_that_cannot_be_used(tmp_path: Path, text: str, sentence: str) -> 
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.toml")
+    with pytest.raises(ClassesError, match="not a regular file"):
+        read_classes(tmp_path / "pipe.toml")
     with pytest.raises(ClassesError, match="No such file"):
         read_classes(tmp_path / "none.toml")
     (tmp_path / "bytes.toml").write_bytes(b"\xff")
