@@ -13,7 +13,7 @@ from typing import Annotated, Final, Literal
 from fastapi import Depends, FastAPI, Path, Query, Request, Response
 from fastapi.responses import HTMLResponse, PlainTextResponse
 
-from gateway.datasets.show.overlay import LAYERS, draw_sample
+from gateway.datasets.show.overlay import LAYERS, draw_sample, shown_types
 from gateway.datasets.show.page import PAGE_SAMPLES, Selection, grid_page, sample_page
 from gateway.datasets.show.summary import summarize
 from gateway.server.access import SecurityHeaders, TrustedHosts
@@ -37,7 +37,7 @@ SampleNumber = Annotated[int, Path(ge=0)]
 
 async def _selection(
     layer: Annotated[list[Literal["masks", "boxes", "poses", "none"]] | None, Query(max_length=8)] = None,
-    image: ImageType = "color",
+    image: ImageType | None = None,
     class_id: Annotated[int | None, Query(alias="class")] = None,
     page: Annotated[int, Query(ge=0)] = 0,
 ) -> Selection:
@@ -91,6 +91,8 @@ def create_app(dataset: Dataset) -> FastAPI:
         selection: Annotated[Selection, Depends(_selection)],
     ) -> Response:
         sample = dataset[number]
+        if selection.image not in (None, *shown_types(sample)):
+            return PlainTextResponse(f"{sample.id} has no {selection.image} image that can be drawn", 404)
         version = hashlib.sha256(manifest.encode(sample.record)).hexdigest()[:16]
         headers = {"ETag": f'"{version}"', "Cache-Control": "no-cache"}
         if request.headers.get("if-none-match") == headers["ETag"]:

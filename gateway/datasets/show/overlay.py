@@ -48,19 +48,19 @@ def class_color(class_id: int) -> Color:
 
 
 def draw_sample(
-    sample: Sample, classes: dict[int, str], layers: Collection[Layer], width: int, image_type: ImageType = "color"
+    sample: Sample, classes: dict[int, str], layers: Collection[Layer], width: int, image_type: ImageType | None = None
 ) -> Image.Image:
     """Return an image of a sample in RGB.
 
     Args:
         classes: names of the classes by their number.
         width: width of the result in pixels.
-        image_type: one of ``SHOWN_TYPES``; if the sample lacks it, its first image is drawn.
+        image_type: one of ``SHOWN_TYPES``; None: the first one that the sample has.
 
     Raises:
         RecordError: an image cannot be read.
     """
-    pixels = _pixels(sample, image_type)
+    pixels = _pixels(sample, next(iter(shown_types(sample)), "color") if image_type is None else image_type)
     if "masks" in layers and "instance" in sample.record.images:
         pixels = _with_masks(pixels, sample)
     height = max(1, round(width * pixels.shape[0] / pixels.shape[1]))
@@ -75,10 +75,18 @@ def draw_sample(
     return canvas.reduce(OVERSAMPLING)
 
 
+def shown_types(sample: Sample) -> list[ImageType]:
+    """Return the types of images of a sample that can be drawn."""
+    return [name for name in SHOWN_TYPES if name in sample.record.images]
+
+
+def printable(text: str) -> str:
+    """Return a text with "?" for the characters that cannot be drawn, such as line breaks."""
+    return "".join(char if char.isprintable() else "?" for char in text)
+
+
 def _pixels(sample: Sample, image_type: ImageType) -> NDArray[np.uint8]:
     """Return an image in RGB, (H, W, 3)."""
-    if image_type not in sample.record.images:
-        image_type = next((name for name in SHOWN_TYPES if name in sample.record.images), "color")
     if image_type in ("depth", "measured"):
         depth = sample.image(image_type)
         seen = np.isfinite(depth)
@@ -130,7 +138,7 @@ def _draw_boxes(draw: ImageDraw.ImageDraw, record: ObjectRecord, name: str, scal
             draw.rectangle(tuple(corners), outline=color, width=line_width)
     if record.box_visible is None:
         return
-    name = name[:MAX_LABEL_CHARS]
+    name = printable(name[:MAX_LABEL_CHARS])
     text = name if draw.im.size[0] < NARROW * OVERSAMPLING else f"{name} {record.visible_fraction:.0%}"
     size = min(MAX_TEXT_HEIGHT, max(MIN_TEXT_HEIGHT, draw.im.size[0] // (60 * OVERSAMPLING))) * OVERSAMPLING
     font = ImageFont.load_default(size)

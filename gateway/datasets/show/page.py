@@ -29,8 +29,8 @@ class Selection:
     """Layers, image and samples that an address selects."""
 
     layers: tuple[Layer, ...]
-    image: ImageType
-    """Type of the image below the layers."""
+    image: ImageType | None
+    """Type of the image below the layers; None: the first one of each sample."""
     class_id: int | None
     """Only samples with a visible object of this class; None: all."""
     page: int

@@ -7,7 +7,7 @@ from typing import Final
 
 from PIL import Image, ImageDraw, ImageFont
 
-from gateway.datasets.show.overlay import Layer, draw_sample
+from gateway.datasets.show.overlay import Layer, draw_sample, printable
 from gateway.datasets.show.summary import some_samples
 from scenegate.datasets import Dataset
 
@@ -43,5 +43,5 @@ def contact_sheet(dataset: Dataset, count: int, layers: Collection[Layer]) -> Im
     for k, (sample, image) in enumerate(zip(chosen, images, strict=True)):
         x, y = GAP + k % columns * (CELL_WIDTH + GAP), GAP + k // columns * row_height
         sheet.paste(image, (x, y))
-        draw.text((x, y + image.height + 2), sample.id[-48:], TEXT, font)
+        draw.text((x, y + image.height + 2), printable(sample.id[-48:]), TEXT, font)
     return sheet

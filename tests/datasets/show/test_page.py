@@ -22,7 +22,7 @@ from gateway.datasets.show.overlay import LAYERS, Layer, class_color, draw_sampl
 from gateway.datasets.show.page import Selection, grid_page
 from gateway.datasets.show.sheet import CELL_WIDTH, contact_sheet
 from gateway.datasets.show.summary import summarize
-from scenegate.datasets import Dataset, Sample
+from scenegate.datasets import Dataset, RecordError, Sample
 from tests.datasets.analytic import WIDTH, write_dataset
 from tests.support.browser import chromium, new_page, wait_in_page
 from tests.support.command import scenegate
@@ -81,6 +81,13 @@ async def test_images(client: httpx2.AsyncClient) -> None:
     for query in ("width=100000", "width=1", "width=128&image=../secret", "width=128&layer=x"):
         assert (await client.get(f"/image/0?{query}")).status_code == 422
     assert (await client.get("/image/99?width=128")).status_code == 404
+
+
+async def test_images_that_cannot_be_drawn(client: httpx2.AsyncClient) -> None:
+    for name in ("flow", "amodal", "normal"):
+        response = await client.get(f"/image/0?width=128&image={name}")
+        assert response.status_code == 404
+        assert response.text == f"pile/view-0 has no {name} image that can be drawn"
 
 
 async def test_other_hosts_and_other_files_are_refused(client: httpx2.AsyncClient) -> None:
@@ -173,6 +180,25 @@ def test_records_that_make_no_sense_are_drawn_quickly(dataset: Dataset, fields: 
     record = msgspec.structs.replace(sample.objects[0], **fields)
     sample.record = msgspec.structs.replace(sample.record, objects=(record,))  # type: ignore[misc]
     assert draw_sample(sample, {1: "x" * 100_000}, LAYERS, 128).size == (128, 96)
+
+
+def test_names_with_line_breaks_are_drawn(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "out")
+    for file in (folder / "manifest.jsonl", folder / "dataset.json"):
+        file.write_text(file.read_text().replace("brick", "a\\nb\\u0000").replace("pile/view-0", "pile/\\nview"))
+    dataset = Dataset(folder)
+    assert dataset.classes[1] == "a\nb\0"
+    assert dataset[0].id == "pile/\nview"
+    assert contact_sheet(dataset, 2, LAYERS).width >= 2 * CELL_WIDTH
+
+
+@pytest.mark.parametrize("width", [0, -5, 10**9])
+def test_a_camera_without_a_size_is_refused(tmp_path: Path, width: int) -> None:
+    folder = write_dataset(tmp_path / "out")
+    path = folder / "manifest.jsonl"
+    path.write_text(path.read_text().replace('"width":64', f'"width":{width}'))
+    with pytest.raises(RecordError, match=r"manifest.jsonl, line .: Expected `int` .* at `\$.camera.width`"):
+        contact_sheet(Dataset(folder), 1, LAYERS)
 
 
 def test_numbers_of_the_summary(dataset: Dataset) -> None:
