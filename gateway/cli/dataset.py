@@ -90,15 +90,16 @@ def export(
 
 
 def export_dataset(folder: Path, destination: Path, format_name: Format, *, replace: bool = False) -> None:
-    """Write a dataset in another format and show the progress; raises as ``scenegate.datasets.formats.export``."""
+    """Write a dataset in another format and show the progress; arguments and errors of ``formats.export``."""
     from scenegate.cli.progress_bar import progress_bar
     from scenegate.datasets import Dataset
     from scenegate.datasets.formats import export as write
 
     dataset = Dataset(folder)
     with progress_bar("Exporting", f"of {len(dataset)} samples", len(dataset)) as bar:
-        write(dataset, destination, format_name, lambda done: bar.update(done, done), replace=replace)
-    typer.echo(f"{destination}: {len(dataset)} samples as {format_name}", err=True)
+        is_new = write(dataset, destination, format_name, lambda done: bar.update(done, done), replace=replace)
+    earlier = "" if is_new else ", exported before"
+    typer.echo(f"{destination}: {len(dataset)} samples as {format_name}{earlier}", err=True)
 
 
 @app.command()

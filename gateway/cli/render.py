@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from msgspec.structs import replace
 
-from gateway.cli.dataset import Format, export_dataset
+from gateway.cli.dataset import MAX_SHOWN, Format, export_dataset
 from gateway.cli.robot_options import GltfUp, Joints, Keyframe, Roots, Strict
 
 if TYPE_CHECKING:
@@ -47,7 +47,8 @@ def render(
             "--type",
             metavar="TYPES",
             help="Types of images, separated by commas: color, depth, label, normal, albedo; for datasets instance, "
-            "class, amodal (each of these three adds poses, boxes and visibility of all objects), flow, stereo.",
+            "class, amodal (each of these three adds poses, boxes and visibility of all objects), flow, stereo, "
+            "measured.",
         ),
     ] = "color",
     classes: Annotated[
@@ -152,9 +153,14 @@ def render(
         Literal["tiff", "png"],
         typer.Option(help="Depth images of datasets: tiff (32-bit float, metres) or png (16-bit, millimetres)."),
     ] = "tiff",
-    format_name: Annotated[
-        Format | None,
-        typer.Option("--format", help="Format in which the dataset is written again, into OUT/FORMAT."),
+    format_names: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format",
+            metavar="FORMAT",
+            help="bop, coco, webdataset or hdf5: the dataset is written again in this format, into OUT/FORMAT. Can be "
+            "repeated.",
+        ),
     ] = None,
     up: Annotated[
         Literal["auto", "y", "z"],
@@ -195,12 +201,9 @@ def render(
     if single and (len(scenes) != 1 or scenes[0].is_dir() or len(image_types) != 1 or cameras is not None):
         raise ValueError(f"{out} is one image: for more scenes, types or cameras name a folder with -o")
     _check_stereo(image_types, baseline, stereo_profile)
-    if format_name is not None:
-        from scenegate.datasets.formats import check_types
-
-        if single:
-            raise ValueError(f"--format {format_name} is for datasets: name a folder with -o")
-        check_types(image_types, format_name)
+    if format_names and single:
+        raise ValueError(f"--format {format_names[0]} is for datasets: name a folder with -o")
+    formats = _checked_formats(format_names, image_types, out) if format_names else ()
     if rig is not None and look not in ("auto", "studio"):
         typer.echo(f"--rig lights the studio look only: --look {look} is rendered without it", err=True)
     from gateway.runtime.kernels.loading import ensure_compiled
@@ -258,7 +261,9 @@ def render(
     class_table, settings = _parse_classes(classes, sources, replace(settings, scenario_sha256=digest))
     job = make_job(sources, views, file, settings, out.absolute(), timeout, class_table)
     complete = render_dataset(job, cores, ray)
-    if format_name is not None:
+    if classes is not None:
+        _report_unseen_classes(out)
+    for format_name in formats:
         export_dataset(out, out / format_name, format_name, replace=True)
     if not complete:
         raise typer.Exit(1)
@@ -282,6 +287,19 @@ def _parse_types(text: str) -> tuple[ImageType, ...]:
     if not wanted or not wanted <= {*IMAGE_TYPES}:
         raise ValueError(f"--type {text[:80]!r}: must be some of {', '.join(IMAGE_TYPES)}, separated by commas")
     return tuple(name for name in IMAGE_TYPES if name in wanted)
+
+
+def _checked_formats(names: list[str], types: tuple[ImageType, ...], out: Path) -> tuple[Format, ...]:
+    """Return the formats of a dataset; raise ValueError if one cannot be written, now and not after the run."""
+    from scenegate.datasets.formats import FORMATS, check_destination, check_types
+
+    if unknown := {*names} - {*FORMATS}:
+        raise ValueError(f"--format {min(unknown)[:80]!r}: must be one of {', '.join(FORMATS)}")
+    formats = tuple(name for name in FORMATS if name in names)
+    for name in formats:
+        check_types(types, name)
+        check_destination(out / name, out, name, replace=True)
+    return formats
 
 
 def _check_stereo(types: tuple[ImageType, ...], baseline: float, profile: str) -> None:
@@ -331,6 +349,21 @@ def _parse_classes(path: Path | None, sources: tuple[Source, ...], settings: Set
         return table, replace(settings, classes_sha256=digest)
     options = load_options(settings)
     return classes_of_models(name for source in sources for name in model_names(source, options)), settings
+
+
+def _report_unseen_classes(out: Path) -> None:
+    """Print the classes of a dataset without an object in any image."""
+    from scenegate.datasets import manifest
+
+    unseen = dict(manifest.read_dataset(out).classes)
+    for sample in manifest.read_lines(out / manifest.MANIFEST_FILE, manifest.SampleRecord):
+        for each in sample.objects:
+            unseen.pop(str(each.class_id), None)
+        if not unseen:
+            return
+    names = [*unseen.values()][:MAX_SHOWN]
+    more = f" and {len(unseen) - len(names)} more" if len(unseen) > len(names) else ""
+    typer.echo(f"--classes: no image has an object of {', '.join(names)}{more}", err=True)
 
 
 def _parse_color(text: str) -> tuple[int, int, int]:

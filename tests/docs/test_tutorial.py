@@ -30,14 +30,11 @@ def test_lesson(page: Path, addresses: dict[str, str], tmp_path: Path) -> None:
 
 
 def commands_of(block: Block, folder: Path, addresses: dict[str, str]) -> list[str]:
-    """Return the commands of a block. A scenario is written to the file that its first line names."""
+    """Return the commands of a block; Python is written to the file that its first line names."""
     if block.language == "python":
         script = folder / "block.py"
         script.write_text(placed(block.code, addresses))
         return [f"{sys.executable} {script}"]
-    if block.language == "toml":
-        (folder / block.code.split()[1]).write_text(block.code)
-        (folder / "examples").symlink_to(ROOT / "examples")
     if block.language != "sh":  # starting the server, which runs already
         return []
     scenegate = f"{sys.executable} -m scenegate "

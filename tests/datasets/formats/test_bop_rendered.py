@@ -98,8 +98,29 @@ def test_the_same_command_writes_the_same_copy(folder: Path) -> None:
     before = contents(folder / "out" / "bop")
     again = render(folder)
     assert "2 of them from before, 0 rendered" in again.stderr
+    assert "2 samples as bop, exported before" in again.stderr
     assert contents(folder / "out" / "bop") == before
     assert scenegate("dataset", "check", str(folder / "out")).exit_code == 0
+
+
+def test_several_formats_classes_and_files_that_are_not_ours(folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pycocotools")
+    classes = tmp_path / "classes.toml"
+    classes.write_text("".join(f'[[class]]\nname = "{name}"\nmodel = "{name}"\n' for name in ("can", "cann", "mug")))
+    formats = ("--format", "coco", "--format", "webdataset")
+    size = ("--width", "64", "--height", "48", "--type", "color,instance")
+    arguments = (str(folder / "pile.glb"), "-o", str(tmp_path / "out"), "--classes", str(classes))
+    command = ("render", *arguments, *size, *formats)
+    done = scenegate(*command)
+    assert done.exit_code == 0, done.stderr
+    assert "--classes: no image has an object of cann, mug\n" in done.stderr
+    assert {path.name for path in (tmp_path / "out").iterdir()} >= {"coco", "webdataset"}
+    (tmp_path / "out" / "coco" / "notes.txt").write_text("mine")
+    done = scenegate(*command, "--orbit", "2")
+    assert "coco is not as an export wrote it" in done.stderr
+    assert "rendered in" not in done.stderr
+    assert (tmp_path / "out" / "coco" / "notes.txt").read_text() == "mine"
+    assert "--format 'x': must be one of bop" in scenegate(*command, "--format", "x").stderr
 
 
 def test_types_that_are_missing_are_named_before_rendering(folder: Path) -> None:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import pytest
+from PIL import Image
 
-from scenegate.datasets import Dataset, RecordError
+from gateway.datasets.check import check_dataset
+from scenegate.datasets import Dataset, RecordError, manifest
 from scenegate.datasets.formats import FORMATS, ExportError, FormatName, export
 from tests.datasets.analytic import write_dataset
 from tests.datasets.conftest import Draw, contents, job_of
@@ -42,9 +46,58 @@ def test_what_a_killed_export_left_is_removed(analytic: Dataset, tmp_path: Path)
     export(analytic, tmp_path / "dest", "bop")
     assert [path.name for path in tmp_path.iterdir()] == ["dest"]
     assert not (tmp_path / "dest" / "half").exists()
-    (tmp_path / "dest" / "old").write_text("x")
-    export(analytic, tmp_path / "dest", "bop", replace=True)
-    assert not (tmp_path / "dest" / "old").exists()
+
+
+def add_file(dest: Path) -> None:
+    (dest / "mine").write_text("x")
+
+
+def edit_models(dest: Path) -> None:
+    path = dest / "models" / "models_info.json"
+    path.write_text(path.read_text().replace("1", "2"))  # of the same size
+
+
+def remove_file(dest: Path) -> None:
+    (dest / "camera.json").unlink()
+
+
+def remove_record(dest: Path) -> None:
+    (dest / "export.json").unlink()
+
+
+@pytest.mark.parametrize("change", [add_file, edit_models, remove_file, remove_record])
+def test_only_what_an_export_wrote_is_replaced(tmp_path: Path, change: Callable[[Path], None]) -> None:
+    dataset = Dataset(write_dataset(tmp_path / "out"))
+    dest = tmp_path / "out" / "bop"
+    assert export(dataset, dest, "bop", replace=True)
+    before = contents(dest)
+    assert not export(dataset, dest, "bop", replace=True)
+    assert contents(dest) == before
+    path = dataset.folder / "manifest.jsonl"
+    path.write_text(path.read_text().replace('"pile/view-1"', '"pile/x"'))
+    dataset = Dataset(dataset.folder)
+    (dest / "train_pbr" / "000000" / "link").symlink_to(dest)
+    with pytest.raises(ExportError, match="files were added, changed or removed"):
+        export(dataset, dest, "bop", replace=True)
+    (dest / "train_pbr" / "000000" / "link").unlink()
+    assert export(dataset, dest, "bop", replace=True)
+    change(dest)
+    before = contents(dest)
+    with pytest.raises(ExportError, match="bop is not as an export wrote it"):
+        export(dataset, dest, "bop", replace=True)
+    assert contents(dest) == before
+
+
+def test_links_and_folders_of_the_dataset_are_refused(tmp_path: Path) -> None:
+    dataset = Dataset(write_dataset(tmp_path / "out"))
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "out" / "bop").symlink_to(tmp_path / "mine")
+    with pytest.raises(ExportError, match="bop is a symbolic link"):
+        export(dataset, tmp_path / "out" / "bop", "bop", replace=True)
+    for folder in ("models/x", "scenes/pile/x", "bop2", "coco"):
+        with pytest.raises(ExportError, match=r"is in the dataset, where only .*/out/bop can be"):
+            export(dataset, tmp_path / "out" / folder, "bop")
+    assert list((tmp_path / "mine").iterdir()) == []
 
 
 def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
@@ -72,10 +125,49 @@ def test_a_missing_package_is_named(analytic: Dataset, tmp_path: Path, monkeypat
 
 def test_an_image_outside_of_the_dataset_is_not_read(tmp_path: Path) -> None:
     folder = write_dataset(tmp_path / "out")
-    manifest = folder / "manifest.jsonl"
-    manifest.write_text(manifest.read_text().replace("scenes/pile/view-0.color.png", "../secret.png"))
+    path = folder / "manifest.jsonl"
+    path.write_text(path.read_text().replace("scenes/pile/view-0.color.png", "../secret.png"))
     with pytest.raises(RecordError, match=r"the color image '\.\./secret\.png' lies outside of the dataset"):
         export(Dataset(folder), tmp_path / "dest", "coco")
+
+
+@pytest.mark.parametrize("path", ["scenes/pile/view-0.color.png", "scenes/pile", "models/block.ply", "models"])
+def test_nothing_behind_links_is_exported(tmp_path: Path, path: str) -> None:
+    folder = write_dataset(tmp_path / "out")
+    (folder / path).rename(tmp_path / "secret")
+    (folder / path).symlink_to(tmp_path / "secret")
+    with pytest.raises(RecordError, match="lies outside of the dataset, by a symbolic link"):
+        export(Dataset(folder), tmp_path / "dest", "bop")
+    assert any("outside" in problem or "missing" in problem for problem in check_dataset(folder, 1).problems)
+
+
+def test_a_scene_outside_of_the_dataset_is_not_read(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "out")
+    (folder / "scenes" / "pile").rename(tmp_path / "pile")
+    for name in ("../../pile", "a\0b"):
+        with pytest.raises(RecordError, match="lies outside of the dataset"):
+            Dataset(folder).scene(name)
+
+
+@pytest.mark.parametrize("name", ["bop", "coco"])
+@pytest.mark.parametrize("images", [{}, {"depth": manifest.ImageFile("x", "", 0)}])
+def test_samples_without_color(tmp_path: Path, name: FormatName, images: dict[str, manifest.ImageFile]) -> None:
+    folder = write_dataset(tmp_path / "out")
+    path = folder / "manifest.jsonl"
+    records = list(manifest.read_lines(path, manifest.SampleRecord))
+    records[0] = msgspec.structs.replace(records[0], images=images)
+    path.write_bytes(b"".join(manifest.encode(record) + b"\n" for record in records))
+    with pytest.raises(RecordError, match="pile/view-0 has no color image, only"):
+        export(Dataset(folder), tmp_path / "dest", name)
+
+
+@pytest.mark.parametrize("image_type", ["color", "instance", "depth"])
+def test_images_of_another_size_are_refused(tmp_path: Path, image_type: str) -> None:
+    folder = write_dataset(tmp_path / "out")
+    path = next((folder / "scenes" / "pile").glob(f"view-0.{image_type}.*"))
+    Image.new("L", (5000, 4000)).save(path)
+    with pytest.raises(RecordError, match=f"view-0.{image_type}.*: 5000x4000 pixels, the camera has 64x48"):
+        export(Dataset(folder), tmp_path / "dest", "bop")
 
 
 def test_the_command(tmp_path: Path) -> None:

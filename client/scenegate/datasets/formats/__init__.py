@@ -8,5 +8,6 @@ from __future__ import annotations
 from scenegate.datasets.formats.exporting import FORMATS as FORMATS
 from scenegate.datasets.formats.exporting import ExportError as ExportError
 from scenegate.datasets.formats.exporting import FormatName as FormatName
+from scenegate.datasets.formats.exporting import check_destination as check_destination
 from scenegate.datasets.formats.exporting import check_types as check_types
 from scenegate.datasets.formats.exporting import export as export

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import importlib
+import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import Final, Literal, get_args
 
+import msgspec
+
 from scenegate.datasets.dataset import Dataset, Sample
-from scenegate.datasets.manifest import ImageType
+from scenegate.datasets.manifest import DATASET_FILE, MANIFEST_FILE, ImageType, RecordError, read_file
+from scenegate.regular_files import sha256_of
 
 FormatName = Literal["bop", "coco", "webdataset", "hdf5"]
 FORMATS: Final[tuple[FormatName, ...]] = get_args(FormatName)
@@ -22,12 +27,23 @@ NEEDED_TYPES: Final[dict[FormatName, tuple[ImageType, ...]]] = {
 """Types of images that a dataset must have for a format."""
 TEMPORARY_SUFFIX: Final = ".scenegate-export"
 """Suffix of a folder that is being written."""
+RECORD_FILE: Final = "export.json"
+"""An ``ExportRecord``, in the folder of an export."""
 Report = Callable[[int], object]
 """Called with the number of samples that are written."""
 
 
 class ExportError(ValueError):
     """A dataset cannot be written in a format; the message is one sentence."""
+
+
+class ExportRecord(msgspec.Struct, frozen=True):
+    """State of a dataset and of the folder with its export."""
+
+    dataset: tuple[str | None, ...]
+    """SHA-256 of the dataset's description and of its manifest, which has those of the images."""
+    files: str
+    """Digest of the names and contents of all other files of the folder, and of the names of its folders."""
 
 
 def check_types(types: Sequence[ImageType], format_name: FormatName) -> None:
@@ -45,37 +61,78 @@ def export(
     report: Report = lambda done: None,
     *,
     replace: bool = False,
-) -> None:
-    """Write all samples of a dataset in another format.
+) -> bool:
+    """Write all samples of a dataset in another format. Return False if the folder has them already.
 
     The same dataset gives the same bytes. The folder is written under a temporary name, so that it is complete or
     missing.
 
     Args:
-        destination: folder to write, which must be empty or missing.
-        replace: remove the folder if it is there.
+        destination: folder to write; raises as ``check_destination``.
+        replace: an earlier export may be in the folder.
 
     Raises:
-        ExportError: the folder is not empty, or the dataset lacks images that the format needs.
+        ExportError: the dataset lacks images that the format needs.
         RecordError: a sample, a model or an image cannot be read.
         ImportError: a package is missing; the message names it and the remedy.
         OSError: the folder cannot be written.
     """
     check_types(dataset.description.settings.types, format_name)
-    if not replace and destination.exists() and (not destination.is_dir() or any(destination.iterdir())):
-        raise ExportError(f"{destination} is there and not empty; name another folder")
+    earlier = check_destination(destination, dataset.folder, format_name, replace=replace)
+    state = tuple(sha256_of(dataset.folder / name) for name in (DATASET_FILE, MANIFEST_FILE))
+    if earlier is not None and earlier.dataset == state:
+        return False
     write = _writer(format_name)
     temporary = destination.with_name(f".{destination.name}{TEMPORARY_SUFFIX}")
     shutil.rmtree(temporary, ignore_errors=True)  # of a process that was killed
     temporary.mkdir(parents=True)
     try:
         write(dataset, temporary, _counted(dataset, report))
-        if replace and destination.is_dir():
+        (temporary / RECORD_FILE).write_bytes(
+            msgspec.json.encode(ExportRecord(state, _files_digest(temporary))) + b"\n"
+        )
+        if check_destination(destination, dataset.folder, format_name, replace=replace) is not None:
             shutil.rmtree(destination)
         temporary.replace(destination)
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
         raise
+    return True
+
+
+def check_destination(
+    destination: Path, dataset_folder: Path, format_name: FormatName, *, replace: bool
+) -> ExportRecord | None:
+    """Return the record of the export that is in a folder; None if the folder is empty or missing.
+
+    Raises:
+        ExportError: the folder is not empty, and ``replace`` is False or an export has not written all that is in it;
+            it is a symbolic link; or it is in the dataset, where only ``FORMAT`` may be.
+    """
+    if destination.is_symlink():
+        raise ExportError(f"{destination} is a symbolic link; name a folder")
+    own = dataset_folder / format_name
+    if destination.resolve() != own.resolve() and destination.resolve().is_relative_to(dataset_folder.resolve()):
+        raise ExportError(f"{destination} is in the dataset, where only {own} can be; name another folder")
+    if not destination.exists() or (destination.is_dir() and not any(destination.iterdir())):
+        return None
+    if not replace:
+        raise ExportError(f"{destination} is there and not empty; name another folder")
+    try:
+        record = read_file(destination / RECORD_FILE, ExportRecord)
+    except RecordError:
+        record = None
+    if record is None or record.files != _files_digest(destination):
+        raise ExportError(f"{destination} is not as an export wrote it: files were added, changed or removed; move it")
+    return record
+
+
+def _files_digest(folder: Path) -> str:
+    """Return ``ExportRecord.files`` of a folder."""
+    digest = sha256()
+    for path in sorted({*folder.rglob("*")} - {folder / RECORD_FILE}):
+        digest.update(json.dumps((str(path.relative_to(folder)), sha256_of(path))).encode())
+    return digest.hexdigest()
 
 
 def _writer(format_name: FormatName) -> Callable[[Dataset, Path, Iterator[Sample]], None]:
