@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import signal
 import sys
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
@@ -67,6 +68,7 @@ class FakePool:
         self.alive = False
 
     def submit(self, _: Any, task: Task) -> Future[Result]:
+        assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()), "Ctrl+C would reach a process that starts"
         assert self.alive, "the process of this pool has died"
         future: Future[Result] = Future()
         if self.deadly.get(task.out, 0) > 0:
@@ -93,6 +95,7 @@ def test_cores_are_shared_by_the_workers(
 ) -> None:
     results = list(local_tasks.run_local(numbered(task, tasks), cores))
     assert pools.made == workers
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
     assert sorted(result.warnings for result in results) == [(str(n), str(threads)) for n in range(tasks)]
 
 
