@@ -88,12 +88,25 @@ def _single_process_pool() -> ProcessPoolExecutor:
 
 
 def _submit(pool: ProcessPoolExecutor, task: Task) -> Future[Result]:
-    """Give a task to a pool, which may start its process: with Ctrl+C blocked, even before ``_initialize`` runs."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    """Give a task to a pool, which may start its process.
+
+    The process inherits that Ctrl+C is blocked, so that it does not end before ``_initialize`` runs. Here, Ctrl+C and
+    SIGTERM wait until the process has its data; another thread may have received them, so blocking is not enough.
+    """
+    received: list[int] = []
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    handlers = {
+        number: signal.signal(number, lambda number, _: received.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
     try:
         return pool.submit(_run_task, task)
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for late in received:
+            signal.raise_signal(late)
 
 
 def _initialize(parent_id: int) -> None:

@@ -113,6 +113,30 @@ def test_a_task_whose_process_died_is_repeated_once_at_the_end(
         assert pools.made == 4, "two workers, the replacement of the dead one, and one for the repeated task"
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_wait_until_a_process_has_started(
+    task: Task, pools: type[FakePool], monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    """The signal comes while the first task is submitted, as if another thread had received it."""
+    submit, submitted = FakePool.submit, []
+
+    def interrupted(self: FakePool, function: Any, task: Task) -> Future[Result]:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {number})
+        signal.raise_signal(number)
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        submitted.append(task)
+        return submit(self, function, task)
+
+    monkeypatch.setattr(FakePool, "submit", interrupted)
+    before = signal.signal(number, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            list(local_tasks.run_local(numbered(task, 4), 2))
+    finally:
+        assert signal.signal(number, before) is signal.default_int_handler
+    assert len(submitted) == 1
+
+
 class FakeRay(SimpleNamespace):
     """Ray's API, with references that are numbers; the oldest task finishes first."""
 
