@@ -273,10 +273,11 @@ def _parse_numbers(text: str) -> range | None:
     """Return the numbers in ``7`` or ``0-99``; None for an empty text."""
     if not text:
         return None
-    first, _, last = text.partition("-")
-    if not first.isdecimal() or not (last or first).isdecimal() or int(last or first) < int(first):
+    first, dash, last = text.partition("-")
+    last = last if dash else first
+    if not first.isdecimal() or not last.isdecimal() or int(last) < int(first):
         raise ValueError(f"--scenes {text!r}: must be a number, or FIRST-LAST")
-    return range(int(first), int(last or first) + 1)
+    return range(int(first), int(last) + 1)
 
 
 def _parse_types(text: str) -> tuple[ImageType, ...]:

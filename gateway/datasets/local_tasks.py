@@ -43,7 +43,7 @@ def run_local(tasks: list[Task], cores: int) -> Iterator[Result]:
     for task in interrupted:
         with _single_process_pool() as pool:
             try:
-                yield pool.submit(_run_task, task).result()
+                yield _submit(pool, task).result()
             except BrokenProcessPool:
                 yield task.failed(DIED_MESSAGE)
 
@@ -65,7 +65,7 @@ def _run_in_parallel(pending: deque[Task], worker_count: int, interrupted: list[
             while pending or running:
                 while pending and idle_pools:
                     task, pool = pending.popleft(), idle_pools.pop()
-                    running[pool.submit(_run_task, task)] = task, pool
+                    running[_submit(pool, task)] = task, pool
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     task, pool = running.pop(future)
                     try:
@@ -85,6 +85,28 @@ def _single_process_pool() -> ProcessPoolExecutor:
     """Return a pool of one process. It is not forked, because it would inherit locks that other threads hold."""
     context = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(1, mp_context=context, initializer=_initialize, initargs=(os.getpid(),))
+
+
+def _submit(pool: ProcessPoolExecutor, task: Task) -> Future[Result]:
+    """Give a task to a pool, which may start its process.
+
+    The process inherits that Ctrl+C is blocked, so that it does not end before ``_initialize`` runs. Here, Ctrl+C and
+    SIGTERM wait until the process has its data; another thread may have received them, so blocking is not enough.
+    """
+    received: list[int] = []
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    handlers = {
+        number: signal.signal(number, lambda number, _: received.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        return pool.submit(_run_task, task)
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for late in received:
+            signal.raise_signal(late)
 
 
 def _initialize(parent_id: int) -> None:

@@ -18,6 +18,11 @@ from scenegate.datasets import manifest
 from scenegate.datasets.manifest import RecordError, SampleRecord, Settings, SourceFile
 from scenegate.regular_files import open_regular, sha256_of
 
+_CHANGES: Final = {
+    "scenario_sha256": "the scenario has changed, or the names of its files",
+    "classes_sha256": "the file of classes has changed",
+}
+"""What has changed if a digest in the settings has."""
 BATCH_SAMPLES: Final = 1000
 """Number of samples whose images are hashed at a time. A dataset may have millions, which do not fit in memory."""
 
@@ -40,6 +45,8 @@ def existing_dataset(job: Job) -> manifest.DatasetRecord | None:
     for name in Settings.__struct_fields__:
         old, new = getattr(dataset.settings, name), getattr(job.settings, name)
         if old != new:
+            if old and new and name in _CHANGES:
+                raise JobError(f"{out} holds a dataset with other settings: {_CHANGES[name]}; name another folder")
             raise JobError(
                 f"{out} holds a dataset with other settings ({name}: {old} there, {new} now); name another folder"
             )

@@ -153,10 +153,8 @@ def load_scene(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> Loade
         return _LOADERS[source.kind](source, files, options)
     except OSError as error:
         raise SceneError(error.strerror or str(error)) from None
-    except SceneFileError as error:
+    except (SceneFileError, RequestError, ValueError) as error:  # those of meshes, glTF and trees are ValueErrors
         raise SceneError(str(error).removeprefix(f"{source.path}: ")) from None
-    except (RequestError, ValueError) as error:  # errors of mesh files, glTF and trees are ValueErrors
-        raise SceneError(str(error)) from None
 
 
 def model_names(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> frozenset[str]:
@@ -230,11 +228,15 @@ def _load_scenario(source: Source, files: FolderFiles, options: SceneOptions) ->
     # Here, because they load kernels, which takes 0.2 s.
     from gateway.datasets.scenario.build import build_scene
     from gateway.datasets.scenario.drawing import draw_choices
+    from gateway.datasets.scenario.records import choices_of
 
     catalogue = read_catalogue(Path(source.path))
     record = _recorded_scene(source)
     if record is not None:
-        choices = msgspec.convert(record.scenario, SceneChoices)
+        try:
+            choices = choices_of(record.scenario, catalogue, source.number)
+        except ScenarioError as error:
+            raise SceneError(f"{_record_path(source)}: scenario: {error}") from None
         built = build_scene(catalogue, choices, 0)
     if record is None or record.sha256 != scene_digest(_sources(source, built.digests)):
         choices = draw_choices(catalogue, source.number)
@@ -250,7 +252,7 @@ def _load_scenario(source: Source, files: FolderFiles, options: SceneOptions) ->
 
 def _recorded_scene(source: Source) -> manifest.SceneRecord | None:
     """Return the ``scene.json`` of an earlier run that has the choices of a scene; None if there is none."""
-    path = Path(source.recorded) / manifest.SCENES_FOLDER / source.name / manifest.SCENE_FILE
+    path = _record_path(source)
     if not source.recorded or not path.is_file():
         return None
     try:
@@ -258,6 +260,10 @@ def _recorded_scene(source: Source) -> manifest.SceneRecord | None:
     except manifest.RecordError as error:
         raise SceneError(str(error)) from None
     return None if record.scenario is None else record
+
+
+def _record_path(source: Source) -> Path:
+    return Path(source.recorded) / manifest.SCENES_FOLDER / source.name / manifest.SCENE_FILE
 
 
 _LOADERS: Final[dict[SourceKind, Callable[[Source, FolderFiles, SceneOptions], LoadedScene]]] = {

@@ -88,9 +88,8 @@ def find_sources(inputs: Iterable[Path], numbers: range | None = None) -> tuple[
         for source in sources:
             existing = by_name.setdefault(source.name, source)
             if existing.path != source.path:
-                raise SourceError(
-                    f"{existing.path} and {source.path} would both be called {source.name}; pass the folder above them"
-                )
+                advice = "rename one" if source.kind is SourceKind.SCENARIO else "pass the folder above them"
+                raise SourceError(f"{existing.path} and {source.path} would both be called {source.name}; {advice}")
     return tuple(by_name[name] for name in sorted(by_name))
 
 

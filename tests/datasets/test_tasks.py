@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import signal
 import sys
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
@@ -67,6 +68,7 @@ class FakePool:
         self.alive = False
 
     def submit(self, _: Any, task: Task) -> Future[Result]:
+        assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()), "Ctrl+C would reach a process that starts"
         assert self.alive, "the process of this pool has died"
         future: Future[Result] = Future()
         if self.deadly.get(task.out, 0) > 0:
@@ -93,6 +95,7 @@ def test_cores_are_shared_by_the_workers(
 ) -> None:
     results = list(local_tasks.run_local(numbered(task, tasks), cores))
     assert pools.made == workers
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
     assert sorted(result.warnings for result in results) == [(str(n), str(threads)) for n in range(tasks)]
 
 
@@ -108,6 +111,30 @@ def test_a_task_whose_process_died_is_repeated_once_at_the_end(
     if deaths:
         assert results[-1].warnings[:1] == (() if failed else ("1",))
         assert pools.made == 4, "two workers, the replacement of the dead one, and one for the repeated task"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_wait_until_a_process_has_started(
+    task: Task, pools: type[FakePool], monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    """The signal comes while the first task is submitted, as if another thread had received it."""
+    submit, submitted = FakePool.submit, []
+
+    def interrupted(self: FakePool, function: Any, task: Task) -> Future[Result]:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {number})
+        signal.raise_signal(number)
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        submitted.append(task)
+        return submit(self, function, task)
+
+    monkeypatch.setattr(FakePool, "submit", interrupted)
+    before = signal.signal(number, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            list(local_tasks.run_local(numbered(task, 4), 2))
+    finally:
+        assert signal.signal(number, before) is signal.default_int_handler
+    assert len(submitted) == 1
 
 
 class FakeRay(SimpleNamespace):

@@ -22,6 +22,8 @@ from gateway.datasets.scenario.surfaces import solids_of
 from gateway.scene.transforms import translation
 from scenegate.datasets.manifest import pose_rows
 
+MIN_EXTENT: Final = 1e-6
+"""Minimum size of the box of an object, metres: cameras find no place around smaller ones."""
 DROP_HEIGHTS: Final = 40
 """Maximum number of heights from which the drop of an object is tried."""
 _MAX_ROUNDS: Final = 4
@@ -94,6 +96,11 @@ class Arrangement:
         """Find a place for an object; without one it is left out, with a note."""
         table, placement = candidate.table, self.scenario.placement
         solid, rotation = candidate.solid, np.array(candidate.choice.X_world_object)
+        extent = float(np.ptp(solid.box, axis=0).max())
+        if not extent >= MIN_EXTENT:
+            reason = f"({candidate.choice.file}) has an extent of {extent:g} m, {MIN_EXTENT:g} m are the least"
+            self._leave_out(candidate, reason)
+            return
         if table.pose_track:
             self._placed.append(_Placed(candidate, solid, rotation, None))
             return

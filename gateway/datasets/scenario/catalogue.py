@@ -5,6 +5,8 @@ from __future__ import annotations
 import glob
 import hashlib
 import os
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -17,8 +19,8 @@ from gateway.datasets.scenario.tables import Scenario, ScenarioError
 from gateway.robots.scene_files import SCENE_SUFFIXES
 from renderers.stop import check_stop
 
-MAX_FILES: Final = 100_000
-"""Maximum number of files that a folder or pattern may name."""
+MAX_ENTRIES: Final = 100_000
+"""Maximum number of files and folders in the folders of a path or pattern."""
 MODEL_SUFFIXES: Final = tuple(suffix for suffix in SCENE_SUFFIXES if suffix not in (".xml", ".world", ".xacro"))
 """Suffixes of models in folders. A path or pattern that ends with another suffix of a scene file names those, too."""
 IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".webp")
@@ -45,9 +47,16 @@ class Catalogue:
 
     @cached_property
     def model_names(self) -> dict[str, str]:
-        """Name of each model by its file: the shortest end of its path, without suffix, that no other model has."""
-        files = list(dict.fromkeys(name for names in self.models.values() for name in names))
-        parts = {name: Path(name).with_suffix("").parts for name in files}
+        """Name of each model by its file: the shortest end of its path that no other model has.
+
+        It has no suffix, unless another file differs in that alone. Paths are relative to the scenario's folder.
+        """
+        folder = self.path.parent
+        written = dict.fromkeys(name for names in self.models.values() for name in names)
+        relative = {name: os.path.relpath(folder / name, folder) for name in written}
+        files = list(dict.fromkeys(relative.values()))
+        stems = Counter(Path(file).with_suffix("") for file in files)
+        parts = {file: (stem if stems[stem := Path(file).with_suffix("")] == 1 else Path(file)).parts for file in files}
         names: dict[str, str] = {}
         length = 1
         while files:
@@ -55,11 +64,11 @@ class Catalogue:
             for file in files:
                 by_name.setdefault("/".join(parts[file][-length:]), []).append(file)
             for name, same in by_name.items():
-                if len(same) == 1 or all(length >= len(parts[file]) for file in same):  # a.obj and a.stl
+                if len(same) == 1 or all(length >= len(parts[file]) for file in same):  # a.obj and a.obj.stl
                     names |= {file: name if len(same) == 1 else file for file in same}
             files = [file for file in files if file not in names]
             length += 1
-        return names
+        return {name: names[file] for name, file in relative.items()}
 
     def files(self, pattern: str, suffixes: tuple[str, ...], key: str) -> tuple[str, ...]:
         """Return the files of a path, folder or pattern in ascending order, relative to the scenario's folder.
@@ -76,15 +85,15 @@ class Catalogue:
         if (folder / pattern).is_file():
             return (pattern,)
         is_folder = (folder / pattern).is_dir()
-        search = os.path.join(glob.escape(pattern), "**", "*") if is_folder else pattern  # noqa: PTH118 - a pattern
+        search = f"{glob.escape(pattern)}/**/*" if is_folder else pattern
         wanted = SCENE_SUFFIXES if suffixes is MODEL_SUFFIXES and not is_folder else suffixes
-        found: list[str] = []
-        for name in glob.iglob(search, root_dir=folder, recursive=True):  # noqa: PTH207 - keeps the names as written
+        found: set[str] = set()
+        for count, name in enumerate(_matches(folder, search)):
             check_stop()
+            if count > MAX_ENTRIES:
+                raise ScenarioError(f"{self.path}: {key}: {pattern!r} has more than {MAX_ENTRIES} files and folders")
             if name.lower().endswith(wanted) and (folder / name).is_file():
-                found.append(Path(name).as_posix())
-            if len(found) > MAX_FILES:
-                raise ScenarioError(f"{self.path}: {key}: {pattern!r} names more than {MAX_FILES} files")
+                found.add(Path(name).as_posix())
         if not found:
             raise ScenarioError(f"{self.path}: {key}: {pattern!r} names no file ({', '.join(suffixes)})")
         return tuple(sorted(found))
@@ -107,6 +116,25 @@ class Catalogue:
         lists = [*self.models.values(), *(self.files(*each) for each in patterns if each[0])]
         text = msgspec.json.encode([msgspec.structs.replace(scenario, scenes=1), lists])
         return hashlib.sha256(text).hexdigest()
+
+
+def _matches(folder: Path, pattern: str) -> Iterator[str]:
+    """Yield the paths that match a pattern as it is written, and an empty text for each other entry on the way.
+
+    ``**`` is this folder and all below it that are not hidden. Links to folders are not followed: they may be loops.
+    """
+    parts = pattern.split("/")
+    if "**" not in parts:
+        yield from glob.iglob(pattern, root_dir=folder)  # noqa: PTH207 - keeps the names as written
+        return
+    position = parts.index("**")
+    begin, rest = "/".join(parts[:position]) + "/" * (position > 0), "/".join(parts[position + 1 :]) or "*"
+    for base in glob.iglob(begin, root_dir=folder) if begin.strip("/") else (begin,):  # noqa: PTH207
+        for path, folders, files in os.walk(folder / base):
+            folders[:] = [name for name in folders if not name.startswith(".")]
+            yield from [""] * (1 + len(folders) + len(files))
+            below = glob.escape(str(Path(base) / Path(path).relative_to(folder / base)))
+            yield from _matches(folder, f"{below}/{rest}")
 
 
 def read_catalogue(path: Path) -> Catalogue:

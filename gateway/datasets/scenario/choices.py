@@ -5,9 +5,31 @@ Files are named as in the scenario: relative to its folder, unless the scenario 
 
 from __future__ import annotations
 
-import msgspec
+from typing import Annotated, Literal
 
-from scenegate.datasets.manifest import Pose, Vector3
+import msgspec
+from msgspec import Meta
+
+from gateway.datasets.scenario.tables import (
+    MAX_OBJECTS,
+    MAX_VIEWS,
+    Blur,
+    Color,
+    Factor,
+    Fovy,
+    Gain,
+    Intensity,
+    Length,
+    Number,
+    Unit,
+)
+
+_Coordinate = Annotated[float, Meta(ge=-1e9, le=1e9)]
+_Row = tuple[_Coordinate, _Coordinate, _Coordinate, _Coordinate]
+Coordinates = tuple[_Row, _Row, _Row, _Row]
+"""A ``Pose`` within limits."""
+_Direction = tuple[_Coordinate, _Coordinate, _Coordinate]
+_Byte = Annotated[int, Meta(ge=0, le=255)]
 
 
 class Choice(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -16,17 +38,16 @@ class Choice(msgspec.Struct, frozen=True, omit_defaults=True):
 
 class MaterialChoice(Choice, frozen=True, kw_only=True):
     texture: str = ""
-    texture_size: float
-    color: Vector3
-    """sRGB."""
-    metallic: float
-    roughness: float
+    texture_size: Length
+    color: Color
+    metallic: Unit
+    roughness: Unit
 
 
 class SurfaceChoice(Choice, frozen=True, kw_only=True):
-    kind: str
-    size: tuple[float, float]
-    X_world_surface: Pose
+    kind: Literal["floor", "table"]
+    size: tuple[Length, Length]
+    X_world_surface: Coordinates
     """Pose of the centre of its upper side, +Z up."""
     material: MaterialChoice
 
@@ -39,54 +60,54 @@ class ObjectChoice(Choice, frozen=True, kw_only=True):
     """Name of the model, the same in all scenes."""
     name: str
     """Name of the object, unique in the scene."""
-    X_world_object: Pose
+    X_world_object: Coordinates
     """Rigid pose of the model's frame."""
-    scale: float = 1.0
-    joints: dict[str, tuple[float, ...]] = {}
+    scale: Factor = 1.0
+    joints: dict[str, tuple[Number, ...]] = {}
     material: MaterialChoice | None = None
     """None: the materials of the file."""
 
 
 class CameraChoice(Choice, frozen=True, kw_only=True):
-    fovy: float
-    X_world_camera: tuple[Pose, ...]
+    fovy: Fovy
+    X_world_camera: Annotated[tuple[Coordinates, ...], Meta(max_length=MAX_VIEWS)]
     """Pose of the optical frame in each frame; a single one for all of them."""
 
 
 class LampChoice(Choice, frozen=True, kw_only=True):
-    direction: Vector3
+    direction: _Direction
     """Unit vector in which it shines."""
-    intensity: float
-    color: Vector3
+    intensity: Intensity
+    color: Color
 
 
 class LightChoice(Choice, frozen=True, kw_only=True):
     rig: str = ""
     environment: str = ""
-    turn: float
+    turn: Number
     """Radians."""
-    intensity: float
-    lamps: tuple[LampChoice, ...] = ()
+    intensity: Factor
+    lamps: Annotated[tuple[LampChoice, ...], Meta(max_length=8)] = ()
 
 
 class BackgroundChoice(Choice, frozen=True, kw_only=True):
     image: str = ""
-    color: tuple[int, int, int] | None = None
+    color: tuple[_Byte, _Byte, _Byte] | None = None
     """0 to 255."""
 
 
 class SensorChoice(Choice, frozen=True, kw_only=True):
-    blur: float
+    blur: Blur
     vignetting: bool
-    exposure: float
-    gain: float
+    exposure: Factor
+    gain: Gain
 
 
 class SceneChoices(Choice, frozen=True, kw_only=True):
     seed: int
     number: int
     surfaces: tuple[SurfaceChoice, ...]
-    objects: tuple[ObjectChoice, ...]
+    objects: Annotated[tuple[ObjectChoice, ...], Meta(max_length=MAX_OBJECTS)]
     cameras: tuple[CameraChoice, ...]
     light: LightChoice
     background: BackgroundChoice

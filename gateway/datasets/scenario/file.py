@@ -48,11 +48,31 @@ def _sentence(message: str, content: dict[str, Any]) -> str:
     if location is None:
         return message
     value: Any = content
-    for name, index in _STEP.findall(location[1].removesuffix("[...]")):
+    for name, index in _STEP.findall(location[1].partition("[...]")[0]):  # the keys of joints are not in the path
         value = value[int(index)] if index else value.get(name)
     reason = message[: location.start()].partition(", got")[0]
+    reason += _allowed(location[1]) if reason.startswith("Invalid") else ""
     shown = "" if reason.startswith(("Invalid", "Object")) else f", not {reprlib.repr(value)}"
     return f"{location[1]}: {reason[:1].lower()}{reason[1:]}{shown}"
+
+
+def _allowed(path: str) -> str:
+    """Return the values that a key with a fixed list of them may have, as ``: 'y' or 'z'``; empty if unknown."""
+    values: list[str] = []
+    (schema,), definitions = msgspec.json.schema_components([Scenario])
+    schemas = [schema]
+    for name in [*filter(None, (name for name, _ in _STEP.findall(path))), ""]:
+        found: list[dict[str, Any]] = []
+        while schemas:
+            each = schemas.pop()
+            schemas += each.get("anyOf", []) + each.get("oneOf", []) + ([each["items"]] if "items" in each else [])
+            schemas += [definitions[each["$ref"].rpartition("/")[2]]] if "$ref" in each else []
+            found.append(each)
+        if name:
+            schemas = [each["properties"][name] for each in found if name in each.get("properties", {})]
+        else:
+            values = [value for each in found for value in each.get("enum", [])]
+    return f": must be {' or '.join(map(repr, sorted(values)))}" if values else ""
 
 
 def _check(scenario: Scenario) -> None:

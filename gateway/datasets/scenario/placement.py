@@ -122,6 +122,7 @@ def place_on(
     if (free < 0.0).any():
         return None
     turned = solid.moved(X_world_surface @ X_surface_object)
+    boxes = np.array([other.box for other in others]).reshape(-1, 2, 3)
     box_at_origin = turned.box - X_world_surface[:3, 3]
     for _ in range(tries):
         check_stop()
@@ -129,7 +130,8 @@ def place_on(
         X_surface_object[:3, 3] = (corner[0] - low[0], corner[1] - low[1], -low[2])
         X_world_object = X_world_surface @ X_surface_object
         box = box_at_origin + X_world_object[:3, 3]
-        near = [other for other in others if not _boxes_apart(box, other.box, gap)]
+        is_apart = (box[0] > boxes[:, 1] + gap).any(axis=1) | (boxes[:, 0] > box[1] + gap).any(axis=1)
+        near = [others[k] for k in np.flatnonzero(~is_apart)]
         step = X_world_object[:3, 3] - X_world_surface[:3, 3]
         placed = Solid(tuple(body + step for body in turned.bodies)) if near else turned
         if all(are_apart(placed, other, gap) for other in near):

@@ -11,15 +11,17 @@ MAX_OBJECTS: Final = 1000
 """Maximum number of objects and distractors of a scene: each new one is tested against all others."""
 MAX_VIEWS: Final = 100_000
 """Maximum number of cameras of a scene times its frames."""
+MAX_METRES: Final = 1000
+"""Maximum coordinate of positions, in both directions, and maximum length."""
 
 # msgspec 0.22 reads the constraints of `Annotated[float, …] | tuple[float, float]` from wrong addresses; a tuple of any
 # length with limits on its length is safe.
 _PAIR: Final = Meta(min_length=2, max_length=2)
-_Intensity = Annotated[float, Meta(ge=0, le=1e6)]
-_Blur = Annotated[float, Meta(ge=0, le=0.7)]
-_Gain = Annotated[float, Meta(ge=0, le=40)]
-Metres = Annotated[float, Meta(ge=-1000, le=1000)]
-Length = Annotated[float, Meta(gt=0, le=1000)]
+Intensity = Annotated[float, Meta(ge=0, le=1e6)]
+Blur = Annotated[float, Meta(ge=0, le=0.7)]
+Gain = Annotated[float, Meta(ge=0, le=40)]
+Metres = Annotated[float, Meta(ge=-MAX_METRES, le=MAX_METRES)]
+Length = Annotated[float, Meta(gt=0, le=MAX_METRES)]
 Degrees = Annotated[float, Meta(ge=-360, le=360)]
 Elevation = Annotated[float, Meta(ge=-89, le=89)]
 Unit = Annotated[float, Meta(ge=0, le=1)]
@@ -169,7 +171,7 @@ class Lamp(Table, frozen=True):
     azimuth: DegreesRange = (-180.0, 180.0)
     """Azimuth of the place from which it shines, degrees."""
     elevation: ElevationRange = (30.0, 80.0)
-    intensity: _Intensity | Annotated[tuple[_Intensity, ...], _PAIR] = 2.3
+    intensity: Intensity | Annotated[tuple[Intensity, ...], _PAIR] = 2.3
     color: ColorRange = ((1.0, 1.0, 1.0),)
 
 
@@ -200,12 +202,12 @@ class Backgrounds(Table, frozen=True):
 class Sensor(Table, frozen=True):
     """Lens and noise of the camera, as those of the stereo camera."""
 
-    blur: _Blur | Annotated[tuple[_Blur, ...], _PAIR] = 0.0
+    blur: Blur | Annotated[tuple[Blur, ...], _PAIR] = 0.0
     """Standard deviation of the point spread, pixels."""
     vignetting: bool = False
     exposure: FactorRange = 1.0
     """Factor of the light."""
-    gain: _Gain | Annotated[tuple[_Gain, ...], _PAIR] = 0.0
+    gain: Gain | Annotated[tuple[Gain, ...], _PAIR] = 0.0
     """Gain of the noise, dB; the brightness stays."""
 
 

@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.datasets.scenario.tables import ScenarioError
+from gateway.datasets.scenario.tables import MAX_METRES, ScenarioError
 from gateway.gltf.animations import slerp
 from gateway.scene.transforms import Matrix, from_pose
 from scenegate.regular_files import read_text
+
+if TYPE_CHECKING:
+    import _csv
 
 MAX_TRACK_BYTES: Final = 64 << 20
 """Maximum size of a track. An hour of 20 joints at 100 Hz has 60 MB."""
 POSE_COLUMNS: Final = ("x", "y", "z", "qw", "qx", "qy", "qz")
 """Columns of a track of poses: metres, and a quaternion."""
+QUATERNION_NORMS: Final = (1e-3, 1e3)
+"""Lengths that a quaternion may have; it is normalised."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +37,8 @@ class Track:
     """(N,) float64, seconds, ascending."""
     values: NDArray[np.float64]
     """(N, number of names) float64."""
+    lines: tuple[int, ...] = ()
+    """Line of the file of each row."""
 
     def at(self, seconds: float) -> dict[str, tuple[float, ...]]:
         """Return each value at a time, as a tuple of one."""
@@ -64,20 +72,45 @@ def read_track(path: Path, *, poses: bool) -> Track:
         raise ScenarioError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
     if poses and sorted(track.names) != sorted(POSE_COLUMNS):
         raise ScenarioError(f"{path}: line 1: the columns are not time,{','.join(POSE_COLUMNS)}")
-    if poses and not track.values[:, [track.names.index(name) for name in POSE_COLUMNS[3:]]].any(axis=1).all():
-        raise ScenarioError(f"{path}: a quaternion is zero")
+    if poses:
+        _check_poses(path, track)
     return track
+
+
+def _check_poses(path: Path, track: Track) -> None:
+    """Raise ScenarioError if a position or a quaternion is beyond the limits."""
+    columns = track.values[:, [track.names.index(name) for name in POSE_COLUMNS]]
+    norms = np.hypot.reduce(columns[:, 3:], axis=1)
+    is_far = np.abs(columns[:, :3]).max(axis=1) > MAX_METRES
+    is_bad = is_far | (norms < QUATERNION_NORMS[0]) | (norms > QUATERNION_NORMS[1])
+    if is_bad.any():
+        row = int(is_bad.argmax())
+        reason = f"a coordinate must be from -{MAX_METRES} to {MAX_METRES} m, not {columns[row, :3].tolist()}"
+        if not is_far[row]:
+            low, high = QUATERNION_NORMS
+            reason = f"the length of a quaternion must be from {low:g} to {high:g}, not {norms[row]:g}"
+        raise ScenarioError(f"{path}: line {track.lines[row]}: {reason}")
+
+
+def _lines(path: Path, reader: _csv.Reader) -> Iterator[list[str]]:
+    """Yield the fields of each line. Raises ScenarioError for a field that is too long."""
+    try:
+        yield from reader
+    except csv.Error as error:
+        raise ScenarioError(f"{path}: line {reader.line_num}: {error}") from None
 
 
 @lru_cache(16)
 def _read_cached(path: Path, modified_ns: int, size: int) -> Track:
     """Read a track. The time and size of its file are part of the cache's key."""
     reader = csv.reader(read_text(path, MAX_TRACK_BYTES).splitlines())
-    header = [name.strip() for name in next(reader, [])]
+    table = _lines(path, reader)
+    header = [name.strip() for name in next(table, [])]
     if header[:1] != ["time"] or len(header) < 2 or len(set(header)) < len(header):
         raise ScenarioError(f"{path}: line 1: it must be time and the names of other columns, separated by commas")
     rows: list[list[float]] = []
-    for fields in reader:
+    lines: list[int] = []
+    for fields in table:
         if not fields:
             continue
         try:
@@ -89,7 +122,8 @@ def _read_cached(path: Path, modified_ns: int, size: int) -> Track:
                 f"{path}: line {reader.line_num}: it must be {len(header)} finite numbers, the time not before the last"
             )
         rows.append(row)
+        lines.append(reader.line_num)
     if not rows:
         raise ScenarioError(f"{path}: it has no row after the names of the columns")
     numbers = np.array(rows)
-    return Track(tuple(header[1:]), numbers[:, 0], numbers[:, 1:])
+    return Track(tuple(header[1:]), numbers[:, 0], numbers[:, 1:], tuple(lines))

@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from gateway.datasets.scenario import catalogue
 from gateway.datasets.scenario.catalogue import read_catalogue
 from gateway.datasets.scenario.file import read_scenario, schema_text
 from gateway.datasets.scenario.tables import ScenarioError
@@ -35,13 +36,21 @@ MODEL = "[[models]]\npath = 'models/can.urdf'\n"
             "count is up to 1100 together, 1000 are",
         ),
         (MODEL + "joints = {elbow = 'x'}", "models[0].joints[...]: expected `float | array`, not {'elbow': 'x'}"),
+        (MODEL + "joints = {elbow = ['a', 1]}", "models[0].joints[...][0]: expected `float`, not {'elbow': ['a', 1]}"),
+        (MODEL + "joints = {elbow = [nan, 0]}", "models[0].joints[...][0]: expected `float`"),
+        (MODEL + "joints = {elbow = [1e308, 0]}", "models[0].joints[...][0]: expected `float` <= 1000000.0"),
+        (MODEL + "joints = {elbow = [[], 1]}", "models[0].joints[...][0]: expected `float`"),
+        (MODEL + "up = 'x'", "models[0].up: invalid enum value 'x': must be 'auto' or 'y' or 'z'"),
         (MODEL + "on = 'desk'", "models[0].on: no surface has the name 'desk'"),
         (MODEL + "pose_track = 'a.csv'", "models[0]: it moves, so [frames] must have the count of frames"),
         (MODEL + "animation = 0", "models[0]: it moves, so [frames] must have the count of frames"),
         ("seed = 'x'", "seed: expected `int`, not 'x'"),
         ("scenes = 0", "scenes: expected `int` >= 1, not 0"),
         ("[[models]]\nscale = 1", "models[0]: object missing required field `path`"),
-        ("[[cameras]]\nkind = 'orbit'", "cameras[0].kind: invalid value 'orbit'"),
+        (
+            "[[cameras]]\nkind = 'orbit'",
+            "cameras[0].kind: invalid value 'orbit': must be 'fixed' or 'handheld' or 'shell'",
+        ),
         ("[[cameras]]\nkind = 'handheld'", "cameras[0]: a handheld camera moves, so [frames] must have the count"),
         ("cameras = []", "cameras: 0 views of a scene; there must be 1 to 100000"),
         ("[[cameras]]\nkind = 'shell'\ncount = 200\n[frames]\ncount = 1000", "cameras: 200000 views of a scene"),
@@ -51,7 +60,10 @@ MODEL = "[[models]]\npath = 'models/can.urdf'\n"
         ),
         ("surfaces = []", "surfaces: there must be one"),
         ("[sensor]\ngain = 90", "sensor.gain: expected `float` <= 40.0, not 90"),
-        ("[placement]\nphysics = 'bullet'", "placement.physics: invalid enum value 'bullet'"),
+        (
+            "[placement]\nphysics = 'bullet'",
+            "placement.physics: invalid enum value 'bullet': must be 'mujoco' or 'none'",
+        ),
         ("seed = [", "Invalid value (at end of document)"),
     ],
 )
@@ -66,9 +78,9 @@ def test_errors_name_file_key_value_and_limit(write: Write, text: str, message: 
 def test_a_missing_file_and_a_folder_without_models(write: Write, tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="No such file"):
         read_catalogue(tmp_path / "none.toml")
-    catalogue = read_catalogue(write("[[models]]\npath = 'nothing/*.obj'"))
+    empty = read_catalogue(write("[[models]]\npath = 'nothing/*.obj'"))
     with pytest.raises(ScenarioError, match=r"models\[0\].path: 'nothing/\*.obj' names no file"):
-        _ = catalogue.models
+        _ = empty.models
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
@@ -98,6 +110,41 @@ def test_names_of_models_are_the_shortest_that_differ(write: Write) -> None:
     names = read_catalogue(path).model_names
     assert {names["a/box.urdf"], names["b/box.urdf"], names["b/can.obj"]} == {"a/box", "b/box", "can"}
     assert names["models/ball.urdf"] == "ball"
+
+
+def test_names_of_files_that_differ_in_their_suffixes(write: Write, tmp_path: Path) -> None:
+    folder = write().parent
+    for name in ("m/bread.obj", "m/bread.stl", "n/bread.stl", "m/tin.obj", "../outside/tin.stl"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text("x")
+    path = write(f"models = [{{path = 'm'}}, {{path = '{folder}/n'}}, {{path = '{tmp_path}/outside'}}]")
+    assert read_catalogue(path).model_names == {
+        "m/bread.obj": "bread.obj",
+        "m/bread.stl": "bread.stl",
+        f"{folder}/n/bread.stl": "bread",
+        "m/tin.obj": "m/tin",
+        f"{tmp_path}/outside/tin.stl": "outside/tin",
+    }
+
+
+@pytest.mark.parametrize("pattern", ["m", "m/**/*.obj", "**/m/**/*.obj"])
+def test_links_to_folders_are_not_followed(write: Write, pattern: str) -> None:
+    path = write(f"models = [{{path = '{pattern}'}}]")
+    folder = path.parent / "m" / "deep"
+    folder.mkdir(parents=True)
+    (folder / "a.obj").write_text("x")
+    (folder / ".hidden").mkdir()
+    (folder / ".hidden" / "b.obj").write_text("x")
+    for k in range(30):  # 2 ** 30 paths if they were followed
+        (folder / f"up{k}").symlink_to(folder.parent)
+    assert read_catalogue(path).models == {("models", 0): ("m/deep/a.obj",)}
+
+
+def test_the_number_of_entries_is_limited(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(catalogue, "MAX_ENTRIES", 5)
+    for pattern in (".", "**/*.stl"):
+        with pytest.raises(ScenarioError, match=r"models\[0\].path: '.*' has more than 5 files and folders"):
+            _ = read_catalogue(write(f"models = [{{path = '{pattern}'}}]", f"n{len(pattern)}")).models
 
 
 def test_the_digest_depends_on_values_and_files_but_not_on_the_number_of_scenes(write: Write) -> None:

@@ -133,6 +133,7 @@ def test_an_animation_that_does_not_exist(write: Write) -> None:
         ("time,elbow\n0,1\n1,x", "line 3: it must be 2 finite numbers"),
         ("time,elbow\n0,1\n1", "line 3: it must be 2 finite numbers"),
         ("time,elbow\n0,nan", "line 2: it must be 2 finite numbers"),
+        pytest.param("time,elbow\n0,1\n1," + 131_073 * "1", "line 3: field larger than field limit", id="long"),
         ("time,elbow\n1,0\n0,0", "line 3: it must be 2 finite numbers, the time not before the last"),
     ],
 )
@@ -148,9 +149,15 @@ def test_errors_of_tracks_of_poses(tmp_path: Path) -> None:
     path.write_text("time,x,y,z\n0,0,0,0\n")
     with pytest.raises(ScenarioError, match="line 1: the columns are not time,x,y,z,qw,qx,qy,qz"):
         read_track(path, poses=True)
-    path.write_text("time,x,y,z,qw,qx,qy,qz\n0,0,0,0,0,0,0,0\n")
-    with pytest.raises(ScenarioError, match="a quaternion is zero"):
-        read_track(path, poses=True)
+    for values, message in (
+        ("0,0,0,0,0,0,0", "the length of a quaternion must be from 0.001 to 1000, not 0"),
+        ("0,0,0,1e-300,0,0,0", "the length of a quaternion must be from 0.001 to 1000, not 1e-300"),
+        ("0,0,0,0,1e308,0,0", "the length of a quaternion must be from 0.001 to 1000, not 1e\\+308"),
+        ("0,1e30,0,1,0,0,0", r"a coordinate must be from -1000 to 1000 m, not \[0.0, 1e\+30, 0.0\]"),
+    ):
+        path.write_text(f"time,x,y,z,qw,qx,qy,qz\n0,0,0,0,1,0,0,0\n\n1,{values}\n")
+        with pytest.raises(ScenarioError, match=f"track.csv: line 4: {message}"):
+            read_track(path, poses=True)
     with pytest.raises(ScenarioError, match="No such file"):
         read_track(tmp_path / "none.csv", poses=True)
 

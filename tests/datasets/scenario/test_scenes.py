@@ -6,15 +6,17 @@ import itertools
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gateway.cli.render import _parse_numbers
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.check import check_dataset
 from gateway.datasets.job import Job, JobError, make_job
@@ -303,8 +305,77 @@ def test_a_dataset_of_a_scenario(write: Write, tmp_path: Path) -> None:
     path.write_text(TABLE.replace("seed = 5", "seed = 6"))
     with pytest.raises(SourceError, match=r"--recorded .*first: it is not a dataset of .*desk.toml as they are now"):
         make("other", 3, recorded=tmp_path / "first")
-    with pytest.raises(JobError, match="a dataset with other settings \\(scenario_sha256"):
+    with pytest.raises(JobError, match="a dataset with other settings: the scenario has changed"):
         render(make("first", 3))
+
+
+Edit = Callable[[dict[str, Any]], object]
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (lambda c: c.update(seed=1), "seed, number: they are 1, 3, those of the scene 5, 3"),
+        (lambda c: c.update(cameras=[]), "cameras: there are 0, the scenario has 2"),
+        (lambda c: c["surfaces"].clear(), "surfaces: there are 0, the scenario has 1"),
+        (lambda c: c["objects"][0].update(entry=["models", -7]), r"objects: the scenario has no models\[-7\]"),
+        (lambda c: c["objects"][0].update(entry=["seed", 0]), r"objects: the scenario has no seed\[0\]"),
+        (lambda c: c["objects"][0].update(file="/etc/passwd"), "'/etc/passwd' with the name .* is no file of models"),
+        (lambda c: c["objects"][0].update(model="other"), "with the name 'other' is no file of models"),
+        (lambda c: c["objects"][0].update(scale=1e300), r"Expected `float` <= 1000.0 - at `\$.objects\[0\].scale`"),
+        (lambda c: c["objects"][0]["X_world_object"][0].__setitem__(3, 1e300), r"Expected `float` <= 1000000000.0"),
+        (lambda c: c["objects"][0]["X_world_object"][0].__setitem__(0, 5.0), "objects: .* is not a rigid pose"),
+        (lambda c: c["objects"].append(c["objects"][0]), "objects: two have the name"),
+        (lambda c: c["cameras"][0].update(X_world_camera=[]), "X_world_camera has 0 poses, not 1 or one for each"),
+        (lambda c: c["background"].update(image="/etc/passwd"), "background.image: '/etc/passwd' is not among the"),
+        (lambda c: c["surfaces"][0]["material"].update(texture="a.png"), "texture: 'a.png' is not among the files"),
+    ],
+)
+def test_records_that_were_edited_are_refused(write: Write, tmp_path: Path, edit: Edit, message: str) -> None:
+    path = write()
+    record = json.loads(manifest.encode(scene(path, 3).description))
+    edit(record["scenario"])
+    file = tmp_path / "out" / "scenes" / "desk-000003" / "scene.json"
+    file.parent.mkdir(parents=True)
+    file.write_bytes(msgspec.json.encode(record))
+    with pytest.raises(SceneError, match=f"^{file}: scenario: .*{message}"):
+        scene(path, 3, str(tmp_path / "out"))
+
+
+def test_objects_without_extent_are_left_out(write: Write) -> None:
+    text = "models = [{path = 'point.obj'}, {path = 'models/can.urdf', scale = 1e-300}, {path = 'models/ball.urdf'}]"
+    path = write(text)
+    (path.parent / "point.obj").write_text("v 0 0 0\nv 0 0 1e-30\nf 1 1 2\n")
+    loaded = scene(path)
+    assert [each.file for each in choices(loaded).objects] == ["models/ball.urdf"]
+    for name, warning in zip(
+        ("point m0.0 (point.obj)", "can m1.0 (models/can.urdf)"), choices(loaded).notes, strict=True
+    ):
+        assert warning.startswith(f"{name} has an extent of ")
+        assert warning.endswith(" m, 1e-06 m are the least; it is left out")
+
+
+def test_errors_name_the_scenario_once(write: Write) -> None:
+    with pytest.raises(SceneError, match=r"^models\[0\].path: 'none' names no file"):
+        scene(write("models = [{path = 'none'}]"))
+
+
+def test_two_scenarios_of_one_name(write: Write, tmp_path: Path) -> None:
+    path = write()
+    (tmp_path / path.name).write_text(path.read_text())
+    with pytest.raises(SourceError, match="would both be called desk-000000; rename one"):
+        find_sources([path, tmp_path / path.name])
+
+
+@pytest.mark.parametrize(("text", "numbers"), [("7", range(7, 8)), ("2-4", range(2, 5)), ("", None)])
+def test_numbers_of_scenes_of_a_command(text: str, numbers: range | None) -> None:
+    assert _parse_numbers(text) == numbers
+
+
+@pytest.mark.parametrize("text", ["1-", "-1", "3-2", "a", "-"])
+def test_numbers_that_are_no_range(text: str) -> None:
+    with pytest.raises(ValueError, match="must be a number, or FIRST-LAST"):
+        _parse_numbers(text)
 
 
 def test_options_of_scenarios_without_a_scenario(write: Write, tmp_path: Path) -> None:

@@ -1,0 +1,90 @@
+"""Reads the choices of a scene from its record, and compares them with the scenario: records may have been edited."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from gateway.datasets.scenario.catalogue import IMAGE_SUFFIXES, RIG_SUFFIXES, Catalogue
+from gateway.datasets.scenario.choices import Coordinates, ObjectChoice, SceneChoices
+from gateway.datasets.scenario.tables import ScenarioError
+
+
+def choices_of(record: Any, catalogue: Catalogue, number: int) -> SceneChoices:
+    """Return the choices in ``SceneRecord.scenario`` of the scene with a number.
+
+    Raises:
+        ScenarioError: a value is beyond its limits, or contradicts the scenario.
+    """
+    try:
+        choices = msgspec.convert(record, SceneChoices)
+    except msgspec.ValidationError as error:
+        raise ScenarioError(str(error)) from None
+    for problem in _problems(choices, catalogue, number):
+        raise ScenarioError(problem)
+    return choices
+
+
+def _problems(choices: SceneChoices, catalogue: Catalogue, number: int) -> Iterator[str]:
+    """Yield a sentence for each value that the scenario cannot have drawn."""
+    scenario = catalogue.scenario
+    if (choices.seed, choices.number) != (scenario.seed, number):
+        yield f"seed, number: they are {choices.seed}, {choices.number}, those of the scene {scenario.seed}, {number}"
+    for key, count, wanted in (
+        ("surfaces", len(choices.surfaces), len(scenario.surfaces)),
+        ("cameras", len(choices.cameras), scenario.camera_count),
+    ):
+        if count != wanted:
+            yield f"{key}: there are {count}, the scenario has {wanted}"
+    for surface, table in zip(choices.surfaces, scenario.surfaces, strict=False):
+        yield from _pose_problems("surfaces", surface.X_world_surface)
+        used, pattern = {surface.material.texture}, table.material.textures
+        yield from _file_problems(catalogue, "surfaces.material.texture", used, pattern, IMAGE_SUFFIXES)
+    names: set[str] = set()
+    for each in choices.objects:
+        yield from _object_problems(each, catalogue)
+        if each.name in names:
+            yield f"objects: two have the name {each.name!r}"
+        names.add(each.name)
+    for camera in choices.cameras:
+        if len(camera.X_world_camera) not in (1, scenario.frame_count or 1):
+            yield f"cameras: X_world_camera has {len(camera.X_world_camera)} poses, not 1 or one for each frame"
+        for pose in camera.X_world_camera:
+            yield from _pose_problems("cameras", pose)
+    materials = "" if scenario.materials is None else scenario.materials.textures
+    textures = {each.material.texture for each in choices.objects if each.material is not None}
+    light, lights, image = choices.light, scenario.lights, choices.background.image
+    for key, used, pattern, suffixes in (
+        ("objects.material.texture", textures, materials, IMAGE_SUFFIXES),
+        ("light.rig", {light.rig}, lights.rigs, RIG_SUFFIXES),
+        ("light.environment", {light.environment}, lights.environments, (".hdr",)),
+        ("background.image", {image}, scenario.backgrounds.images, IMAGE_SUFFIXES),
+    ):
+        yield from _file_problems(catalogue, key, used, pattern, suffixes)
+
+
+def _object_problems(choice: ObjectChoice, catalogue: Catalogue) -> Iterator[str]:
+    kind, index = choice.entry
+    files = catalogue.models.get(choice.entry)
+    if files is None:
+        yield f"objects: the scenario has no {kind}[{index}]"
+    elif choice.file not in files or choice.model != catalogue.model_names[choice.file]:
+        yield f"objects: {choice.file!r} with the name {choice.model!r} is no file of {kind}[{index}]"
+    yield from _pose_problems("objects", choice.X_world_object)
+
+
+def _file_problems(
+    catalogue: Catalogue, key: str, used: set[str], pattern: str, suffixes: tuple[str, ...]
+) -> Iterator[str]:
+    used = used - {""}
+    for file in sorted(used - set(catalogue.files(pattern, suffixes, key) if used and pattern else ())):
+        yield f"{key}: {file!r} is not among the files of the scenario"
+
+
+def _pose_problems(key: str, pose: Coordinates) -> Iterator[str]:
+    X = np.array(pose)
+    if not np.allclose(X[:3, :3] @ X[:3, :3].T, np.eye(3), atol=1e-6) or pose[3] != (0.0, 0.0, 0.0, 1.0):
+        yield f"{key}: {[list(row) for row in pose]} is not a rigid pose"
