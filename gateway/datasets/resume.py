@@ -22,7 +22,7 @@ _CHANGES: Final = {
     "scenario_sha256": "the scenario has changed, or the names of its files",
     "classes_sha256": "the file of classes has changed",
 }
-"""What has changed if a digest in the settings has."""
+"""Descriptions of changes, by the setting whose digest differs."""
 BATCH_SAMPLES: Final = 1000
 """Number of samples whose images are hashed at a time. A dataset may have millions, which do not fit in memory."""
 
