@@ -39,7 +39,7 @@ def plates_job(folder: Path, out: Path, **changes: object) -> Job:
     plates = [Plate("far", mesh="b"), Plate("near", (0.5, 0.0, 2.0), "a"), Plate("c", (-1.0, 0.0, 4.0))]
     write_plates(folder / "plates" / "p.gltf", plates)
     values = {"settings": ALL, "cameras": CameraFile(VIEWS), **changes}
-    return job_of(folder / "plates", out, orbit=0, **values)  # type: ignore[arg-type]
+    return job_of(folder / "plates", out, orbit=0, **values)  # type: ignore[arg-type]  # settings
 
 
 @pytest.fixture

@@ -66,7 +66,7 @@ def test_base_colours_are_srgb_without_light(renderer: CpuRenderer, path: Path, 
     away = [1.0, 0.0, 0.0, 0.0]
     scene = load(write_plates(path, [Plate("a", node={"rotation": away}, material=material)]))
     for rig in (Rig(), Rig(surroundings=None)):
-        seen = image(renderer, Shot(scene, plate_camera()), "albedo", Style(look, rig=rig))  # type: ignore[arg-type]
+        seen = image(renderer, Shot(scene, plate_camera()), "albedo", Style(look, rig=rig))  # type: ignore[arg-type]  # text
         assert seen[MIDDLE].tolist() == [124, 255, 0]
         assert seen[0, 0].tolist() == [0, 0, 0]
 

@@ -233,4 +233,6 @@ class ControlFolder:
 
 def _texts(options: Sequence[str]) -> tuple[str, ...]:
     """Return a list as tuple, and what is no list as it is, for the error of ``messages.Dropdown``."""
-    return options if isinstance(options, str) or not isinstance(options, Iterable) else tuple(options)  # type: ignore[return-value]
+    if isinstance(options, str) or not isinstance(options, Iterable):
+        return options  # type: ignore[return-value]  # the caller's error
+    return tuple(options)

@@ -129,7 +129,7 @@ def _matches(folder: Path, pattern: str) -> Iterator[str]:
         return
     position = parts.index("**")
     begin, rest = "/".join(parts[:position]) + "/" * (position > 0), "/".join(parts[position + 1 :]) or "*"
-    for base in glob.iglob(begin, root_dir=folder) if begin.strip("/") else (begin,):  # noqa: PTH207
+    for base in glob.iglob(begin, root_dir=folder) if begin.strip("/") else (begin,):  # noqa: PTH207 - as above
         for path, folders, files in os.walk(folder / base):
             folders[:] = [name for name in folders if not name.startswith(".")]
             yield from [""] * (1 + len(folders) + len(files))

@@ -157,7 +157,7 @@ def test_an_object_around_the_camera_is_drawn(dataset: Dataset) -> None:
     pose = np.eye(4)
     pose[:3, 3] = (0.0, 0.0, -0.02)
     record = msgspec.structs.replace(sample.objects[0], X_camera_object=tuple(map(tuple, pose.tolist())))
-    sample.record = msgspec.structs.replace(sample.record, objects=(record,))  # type: ignore[misc]
+    sample.record = msgspec.structs.replace(sample.record, objects=(record,))  # type: ignore[misc]  # Final
     assert draw_sample(sample, {}, ("poses", "boxes"), 64).size == (64, 48)
 
 
@@ -178,7 +178,7 @@ def test_records_that_make_no_sense_are_drawn_quickly(dataset: Dataset, fields: 
     """A box of 10**15 pixels took a minute."""
     sample = dataset[0]
     record = msgspec.structs.replace(sample.objects[0], **fields)
-    sample.record = msgspec.structs.replace(sample.record, objects=(record,))  # type: ignore[misc]
+    sample.record = msgspec.structs.replace(sample.record, objects=(record,))  # type: ignore[misc]  # Final
     assert draw_sample(sample, {1: "x" * 100_000}, LAYERS, 128).size == (128, 96)
 
 
