@@ -196,6 +196,12 @@ def set_up_triangles(frame, draw_index, begin, end, memory):
 
 
 @inlined
+def _swap_last_two(swapped, corners):
+    """Return a coordinate of the three corners, the last two exchanged in the lanes of ``swapped``."""
+    return _select3(swapped, (corners[0], corners[2], corners[1]), corners)
+
+
+@inlined
 def _set_up_eight(frame, draw_index, vertices, first, lanes, memory):
     """Set up the triangles ``first .. first + lanes`` (at most eight) of a draw.
 
@@ -233,9 +239,7 @@ def _set_up_eight(frame, draw_index, vertices, first, lanes, memory):
         small = small & ~is_back
     if vec.movemask(small) == 0 and large == 0:
         return
-    counter_clockwise = area < zero
-    gx = _select3(counter_clockwise, (gx[0], gx[2], gx[1]), gx)
-    gy = _select3(counter_clockwise, (gy[0], gy[2], gy[1]), gy)
+    gx, gy = _swap_last_two(area < zero, gx), _swap_last_two(area < zero, gy)
     edges = _edge_functions(gx, gy, box)
     inv_z = _inv_z_plane(x, y, w, box)
     tiny = small & _is_tiny(frame, box, memory.tiny_count)

@@ -93,6 +93,15 @@ def _store3(rows, row, at, values):
 
 
 @device_function
+def _store_gradients(segment, at, weights, a, b, c):
+    """Store how the weights' sum and the first texture coordinates change per pixel to the right and down."""
+    spans = segment.spans
+    _store_sums(spans.weight_sum_gradient, 0, at, weights.column, weights.row)
+    if segment.attributes & HAS_UV0:
+        _store_weighted_sums(spans.uv_gradient, 0, 2, at, weights.column, weights.row, a, b, c, V_UV0)
+
+
+@device_function
 def _set_up_eight(segment, span, count, at):
     """Fill SPANS with at most eight spans from ``span`` on.
 
@@ -114,11 +123,9 @@ def _set_up_eight(segment, span, count, at):
         first_column = vec.gather(i32_at(segment.columns), first_column)
     indices = _vertex_indices(segment, primitive_id - vec.i32(segment.first_id))
     a, b, c = _load_vertices(segment.instance.vertices, indices)
-    p0, p1, p2 = (
-        transform_points(X_camera_mesh, a),
-        transform_points(X_camera_mesh, b),
-        transform_points(X_camera_mesh, c),
-    )
+    p0 = transform_points(X_camera_mesh, a)
+    p1 = transform_points(X_camera_mesh, b)
+    p2 = transform_points(X_camera_mesh, c)
     rays = rays_of(job, segment.y, first_column, step_count)
     rows, determinant, sign = weight_rows(segment.instance.topology, p0, p1, p2, rays)
     weights, scale = scaled_weights(rows, sign, rays, step_count, job)
@@ -137,9 +144,7 @@ def _set_up_eight(segment, span, count, at):
     if material.has_surface != 0:
         vec.store(spans.depth, at, vec.to_f32(vec.absolute(determinant) * scale))
     if material.has_gradients != 0:
-        _store_sums(spans.weight_sum_gradient, 0, at, weights.column, weights.row)
-        if attributes & HAS_UV0:
-            _store_weighted_sums(spans.uv_gradient, 0, 2, at, weights.column, weights.row, a, b, c, V_UV0)
+        _store_gradients(segment, at, weights, a, b, c)
     if attributes & HAS_COLORS:
         u, v, w = _load_colors(segment.instance.colors, indices)
         _store_weighted_sums(spans.color, 0, 4, at, weights.first, weights.step, u, v, w, 0)

@@ -121,6 +121,16 @@ def _hammersley(count: int) -> NDArray[np.float64]:
     return np.stack(((k + 0.5) / count, radical_inverse), -1)
 
 
+@device_function
+def _tangent(nx, ny, nz):
+    """Return a unit vector that is perpendicular to a unit vector."""
+    if abs(nz) < 0.9:
+        scale = 1.0 / math.sqrt(nx * nx + ny * ny)
+        return -ny * scale, nx * scale, 0.0
+    scale = 1.0 / math.sqrt(ny * ny + nz * nz)
+    return 0.0, -nz * scale, ny * scale
+
+
 @kernel("void(float32[::1], int64[::1], int64[:,::1], float64[:,::1], float64, float64[:,::1], float32[:,::1])")
 def _prefilter(values, offsets, sizes, directions, roughness, samples, means):
     """Fill ``means`` with the radiance around each direction, weighted by GGX for a viewer there (Karis 2013).
@@ -140,13 +150,7 @@ def _prefilter(values, offsets, sizes, directions, roughness, samples, means):
     pixel_angle = 4.0 * math.pi / (sizes[0, 0] * sizes[0, 1])
     for k in range(directions.shape[0]):
         nx, ny, nz = directions[k, 0], directions[k, 1], directions[k, 2]
-        # Tangent and bitangent.
-        if abs(nz) < 0.9:
-            scale = 1.0 / math.sqrt(nx * nx + ny * ny)
-            tx, ty, tz = -ny * scale, nx * scale, 0.0
-        else:
-            scale = 1.0 / math.sqrt(ny * ny + nz * nz)
-            tx, ty, tz = 0.0, -nz * scale, ny * scale
+        tx, ty, tz = _tangent(nx, ny, nz)
         bx, by, bz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
         red = green = blue = total = 0.0
         for s in range(samples.shape[0]):

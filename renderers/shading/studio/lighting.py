@@ -203,9 +203,5 @@ def _add_environment(lighting, surfaces, count):
         b = ambient_channel(base[2], metallic, f0[2], f90, scale, bias, irradiance[2], b0 + t * (b1 - b0))
         unoccluded = vec.load(surfaces.unoccluded, x)
         red, green, blue = load3(surfaces.color, x, STRIDE)
-        store3(
-            surfaces.color,
-            x,
-            STRIDE,
-            (red + unoccluded * r, green + unoccluded * g, blue + unoccluded * b),
-        )
+        lit = red + unoccluded * r, green + unoccluded * g, blue + unoccluded * b
+        store3(surfaces.color, x, STRIDE, lit)

@@ -196,6 +196,13 @@ def _scale_mixed_pixels(accumulated, channel_size, mixed, count):
             accumulated[c * channel_size + (value >> 8)] *= share
 
 
+@device_function
+def _clear(values, count):
+    """Set the first ``count`` values, a multiple of the lanes, to 0."""
+    for x in range(0, count, vec.LANES):
+        vec.store(values, x, vec.f32(0.0))
+
+
 @kernel("void(int64, int64, int64, int64, int64, int64, int64, int64, int64, int64)")
 def shade_rows(
     mode, job_address, ids_address, band_address, stride, width, row_begin, row_end, target_address, output_address
@@ -237,8 +244,7 @@ def shade_rows(
         if target_address != 0:
             row.accumulated = advance(f32_at(target_address), (1 if mode == WRITE_ALPHA else 4) * y * channel_size)
         else:
-            for x in range(0, 4 * channel_size, vec.LANES):
-                vec.store(row.accumulated, x, vec.f32(0.0))
+            _clear(row.accumulated, 4 * channel_size)
         ids = advance(i32_at(ids_address), band_row * stride)
         instance = _shade_row(job, segment, row, y, ids, np.int64(0), width, instance, row_ids)
         if mode == EDGES:

@@ -115,25 +115,44 @@ def _residual_shift(left, right, disparity, radius, prior, expected, weights, sh
         center = row - radius
         if center < 0:
             continue
-        product_sum, square_sum, pixels = np.int32(0), np.int32(0), np.int32(0)
-        for x in range(window - 1):
-            product_sum += product_sums[x]
-            square_sum += square_sums[x]
-            pixels += count_sums[x]
-        for column in range(width):
-            product_sum += product_sums[column + window - 1]
-            square_sum += square_sums[column + window - 1]
-            pixels += count_sums[column + window - 1]
-            value = np.float32(0.0)
-            if disparity[center, column] > np.float32(0.0):
-                prior_sum = np.float32(prior) * np.float32(max(pixels, 1))
-                # Differences have units of 1/16 level, gradients of 1/32 level per pixel.
-                value = np.float32(-2.0) * np.float32(product_sum) + prior_sum * expected[center, column]
-                value /= np.float32(square_sum) + prior_sum
-            shift[center, column] = value
-            product_sum -= product_sums[column]
-            square_sum -= square_sums[column]
-            pixels -= count_sums[column]
+        _write_row(
+            disparity[center], expected[center], prior, window, product_sums, square_sums, count_sums, shift[center]
+        )
+
+
+@device_function
+def _write_row(disparity, expected, prior, window, product_sums, square_sums, count_sums, shift):
+    """Write the shift of the pixels of one row from the sums down the columns of their windows.
+
+    Args:
+        disparity: (W,) float32, pixels, 0: unknown.
+        expected: (W,) float32, pixels.
+        prior: weight of the expected shift per pixel of the window, squared units of the gradient.
+        window: side of a window, pixels.
+        product_sums: (W + ``window`` - 1,) int32, gradient times difference.
+        square_sums: (W + ``window`` - 1,) int32, squared gradient.
+        count_sums: (W + ``window`` - 1,) int32, pixels with a known disparity.
+        shift: (W,) float32, output, pixels.
+    """
+    product_sum, square_sum, pixels = np.int32(0), np.int32(0), np.int32(0)
+    for x in range(window - 1):
+        product_sum += product_sums[x]
+        square_sum += square_sums[x]
+        pixels += count_sums[x]
+    for column in range(len(disparity)):
+        product_sum += product_sums[column + window - 1]
+        square_sum += square_sums[column + window - 1]
+        pixels += count_sums[column + window - 1]
+        value = np.float32(0.0)
+        if disparity[column] > np.float32(0.0):
+            prior_sum = np.float32(prior) * np.float32(max(pixels, 1))
+            # Differences have units of 1/16 level, gradients of 1/32 level per pixel.
+            value = np.float32(-2.0) * np.float32(product_sum) + prior_sum * expected[column]
+            value /= np.float32(square_sum) + prior_sum
+        shift[column] = value
+        product_sum -= product_sums[column]
+        square_sum -= square_sums[column]
+        pixels -= count_sums[column]
 
 
 @device_function

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.cache import WeakCache
+from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
 from renderers.drawlist import Image, Instance
 from renderers.stereo.light.projector_pattern import TEXELS_PER_CELL, soft_pattern_levels
@@ -152,6 +153,14 @@ def _metal_means(image: Image) -> tuple[float, float]:
     return means
 
 
+@device_function
+def _interpolate_rows(upper, lower, fraction, row):
+    """Write the values between two rows of the pattern to ``row``, (N + 1,) float32, the first cell repeated."""
+    for i in range(len(upper)):
+        row[i] = np.float32(upper[i]) * (np.float32(1.0) - fraction) + np.float32(lower[i]) * fraction
+    row[len(upper)] = row[0]
+
+
 @kernel(
     "void(float32[:,::1], float32[:,::1], uint8[:,::1], float64, float64, float64, float64, int32[:,::1], "
     "float32[::1], uint16[:,::1])"
@@ -186,11 +195,8 @@ def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, focal_tim
     for row in range(height):
         v = (np.float32(row + 0.5) - np.float32(cy)) * scale + center
         cell_v = int(np.floor(v))
-        fraction_v = v - np.float32(cell_v)
         upper, lower = pattern[cell_v & (period - 1)], pattern[(cell_v + 1) & (period - 1)]
-        for i in range(period):
-            pattern_row[i] = np.float32(upper[i]) * (one - fraction_v) + np.float32(lower[i]) * fraction_v
-        pattern_row[period] = pattern_row[0]
+        _interpolate_rows(upper, lower, v - np.float32(cell_v), pattern_row)
         for column in range(width):
             z = depth[row, column]  # +inf on the background, where all light fades
             disparity, fade = disparity_factor / z, reference / z
