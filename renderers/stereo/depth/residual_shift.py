@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.device_function import device_function
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 
 PRIOR_SHIFT: Final = 0.2
@@ -120,7 +120,7 @@ def _residual_shift(left, right, disparity, radius, prior, expected, weights, sh
         )
 
 
-@device_function
+@inlined
 def _write_row(disparity, expected, prior, window, product_sums, square_sums, count_sums, shift):
     """Write the shift of the pixels of one row from the sums down the columns of their windows.
 
