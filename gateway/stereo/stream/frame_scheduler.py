@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -349,9 +350,9 @@ class FrameScheduler:
 
 
 async def _wait(event: asyncio.Event, seconds: float) -> None:
-    """Wait for an event, at most ``seconds``."""
+    """Wait for an event, at most ``seconds``, rounded up to milliseconds: uvloop's clock and timers count them."""
     try:
-        async with asyncio.timeout(seconds):
+        async with asyncio.timeout(math.ceil(seconds * 1000.0) / 1000.0):
             await event.wait()
     except TimeoutError:
         pass
