@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.device_function import inlined
 from renderers.shading.texels import load_level, sample_level, select4
 
 _NO_GRID: Final = 1 << 20
@@ -70,7 +70,7 @@ def _area_grids(texture, gradient):
     return grids
 
 
-@device_function
+@inlined
 def _sample_grid(texture, sampler, grid, u, v, gradient):
     """Return the mean RGBA of the samples of one of ``_area_grids`` in the footprints of eight pixels."""
     du_dx, dv_dx, du_dy, dv_dy = gradient
@@ -91,7 +91,7 @@ def _sample_grid(texture, sampler, grid, u, v, gradient):
     return r * share, g * share, b * share, alpha * share
 
 
-@device_function
+@inlined
 def sample_area(texture, sampler, u, v, gradient):
     """Return RGBA averaged over the footprints of eight pixels, parallelograms of texture coordinates."""
     grids = _area_grids(texture, gradient)

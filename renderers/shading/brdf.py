@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.device_function import inlined
 from renderers.shading.vec3 import cross, dot, times
 
 _VTK_MIN_COSINE: Final = np.float32(1e-5)
@@ -109,7 +109,7 @@ def vtk_reflected(n_l, specular, fresnel, diffuse, f0, f90_minus_f0):
     return n_l * (diffuse * (vec.f32(1.0) - f)) + specular * f
 
 
-@device_function
+@inlined
 def reflected(n, v, l, n_l, base_color, metallic, roughness, f0, f90):
     """Return the BRDF times the cosine of the light, RGB; undefined where ``n_l`` is not positive.
 
@@ -155,7 +155,7 @@ def reflected(n, v, l, n_l, base_color, metallic, roughness, f0, f90):
     )
 
 
-@device_function
+@inlined
 def ambient_channel(base_color, metallic, f0, f90, scale, bias, diffuse_light, specular_light):
     """Return one channel of the light that a surface reflects from the environment. All values are f32x8.
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.device_function import inlined
 from renderers.shading.level_cells import CELL_BITS, CELL_SIZE, cell_starts, level_cells, level_thresholds
 from renderers.shading.vec3 import saturate
 
@@ -54,7 +54,7 @@ def byte_from_unit(c):
     return vec.to_i32(saturate(c) * vec.f32(255.0) + vec.f32(0.5))
 
 
-@device_function
+@inlined
 def decode_gamma(c, linear_from_gamma):
     """Return ``c^2.2`` of an f32x8, clamped to 0 .. 1 (NaN to 0), with an error of at most 1e-7.
 

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.device_function import inlined
 from renderers.shading.texels import sample_level, select4
 from renderers.shading.texture_table import MIPS_NEAREST, MIPS_NONE
 
@@ -25,7 +25,7 @@ def _lerp4(a, b, t):
     )
 
 
-@device_function
+@inlined
 def _sample_between(texture, sampler, k, t, u, v):
     """Return RGBA of a minified texture, interpolated between the mip levels ``k`` and ``k + 1``.
 
@@ -66,7 +66,7 @@ def mip_levels(texture, footprint):
     return vec.select(is_minified, levels, vec.i32(_NO_LEVEL)), vec.select(is_minified, t, zero)
 
 
-@device_function
+@inlined
 def sample_mipmapped(texture, sampler, u, v, levels, t):
     """Return RGBA from mip levels; ``levels`` and ``t`` are from ``mip_levels``."""
     no_level = vec.i32(_NO_LEVEL)

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.device_function import inlined
 from renderers.shading.texture_table import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
 
 _MAX_COORDINATE: Final = np.float32(1e9)
@@ -107,7 +107,7 @@ def nearest(level, sampler, u, v):
     return _to_unit(_channels(vec.gather(texels, j * vec.i32(stride) + i), sampler), sampler)
 
 
-@device_function
+@inlined
 def _gather_wrapped(level, sampler, i, j):
     """Return the texels (i, j), (i + 1, j), (i, j + 1) and (i + 1, j + 1). They may be beyond the image's border."""
     texels, width, height, stride = level
@@ -158,7 +158,7 @@ def interpolate_texels(level, sampler, i, j, tx, ty):
     return _to_unit(rgba, sampler)
 
 
-@device_function
+@inlined
 def sample_level(texture, sampler, k, linear, u, v):
     """Return RGBA of mip level ``k``; ``linear``: interpolate, else the nearest texel."""
     level = load_level(texture, k)

@@ -115,7 +115,7 @@ def _octahedral_uv(direction):
     return half * u + half, half * v + half
 
 
-@device_function
+@inlined
 def _sample_environment(lighting, table, direction):
     """Sample octahedral tables bilinearly at directions of the world. Return RGB.
 
@@ -147,7 +147,7 @@ def _sample_environment(lighting, table, direction):
     )
 
 
-@device_function
+@inlined
 def _sample_split_sum(table, side, n_v, roughness):
     """Return scale and bias of ``environment_map.split_sum``, interpolated. ``n_v`` and ``roughness`` are 0 .. 1."""
     one, two, last = vec.f32(1.0), vec.i32(2), vec.i32(side - 2)

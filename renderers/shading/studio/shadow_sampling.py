@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.device_function import inlined
 
 DEPTH_BIAS: Final = np.float32(1.0 + 1e-6)
 """Factor of a receiver's 1/z against self-shadowing, above the rounding of the map's float32."""
@@ -42,7 +42,7 @@ def _add_column(row_sum, inv_z, column, width, plane, plane_du, fu):
     return row_sum + vec.select(is_clear, weight, zero)
 
 
-@device_function
+@inlined
 def _filtered(inv_z, side, radius, first_texel, plane, plane_du, plane_dv, fu, fv):
     """Return the weighted means of the depth comparisons around eight points, 0 .. 1.
 
@@ -87,7 +87,7 @@ def _is_within(u, v, radius, side):
     return (u > lower) & (u < upper) & (v > lower) & (v < upper)
 
 
-@device_function
+@inlined
 def unshadowed_share(shadow_map, radius, point, normal):
     """Return the share of a light that reaches points, f32x8, 0 .. 1; 1 outside of the map.
 

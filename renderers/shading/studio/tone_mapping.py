@@ -91,7 +91,7 @@ def _saturate3(r, g, b):
     return saturate(r), saturate(g), saturate(b)
 
 
-@device_function
+@inlined
 def tone_map(tone, r, g, b):
     """Apply the tone curve ``TONES[tone]`` to linear colours (f32x8 each)."""
     if tone == 0:
