@@ -56,12 +56,12 @@ def page(schema: Mapping[str, Any]) -> str:
         for method, operation in methods.items()
         if _replacement(path) not in schema["paths"]
     ]
-    parts = [_HEAD, "\nAny route may respond with these, as one line of text:\n\n| status | |\n| --- | --- |\n"]
-    parts += [f"| {status} | {text} |\n" for status, text in common.items()]
-    parts.append("\n| | routes |\n| --- | --- |\n")
+    parts = [_HEAD, "\n| | routes |\n| --- | --- |\n"]
     for tag, members in groupby(operations, key=lambda entry: entry[0]):
         routes = ", ".join(f"`{method} {path}`" for _, method, path, _ in members)
         parts.append(f"| [{tag}](#{anchor_of(tag)}) | {routes} |\n")
+    parts.append("\nAny route may respond with these, as one line of text:\n\n| status | |\n| --- | --- |\n")
+    parts += [f"| {status} | {text} |\n" for status, text in common.items()]
     for tag, members in groupby(operations, key=lambda entry: entry[0]):
         parts.append(f"\n## {tag}\n")
         for _, method, path, operation in members:
