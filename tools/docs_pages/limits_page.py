@@ -47,16 +47,16 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
         "HTTP connections",
         "gateway.server.http_protocol",
         (
-            *("MAX_CONNECTIONS", "MAX_HEAD_BYTES", "MAX_PIPELINED", "SLICE_BYTES"),
+            *("MAX_CONNECTIONS", "MAX_HEAD_BYTES", "MAX_PIPELINED"),
             *("HEAD_SECONDS", "BODY_SECONDS", "DISCARD_SECONDS", "DISCARD_BYTES"),
         ),
     ),
     ("HTTP requests", "gateway.server.middleware", ("MAX_TARGET_BYTES",)),
     ("HTTP servers", "gateway.server.http_server", ("KEEP_ALIVE_SECONDS", "MAX_WEBSOCKET_BYTES")),
-    ("WebSocket connections", "gateway.server.websocket_protocol", ("MAX_FRAGMENTS", "SLICE_BYTES")),
+    ("WebSocket connections", "gateway.server.websocket_protocol", ("MAX_FRAGMENTS",)),
     ("Tokens", "gateway.server.tokens", ("MIN_CHARS", "MAX_CHARS", "COOKIE_SECONDS")),
     ("Rejected requests", "gateway.runtime.worker_pool", ("MAX_RETRY_AFTER",)),
-    ("gRPC", "gateway.stereo.stream.grpc_server", ("MAX_CALLS", "RETURN_BYTES")),
+    ("gRPC", "gateway.stereo.stream.grpc_server", ("MAX_CALLS",)),
     ("The device's REST interface", "gateway.stereo.routes.node_bodies", ("MAX_BODY", "MAX_NUMBER")),
     ("Uploaded stereo pairs", "gateway.stereo.routes.upload_routes", ("MAX_CONTENT_TYPE",)),
     (
@@ -65,10 +65,6 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
         ("MAX_FILE_BYTES", "MAX_PIXELS", "MIN_FOCAL_FACTOR", "MAX_FOCAL_FACTOR", "MIN_ROTATION_NORM"),
     ),
     ("Faults for test rigs", "gateway.stereo.routes.fault_routes", ("MAX_BODY",)),
-    ("Kernels that could not be loaded", "gateway.runtime.kernels.loading", ("MAX_RETRY_SECONDS",)),
-    ("Processes of --workers", "gateway.runtime.supervised_process", ("READY_SECONDS",)),
-    ("Processes of --workers that hang at the end", "gateway.runtime.supervisor", ("KILL_SECONDS",)),
-    ("Memory of finished images", "gateway.wiring.context", ("IDLE_SECONDS",)),
     (
         "One control in the browser",
         "scenegate.messages.controls",
@@ -118,10 +114,8 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Datasets: records", "scenegate.datasets.manifest", ("MAX_LINE_BYTES", "MAX_DESCRIPTION_BYTES")),
     ("Datasets: camera files", "gateway.datasets.camera_file", ("MAX_FILE_BYTES",)),
     ("Datasets: names of scenes", "gateway.datasets.sources", ("MAX_NAME_CHARS",)),
-    ("Datasets: tasks", "gateway.datasets.job", ("VIEWS_PER_TASK",)),
     ("Datasets: classes", "gateway.datasets.classes", ("MAX_CLASSES",)),
     ("Datasets: objects", "gateway.datasets.annotated_scene", ("MAX_OBJECTS",)),
-    ("Datasets: retries on Ray", "gateway.datasets.ray_tasks", ("MAX_RETRIES",)),
 )
 """Heading, module and names of each group of limits that are constants."""
 _NOT_LIMITS: Final = frozenset(
@@ -137,6 +131,17 @@ _NOT_LIMITS: Final = frozenset(
         "image_noise",
         "width",
         "height",
+        "samples",
+        "alpha_threshold",
+        "threads",
+        "offload_bytes",
+        "slice_commands",
+        "frames_in_flight",
+        "max_update_rate",
+        "status_seconds",
+        "capture_seconds",
+        "idle_commit_seconds",
+        "checkpoint_bytes",
     }
 )
 """Numeric fields of ``CLASSES`` that are not limits."""
