@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from itertools import groupby
 from typing import Any, Final
 
-from tools.docs_pages.openapi_text import ENDLESS, URL, curl, example_of, field_rows, row, type_text, wrapped
+from tools.docs_pages.openapi_text import ENDLESS, URL, curl, example_of, field_rows, json_text, row, type_text, wrapped
 
 _HEAD: Final = """# HTTP
 
@@ -56,7 +56,11 @@ def page(schema: Mapping[str, Any]) -> str:
         for method, operation in methods.items()
         if _replacement(path) not in schema["paths"]
     ]
-    parts = [_HEAD, "\nAny route may respond with these, as one line of text:\n\n| status | |\n| --- | --- |\n"]
+    parts = [_HEAD, "\n| | routes |\n| --- | --- |\n"]
+    for tag, members in groupby(operations, key=lambda entry: entry[0]):
+        routes = ", ".join(f"`{method} {path}`" for _, method, path, _ in members)
+        parts.append(f"| [{tag}](#{anchor_of(tag)}) | {routes} |\n")
+    parts.append("\nAny route may respond with these, as one line of text:\n\n| status | |\n| --- | --- |\n")
     parts += [f"| {status} | {text} |\n" for status, text in common.items()]
     for tag, members in groupby(operations, key=lambda entry: entry[0]):
         parts.append(f"\n## {tag}\n")
@@ -64,6 +68,11 @@ def page(schema: Mapping[str, Any]) -> str:
             old = next((old for old in schema["paths"] if _replacement(old) == path), None)
             parts.append(_operation(method, path, operation, old, common))
     return "".join(parts)
+
+
+def anchor_of(heading: str) -> str:
+    """Return the anchor that GitHub and the site make of a heading."""
+    return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
 
 
 def _replacement(path: str) -> str | None:
@@ -131,7 +140,7 @@ def _parameters(operation: Mapping[str, Any]) -> Iterator[str]:
 
 def _responses(operation: Mapping[str, Any], common: Mapping[str, str]) -> Iterator[str]:
     for status, response in sorted(operation["responses"].items()):
-        if response["description"] != common.get(status):
+        if response["description"] not in ("Success.", common.get(status)):  # an example shows the success
             kinds = ", ".join(f"`{kind}`" for kind in response.get("content", {}))
             yield f"| {status} | {response['description']}{f' {kinds}' if kinds else ''} |".replace("\n", " ")
 
@@ -156,6 +165,6 @@ def _example(method: str, path: str, operation: Mapping[str, Any]) -> str:
     for media_type, media in content.items():
         value = example_of(media)
         if value is not None:
-            text = value.rstrip() if isinstance(value, str) else json.dumps(value, indent=2, ensure_ascii=False)
+            text = value.rstrip() if isinstance(value, str) else json_text(value)
             parts.append(f"\n```{'json' if 'json' in media_type else 'text'}\n{text}\n```\n")
     return "".join(parts)

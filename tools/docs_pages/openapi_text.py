@@ -13,7 +13,7 @@ URL: Final = "http://127.0.0.1:8000"
 _MAX_EXTRA_PARAMETERS: Final = 3
 """Maximum number of optional query parameters in an example request: more would hide the route."""
 _MAX_COLUMNS: Final = 60
-"""Maximum length of a line of an example request, which the site shows in half of its width."""
+"""Maximum length of a line of an example, which the site shows in half of its width."""
 _SUFFIXES: Final[Mapping[str, str]] = {
     "image/png": "png",
     "image/jpeg": "jpg",
@@ -51,6 +51,20 @@ def type_text(schema: Mapping[str, Any]) -> str:
         if key in schema
     ]
     return ", ".join([text, *limits])
+
+
+def json_text(value: Any, indent: str = "") -> str:
+    """Return JSON in which objects and arrays that fit into a line are on one."""
+    line = json.dumps(value, ensure_ascii=False)
+    if len(indent) + len(line) <= _MAX_COLUMNS or not isinstance(value, dict | list) or not value:
+        return line
+    inner = indent + "  "
+    if isinstance(value, dict):
+        members = [f"{json.dumps(key)}: {json_text(each, inner)}" for key, each in value.items()]
+    else:
+        members = [json_text(each, inner) for each in value]
+    first, last = "{}" if isinstance(value, dict) else "[]"
+    return f"{first}\n" + ",\n".join(inner + member for member in members) + f"\n{indent}{last}"
 
 
 def field_rows(schema: Mapping[str, Any]) -> Iterator[str]:

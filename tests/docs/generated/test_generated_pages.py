@@ -11,7 +11,7 @@ import pytest
 from tests.conftest import DemoGateway
 from tests.support import clients
 from tools.docs_pages import commands_page, grpc_page, http_page, lcm_page, limits_page, settings_page
-from tools.docs_pages.openapi_text import curl, field_rows, type_text, wrapped
+from tools.docs_pages.openapi_text import curl, field_rows, json_text, type_text, wrapped
 
 DOCS = Path(__file__).parents[3] / "docs"
 
@@ -82,3 +82,9 @@ def test_request_has_the_examples_that_are_not_defaults() -> None:
 
 def test_long_commands_are_continued() -> None:
     assert wrapped(["curl", "a" * 50, "b" * 50]) == f"curl {'a' * 50} \\\n  {'b' * 50}"
+
+
+def test_json_has_short_values_on_one_line() -> None:
+    text = json_text({"path": ["robot", "head"], "points": [[0.5, 0.25, 1.0]] * 5, "none": {}})
+    rows = ",\n".join(["    [0.5, 0.25, 1.0]"] * 5)
+    assert text == f'{{\n  "path": ["robot", "head"],\n  "points": [\n{rows}\n  ],\n  "none": {{}}\n}}'

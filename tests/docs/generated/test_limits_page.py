@@ -32,6 +32,11 @@ def test_a_bar_in_a_text_is_escaped() -> None:
     assert _row("name", "1", "a | b") == "| `name` | 1 | a \\| b |"
 
 
+def test_a_text_need_not_say_maximum() -> None:
+    assert _row("name", "1", "Maximum number of links, and of joints.") == "| `name` | 1 | Links, and joints. |"
+    assert _row("name", "1", "Maximum size.") == "| `name` | 1 | Size. |"
+
+
 def test_docstrings_of_assignments_by_name() -> None:
     source = '''
 A = 1

@@ -1,0 +1,16 @@
+"""The plot of docs/performance.md is that of its table."""
+
+from __future__ import annotations
+
+from bench.performance_plot import PAGE, PLOT, plot, times_of
+
+
+def test_reads_programs_and_times() -> None:
+    page = "| task | Scenegate | others |\n| `a`, b | 2.1 ms | VTK 29 ms, X (Y) 3.8 s |\n| c | 60 Hz | d 2 Hz |\n"
+    assert times_of(page) == {"a, b": [("Scenegate", 2.1), ("VTK", 29), ("X (Y)", 3800)]}
+
+
+def test_the_plot_is_that_of_the_page() -> None:
+    rows = times_of(PAGE.read_text("utf-8"))
+    assert len(rows) > 5
+    assert PLOT.read_text("utf-8") == plot(rows), "python -m bench.performance_plot draws it anew"
