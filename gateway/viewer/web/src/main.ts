@@ -3,12 +3,12 @@ import { h, render } from "preact";
 import { Box3 } from "three";
 import "./style.css";
 import { App } from "./app";
-import { Connection, type Message } from "./connection";
+import { Connection } from "./connection";
 import { options } from "./options";
 import { Panels, type Tab } from "./panels/panels";
 import { Gizmos } from "./programs/gizmos";
 import { ProgramControls } from "./programs/programcontrols";
-
+import type { Message } from "./protocol";
 import { Session } from "./session";
 import { Viewer } from "./view/viewer";
 

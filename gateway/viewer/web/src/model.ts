@@ -85,8 +85,8 @@ export class Model {
   apply(update: SceneUpdate): ModelChange {
     const change: ModelChange = { added: [], removed: [], changed: new Set(), moved: new Set() };
     if (update.from === 0) this.clear(change);
-    for (const id of update.removed) this.remove(id, change);
-    for (const entry of update.nodes) this.addOrUpdate(entry, change);
+    for (const id of update.removed ?? []) this.remove(id, change);
+    for (const entry of update.nodes ?? []) this.addOrUpdate(entry, change);
     const dirty = this.setLocalMatrices(update);
     for (const node of change.added) dirty.add(node);
     this.updateWorldMatrices(dirty, change.moved);
@@ -148,7 +148,7 @@ export class Model {
     return node ?? null;
   }
 
-  private setLocalMatrices({ poseIds, poses, matrixIds, matrices }: SceneUpdate): Set<TreeNode> {
+  private setLocalMatrices({ poses, matrices }: SceneUpdate): Set<TreeNode> {
     const dirty = new Set<TreeNode>();
     const [position, rotation, unitScale] = [new Vector3(), new Quaternion(), new Vector3(1, 1, 1)];
     const find = (id: number) => {
@@ -156,13 +156,13 @@ export class Model {
       if (node) dirty.add(node);
       return node?.local;
     };
-    poseIds.forEach((id, i) => {
-      const at = 7 * i;
-      rotation.set(poses[at + 4]!, poses[at + 5]!, poses[at + 6]!, poses[at + 3]!);
+    poses?.ids.forEach((id, i) => {
+      const [w, x, y, z] = poses.values.subarray(7 * i + 3, 7 * i + 7) as unknown as [number, number, number, number];
+      rotation.set(x, y, z, w);
       if (rotation.lengthSq() === 0) rotation.identity();
-      find(id)?.compose(position.fromArray(poses, at), rotation.normalize(), unitScale);
+      find(id)?.compose(position.fromArray(poses.values, 7 * i), rotation.normalize(), unitScale);
     });
-    matrixIds.forEach((id, i) => void find(id)?.fromArray(matrices, 16 * i));
+    matrices?.ids.forEach((id, i) => void find(id)?.fromArray(matrices.values, 16 * i));
     return dirty;
   }
 

@@ -1,7 +1,7 @@
 // The stereo camera in the scene: the frusta of its left and right camera as lines.
 
 import { BufferGeometry, Float32BufferAttribute, LineBasicMaterial, LineSegments } from "three";
-import type { PlacedRig, Rig, Vector } from "../protocol";
+import type { NoRig, PlacedRig, Vector } from "../protocol";
 
 /** Distance of the drawn image plane from the camera, metres. */
 const IMAGE_PLANE_DISTANCE = 0.25;
@@ -22,7 +22,7 @@ export class Frustum {
     this.update();
   }
 
-  show(rig: Rig): void {
+  show(rig: PlacedRig | NoRig): void {
     this.hasPose = rig.pose !== null;
     if (rig.pose) {
       this.object.matrix.fromArray(rig.pose);
