@@ -12,6 +12,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType, field
 
 from gateway.scene.clicks import Button
 from gateway.scene.tree import Path, PathElement
+from gateway.viewer.sources import ImageName
 from scenegate.messages.controls import Value
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -236,6 +237,38 @@ class Received(Message, tag="received"):
     number: int
 
 
+class RenderEntry(Fields, omit_defaults=False):
+    """A request in the response of ``/view/renders``."""
+
+    id: int
+    """Number of the request since start, from 1."""
+    when: float
+    """Time of the response, in seconds since 1970."""
+    status: int
+    """HTTP status."""
+    milliseconds: float
+    """Duration from the first byte of the request."""
+    queued: float
+    """Milliseconds of the duration spent waiting for a worker thread."""
+    what: str
+    """Type and size of the image."""
+    scene: str
+    """Size, generator and number of primitives of the scene."""
+    image: bool
+    """True if the image is kept."""
+    error: str
+    warnings: tuple[str, ...]
+
+
+class StereoCapture(Fields):
+    """Response of ``/view/sensor``: the newest images of the stereo camera."""
+
+    number: int
+    """Number of the capture since start, from 1."""
+    captions: dict[ImageName, str]
+    """Short texts by the names of the images."""
+
+
 class Click(Struct):
     """Message of the page: a click on geometry."""
 
@@ -268,3 +301,7 @@ MESSAGES: Final = (
     Received,
 )
 """Messages that the page receives."""
+RESPONSES: Final = (RenderEntry, StereoCapture)
+"""Responses to requests of the page."""
+REPORTS: Final = (Click, ControlChange)
+"""Messages that the page sends."""

@@ -121,7 +121,7 @@ export function App({ viewer, programControls, attach }: AppProps) {
         <div class="shade" onClick={() => panels.closeDrawers()} />
       </div>
       <StatusBar session={session} />
-      <Lightbox full={panels.full} />
+      <Lightbox panels={panels} />
     </>
   );
 }

@@ -11,7 +11,6 @@ export type Background = (typeof BACKGROUNDS)[number];
 /** A setting. `shown` is its current value, which a client may set, too; `choose` keeps it for the next visit. */
 export class Option<T extends string> {
   readonly shown;
-
   /** Value of the visitor. */
   own: T;
 
@@ -20,8 +19,8 @@ export class Option<T extends string> {
     allowed: readonly T[],
     fallback: T,
   ) {
-    const [asked, before] = [new URLSearchParams(location.search).get(name), kept(name)];
-    this.own = allowed.find((value) => value === asked) ?? allowed.find((value) => value === before) ?? fallback;
+    const wanted = [new URLSearchParams(location.search).get(name), kept(name)] as T[];
+    this.own = wanted.find((value) => allowed.includes(value)) ?? fallback;
     this.shown = signal(this.own);
   }
 

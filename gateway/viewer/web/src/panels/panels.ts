@@ -49,6 +49,9 @@ export class Panels {
     if (!NARROW.matches) this.right.value = true;
   }
 
+  /** Show an image in full size; null: none. */
+  open = (image: FullImage | null): void => void (this.full.value = image);
+
   toggle(side: Side): void {
     const open = !this[side].value;
     batch(() => {

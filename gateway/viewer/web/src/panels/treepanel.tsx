@@ -5,7 +5,7 @@ import { useEffect, useRef } from "preact/hooks";
 import { counted, pathText } from "../format";
 import type { TreeNode } from "../model";
 import type { Viewer } from "../view/viewer";
-import { Button, Slider } from "./controls";
+import { Button, Opacity } from "./controls";
 import { Icon } from "./icons";
 import { findTyped, listRows, nameOf, type Row } from "./treerows";
 
@@ -30,10 +30,6 @@ function Eye({ node, label, viewer }: { node: TreeNode; label: string; viewer: V
 /** Visibility and opacity of what Drake publishes: illustration, proximity, inertia, contacts, point clouds, frames. */
 function Families({ viewer }: { viewer: Viewer }) {
   const families = [...(viewer.session.model.find([DRAKE])?.children ?? [])];
-  const fade = (node: TreeNode, opacity: number) => {
-    node.ownOpacity = opacity;
-    viewer.changed(node);
-  };
   return (
     <section class="families" aria-label="Drake" hidden={families.length === 0}>
       <h3>Drake</h3>
@@ -41,7 +37,7 @@ function Families({ viewer }: { viewer: Viewer }) {
         <div key={node.id} class={node.isShown ? "family" : "family hidden"}>
           <Eye node={node} label={`all ${node.name}`} viewer={viewer} />
           <span class="name">{node.name}</span>
-          <Slider label={`Opacity of ${node.name}`} value={node.shownOpacity} onInput={(opacity) => fade(node, opacity)} />
+          <Opacity label={`Opacity of ${node.name}`} node={node} viewer={viewer} />
         </div>
       ))}
     </section>

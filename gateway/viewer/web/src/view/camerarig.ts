@@ -131,11 +131,6 @@ export class CameraRig {
     this.placed(halfHeight);
   }
 
-  /** Zoom about the target: by a factor below 1 to come closer. */
-  zoom(factor: number): void {
-    this.controls.dollyIn(factor);
-  }
-
   /**
    * Move the target along the view to the depth of a point of the geometry, since the wheel moves the camera by a fraction of
    * the target's distance. Over nothing, the camera is not stuck at the target: the distance has a minimum.

@@ -9,8 +9,8 @@ import { Geometries } from "./geometries";
 import type { Materials } from "./materials";
 import { type SingleObject, SingleObjects } from "./singleobjects";
 
-/** One draw of a node as three.js objects; `local` is its matrix in the node's frame. */
-type Drawn = { local: Matrix4 | null } & ({ instance: BatchInstance } | { object: SingleObject });
+/** One draw of a node: an instance in a batch, or an object of its own. `local` is its matrix in the node's frame. */
+type Drawn = { local: Matrix4 | null } & ({ object: Batch; instance: BatchInstance } | { object: SingleObject; instance?: undefined });
 
 export class Drawing {
   readonly root = new Object3D();
@@ -42,7 +42,7 @@ export class Drawing {
   /** Recreate a node's objects after its geometry, visibility or opacity changed. */
   refresh(node: TreeNode): void {
     const { textures } = this.materials;
-    const before = (this.drawn.get(node) ?? []).map((drawn) => ("instance" in drawn ? drawn.instance.batch : drawn.object).material);
+    const before = (this.drawn.get(node) ?? []).map(({ object }) => object.material);
     this.erase(node);
     if (!node.parts || !node.isVisible) return;
     const draws: Drawn[] = [];
@@ -94,18 +94,17 @@ export class Drawing {
   }
 
   nodeAt(hit: Intersection): TreeNode | undefined {
-    const { batch, node } = hit.object.userData as { batch?: Batch; node?: TreeNode };
-    return batch && hit.instanceId !== undefined ? batch.instances[hit.instanceId]?.node : node;
+    return hit.object instanceof Batch ? hit.object.instances[hit.instanceId!]?.node : hit.object.userData.node;
   }
 
   /** Return the bounds of each draw of a subtree. */
   boxes(node: TreeNode): Box3[] {
     const boxes: Box3[] = [];
     for (const each of node.subtree())
-      for (const drawn of this.drawn.get(each) ?? []) {
-        const geometry = "instance" in drawn ? drawn.instance.batch.geometry : drawn.object.geometry;
+      for (const { object, local } of this.drawn.get(each) ?? []) {
+        const { geometry } = object;
         if (!geometry.boundingBox) geometry.computeBoundingBox();
-        const box = geometry.boundingBox?.clone().applyMatrix4(this.place(each, drawn.local));
+        const box = geometry.boundingBox?.clone().applyMatrix4(this.place(each, local));
         if (box && !box.isEmpty() && Number.isFinite(box.min.lengthSq() + box.max.lengthSq())) boxes.push(box);
       }
     return boxes;
@@ -120,8 +119,8 @@ export class Drawing {
     const { material } = draw;
     const blended = material.alpha === "blend" && (material.color[3] < 1 || material.texture !== undefined || hasColors);
     if (payload.topology === 3 && opacity === 1 && !blended && !facesCamera) {
-      const color = new Color(...material.color.slice(0, 3));
-      return { local, instance: this.batch(draw, this.geometries.whole(payload), hasColors).add(node, place, color) };
+      const batch = this.batch(draw, this.geometries.whole(payload), hasColors);
+      return { local, object: batch, instance: batch.append(node, place, new Color(...material.color.slice(0, 3))) };
     }
     const object = this.singles.make(node, draw, payload, opacity, facesCamera);
     placeAt(object, place);
@@ -144,8 +143,9 @@ export class Drawing {
     const key = `${draw.mesh} ${this.materials.key(draw.material, hasColors)}`;
     let batch = this.batches.get(key);
     if (!batch) {
-      batch = new Batch(this.root, draw.mesh, key, geometry, this.materials.acquire("opaque", draw.material, hasColors));
+      batch = new Batch(draw.mesh, key, geometry, this.materials.acquire("opaque", draw.material, hasColors));
       this.batches.set(key, batch);
+      this.root.add(batch);
     }
     return batch;
   }
@@ -153,27 +153,23 @@ export class Drawing {
   /** Dispose of a batch, unless `forget` did. */
   private drop(batch: Batch): void {
     if (!this.batches.delete(batch.key)) return;
+    batch.removeFromParent();
     batch.dispose();
     this.materials.release(batch.material);
   }
 
   private move(node: TreeNode): void {
-    for (const drawn of this.drawn.get(node) ?? []) {
-      const place = this.place(node, drawn.local);
-      if ("instance" in drawn) drawn.instance.batch.move(drawn.instance, place);
-      else placeAt(drawn.object, place);
+    for (const { object, instance, local } of this.drawn.get(node) ?? []) {
+      if (instance) object.move(instance, this.place(node, local));
+      else placeAt(object, this.place(node, local));
     }
   }
 
   private erase(node: TreeNode): void {
-    for (const drawn of this.drawn.get(node) ?? []) {
-      if ("instance" in drawn) {
-        const { batch } = drawn.instance;
-        batch.remove(drawn.instance);
-        if (!batch.instances.length) this.drop(batch);
-        continue;
-      }
-      this.singles.remove(drawn.object);
+    for (const { object, instance } of this.drawn.get(node) ?? []) {
+      if (instance) object.take(instance);
+      else this.singles.remove(object);
+      if (instance && !object.count) this.drop(object);
     }
     this.drawn.delete(node);
   }

@@ -88,12 +88,6 @@ export class Stage {
     this.redraw();
   }
 
-  /** Cast shadows within boxes; null: cast none. */
-  setShadows(boxes: Box3[] | null): void {
-    this.lights.castShadows(boxes);
-    this.redraw();
-  }
-
   setOcclusion(on: boolean): void {
     this.rendering?.setOcclusion(on, this.rig.camera);
     this.resize();

@@ -13,7 +13,7 @@ import { Marks } from "../tools/marks";
 import { Measurement } from "../tools/measure";
 import { TopView } from "../tools/sideviews";
 import type { Direction } from "./camera";
-import { Downloads } from "./downloads";
+import { imageQuery } from "./downloads";
 import { Drawing } from "./drawing";
 import { Frustum } from "./frustum";
 import { HomeView } from "./homeview";
@@ -28,7 +28,6 @@ export class Viewer {
   readonly stage: Stage;
   readonly materials: Materials;
   readonly drawing: Drawing;
-  readonly downloads: Downloads;
   readonly frustum: Frustum;
   readonly follow: Follow;
   readonly measurement: Measurement;
@@ -37,7 +36,7 @@ export class Viewer {
   readonly sideCamera = signal("");
   /** Rotation of the camera in the world, as a quaternion x, y, z, w. */
   readonly rotation = signal<Quaternion>([0, 0, 0, 1]);
-  private readonly marks: Marks;
+  readonly marks: Marks;
   private readonly address: CameraAddress;
   private readonly clickable: Clickable;
   private readonly settings = signal<PageSettings>({ kind: "page", background: null, grid: null, home: null, clickable: [] });
@@ -47,12 +46,12 @@ export class Viewer {
   constructor(
     readonly session: Session,
     readonly panels: Panels,
-    private readonly holder: HTMLElement,
+    readonly holder: HTMLElement,
     report: (click: Click) => void,
   ) {
     const { model } = session;
     this.stage = new Stage(holder, {
-      imageUrl: () => `view/frame.jpg?${this.downloads.imageQuery()}`,
+      imageUrl: () => `view/frame.jpg?${imageQuery(this)}`,
       isTranslucent: () => this.materials.areTranslucent,
       drawing: (renderer, halfHeight) => this.topView.draw(renderer, this.stage.scene, this.stage.rig.controls.target, halfHeight),
       drawn: () => this.drawn(),
@@ -71,7 +70,6 @@ export class Viewer {
     this.materials = new Materials(redraw, () => stage.lights.environmentMap);
     this.drawing = new Drawing(model, this.materials, stage.clouds, rig.origin, redraw);
     this.marks = new Marks(model, rig.origin, holder);
-    this.downloads = new Downloads(stage, model, this.marks, holder);
     this.frustum = new Frustum(redraw);
     this.measurement = new Measurement(redraw);
     stage.content.add(this.drawing.root);
@@ -180,7 +178,8 @@ export class Viewer {
   /** Fit the lamp's shadow map to the scene, if shadows are on. */
   placeShadows(): void {
     const on = options.shadows.shown.peek() === "on";
-    this.stage.setShadows(on ? this.drawing.focusBoxes(this.session.model.root) : null);
+    this.stage.lights.castShadows(on ? this.drawing.focusBoxes(this.session.model.root) : null);
+    this.stage.redraw();
   }
 
   private tap(x: number, y: number, button: Click["button"]): void {
