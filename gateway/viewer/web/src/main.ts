@@ -15,12 +15,10 @@ import { Viewer } from "./view/viewer";
 const session = new Session();
 const programControls = new ProgramControls((change) => connection.report(change));
 const panels = new Panels(session, programControls);
-const holder = document.createElement("div");
-const viewer = new Viewer(session, panels, holder, (click) => connection.report(click));
+const viewer = new Viewer(session, panels, (click) => connection.report(click));
 const { stage } = viewer;
 const gizmos = new Gizmos(stage, session.model, programControls);
-const attach = (element: Element | null) => element?.append(holder);
-render(h(App, { viewer, programControls, attach }), document.querySelector("#app") as Element);
+render(h(App, { viewer, programControls }), document.querySelector("#app") as Element);
 viewer.followAddress();
 
 type Handlers = { [K in Message["kind"]]: (message: Extract<Message, { kind: K }>) => void };

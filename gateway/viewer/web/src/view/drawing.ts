@@ -15,7 +15,7 @@ type Drawn = { local: Matrix4 | null } & ({ object: Batch; instance: BatchInstan
 export class Drawing {
   readonly root = new Object3D();
   private readonly geometries = new Geometries();
-  private readonly singles: SingleObjects;
+  private readonly singles = new SingleObjects(this.geometries, this.materials, this.progress, this.redraw);
   /** Batches by mesh id and key of the material. */
   private readonly batches = new Map<string, Batch>();
   private readonly drawn = new Map<TreeNode, Drawn[]>();
@@ -24,11 +24,10 @@ export class Drawing {
   constructor(
     private readonly model: Model,
     readonly materials: Materials,
-    progress: CloudProgress,
+    private readonly progress: CloudProgress,
     private readonly origin: Vector3,
-    redraw: () => void,
+    private readonly redraw: () => void,
   ) {
-    this.singles = new SingleObjects(this.geometries, materials, progress, redraw);
     this.root.matrixAutoUpdate = false;
   }
 
@@ -49,7 +48,7 @@ export class Drawing {
     for (const part of node.parts)
       for (const draw of part.draws) {
         textures.replaced = (before[draws.length] as MeshBasicMaterial | undefined)?.map ?? null;
-        const drawn = this.draw(node, draw, node.combinedOpacity, part.facesCamera === true);
+        const drawn = this.draw(node, draw, part.facesCamera === true);
         if (drawn) draws.push(drawn);
       }
     textures.replaced = null;
@@ -110,7 +109,7 @@ export class Drawing {
     return boxes;
   }
 
-  private draw(node: TreeNode, draw: Draw, opacity: number, facesCamera: boolean): Drawn | null {
+  private draw(node: TreeNode, draw: Draw, facesCamera: boolean): Drawn | null {
     const payload = this.model.meshes.get(draw.mesh);
     if (!payload || draw.matrix === null) return null;
     const local = draw.matrix ? new Matrix4().fromArray(draw.matrix) : null;
@@ -118,11 +117,11 @@ export class Drawing {
     const hasColors = payload.color !== undefined;
     const { material } = draw;
     const blended = material.alpha === "blend" && (material.color[3] < 1 || material.texture !== undefined || hasColors);
-    if (payload.topology === 3 && opacity === 1 && !blended && !facesCamera) {
+    if (payload.topology === 3 && node.combinedOpacity === 1 && !blended && !facesCamera) {
       const batch = this.batch(draw, this.geometries.whole(payload), hasColors);
       return { local, object: batch, instance: batch.append(node, place, new Color(...material.color.slice(0, 3))) };
     }
-    const object = this.singles.make(node, draw, payload, opacity, facesCamera);
+    const object = this.singles.make(node, draw, payload, facesCamera);
     placeAt(object, place);
     this.root.add(object);
     return { local, object };

@@ -13,13 +13,14 @@ export class Frustum {
 
   constructor(private readonly redraw: () => void) {
     this.object.matrixAutoUpdate = false;
-    this.update();
+    this.setShown();
   }
 
   /** Show or hide the camera. Without a pose it stays hidden. */
-  setShown(on: boolean): void {
+  setShown(on = this.isShown): void {
     this.isShown = on;
-    this.update();
+    this.object.visible = this.hasPose && on;
+    this.redraw();
   }
 
   show(rig: PlacedRig | NoRig): void {
@@ -30,12 +31,7 @@ export class Frustum {
       this.object.geometry.dispose();
       this.object.geometry = new BufferGeometry().setAttribute("position", new Float32BufferAttribute(linesOf(rig), 3));
     }
-    this.update();
-  }
-
-  private update(): void {
-    this.object.visible = this.hasPose && this.isShown;
-    this.redraw();
+    this.setShown();
   }
 }
 

@@ -11,16 +11,14 @@ export class HomeView {
   /** Time until which the home view follows the first nodes, `performance.now()`; publishers send one after the other. */
   private framingEnds = Infinity;
   /** `rig.placements` after the home view was last shown. */
-  private framed: number;
+  private framed = this.rig.placements;
   private camera: PageSettings["home"] = null;
 
   /** @param boxes returns the bounds of what is framed */
   constructor(
     private readonly rig: CameraRig,
     private readonly boxes: () => Box3[],
-  ) {
-    this.framed = rig.placements;
-  }
+  ) {}
 
   /** True while nobody has moved the camera. */
   get isShown(): boolean {

@@ -17,7 +17,7 @@ const MAX_MATERIALS = 64;
 export type MaterialKind = "opaque" | "translucent" | "line" | "wideLine" | "points";
 
 export class Materials {
-  readonly textures: Textures;
+  readonly textures = new Textures(this.redraw);
   /** Materials by their properties. `userData`: number of `users`, `textures`, and `size` of points. */
   private readonly shared = new Map<string, THREE.Material>();
   /** True if a material was released since the last `disposeUnused`. */
@@ -29,9 +29,7 @@ export class Materials {
   constructor(
     private readonly redraw: () => void,
     private readonly environmentMap: () => THREE.Texture | null,
-  ) {
-    this.textures = new Textures(redraw);
-  }
+  ) {}
 
   /** True if a material in use is translucent. */
   get areTranslucent(): boolean {

@@ -23,9 +23,9 @@ export class SingleObjects {
     private readonly redraw: () => void,
   ) {}
 
-  /** Return the object of a draw of a node that has an opacity. */
-  make(node: TreeNode, draw: Draw, payload: MeshPayload, opacity: number, facesCamera: boolean): SingleObject {
-    const object = this.create(node, draw, payload, opacity);
+  /** Return the object of a draw of a node. */
+  make(node: TreeNode, draw: Draw, payload: MeshPayload, facesCamera: boolean): SingleObject {
+    const object = this.create(node, draw, payload);
     if (object instanceof Mesh) object.receiveShadow = true;
     object.matrixAutoUpdate = false;
     object.userData.node = node;
@@ -33,16 +33,16 @@ export class SingleObjects {
     return object;
   }
 
-  private create(node: TreeNode, draw: Draw, payload: MeshPayload, opacity: number): SingleObject {
-    const { geometries } = this;
-    const material = (kind: MaterialKind) => this.materials.acquire(kind, draw.material, payload.color !== undefined, opacity);
+  private create(node: TreeNode, draw: Draw, payload: MeshPayload): SingleObject {
+    const { geometries, materials } = this;
+    const material = (kind: MaterialKind) => materials.acquire(kind, draw.material, payload.color !== undefined, node.combinedOpacity);
     if (payload.topology === 3) return new Mesh(geometries.whole(payload), material("translucent"));
-    if (payload.topology === 1) return this.points(node, draw, payload, opacity, material("points"));
+    if (payload.topology === 1) return this.points(node, draw, payload, material("points"));
     if ((draw.material.lineWidth ?? 1) > 1) return new LineSegments2(geometries.wideLine(payload), material("wideLine") as LineMaterial);
     return new LineSegments(geometries.whole(payload), material("line"));
   }
 
-  private points(node: TreeNode, draw: Draw, payload: MeshPayload, opacity: number, material: Material): Points {
+  private points(node: TreeNode, draw: Draw, payload: MeshPayload, material: Material): Points {
     const objects = this.geometries.chunks(payload).map((geometry) => new Points(geometry, material));
     const [first, ...others] = objects as [Points, ...Points[]];
     objects.forEach((object, number) => {
@@ -51,7 +51,7 @@ export class SingleObjects {
       object.userData.node = node;
     });
     if (others.length) first.add(...others);
-    if (node.cloud) void colorPoints(node, draw, objects, payload, opacity, this.materials).then(this.redraw);
+    if (node.cloud) void colorPoints(node, draw, objects, payload, this.materials).then(this.redraw);
     return first;
   }
 

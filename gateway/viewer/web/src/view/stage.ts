@@ -7,18 +7,16 @@ import { Lights } from "./lights";
 import { newRenderer, Rendering } from "./rendering";
 import { BEFORE_SURFACE, BEHIND_SURFACE, patch } from "./shaders";
 
+/** Functions that are called when the camera, the rig's `origin` moved, and before and after an image is drawn. */
 export interface StageCallbacks {
   /** Returns the URL of the gateway's image of this view, which is shown without WebGL. */
   imageUrl(): string;
   /** Returns true if the scene has translucent surfaces. */
   isTranslucent(): boolean;
-  /** Called before an image is drawn. `halfHeight` is half the view's height at the target, metres. */
+  /** `halfHeight` is half the view's height at the target, metres. */
   drawing(renderer: WebGLRenderer, halfHeight: number): void;
-  /** Called after an image was drawn. */
   drawn(): void;
-  /** Called when the camera moved. */
   moved(): void;
-  /** Called after the rig's `origin` has changed. */
   originMoved(): void;
 }
 
@@ -31,7 +29,7 @@ export class Stage {
   readonly lights = new Lights(this.renderer);
   readonly grid = new GridHelper(20, 20, 0xffffff, 0xffffff);
   readonly axes = new AxesHelper(0.5);
-  readonly rig: CameraRig;
+  readonly rig = new CameraRig(this);
   /** Point clouds of several chunks. */
   readonly clouds = new CloudProgress();
   /** Objects of the scene, which `pick` searches. */
@@ -44,7 +42,7 @@ export class Stage {
   frames = 0;
 
   constructor(
-    private readonly holder: HTMLElement,
+    readonly holder: HTMLElement,
     private readonly callbacks: StageCallbacks,
   ) {
     this.canvas.tabIndex = 0;
@@ -57,11 +55,6 @@ export class Stage {
     this.highlight.visible = false;
     this.world.add(this.axes);
     this.scene.add(this.content, this.grid, this.world, this.highlight, this.lights.object);
-    const changed = () => {
-      this.redraw();
-      callbacks.moved();
-    };
-    this.rig = new CameraRig(holder, this.canvas, changed, (halfHeight) => this.adapt(halfHeight));
     const aim = ({ clientX, clientY }: WheelEvent) => this.rig.aim(this.pick(clientX, clientY)?.point);
     this.canvas.addEventListener("wheel", aim, { capture: true, passive: true });
     new ResizeObserver(() => this.resize()).observe(holder);
@@ -75,6 +68,12 @@ export class Stage {
 
   redraw(): void {
     this.dirty = true;
+  }
+
+  /** Follow the camera. */
+  moved(): void {
+    this.redraw();
+    this.callbacks.moved();
   }
 
   show(object: Object3D, on: boolean): void {
@@ -119,7 +118,7 @@ export class Stage {
   }
 
   /** Set the grid's cells to a power of ten in metres that suits the placed camera. */
-  private adapt(halfHeight: number): void {
+  adapt(halfHeight: number): void {
     const cell = 10 ** Math.floor(Math.log10(halfHeight));
     for (const object of [this.grid, this.axes]) object.scale.setScalar(cell);
     this.resize();

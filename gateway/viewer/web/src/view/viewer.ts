@@ -25,61 +25,58 @@ import { backgroundColors, colorsOn } from "./theme";
 type Quaternion = [number, number, number, number];
 
 export class Viewer {
-  readonly stage: Stage;
-  readonly materials: Materials;
-  readonly drawing: Drawing;
-  readonly frustum: Frustum;
-  readonly follow: Follow;
-  readonly measurement: Measurement;
+  /** Element of the view. */
+  readonly holder = document.createElement("div");
+  private readonly redraw = () => this.stage.redraw();
   readonly topView = new TopView();
+  readonly stage: Stage = new Stage(this.holder, {
+    imageUrl: () => `view/frame.jpg?${imageQuery(this)}`,
+    isTranslucent: () => this.materials.areTranslucent,
+    drawing: (renderer, halfHeight) => this.topView.draw(renderer, this.stage.scene, this.stage.rig.controls.target, halfHeight),
+    drawn: () => this.drawn(),
+    moved: () => this.address?.write(),
+    originMoved: () => this.placeAll(),
+  });
+  readonly materials = new Materials(this.redraw, () => this.stage.lights.environmentMap);
+  readonly drawing = new Drawing(this.session.model, this.materials, this.stage.clouds, this.stage.rig.origin, this.redraw);
+  readonly frustum = new Frustum(this.redraw);
+  readonly follow = new Follow(this.session.model, () => {
+    this.stage.rig.placements += 1; // it is not the home view any more
+    this.address.write();
+  });
+  readonly measurement = new Measurement(this.redraw);
+  readonly marks = new Marks(this.session.model, this.stage.rig.origin, this.holder);
   /** Camera whose image is beside the view, in the gateway's syntax; empty: none. */
   readonly sideCamera = signal("");
   /** Rotation of the camera in the world, as a quaternion x, y, z, w. */
   readonly rotation = signal<Quaternion>([0, 0, 0, 1]);
-  readonly marks: Marks;
-  private readonly address: CameraAddress;
-  private readonly clickable: Clickable;
+  private readonly home = new HomeView(this.stage.rig, () => this.focusBoxes);
+  private readonly address: CameraAddress = new CameraAddress(this.stage.rig, this.follow, () => this.home.isShown);
+  private readonly clickable = new Clickable(this.stage, this.drawing, this.report);
   private readonly settings = signal<PageSettings>({ kind: "page", background: null, grid: null, home: null, clickable: [] });
-  private readonly home: HomeView;
   private isConfigured = false;
 
   constructor(
     readonly session: Session,
     readonly panels: Panels,
-    readonly holder: HTMLElement,
-    report: (click: Click) => void,
+    private readonly report: (click: Click) => void,
   ) {
-    const { model } = session;
-    this.stage = new Stage(holder, {
-      imageUrl: () => `view/frame.jpg?${imageQuery(this)}`,
-      isTranslucent: () => this.materials.areTranslucent,
-      drawing: (renderer, halfHeight) => this.topView.draw(renderer, this.stage.scene, this.stage.rig.controls.target, halfHeight),
-      drawn: () => this.drawn(),
-      moved: () => this.address?.write(),
-      originMoved: () => this.placeAll(),
-    });
     const { stage } = this;
-    const { rig } = stage;
-    const redraw = () => stage.redraw();
-    this.home = new HomeView(rig, () => this.drawing.focusBoxes(model.root));
-    this.follow = new Follow(model, () => {
-      rig.placements += 1; // it is not the home view any more
-      this.address.write();
-    });
-    this.address = new CameraAddress(rig, this.follow, () => this.home.isShown);
-    this.materials = new Materials(redraw, () => stage.lights.environmentMap);
-    this.drawing = new Drawing(model, this.materials, stage.clouds, rig.origin, redraw);
-    this.marks = new Marks(model, rig.origin, holder);
-    this.frustum = new Frustum(redraw);
-    this.measurement = new Measurement(redraw);
     stage.content.add(this.drawing.root);
     stage.scene.add(this.marks.object);
     stage.world.add(this.frustum.object, this.measurement.object);
-    this.clickable = new Clickable(stage, this.drawing, report);
     onTap(stage.canvas, (x, y, button) => this.tap(x, y, button));
     this.followOptions();
     this.followGraphicsDevice();
   }
+
+  /** Bounds of what the home view frames. */
+  private get focusBoxes(): Box3[] {
+    return this.drawing.focusBoxes(this.session.model.root);
+  }
+
+  /** Put the view into an element. */
+  attach = (element: Element | null): void => element?.append(this.holder);
 
   /** Follow the display options and the selection. */
   private followOptions(): void {
@@ -178,7 +175,7 @@ export class Viewer {
   /** Fit the lamp's shadow map to the scene, if shadows are on. */
   placeShadows(): void {
     const on = options.shadows.shown.peek() === "on";
-    this.stage.lights.castShadows(on ? this.drawing.focusBoxes(this.session.model.root) : null);
+    this.stage.lights.castShadows(on ? this.focusBoxes : null);
     this.stage.redraw();
   }
 
@@ -210,14 +207,11 @@ export class Viewer {
 
   /** Frame a node; default: the selection, or everything. */
   fit = (node: TreeNode | null = this.session.selected.peek()): void => {
-    this.stage.rig.fit(node ? this.drawing.boxes(node) : this.drawing.focusBoxes(this.session.model.root));
+    this.stage.rig.fit(node ? this.drawing.boxes(node) : this.focusBoxes);
   };
 
-  look = (direction: Direction): void => {
-    if (direction !== "home") {
-      this.stage.rig.look(direction, this.drawing.focusBoxes(this.session.model.root));
-      return;
-    }
+  look = (direction: Direction) => {
+    if (direction !== "home") return this.stage.rig.look(direction, this.focusBoxes);
     this.follow.stop();
     this.home.show();
   };
