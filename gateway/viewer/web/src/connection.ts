@@ -45,13 +45,11 @@ export class Connection {
     this.open();
   }
 
-  /** Acknowledge the last update or the last values of controls. */
   acknowledge(text: "k" | "c"): void {
     this.delay = FIRST_DELAY;
     this.send(text);
   }
 
-  /** Report a click that a client wants, or a change of a control. */
   report(message: Click | ControlChange): void {
     this.send(JSON.stringify(message));
   }

@@ -7,21 +7,16 @@ import type { CloudLook, Range } from "./view/clouds";
 
 const MAX_REMEMBERED_NODES = 10_000;
 
+/** A node as it is published, and what this page shows otherwise: `shown`, `ownOpacity`, `cloud`, `mark`; null: as published. */
 export class TreeNode {
   readonly children = new Set<TreeNode>();
   parts: Part[] | null = null;
-  /** Visibility in the gateway's tree. */
   visible = true;
-  /** Visibility on this page, set by the eye in the tree panel; null: as in the gateway's tree. */
   shown: boolean | null = null;
-  /** Opacity in the gateway's tree. */
   opacity = 1;
-  /** Opacity on this page; null: as in the gateway's tree. */
   ownOpacity: number | null = null;
-  /** Colours of a point cloud on this page; null: as published. */
   cloud: CloudLook | null = null;
   cloudRange: Range | null = null;
-  /** Axes and name on this page; null: none. */
   mark: Mark | null = null;
   readonly local = new Matrix4();
   readonly world = new Matrix4();
@@ -108,8 +103,8 @@ export class Model {
     for (const below of node.subtree()) {
       this.nodes.delete(below.id);
       const { shown, ownOpacity, cloud, mark } = below;
-      const isUnchanged = shown === null && ownOpacity === null && cloud === null && mark === null;
-      if (!isUnchanged && this.removedPageState.size < MAX_REMEMBERED_NODES)
+      const isChanged = [shown, ownOpacity, cloud, mark].some((value) => value !== null);
+      if (isChanged && this.removedPageState.size < MAX_REMEMBERED_NODES)
         this.removedPageState.set(JSON.stringify(below.path), { shown, ownOpacity, cloud, mark });
       change.removed.push(below);
     }
@@ -141,7 +136,6 @@ export class Model {
     return node;
   }
 
-  /** Return the node at a path. */
   find(path: Path): TreeNode | null {
     let node: TreeNode | undefined = this.root;
     for (const name of path) node = [...(node?.children ?? [])].find((child) => child.name === name);
@@ -157,10 +151,11 @@ export class Model {
       return node?.local;
     };
     poses?.ids.forEach((id, i) => {
-      const [w, x, y, z] = poses.values.subarray(7 * i + 3, 7 * i + 7) as unknown as [number, number, number, number];
-      rotation.set(x, y, z, w);
+      const { values } = poses;
+      const at = 7 * i;
+      rotation.set(values[at + 4]!, values[at + 5]!, values[at + 6]!, values[at + 3]!);
       if (rotation.lengthSq() === 0) rotation.identity();
-      find(id)?.compose(position.fromArray(poses.values, 7 * i), rotation.normalize(), unitScale);
+      find(id)?.compose(position.fromArray(values, at), rotation.normalize(), unitScale);
     });
     matrices?.ids.forEach((id, i) => void find(id)?.fromArray(matrices.values, 16 * i));
     return dirty;

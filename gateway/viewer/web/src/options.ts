@@ -5,8 +5,9 @@ import { signal } from "@preact/signals";
 const PREFIX = "scenegate.";
 
 export const THEMES = ["light", "dark"] as const;
-export const BACKGROUNDS = ["theme", "white", "black", "sky"] as const;
-export type Background = (typeof BACKGROUNDS)[number];
+/** Backgrounds with their names on the page. */
+export const BACKGROUNDS = { theme: "By theme", white: "White", black: "Black", sky: "Sky" } as const;
+export type Background = keyof typeof BACKGROUNDS;
 
 /** A setting. `shown` is its current value, which a client may set, too; `choose` keeps it for the next visit. */
 export class Option<T extends string> {
@@ -46,7 +47,7 @@ export type SwitchName = keyof typeof switches;
 
 export const options = {
   ...switches,
-  background: new Option("background", BACKGROUNDS, "theme"),
+  background: new Option<Background>("background", Object.keys(BACKGROUNDS) as Background[], "theme"),
   theme: new Option("theme", THEMES, matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"),
 };
 

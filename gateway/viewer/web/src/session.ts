@@ -25,9 +25,7 @@ export class Session {
   readonly status = signal<Status | null>(null);
   /** Updated once a second, as poses are shown. */
   readonly rates = signal({ nodes: 0, revision: 0, updates: 0, frames: 0 });
-  /** Message about the connection. */
   readonly notice = signal({ text: "", centre: false });
-  /** Message about the graphics device. */
   readonly graphicsNotice = signal("");
   /** True while clients stream images of the stereo camera. */
   readonly streaming = computed(() => (this.status.value?.facts ?? []).some(({ name, value }) => name === "streams" && Number(value) > 0));

@@ -10,7 +10,6 @@ import { Button, Check, Field } from "./controls";
 
 /** Width of the menu with its margin, as in style.css, pixels. */
 const MENU_WIDTH = 246;
-const BACKGROUND_NAMES: Record<Background, string> = { theme: "By theme", white: "White", black: "Black", sky: "Sky" };
 
 function Switch({ name, text, title }: { name: SwitchName; text: string; title?: string }) {
   const option = options[name];
@@ -36,7 +35,7 @@ export function DisplayMenu({ viewer }: { viewer: Viewer }) {
     menu.current!.style.left = `${Math.max(6, Math.min(left, innerWidth - MENU_WIDTH))}px`;
   };
   const about = { title: "Grid, axes, shadows, point size, background, theme", popovertarget: "display" };
-  const backgrounds = BACKGROUNDS.map((name): [Background, string] => [name, BACKGROUND_NAMES[name]]);
+  const backgrounds = Object.entries(BACKGROUNDS) as [Background, string][];
   return (
     <>
       <Button icon="display" ref={button} aria-label="Display" aria-haspopup="dialog" {...about}>

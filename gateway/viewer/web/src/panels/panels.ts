@@ -49,7 +49,6 @@ export class Panels {
     if (!NARROW.matches) this.right.value = true;
   }
 
-  /** Show an image in full size; null: none. */
   open = (image: FullImage | null): void => void (this.full.value = image);
 
   toggle(side: Side): void {

@@ -33,12 +33,15 @@ export class CameraRig {
   /** Distance of the target when the camera was last placed, metres. */
   private framedDistance = 1;
 
-  constructor(private readonly stage: Stage) {
+  constructor(
+    private readonly stage: Stage,
+    holder: HTMLElement,
+  ) {
     for (const camera of [this.perspective, this.orthographic]) camera.layers.enable(CLOUD_LAYER);
     this.setUp(Z_UP);
     this.controls = this.newControls();
     for (const type of ["pointerdown", "wheel", "keydown"])
-      stage.holder.addEventListener(type, () => this.renewControls(), { capture: true, passive: true });
+      holder.addEventListener(type, () => this.renewControls(), { capture: true, passive: true });
   }
 
   private newControls(): OrbitControls {

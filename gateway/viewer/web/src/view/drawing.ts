@@ -4,31 +4,29 @@ import { Box3, type BufferGeometry, Color, type Intersection, Matrix4, type Mesh
 import type { Model, ModelChange, TreeNode } from "../model";
 import type { Draw } from "../protocol";
 import { Batch, type BatchInstance } from "./batches";
-import type { CloudProgress } from "./cloudprogress";
 import { Geometries } from "./geometries";
 import type { Materials } from "./materials";
 import { type SingleObject, SingleObjects } from "./singleobjects";
+import type { Stage } from "./stage";
 
 /** One draw of a node: an instance in a batch, or an object of its own. `local` is its matrix in the node's frame. */
 type Drawn = { local: Matrix4 | null } & ({ object: Batch; instance: BatchInstance } | { object: SingleObject; instance?: undefined });
 
 export class Drawing {
   readonly root = new Object3D();
-  private readonly geometries = new Geometries();
-  private readonly singles = new SingleObjects(this.geometries, this.materials, this.progress, this.redraw);
+  readonly geometries = new Geometries();
+  private readonly singles = new SingleObjects(this);
   /** Batches by mesh id and key of the material. */
   private readonly batches = new Map<string, Batch>();
   private readonly drawn = new Map<TreeNode, Drawn[]>();
 
-  /** @param origin point of the world at which the page's scene has its origin */
   constructor(
     private readonly model: Model,
     readonly materials: Materials,
-    private readonly progress: CloudProgress,
-    private readonly origin: Vector3,
-    private readonly redraw: () => void,
+    readonly stage: Stage,
   ) {
     this.root.matrixAutoUpdate = false;
+    stage.content.add(this.root);
   }
 
   apply(change: ModelChange): void {
@@ -132,9 +130,10 @@ export class Drawing {
     const matrix = node.world.clone();
     if (local) matrix.multiply(local);
     const { elements } = matrix;
-    elements[12] -= this.origin.x;
-    elements[13] -= this.origin.y;
-    elements[14] -= this.origin.z;
+    const { origin } = this.stage.rig;
+    elements[12] -= origin.x;
+    elements[13] -= origin.y;
+    elements[14] -= origin.z;
     return matrix;
   }
 

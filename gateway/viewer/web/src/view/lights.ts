@@ -41,7 +41,6 @@ export class Lights {
     this.environment = null;
   }
 
-  /** Move the headlight to the camera. */
   placeHeadlight(camera: Camera, target: Vector3): void {
     this.headlight.position.copy(camera.position);
     this.headlight.target.position.copy(target);

@@ -5,6 +5,7 @@ import { LineMaterial } from "three/addons/lines/LineMaterial.js";
 import type { Material, TextureUse } from "../protocol";
 import type { PointSize } from "../tools/pointsize";
 import { BEFORE_SURFACE, patch, SIZE_IN_METRES } from "./shaders";
+import type { Stage } from "./stage";
 import { Textures } from "./textures";
 
 /** Number of materials up to which unused ones without textures are kept, so that geometry that returns does not compile its shader again. */
@@ -17,7 +18,7 @@ const MAX_MATERIALS = 64;
 export type MaterialKind = "opaque" | "translucent" | "line" | "wideLine" | "points";
 
 export class Materials {
-  readonly textures = new Textures(this.redraw);
+  readonly textures = new Textures(this.stage);
   /** Materials by their properties. `userData`: number of `users`, `textures`, and `size` of points. */
   private readonly shared = new Map<string, THREE.Material>();
   /** True if a material was released since the last `disposeUnused`. */
@@ -25,13 +26,8 @@ export class Materials {
   private wireframe = false;
   private pointSize: PointSize = { unit: "sent", size: 0 };
 
-  /** @param environmentMap returns the environment map that metals reflect, Y-up */
-  constructor(
-    private readonly redraw: () => void,
-    private readonly environmentMap: () => THREE.Texture | null,
-  ) {}
+  constructor(private readonly stage: Stage) {}
 
-  /** True if a material in use is translucent. */
   get areTranslucent(): boolean {
     return [...this.shared.values()].some(({ userData, transparent }) => userData.users > 0 && transparent);
   }
@@ -57,7 +53,6 @@ export class Materials {
     return shared;
   }
 
-  /** Release a use of a material. */
   release(material: THREE.Material): void {
     material.userData.users -= 1;
     this.released = true;
@@ -82,29 +77,27 @@ export class Materials {
     this.textures.disposeAllBut(used);
   }
 
-  /** Drop everything: another gateway uses other ids. */
   forget(): void {
     this.textures.disposeAllBut(new Set());
     for (const material of this.shared.values()) material.dispose();
     this.shared.clear();
   }
 
-  /** Use a new environment map. */
   renewEnvironment(): void {
     for (const material of this.shared.values())
-      if (material instanceof THREE.MeshStandardMaterial && material.envMap) material.envMap = this.environmentMap();
+      if (material instanceof THREE.MeshStandardMaterial && material.envMap) material.envMap = this.stage.lights.environmentMap;
   }
 
   setWireframe(on: boolean): void {
     this.wireframe = on;
     for (const material of this.shared.values()) if ("wireframe" in material) material.wireframe = on;
-    this.redraw();
+    this.stage.redraw();
   }
 
   setPointSize(size: PointSize): void {
     this.pointSize = size;
     for (const material of this.shared.values()) if (material instanceof THREE.PointsMaterial) this.sizePoints(material);
-    this.redraw();
+    this.stage.redraw();
   }
 
   private sizePoints(material: THREE.PointsMaterial): THREE.PointsMaterial {
@@ -158,7 +151,7 @@ export class Materials {
       metalnessMap: map,
       roughness,
       roughnessMap: map,
-      envMap: metallic > 0 ? this.environmentMap() : null,
+      envMap: metallic > 0 ? this.stage.lights.environmentMap : null,
       envMapIntensity: 0.3,
       envMapRotation: new THREE.Euler(Math.PI / 2, 0, 0),
     });

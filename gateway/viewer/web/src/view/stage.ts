@@ -3,22 +3,11 @@
 import { AxesHelper, Box3, Box3Helper, Color, GridHelper, type Intersection, Object3D, Scene, type WebGLRenderer } from "three";
 import { CameraRig } from "./camerarig";
 import { CloudProgress } from "./cloudprogress";
+import { imageQuery } from "./downloads";
 import { Lights } from "./lights";
 import { newRenderer, Rendering } from "./rendering";
 import { BEFORE_SURFACE, BEHIND_SURFACE, patch } from "./shaders";
-
-/** Functions that are called when the camera, the rig's `origin` moved, and before and after an image is drawn. */
-export interface StageCallbacks {
-  /** Returns the URL of the gateway's image of this view, which is shown without WebGL. */
-  imageUrl(): string;
-  /** Returns true if the scene has translucent surfaces. */
-  isTranslucent(): boolean;
-  /** `halfHeight` is half the view's height at the target, metres. */
-  drawing(renderer: WebGLRenderer, halfHeight: number): void;
-  drawn(): void;
-  moved(): void;
-  originMoved(): void;
-}
+import type { Viewer } from "./viewer";
 
 export class Stage {
   readonly scene = new Scene();
@@ -29,7 +18,7 @@ export class Stage {
   readonly lights = new Lights(this.renderer);
   readonly grid = new GridHelper(20, 20, 0xffffff, 0xffffff);
   readonly axes = new AxesHelper(0.5);
-  readonly rig = new CameraRig(this);
+  readonly rig = new CameraRig(this, this.viewer.holder);
   /** Point clouds of several chunks. */
   readonly clouds = new CloudProgress();
   /** Objects of the scene, which `pick` searches. */
@@ -41,10 +30,8 @@ export class Stage {
   /** Number of frames drawn. */
   frames = 0;
 
-  constructor(
-    readonly holder: HTMLElement,
-    private readonly callbacks: StageCallbacks,
-  ) {
+  constructor(private readonly viewer: Viewer) {
+    const { holder } = viewer;
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("aria-label", "3D view of the scene");
     holder.append(this.canvas);
@@ -66,14 +53,13 @@ export class Stage {
     requestAnimationFrame(loop);
   }
 
-  redraw(): void {
+  redraw = (): void => {
     this.dirty = true;
-  }
+  };
 
-  /** Follow the camera. */
   moved(): void {
     this.redraw();
-    this.callbacks.moved();
+    this.viewer.cameraMoved();
   }
 
   show(object: Object3D, on: boolean): void {
@@ -111,7 +97,8 @@ export class Stage {
 
   /** Adopt the size of the view on the page. */
   resize(): void {
-    const [width, height] = [Math.max(1, this.holder.clientWidth), Math.max(1, this.holder.clientHeight)];
+    const { clientWidth, clientHeight } = this.viewer.holder;
+    const [width, height] = [Math.max(1, clientWidth), Math.max(1, clientHeight)];
     this.rendering?.setSize(width, height);
     this.rig.resize(width, height);
     this.redraw();
@@ -130,7 +117,7 @@ export class Stage {
     if (rig.moveOrigin()) this.placeWorld();
     if (this.dirty && this.renderer) this.drawImage(this.renderer);
     else if (this.dirty && canvas instanceof HTMLImageElement && canvas.complete) this.loadImage(canvas);
-    else if (rendering && this.clouds.refine(performance.now())) rendering.refine(rig.camera, this.callbacks.isTranslucent());
+    else if (rendering && this.clouds.refine()) rendering.refine(rig.camera, this.viewer.materials.areTranslucent);
     else return;
     this.frames += 1;
   }
@@ -138,8 +125,7 @@ export class Stage {
   private placeWorld(): void {
     this.world.position.copy(this.rig.origin).negate();
     this.grid.position.z = -this.rig.origin.z; // near the target, at the world's height 0
-    this.callbacks.originMoved();
-    this.redraw();
+    this.viewer.originMoved();
   }
 
   /** Show the gateway's image of this view, after the previous one has arrived. */
@@ -147,18 +133,18 @@ export class Stage {
     this.dirty = false;
     this.scene.updateMatrixWorld();
     this.rig.camera.updateMatrixWorld();
-    image.src = `${this.callbacks.imageUrl()}&number=${this.frames}`;
-    this.callbacks.drawn();
+    image.src = `view/frame.jpg?${imageQuery(this.viewer)}&number=${this.frames}`;
+    this.viewer.drawn();
   }
 
   private drawImage(renderer: WebGLRenderer): void {
-    const { callbacks, rendering, rig } = this;
+    const { viewer, rendering, rig } = this;
     this.dirty = false;
     rig.updateClippingPlanes();
     this.lights.placeHeadlight(rig.camera, rig.controls.target);
-    this.clouds.start(performance.now(), rendering?.hasOcclusion === true);
-    callbacks.drawing(renderer, rig.halfHeightAtTarget);
-    rendering?.draw(rig.camera, rig.halfHeightAtTarget, callbacks.isTranslucent());
-    callbacks.drawn();
+    this.clouds.start(rendering?.hasOcclusion === true);
+    viewer.topView.draw(renderer, this.scene, rig.controls.target, rig.halfHeightAtTarget);
+    rendering?.draw(rig.camera, rig.halfHeightAtTarget, viewer.materials.areTranslucent);
+    viewer.drawn();
   }
 }

@@ -13,7 +13,6 @@ import { Marks } from "../tools/marks";
 import { Measurement } from "../tools/measure";
 import { TopView } from "../tools/sideviews";
 import type { Direction } from "./camera";
-import { imageQuery } from "./downloads";
 import { Drawing } from "./drawing";
 import { Frustum } from "./frustum";
 import { HomeView } from "./homeview";
@@ -25,44 +24,33 @@ import { backgroundColors, colorsOn } from "./theme";
 type Quaternion = [number, number, number, number];
 
 export class Viewer {
-  /** Element of the view. */
   readonly holder = document.createElement("div");
-  private readonly redraw = () => this.stage.redraw();
   readonly topView = new TopView();
-  readonly stage: Stage = new Stage(this.holder, {
-    imageUrl: () => `view/frame.jpg?${imageQuery(this)}`,
-    isTranslucent: () => this.materials.areTranslucent,
-    drawing: (renderer, halfHeight) => this.topView.draw(renderer, this.stage.scene, this.stage.rig.controls.target, halfHeight),
-    drawn: () => this.drawn(),
-    moved: () => this.address?.write(),
-    originMoved: () => this.placeAll(),
-  });
-  readonly materials = new Materials(this.redraw, () => this.stage.lights.environmentMap);
-  readonly drawing = new Drawing(this.session.model, this.materials, this.stage.clouds, this.stage.rig.origin, this.redraw);
-  readonly frustum = new Frustum(this.redraw);
+  readonly stage = new Stage(this);
+  readonly materials = new Materials(this.stage);
+  readonly drawing = new Drawing(this.session.model, this.materials, this.stage);
+  readonly frustum = new Frustum(this.stage.redraw);
   readonly follow = new Follow(this.session.model, () => {
     this.stage.rig.placements += 1; // it is not the home view any more
     this.address.write();
   });
-  readonly measurement = new Measurement(this.redraw);
+  readonly measurement = new Measurement(this.stage.redraw);
   readonly marks = new Marks(this.session.model, this.stage.rig.origin, this.holder);
   /** Camera whose image is beside the view, in the gateway's syntax; empty: none. */
   readonly sideCamera = signal("");
   /** Rotation of the camera in the world, as a quaternion x, y, z, w. */
   readonly rotation = signal<Quaternion>([0, 0, 0, 1]);
-  private readonly home = new HomeView(this.stage.rig, () => this.focusBoxes);
+  private readonly home: HomeView = new HomeView(this);
   private readonly address: CameraAddress = new CameraAddress(this.stage.rig, this.follow, () => this.home.isShown);
-  private readonly clickable = new Clickable(this.stage, this.drawing, this.report);
+  private readonly clickable = new Clickable(this);
   private readonly settings = signal<PageSettings>({ kind: "page", background: null, grid: null, home: null, clickable: [] });
-  private isConfigured = false;
 
   constructor(
     readonly session: Session,
     readonly panels: Panels,
-    private readonly report: (click: Click) => void,
+    readonly report: (click: Click) => void,
   ) {
     const { stage } = this;
-    stage.content.add(this.drawing.root);
     stage.scene.add(this.marks.object);
     stage.world.add(this.frustum.object, this.measurement.object);
     onTap(stage.canvas, (x, y, button) => this.tap(x, y, button));
@@ -71,11 +59,10 @@ export class Viewer {
   }
 
   /** Bounds of what the home view frames. */
-  private get focusBoxes(): Box3[] {
+  get focusBoxes(): Box3[] {
     return this.drawing.focusBoxes(this.session.model.root);
   }
 
-  /** Put the view into an element. */
   attach = (element: Element | null): void => element?.append(this.holder);
 
   /** Follow the display options and the selection. */
@@ -157,11 +144,11 @@ export class Viewer {
     if (next.grid !== this.settings.peek().grid) options.grid.shown.value = next.grid === null ? options.grid.own : next.grid ? "on" : "off";
     this.settings.value = next;
     this.clickable.setPaths(next.clickable);
-    if (this.home.setCamera(next.home, !this.isConfigured)) this.look("home");
-    this.isConfigured = true;
+    if (this.home.setCamera(next.home)) this.look("home");
   }
 
-  private placeAll(): void {
+  /** Called after the rig's `origin` has changed. */
+  originMoved(): void {
     this.drawing.moveAll();
     this.marks.move();
     this.highlight(this.session.selected.peek());
@@ -216,7 +203,11 @@ export class Viewer {
     this.home.show();
   };
 
-  private drawn(): void {
+  cameraMoved(): void {
+    this.address?.write(); // there is none before the view is complete
+  }
+
+  drawn(): void {
     const { camera } = this.stage.rig;
     this.materials.disposeUnused();
     this.marks.placeNames(camera, this.holder.clientWidth, this.holder.clientHeight);
