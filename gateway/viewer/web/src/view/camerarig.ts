@@ -33,15 +33,12 @@ export class CameraRig {
   /** Distance of the target when the camera was last placed, metres. */
   private framedDistance = 1;
 
-  constructor(
-    private readonly stage: Stage,
-    holder: HTMLElement,
-  ) {
+  constructor(private readonly stage: Stage) {
     for (const camera of [this.perspective, this.orthographic]) camera.layers.enable(CLOUD_LAYER);
     this.setUp(Z_UP);
     this.controls = this.newControls();
     for (const type of ["pointerdown", "wheel", "keydown"])
-      holder.addEventListener(type, () => this.renewControls(), { capture: true, passive: true });
+      stage.holder.addEventListener(type, () => this.renewControls(), { capture: true, passive: true });
   }
 
   private newControls(): OrbitControls {

@@ -10,6 +10,7 @@ import { BEFORE_SURFACE, BEHIND_SURFACE, patch } from "./shaders";
 import type { Viewer } from "./viewer";
 
 export class Stage {
+  readonly holder = this.viewer.holder;
   readonly scene = new Scene();
   /** Null without WebGL: `canvas` is an image of the gateway then. */
   readonly renderer = newRenderer();
@@ -18,7 +19,7 @@ export class Stage {
   readonly lights = new Lights(this.renderer);
   readonly grid = new GridHelper(20, 20, 0xffffff, 0xffffff);
   readonly axes = new AxesHelper(0.5);
-  readonly rig = new CameraRig(this, this.viewer.holder);
+  readonly rig = new CameraRig(this);
   /** Point clouds of several chunks. */
   readonly clouds = new CloudProgress();
   /** Objects of the scene, which `pick` searches. */
@@ -31,10 +32,9 @@ export class Stage {
   frames = 0;
 
   constructor(private readonly viewer: Viewer) {
-    const { holder } = viewer;
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("aria-label", "3D view of the scene");
-    holder.append(this.canvas);
+    this.holder.append(this.canvas);
     this.grid.rotation.x = Math.PI / 2;
     // Depth offsets: a floor at the same height hides the grid but not the axes, without flicker.
     for (const material of [this.grid.material].flat()) patch(material, BEHIND_SURFACE);
@@ -44,7 +44,7 @@ export class Stage {
     this.scene.add(this.content, this.grid, this.world, this.highlight, this.lights.object);
     const aim = ({ clientX, clientY }: WheelEvent) => this.rig.aim(this.pick(clientX, clientY)?.point);
     this.canvas.addEventListener("wheel", aim, { capture: true, passive: true });
-    new ResizeObserver(() => this.resize()).observe(holder);
+    new ResizeObserver(() => this.resize()).observe(this.holder);
     this.rig.look("home", []);
     const loop = () => {
       this.draw();
@@ -97,7 +97,7 @@ export class Stage {
 
   /** Adopt the size of the view on the page. */
   resize(): void {
-    const { clientWidth, clientHeight } = this.viewer.holder;
+    const { clientWidth, clientHeight } = this.holder;
     const [width, height] = [Math.max(1, clientWidth), Math.max(1, clientHeight)];
     this.rendering?.setSize(width, height);
     this.rig.resize(width, height);
