@@ -137,7 +137,11 @@ generate: $(VENV)/.tools ## write the protobuf classes from protos/ (needs Pytho
 	$(UV) run --quiet --no-project --python $(BIN)/python --with grpcio-tools==$(GRPCIO_TOOLS) --with "setuptools<80" \
 		python protos/generate.py $(ARGS)
 
-check-web: $(WEB)/node_modules/.package-lock.json ## lint, format, types and unit tests of the page (needs node 20)
+# The types of messages, in one definition with the server's. The build removes types, so it does not need them.
+$(WEB)/src/protocol.ts: tools/page_types.py gateway/viewer/messages.py client/scenegate/messages/controls.py | $(VENV)/.installed-dev
+	$(BIN)/python -m tools.page_types $@
+
+check-web: $(WEB)/node_modules/.package-lock.json $(WEB)/src/protocol.ts ## lint, format, types and unit tests of the page (needs node 20)
 	cd $(WEB) && npm run --silent check
 
 web: $(WEB)/node_modules/.package-lock.json ## build the page of the browser view (needs node 20)

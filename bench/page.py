@@ -37,8 +37,10 @@ COUNT_FRAMES: Final = """(seconds) => new Promise((resolve) => {
   requestAnimationFrame(step);
 })"""
 TURN: Final = """() => {
-  const { stage } = scenegate;
-  const turn = () => { scenegate.rig.zoom(1 + 0.01 * Math.sin(performance.now() / 500)); requestAnimationFrame(turn); };
+  const turn = () => {
+    scenegate.rig.controls.dollyIn(1 + 0.01 * Math.sin(performance.now() / 500));
+    requestAnimationFrame(turn);
+  };
   turn();
 }"""
 COUNTS: Final = """() => {

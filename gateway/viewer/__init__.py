@@ -4,7 +4,8 @@
 ``hub``              the connected browsers, and the loop that sends them updates
 ``flow_control``     the snapshot and meshes of one page, and when its next update is due; without I/O
 ``encoder``          updates: the differences between two revisions of the scene, encoded once for all browsers
-``geometry_json``    parts, draws and materials in the JSON header of an update
+``messages``         all messages to and from the page; the page's types are written from them
+``geometry_messages``    parts, draws and materials as those of messages
 ``frames``           the format of binary WebSocket messages: a JSON header and arrays
 ``resources``        ids of meshes, textures and point clouds, and encoded meshes
 

@@ -6,24 +6,12 @@ change of that control: a frame ``received`` has the number.
 
 from __future__ import annotations
 
-from typing import Any
-
-import msgspec
-
 from gateway.scene.controls import ControlStore
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Pose
-from gateway.viewer.frames import FrameBuilder
+from gateway.viewer import messages
+from gateway.viewer.frames import FrameBuilder, encode
 from scenegate.messages import controls
-
-
-class ControlChange(msgspec.Struct):
-    """A change of a control, as the page sends it in JSON. The value of a button is ignored: it counts a click."""
-
-    control: int
-    """Id of the control."""
-    number: int
-    value: Any = None
 
 
 class ControlFrames:
@@ -46,16 +34,13 @@ class ControlFrames:
         if frame is None:
             builder = FrameBuilder()
             samples = [(control_id, builder.add_array(rows)) for control_id, rows in store.samples_since(revision)]
-            header = {
-                "kind": "controls",
-                "controls": store.controls_since(revision),
-                "values": store.values_since(revision),
-                "samples": samples,
-            }
+            header = messages.ControlsMessage(
+                controls=store.controls_since(revision), values=store.values_since(revision), samples=samples
+            )
             frame = self._frames[revision] = builder.finish(header)
         return frame
 
-    def change(self, change: ControlChange) -> None:
+    def change(self, change: messages.ControlChange) -> None:
         """Execute a change of a page. A gizmo moves its node, if there is one."""
         entry = self.store.change(change.control, change.value)
         if entry is None or not isinstance(entry.control, controls.Gizmo) or not isinstance(entry.value, controls.Pose):
@@ -68,4 +53,4 @@ class ControlFrames:
 
 def received_frame(number: int) -> bytes:
     """Return the frame that tells a page the number of its last change that was executed."""
-    return FrameBuilder().finish({"kind": "received", "number": number})
+    return encode(messages.Received(number=number))

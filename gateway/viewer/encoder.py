@@ -14,15 +14,16 @@ from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from gateway.scene.live import Snapshot
 from gateway.scene.live_page import LivePage
 from gateway.scene.tree import Change, Node, Path, changes
-from gateway.viewer.frames import FrameBuilder
-from gateway.viewer.geometry_json import part_json
+from gateway.viewer import messages
+from gateway.viewer.frames import FrameBuilder, encode
+from gateway.viewer.geometry_messages import part_message
 from gateway.viewer.resources import Resources
 from gateway.viewer.sources import StereoRig
 from renderers.cache import Cache
@@ -114,7 +115,7 @@ class Encoder:
         removed: list[int] = []
         transforms = _Transforms()
         meshes: set[int] = set()
-        node_json: dict[str, Any] = {}  # of the node whose changes are being read
+        node_update: messages.NodeUpdate | None = None  # of the node whose changes are being read
         pause_time = time.perf_counter() + MAX_BLOCKING_SECONDS
         for change in changes(old.root, target.root):
             node_id = self.node_id(change.path)
@@ -125,36 +126,34 @@ class Encoder:
                 transforms.add(node_id, change.node)
             if change.kind not in ("transform", "reordered"):
                 # The changes of one node follow each other.
-                if node_json and node_json["id"] != node_id:
-                    builder.add_node(node_json)
-                    node_json = {}
-                node_json["id"] = node_id
-                self._add_change(node_json, change, change.node, meshes)
+                if node_update is None or node_update.id != node_id:
+                    if node_update is not None:
+                        builder.add_node(node_update)
+                    node_update = messages.NodeUpdate(id=node_id)
+                self._add_change(node_update, change, change.node, meshes)
             if time.perf_counter() > pause_time:
                 yield None
                 pause_time = time.perf_counter() + MAX_BLOCKING_SECONDS
-        if node_json:
-            builder.add_node(node_json)
-        header: dict[str, Any] = {"kind": "update", "from": old.revision, "revision": target.revision}
-        if removed:
-            header["removed"] = removed
+        if node_update is not None:
+            builder.add_node(node_update)
+        header = messages.SceneUpdate(from_=old.revision, revision=target.revision, removed=removed)
         transforms.add_to(builder, header)
         yield Update(builder.finish(header), frozenset(meshes))
 
-    def _add_change(self, node_json: dict[str, Any], change: Change, node: Node, meshes: set[int]) -> None:
-        """Add a change of ``node`` to its JSON object in the header, and the ids of the node's meshes to ``meshes``."""
+    def _add_change(self, update: messages.NodeUpdate, change: Change, node: Node, meshes: set[int]) -> None:
+        """Add a change of ``node`` to its update, and the ids of the node's meshes to ``meshes``."""
         added = change.kind == "added"
         if added:
-            node_json["parent"] = self.node_id(change.path[:-1])
-            node_json["name"] = change.path[-1]
+            update.parent = self.node_id(change.path[:-1])
+            update.name = change.path[-1]
         if change.kind == "visible" or (added and not node.visible):
-            node_json["visible"] = node.visible
+            update.visible = node.visible
         if change.kind == "opacity" or (added and node.opacity != 1.0):
-            node_json["opacity"] = node.opacity
+            update.opacity = node.opacity
         if change.kind == "geometry" or (added and node.parts is not None):
-            parts = None if node.parts is None else [part_json(part, self._resources) for part in node.parts]
-            node_json["parts"] = parts
-            meshes.update(draw["mesh"] for part in parts or () for draw in part["draws"])
+            parts = None if node.parts is None else [part_message(part, self._resources) for part in node.parts]
+            update.parts = parts
+            meshes.update(draw.mesh for part in parts or () for draw in part.draws)
 
 
 class _Transforms:
@@ -187,27 +186,22 @@ class _Transforms:
             self._matrix_ids.append(node_id)
             self._matrices.extend(node.matrix.T.ravel().tolist())
 
-    def add_to(self, builder: FrameBuilder, header: dict[str, Any]) -> None:
+    def add_to(self, builder: FrameBuilder, header: messages.SceneUpdate) -> None:
         """Add the arrays to a frame."""
-        for name, ids, values in (
-            ("poses", self._pose_ids, self._poses),
-            ("matrices", self._matrix_ids, self._matrices),
-        ):
-            if ids:
-                header[name] = {"ids": builder.add_array(ids), "values": builder.add_array(values)}
-
-
-def encode_status(status: dict[str, Any]) -> bytes:
-    """Return the frame with the gateway's status. The status has plain JSON values."""
-    return FrameBuilder().finish({"kind": "status", **status})
+        if self._pose_ids:
+            ids = builder.add_array(self._pose_ids)
+            header.poses = messages.Poses(ids=ids, values=builder.add_array(self._poses))
+        if self._matrix_ids:
+            ids = builder.add_array(self._matrix_ids)
+            header.matrices = messages.Matrices(ids=ids, values=builder.add_array(self._matrices))
 
 
 def encode_page(page: LivePage) -> bytes:
-    """Return the frame with the view settings and the clickable paths. null: the page's own setting."""
+    """Return the frame with the view settings and the clickable paths."""
     view = page.view
-    home = None if view.home is None else {name: getattr(view.home, name) for name in ("eye", "target", "up")}
-    fields = {"background": view.background, "grid": view.grid, "home": home}
-    return FrameBuilder().finish({"kind": "page", **fields, "clickable": page.clicks.paths()})
+    home = None if view.home is None else messages.Home(eye=view.home.eye, target=view.home.target, up=view.home.up)
+    clickable = list(page.clicks.paths())
+    return encode(messages.PageSettings(background=view.background, grid=view.grid, home=home, clickable=clickable))
 
 
 def encode_stereo_rig(rig: StereoRig | None) -> bytes:
@@ -216,6 +210,6 @@ def encode_stereo_rig(rig: StereoRig | None) -> bytes:
     The pose is null if there is no camera, or the pose is not finite.
     """
     if rig is None or not np.isfinite(rig.pose).all():
-        return FrameBuilder().finish({"kind": "rig", "pose": None})
+        return encode(messages.NoRig(pose=None))
     intrinsics = {name: getattr(rig, name) for name in ("width", "height", "fx", "fy", "cx", "cy", "baseline")}
-    return FrameBuilder().finish({"kind": "rig", "pose": rig.pose.T.ravel().tolist(), **intrinsics})
+    return encode(messages.PlacedRig(pose=rig.pose.T.ravel().tolist(), **intrinsics))

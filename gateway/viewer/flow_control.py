@@ -10,7 +10,8 @@ from enum import Enum, auto
 
 from gateway.scene.live import Snapshot
 from gateway.viewer.encoder import EMPTY_SNAPSHOT, Encoder, Update
-from gateway.viewer.frames import FrameBuilder
+from gateway.viewer.frames import encode
+from gateway.viewer.messages import Forget
 
 
 class BrowserState(Enum):
@@ -85,4 +86,4 @@ class FlowControl:
         if not self._outdated_meshes:
             return None
         outdated, self._outdated_meshes = self._outdated_meshes, set()
-        return FrameBuilder().finish({"kind": "forget", "meshes": sorted(outdated)})
+        return encode(Forget(meshes=sorted(outdated)))

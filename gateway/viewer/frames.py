@@ -15,6 +15,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.viewer.messages import Message, NodeUpdate, Span
+
 MAGIC: Final = 0x31564753
 """The bytes "SGV1" as a little-endian integer."""
 ALIGNMENT: Final = 8
@@ -34,14 +36,14 @@ class FrameBuilder:
         self._chunks: list[bytes] = []
         self._size = 0
 
-    def add_node(self, node: dict[str, Any]) -> None:
+    def add_node(self, node: NodeUpdate) -> None:
         """Encode a node for the header's array ``nodes`` now: encoding thousands at once blocks the event loop."""
         if self._nodes:
             self._nodes += b","
         self._nodes += _json.encode(node)
 
-    def add_array(self, values: NDArray[Any] | packed_array[Any]) -> list[int]:
-        """Append an array to the body; return its ``[offset, count]`` for the header."""
+    def add_array(self, values: NDArray[Any] | packed_array[Any]) -> Span:
+        """Append an array to the body; return its offset and count for the header."""
         data = values.tobytes()
         padding_bytes = -len(data) % ALIGNMENT
         self._chunks.append(data)
@@ -49,16 +51,21 @@ class FrameBuilder:
             self._chunks.append(bytes(padding_bytes))
         offset = self._size
         self._size += len(data) + padding_bytes
-        return [offset, int(values.size) if isinstance(values, np.ndarray) else len(values)]
+        return offset, int(values.size) if isinstance(values, np.ndarray) else len(values)
 
-    def finish(self, header: dict[str, Any]) -> bytes:
-        """Return the complete frame, with the fields of ``header`` (at least one), and the nodes and arrays so far."""
+    def finish(self, header: Message) -> bytes:
+        """Return the complete frame, with the fields of ``header``, and the nodes and arrays so far."""
         text: list[bytes | bytearray] = [_json.encode(header)]
         if self._nodes:
             text = [text[0][:-1], b',"nodes":[', self._nodes, b"]}"]
         text_bytes = sum(map(len, text))
         padding_bytes = -(text_bytes + _PREFIX.size) % ALIGNMENT
         return b"".join((_PREFIX.pack(MAGIC, text_bytes + padding_bytes), *text, b" " * padding_bytes, *self._chunks))
+
+
+def encode(message: Message) -> bytes:
+    """Return the frame of a message without arrays."""
+    return FrameBuilder().finish(message)
 
 
 def parse_frame(frame: bytes) -> tuple[dict[str, Any], memoryview]:

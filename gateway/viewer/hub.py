@@ -6,16 +6,20 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable
 from typing import Any, Final
+
+import msgspec
 
 from gateway.scene.clicks import Button, Click
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
 from gateway.viewer.config import ViewerConfig
-from gateway.viewer.control_frames import ControlChange, ControlFrames, received_frame
-from gateway.viewer.encoder import Encoder, encode_page, encode_status, encode_stereo_rig
+from gateway.viewer.control_frames import ControlFrames, received_frame
+from gateway.viewer.encoder import Encoder, encode_page, encode_stereo_rig
 from gateway.viewer.flow_control import BrowserState, FlowControl
+from gateway.viewer.frames import encode
+from gateway.viewer.messages import ControlChange, Fact, Status
 from gateway.viewer.recent_renders import RecentRenders
 from gateway.viewer.resources import Resources
 from gateway.viewer.sources import StereoSource
@@ -32,7 +36,7 @@ class ViewHub:
         config: ViewerConfig,
         tree: LiveTree,
         *,
-        status: Callable[[], Mapping[str, Any]] = dict,
+        status: Callable[[], Status] = Status,
         stereo: StereoSource | None = None,
         page: LivePage | None = None,
     ) -> None:
@@ -41,8 +45,7 @@ class ViewHub:
         Args:
             config: limits and intervals.
             tree: the live tree.
-            status: returns the content of the page's status bar. ``interfaces`` has state and problem of each interface
-                by its name; ``facts`` is a list of values with ``name``, ``value`` and ``warn``. Called every
+            status: returns the content of the page's status bar, to which the hub adds figures of its own. Called every
                 ``status_seconds`` while browsers are connected.
             stereo: the stereo camera; None if there is none.
             page: view settings, clickable paths and controls, which clients of the tree viewer set.
@@ -158,9 +161,9 @@ class ViewHub:
 
     def _status_frame(self) -> bytes:
         """Return the frame with the status, the number of browsers and the number of render requests."""
-        status = dict(self._status_source())
-        browsers = {"name": "viewers", "value": len(self._browsers)}
-        return encode_status({**status, "facts": [*status.get("facts", ()), browsers], "renders": self.renders.count})
+        status = self._status_source()
+        facts = [*status.facts, Fact(name="viewers", value=len(self._browsers))]
+        return encode(msgspec.structs.replace(status, facts=facts, renders=self.renders.count))
 
     def connect(self) -> Browser:
         """Add a browser.

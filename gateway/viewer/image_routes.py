@@ -10,8 +10,9 @@ from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Annotated, Any, Final
 
+import msgspec
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
-from fastapi.responses import JSONResponse, PlainTextResponse, StreamingResponse
+from fastapi.responses import PlainTextResponse, StreamingResponse
 from fastapi.routing import APIRoute
 from starlette.requests import ClientDisconnect
 
@@ -21,6 +22,7 @@ from gateway.server.disconnect import CLIENT_GONE, while_connected
 from gateway.server.openapi import example
 from gateway.server.unavailable import UnavailableErrors, unavailable
 from gateway.viewer.config import ViewerConfig
+from gateway.viewer.messages import StereoCapture
 from gateway.viewer.recent_renders import RecentRenders, encode_preview
 from gateway.viewer.scene_images import BOUNDARY, ImageRequest, SceneImages, StreamsFull
 from gateway.viewer.sensor_images import SensorImages
@@ -239,7 +241,7 @@ def _add_sensor_routes(routes: APIRouter, sensor: SensorImages | None) -> None:
         if sensor is None:
             return Response(status_code=204)  # not 404, which browsers would log as an error
         capture = await while_connected(request, sensor.capture())
-        return JSONResponse(capture.to_json(), headers=NO_STORE)
+        return _json(StereoCapture(number=capture.number, captions=dict(capture.images.captions)))
 
     @routes.get(
         "/view/sensor/{name}.jpg",
@@ -258,10 +260,15 @@ def _add_sensor_routes(routes: APIRouter, sensor: SensorImages | None) -> None:
         return Response(data, media_type="image/jpeg", headers={**NO_STORE, "X-Frame": str(capture.number)})
 
 
+def _json(value: Any) -> Response:
+    """Return the response with a value as JSON, which is not cached."""
+    return Response(msgspec.json.encode(value), media_type="application/json", headers=NO_STORE)
+
+
 def _add_render_routes(routes: APIRouter, renders: RecentRenders) -> None:
     @routes.get("/view/renders", include_in_schema=False)
-    async def listing() -> JSONResponse:
-        return JSONResponse(renders.listing(), headers=NO_STORE)
+    async def listing() -> Response:
+        return _json(renders.listing())
 
     @routes.get("/view/renders/{number}.png", include_in_schema=False)
     async def preview(number: int, width: MaxWidth = None) -> Response:

@@ -6,12 +6,12 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 
 from gateway.viewer.colormaps import depth_to_rgb, gray_to_rgb, shrink_to_width
+from gateway.viewer.messages import RenderEntry
 from gateway.viewer.sources import RenderSummary
 from renderers.encode import png_rgb
 
@@ -49,21 +49,21 @@ class RecentRenders:
             if image_bytes > self._max_bytes:
                 entry.encoded_image = b""
 
-    def listing(self) -> list[dict[str, Any]]:
-        """Return the requests as plain JSON values, newest first."""
+    def listing(self) -> list[RenderEntry]:
+        """Return the requests, newest first."""
         return [
-            {
-                "id": entry.number,
-                "when": entry.time,
-                "status": entry.summary.status,
-                "milliseconds": round(entry.summary.seconds * 1e3, 2),
-                "queued": round(entry.summary.queue_seconds * 1e3, 2),
-                "what": entry.summary.image_text,
-                "scene": entry.summary.scene_text,
-                "image": bool(entry.encoded_image),
-                "error": entry.summary.error,
-                "warnings": list(entry.summary.warnings),
-            }
+            RenderEntry(
+                id=entry.number,
+                when=entry.time,
+                status=entry.summary.status,
+                milliseconds=round(entry.summary.seconds * 1e3, 2),
+                queued=round(entry.summary.queue_seconds * 1e3, 2),
+                what=entry.summary.image_text,
+                scene=entry.summary.scene_text,
+                image=bool(entry.encoded_image),
+                error=entry.summary.error,
+                warnings=entry.summary.warnings,
+            )
             for entry in reversed(self._entries)
         ]
 

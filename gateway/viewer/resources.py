@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gateway.scene.geometry import PointCloud
 from gateway.scene.meshing import MAX_EXTENT
 from gateway.viewer.frames import FrameBuilder
+from gateway.viewer.messages import MeshPayload, Span
 from renderers.cache import WeakCache
 from renderers.color import srgb_colors_from_linear
 from renderers.drawlist import Image, Mesh, Topology
@@ -123,25 +124,34 @@ def encode_mesh(mesh_id: int, mesh: Mesh) -> bytes:
     are in the order of ``sample_order``.
     """
     builder = FrameBuilder()
-    header: dict[str, Any] = {"kind": "mesh", "id": mesh_id, "topology": int(mesh.topology)}
     indices = mesh.elements.ravel()
     is_indexed = len(indices) != len(mesh.positions) or not np.array_equal(
         indices, np.arange(len(indices), dtype=indices.dtype)
     )
     order: NDArray[np.int64] | slice = slice(None)
+    box = None
     if mesh.topology is Topology.POINTS and len(mesh.positions):
-        header["box"] = [mesh.positions.min(axis=0).tolist(), mesh.positions.max(axis=0).tolist()]
+        box = (tuple(mesh.positions.min(axis=0).tolist()), tuple(mesh.positions.max(axis=0).tolist()))
         if not is_indexed:
             order = sample_order(len(mesh.positions))
-    header["position"] = builder.add_array(mesh.positions[order])
-    for name, values in (("normal", mesh.normals), ("uv", mesh.uv0), ("uv1", mesh.uv1)):
-        if values is not None:
-            header[name] = builder.add_array(values[order])
-    if mesh.colors is not None:
-        header["color"] = builder.add_array(colors_to_uint8(srgb_colors_from_linear(mesh.colors))[order])
-    if is_indexed:
-        header["index"] = builder.add_array(indices)
-    return builder.finish(header)
+    colors = None if mesh.colors is None else colors_to_uint8(srgb_colors_from_linear(mesh.colors))
+
+    def add(values: NDArray[Any] | None) -> Span | None:
+        return None if values is None else builder.add_array(values[order])
+
+    return builder.finish(
+        MeshPayload(
+            id=mesh_id,
+            topology=mesh.topology.value,
+            position=builder.add_array(mesh.positions[order]),
+            box=box,
+            normal=add(mesh.normals),
+            uv=add(mesh.uv0),
+            uv1=add(mesh.uv1),
+            color=add(colors),
+            index=builder.add_array(indices) if is_indexed else None,
+        )
+    )
 
 
 def sample_order(count: int) -> NDArray[np.int64]:

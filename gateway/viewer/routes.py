@@ -18,11 +18,10 @@ from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import PlainTextResponse
 from fastapi.websockets import WebSocketState
 
-from gateway.scene.clicks import Button
 from gateway.scene.geometry import PointCloud
 from gateway.server.access import same_origin
-from gateway.viewer.control_frames import ControlChange
 from gateway.viewer.hub import Browser, ViewHub
+from gateway.viewer.messages import Click, ControlChange
 from gateway.viewer.resources import channel_values
 from renderers.drawlist import Image, ImageError
 from renderers.encode import png_rgba
@@ -148,21 +147,11 @@ async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
         return  # KeyError: a binary message
 
 
-class _Click(msgspec.Struct):
-    """A click, as the page sends it in JSON."""
-
-    node: int
-    """Id of the node."""
-    point: tuple[float, float, float]
-    """Point in the world, metres."""
-    button: Button
-
-
-_click_decoder: Final = msgspec.json.Decoder(_Click)
+_click_decoder: Final = msgspec.json.Decoder(Click)
 _change_decoder: Final = msgspec.json.Decoder(ControlChange)
 
 
-def _read_message(text: str) -> _Click | ControlChange | None:
+def _read_message(text: str) -> Click | ControlChange | None:
     """Return the click or the change in a message, or None if the message is something else."""
     try:
         return (_change_decoder if text.startswith('{"control"') else _click_decoder).decode(text)

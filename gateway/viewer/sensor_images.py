@@ -28,10 +28,6 @@ class Capture:
     """Number of the capture since start, from 1."""
     images: StereoImages
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the number and the captions as plain JSON values."""
-        return {"number": self.number, "captions": dict(self.images.captions)}
-
 
 class SensorImages:
     """The newest images of the stereo camera. Not thread-safe: used in the event loop only."""

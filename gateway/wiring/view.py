@@ -10,6 +10,7 @@ from gateway.render.events import RenderRecord
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.image_routes import image_router
+from gateway.viewer.messages import Fact, InterfaceState, Status
 from gateway.viewer.routes import router
 from gateway.viewer.scene_images import SceneImages
 from gateway.viewer.sensor_images import SensorImages
@@ -35,37 +36,35 @@ async def setup(context: Context) -> None:
     context.run_service("view", hub, where="/view")
 
 
-def gateway_status(context: Context) -> dict[str, Any]:
+def gateway_status(context: Context) -> Status:
     """Return what the page's status bar shows.
 
     That is the interfaces' states, the time of Drake's simulation, the queue, lost messages and streams.
     """
-    interfaces: dict[str, dict[str, Any]] = {}
+    interfaces: dict[str, InterfaceState] = {}
     details: dict[str, dict[str, Any]] = {}
     for name, entry in context.registry.entries.items():
-        described = entry.describe()
-        problem, warnings = described.get("problem"), described.get("warnings")
-        interfaces[name] = {
-            "state": described["state"],
-            "title": title_of(name),
-            "documentation": documentation_of(name),
-            **({"problem": problem} if problem else {}),
-            **({"warnings": warnings} if warnings else {}),
-        }
-        details[name] = described
+        described = details[name] = entry.describe()
+        interfaces[name] = InterfaceState(
+            state=described["state"],
+            title=title_of(name),
+            documentation=documentation_of(name),
+            problem=described.get("problem", ""),
+            warnings=described.get("warnings", []),
+        )
     stats = context.workers.stats
-    facts: list[dict[str, Any]] = []
+    facts: list[Fact] = []
     seconds = details.get("drakeviewer", {}).get("simulation_seconds")
     if seconds is not None:
-        facts.append({"name": "simulation", "value": f"{seconds:.2f} s"})
-    facts.append({"name": "queue", "value": stats.waiting, "warn": stats.rejected > 0})
+        facts.append(Fact(name="simulation", value=f"{seconds:.2f} s"))
+    facts.append(Fact(name="queue", value=stats.waiting, warn=stats.rejected > 0))
     lost = lost_lcm_messages(details.get("treeviewer", {}))
     if lost is not None:
-        facts.append({"name": "lost LCM", "value": lost, "warn": lost > 0})
+        facts.append(Fact(name="lost LCM", value=lost, warn=lost > 0))
     clients = details.get("stereo", {}).get("clients")
     if clients is not None:
-        facts.append({"name": "streams", "value": clients})
-    return {"interfaces": interfaces, "facts": facts}
+        facts.append(Fact(name="streams", value=clients))
+    return Status(interfaces=interfaces, facts=facts)
 
 
 def lost_lcm_messages(treeviewer: Mapping[str, Any]) -> int | None:

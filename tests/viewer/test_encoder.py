@@ -6,6 +6,7 @@ import asyncio
 import gc
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,7 +19,7 @@ from gateway.viewer import encoder as encoder_module
 from gateway.viewer.encoder import EMPTY_SNAPSHOT, Encoder, encode_stereo_rig
 from gateway.viewer.flow_control import FlowControl
 from gateway.viewer.frames import parse_frame
-from gateway.viewer.geometry_json import part_json
+from gateway.viewer.geometry_messages import part_message
 from gateway.viewer.resources import Resources, channel_values, colors_to_uint8, encode_mesh, sample_order
 from gateway.viewer.sources import StereoRig
 from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
@@ -57,6 +58,12 @@ def apply(edit: TreeEdit, kind: str, path: Any, value: Any) -> None:
         edit.delete(path)
     else:
         edit.set_subtree(path, Node(children={"grown": Node((Part(value, MATERIAL),)), 7: Node()}))
+
+
+def part_json(part: Part) -> dict[str, Any]:
+    """Return a part as the page receives it."""
+    encoded: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(part_message(part, Resources())))
+    return encoded
 
 
 class Browser:
@@ -308,7 +315,7 @@ def test_maps_of_a_material_are_encoded() -> None:
     )
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
     mesh = Mesh(corners, np.array([[0, 1, 2]], np.uint32), uv0=corners[:, :2].copy())
-    (draw,) = part_json(Part(Surface(mesh), material), Resources())["draws"]
+    (draw,) = part_json(Part(Surface(mesh), material))["draws"]
     sent = draw["material"]
     maps = ("metallicRoughnessTexture", "normalTexture", "occlusionTexture", "emissiveTexture")
     assert {sent[name]["image"] for name in maps} == {1}, "one image, one download"
@@ -356,7 +363,7 @@ def test_stereo_rig_pose_is_column_major_or_null() -> None:
 @pytest.mark.parametrize(("cutoff", "encoded"), [(0.5, None), (0.25, 0.25), (1.5, 1.5), (0.0, 0.0)])
 def test_only_the_default_cutoff_is_left_out(cutoff: float, encoded: float | None) -> None:
     material = Material(alpha_mode=AlphaMode.MASK, alpha_cutoff=cutoff)
-    part = part_json(Part(Box((1, 1, 1)), material), Resources())
+    part = part_json(Part(Box((1, 1, 1)), material))
     assert part["draws"][0]["material"].get("cutoff") == encoded
 
 
@@ -411,6 +418,6 @@ def test_vertex_colours_are_encoded_as_srgb(indices: Any) -> None:
 
 
 def test_text_faces_the_camera() -> None:
-    part = part_json(Part(Box((1, 1, 1)), Material(), kind="text"), Resources())
+    part = part_json(Part(Box((1, 1, 1)), Material(), kind="text"))
     assert part["facesCamera"] is True
-    assert "facesCamera" not in part_json(Part(Box((1, 1, 1)), Material()), Resources())
+    assert "facesCamera" not in part_json(Part(Box((1, 1, 1)), Material()))

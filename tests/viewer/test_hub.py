@@ -20,6 +20,7 @@ from gateway.scene.live_page import LivePage
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import Browser, ViewHub
+from gateway.viewer.messages import Fact, Status
 from gateway.viewer.sources import RenderSummary, StereoImages, StereoRig
 from renderers.drawlist import Material, Mesh
 from tests.support.waiting import SECONDS, until
@@ -83,7 +84,7 @@ async def hub() -> Any:
     with tree.edit() as edit:
         edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
 
-    hub = ViewHub(QUICK, tree, status=lambda: {"facts": [{"name": "queue", "value": 3}]}, stereo=StereoOnBox())
+    hub = ViewHub(QUICK, tree, status=lambda: Status(facts=[Fact(name="queue", value=3)]), stereo=StereoOnBox())
     running = asyncio.create_task(hub.run())
     await asyncio.sleep(0)
     yield hub, tree

@@ -282,10 +282,10 @@ def test_recent_renders_drop_the_oldest_images_beyond_the_byte_limit() -> None:
     at_limit = RecentRenders(max_count=3, max_bytes=12)
     for _ in range(3):
         at_limit.add(RenderSummary(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
-    assert [entry["image"] for entry in at_limit.listing()] == [True, True, False]
+    assert [entry.image for entry in at_limit.listing()] == [True, True, False]
     listing = recent.listing()
-    assert [entry["id"] for entry in listing] == [5, 4, 3]
-    assert [entry["image"] for entry in listing] == [True, False, False]
+    assert [entry.id for entry in listing] == [5, 4, 3]
+    assert [entry.image for entry in listing] == [True, False, False]
     assert recent.count == 5
 
 
@@ -509,11 +509,11 @@ def test_images_of_renders_at_the_byte_limit(max_bytes: int, images: int) -> Non
     recent = RecentRenders(max_count=3, max_bytes=max_bytes)
     for _ in range(3):
         recent.add(RenderSummary(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
-    assert [entry["image"] for entry in recent.listing()] == [True] * images + [False] * (3 - images)
+    assert [entry.image for entry in recent.listing()] == [True] * images + [False] * (3 - images)
 
 
 def test_times_of_renders_are_in_milliseconds() -> None:
     recent = RecentRenders(max_count=3, max_bytes=100)
     recent.add(RenderSummary(200, 0.0123456, 0.0034567, "color", "scene", "color", b"x", "image/png", ""))
     (entry,) = recent.listing()
-    assert (entry["milliseconds"], entry["queued"]) == (12.35, 3.46)
+    assert (entry.milliseconds, entry.queued) == (12.35, 3.46)

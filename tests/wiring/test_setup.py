@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -28,6 +29,7 @@ from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.profile import read_profile
 from gateway.stereo.imaging.scene_view import SceneView
 from gateway.stereo.service import StereoService
+from gateway.viewer.messages import Fact
 from gateway.wiring import demo, render, sceneapi, stereo, treeviewer, view
 from gateway.wiring.context import Context
 from gateway.wiring.interfaces import enabled_interfaces
@@ -312,7 +314,7 @@ async def test_the_status_bar(contexts: Any) -> None:
     context.registry.ready("stereo 1", figures=lambda: {"warnings": ["no node"]})
     context.registry.warn("render", "robot.urdf", "a mesh is missing")
     context.registry.ready("render")
-    status = view.gateway_status(context)
+    status = msgspec.to_builtins(view.gateway_status(context))
     assert status["interfaces"] == {
         "treeviewer": {"state": "failed", "problem": "no route", "title": "Tree viewer", "documentation": ""},
         "stereo 1": {"state": "ready", "warnings": ["no node"], "title": "Stereo camera 1", "documentation": ""},
@@ -324,13 +326,12 @@ async def test_the_status_bar(contexts: Any) -> None:
         },
     }
     context.registry.ready("stereo", figures=lambda: {"clients": 2})
-    facts = view.gateway_status(context)["facts"]
-    assert facts == [{"name": "queue", "value": 0, "warn": False}, {"name": "streams", "value": 2}]
+    assert view.gateway_status(context).facts == [Fact(name="queue", value=0), Fact(name="streams", value=2)]
     context.registry.ready("drakeviewer", figures=lambda: {"simulation_seconds": 1.5})
-    assert view.gateway_status(context)["facts"][0] == {"name": "simulation", "value": "1.50 s"}
+    assert view.gateway_status(context).facts[0] == Fact(name="simulation", value="1.50 s")
     for lost, warn in ((0, False), (1, True)):
         context.registry.ready("treeviewer", figures=lambda lost=lost: {"lcm": {"dropped": lost}})
-        assert {"name": "lost LCM", "value": lost, "warn": warn} in view.gateway_status(context)["facts"]
+        assert Fact(name="lost LCM", value=lost, warn=warn) in view.gateway_status(context).facts
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ class Pose(msgspec.Struct, frozen=True):
     """[w, x, y, z]."""
 
 
-Value: TypeAlias = "bool | int | float | str | tuple[float, float, float] | Pose | None"
+Value: TypeAlias = bool | int | float | str | tuple[float, float, float] | Pose | None
 """Value of a control, by its type: see ``checked``."""
 
 

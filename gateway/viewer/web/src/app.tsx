@@ -24,28 +24,23 @@ const MIN_WIDTH = 160;
 /** Step of an arrow key, pixels. */
 const STEP = 16;
 
-interface SplitterProps {
-  side: Side;
-  label: string;
-  /** Width of the panel, pixels; null: the default. */
-  width: Signal<number | null>;
-}
-
-/** Handle between a panel and the view: dragged, or moved by the arrow keys. */
-function Splitter({ side, label, width }: SplitterProps) {
+/** Handle between a panel and the view: dragged, or moved by the arrow keys. `width`: of the panel, pixels; null: the default. */
+function Splitter({ side, label, width }: { side: Side; label: string; width: Signal<number | null> }) {
   const set = (pixels: number | null) => {
     width.value = pixels;
     keep(`${side}-width`, pixels ? String(pixels) : "");
   };
-  const resize = (pixels: number) => set(Math.round(Math.min(Math.max(pixels, MIN_WIDTH), 0.6 * innerWidth)));
+  const moveTo = (x: number) => {
+    const pixels = side === "left" ? x : innerWidth - x;
+    set(Math.round(Math.min(Math.max(pixels, MIN_WIDTH), 0.6 * innerWidth)));
+  };
   const onPointerMove = ({ currentTarget, pointerId, clientX }: PointerEvent) => {
-    if ((currentTarget as Element).hasPointerCapture(pointerId)) resize(side === "left" ? clientX : innerWidth - clientX);
+    if ((currentTarget as Element).hasPointerCapture(pointerId)) moveTo(clientX);
   };
   const onKeyDown = (event: KeyboardEvent) => {
     const step = { ArrowLeft: -STEP, ArrowRight: STEP }[event.key];
     if (!step) return;
-    const edge = (event.currentTarget as Element).getBoundingClientRect()[side];
-    resize(side === "left" ? edge + step : innerWidth - edge - step);
+    moveTo((event.currentTarget as Element).getBoundingClientRect()[side] + step);
     event.preventDefault();
   };
   return (
@@ -65,14 +60,7 @@ function Splitter({ side, label, width }: SplitterProps) {
   );
 }
 
-interface AppProps {
-  viewer: Viewer;
-  programControls: ProgramControls;
-  /** Puts the view into an element. */
-  attach: (element: Element | null) => void;
-}
-
-export function App({ viewer, programControls, attach }: AppProps) {
+export function App({ viewer, programControls }: { viewer: Viewer; programControls: ProgramControls }) {
   const { session, panels } = viewer;
   const widths = { left: useSignal(Number(kept("left-width")) || null), right: useSignal(Number(kept("right-width")) || null) };
   const width = (side: Side) => (widths[side].value ? `--${side}-width: ${widths[side].value}px;` : "");
@@ -86,7 +74,6 @@ export function App({ viewer, programControls, attach }: AppProps) {
   };
   const { notice, graphicsNotice } = session;
   const hint = notice.value.text || graphicsNotice.value;
-  const isCentred = notice.value.text !== "" && notice.value.centre;
   const id = (name: Tab) => `page-${name.toLowerCase()}`;
   return (
     <>
@@ -96,14 +83,14 @@ export function App({ viewer, programControls, attach }: AppProps) {
           <TreePanel viewer={viewer} />
         </nav>
         <main class="stage">
-          <div class="view" ref={attach} />
+          <div class="view" ref={viewer.attach} />
           <div class="pills">
             <FollowBar follow={viewer.follow} />
             <MeasureBar measurement={viewer.measurement} />
           </div>
           <ViewAxes rig={viewer.stage.rig} rotation={viewer.rotation} />
           <SideViews viewer={viewer} />
-          <p class={isCentred ? "hint centre" : "hint"} role="status" hidden={hint === ""}>
+          <p class={notice.value.centre ? "hint centre" : "hint"} role="status" hidden={hint === ""}>
             {hint}
           </p>
           {session.isEmpty.value && <EmptyState />}
@@ -121,7 +108,7 @@ export function App({ viewer, programControls, attach }: AppProps) {
         <div class="shade" onClick={() => panels.closeDrawers()} />
       </div>
       <StatusBar session={session} />
-      <Lightbox full={panels.full} />
+      <Lightbox panels={panels} />
     </>
   );
 }

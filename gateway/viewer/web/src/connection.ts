@@ -1,16 +1,15 @@
 // A WebSocket that reconnects by itself. The gateway sends the next update only after the acknowledgement "k", the next
 // values of controls only after "c".
 
-import type { ControlChange, ControlsMessage, Received } from "./programs/controlmessages";
-import type { Click, Forget, MeshPayload, PageSettings, Rig, SceneUpdate, Status } from "./protocol";
-
-export type Message = SceneUpdate | MeshPayload | Forget | Status | Rig | PageSettings | ControlsMessage | Received;
+import type { Click, ControlChange, Message } from "./protocol";
 
 const MAGIC = 0x31564753;
-/** [offset in bytes, number of values] */
-type Span = [number, number];
-const NOTHING: Span = [0, 0];
-type Transforms = { ids: Span; values: Span };
+/** Constructors of typed arrays by the fields of messages that refer to arrays in the body. */
+const ARRAYS: Record<string, Record<string, new (buffer: ArrayBuffer, at: number, count: number) => ArrayBufferView>> = {
+  mesh: { position: Float32Array, normal: Float32Array, uv: Float32Array, uv1: Float32Array, color: Uint8Array, index: Uint32Array },
+  poses: { ids: Uint32Array, values: Float32Array },
+  matrices: { ids: Uint32Array, values: Float64Array },
+};
 
 /** Parse a frame of gateway/viewer/frames.py: a JSON header that refers to arrays in the body. The typed arrays share the message's memory. */
 function parse(buffer: ArrayBuffer): Message {
@@ -18,31 +17,13 @@ function parse(buffer: ArrayBuffer): Message {
   if (buffer.byteLength < 8 || view.getUint32(0, true) !== MAGIC) throw new Error("not a view frame");
   const start = 8 + view.getUint32(4, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, start - 8)));
-  const bytes = ([at, count] = NOTHING) => new Uint8Array(buffer, start + at, count);
-  const words = ([at, count] = NOTHING) => new Uint32Array(buffer, start + at, count);
-  const floats = ([at, count] = NOTHING) => new Float32Array(buffer, start + at, count);
-  const doubles = ([at, count] = NOTHING) => new Float64Array(buffer, start + at, count);
-  switch (header.kind) {
-    case "update": {
-      const { poses, matrices } = header as { poses?: Transforms; matrices?: Transforms };
-      const placed = {
-        poseIds: words(poses?.ids),
-        poses: floats(poses?.values),
-        matrixIds: words(matrices?.ids),
-        matrices: doubles(matrices?.values),
-      };
-      return { removed: [], nodes: [], ...header, ...placed };
-    }
-    case "controls":
-      return { ...header, samples: header.samples.map(([id, span]: [number, Span]) => [id, doubles(span)]) };
-    case "mesh":
-      for (const name of ["position", "normal", "uv", "uv1"]) if (header[name]) header[name] = floats(header[name]);
-      if (header.color) header.color = bytes(header.color);
-      if (header.index) header.index = words(header.index);
-      return header;
-    default:
-      return header;
+  for (const [name, fields] of Object.entries(ARRAYS)) {
+    const holder = name === header.kind ? header : header[name];
+    for (const [field, Values] of Object.entries(holder ? fields : {}))
+      if (holder[field]) holder[field] = new Values(buffer, start + holder[field][0], holder[field][1]);
   }
+  for (const sample of header.samples ?? []) sample[1] = new Float64Array(buffer, start + sample[1][0], sample[1][1]);
+  return header;
 }
 
 const FIRST_DELAY = 250;
@@ -64,13 +45,11 @@ export class Connection {
     this.open();
   }
 
-  /** Acknowledge the last update or the last values of controls. */
   acknowledge(text: "k" | "c"): void {
     this.delay = FIRST_DELAY;
     this.send(text);
   }
 
-  /** Report a click that a client wants, or a change of a control. */
   report(message: Click | ControlChange): void {
     this.send(JSON.stringify(message));
   }

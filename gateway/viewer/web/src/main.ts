@@ -3,24 +3,22 @@ import { h, render } from "preact";
 import { Box3 } from "three";
 import "./style.css";
 import { App } from "./app";
-import { Connection, type Message } from "./connection";
+import { Connection } from "./connection";
 import { options } from "./options";
 import { Panels, type Tab } from "./panels/panels";
 import { Gizmos } from "./programs/gizmos";
 import { ProgramControls } from "./programs/programcontrols";
-
+import type { Message } from "./protocol";
 import { Session } from "./session";
 import { Viewer } from "./view/viewer";
 
 const session = new Session();
 const programControls = new ProgramControls((change) => connection.report(change));
 const panels = new Panels(session, programControls);
-const holder = document.createElement("div");
-const viewer = new Viewer(session, panels, holder, (click) => connection.report(click));
+const viewer = new Viewer(session, panels, (click) => connection.report(click));
 const { stage } = viewer;
 const gizmos = new Gizmos(stage, session.model, programControls);
-const attach = (element: Element | null) => element?.append(holder);
-render(h(App, { viewer, programControls, attach }), document.querySelector("#app") as Element);
+render(h(App, { viewer, programControls }), document.querySelector("#app") as Element);
 viewer.followAddress();
 
 type Handlers = { [K in Message["kind"]]: (message: Extract<Message, { kind: K }>) => void };
@@ -69,9 +67,9 @@ const KEYS: Record<string, () => unknown> = {
   1: () => viewer.look("top"),
   2: () => viewer.look("front"),
   3: () => viewer.look("side"),
-  "+": () => stage.rig.zoom(0.8),
-  "=": () => stage.rig.zoom(0.8),
-  "-": () => stage.rig.zoom(1.25),
+  "+": () => stage.rig.controls.dollyIn(0.8),
+  "=": () => stage.rig.controls.dollyIn(0.8),
+  "-": () => stage.rig.controls.dollyIn(1.25),
   m: () => viewer.measurement.toggle(),
   t: () => panels.toggle("left"),
   s: () => panels.toggle("right"),

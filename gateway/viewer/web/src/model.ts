@@ -7,21 +7,16 @@ import type { CloudLook, Range } from "./view/clouds";
 
 const MAX_REMEMBERED_NODES = 10_000;
 
+/** A node as it is published, and what this page shows otherwise: `shown`, `ownOpacity`, `cloud`, `mark`; null: as published. */
 export class TreeNode {
   readonly children = new Set<TreeNode>();
   parts: Part[] | null = null;
-  /** Visibility in the gateway's tree. */
   visible = true;
-  /** Visibility on this page, set by the eye in the tree panel; null: as in the gateway's tree. */
   shown: boolean | null = null;
-  /** Opacity in the gateway's tree. */
   opacity = 1;
-  /** Opacity on this page; null: as in the gateway's tree. */
   ownOpacity: number | null = null;
-  /** Colours of a point cloud on this page; null: as published. */
   cloud: CloudLook | null = null;
   cloudRange: Range | null = null;
-  /** Axes and name on this page; null: none. */
   mark: Mark | null = null;
   readonly local = new Matrix4();
   readonly world = new Matrix4();
@@ -85,8 +80,8 @@ export class Model {
   apply(update: SceneUpdate): ModelChange {
     const change: ModelChange = { added: [], removed: [], changed: new Set(), moved: new Set() };
     if (update.from === 0) this.clear(change);
-    for (const id of update.removed) this.remove(id, change);
-    for (const entry of update.nodes) this.addOrUpdate(entry, change);
+    for (const id of update.removed ?? []) this.remove(id, change);
+    for (const entry of update.nodes ?? []) this.addOrUpdate(entry, change);
     const dirty = this.setLocalMatrices(update);
     for (const node of change.added) dirty.add(node);
     this.updateWorldMatrices(dirty, change.moved);
@@ -108,8 +103,8 @@ export class Model {
     for (const below of node.subtree()) {
       this.nodes.delete(below.id);
       const { shown, ownOpacity, cloud, mark } = below;
-      const isUnchanged = shown === null && ownOpacity === null && cloud === null && mark === null;
-      if (!isUnchanged && this.removedPageState.size < MAX_REMEMBERED_NODES)
+      const isChanged = [shown, ownOpacity, cloud, mark].some((value) => value !== null);
+      if (isChanged && this.removedPageState.size < MAX_REMEMBERED_NODES)
         this.removedPageState.set(JSON.stringify(below.path), { shown, ownOpacity, cloud, mark });
       change.removed.push(below);
     }
@@ -141,14 +136,13 @@ export class Model {
     return node;
   }
 
-  /** Return the node at a path. */
   find(path: Path): TreeNode | null {
     let node: TreeNode | undefined = this.root;
     for (const name of path) node = [...(node?.children ?? [])].find((child) => child.name === name);
     return node ?? null;
   }
 
-  private setLocalMatrices({ poseIds, poses, matrixIds, matrices }: SceneUpdate): Set<TreeNode> {
+  private setLocalMatrices({ poses, matrices }: SceneUpdate): Set<TreeNode> {
     const dirty = new Set<TreeNode>();
     const [position, rotation, unitScale] = [new Vector3(), new Quaternion(), new Vector3(1, 1, 1)];
     const find = (id: number) => {
@@ -156,13 +150,14 @@ export class Model {
       if (node) dirty.add(node);
       return node?.local;
     };
-    poseIds.forEach((id, i) => {
+    poses?.ids.forEach((id, i) => {
+      const { values } = poses;
       const at = 7 * i;
-      rotation.set(poses[at + 4]!, poses[at + 5]!, poses[at + 6]!, poses[at + 3]!);
+      rotation.set(values[at + 4]!, values[at + 5]!, values[at + 6]!, values[at + 3]!);
       if (rotation.lengthSq() === 0) rotation.identity();
-      find(id)?.compose(position.fromArray(poses, at), rotation.normalize(), unitScale);
+      find(id)?.compose(position.fromArray(values, at), rotation.normalize(), unitScale);
     });
-    matrixIds.forEach((id, i) => void find(id)?.fromArray(matrices, 16 * i));
+    matrices?.ids.forEach((id, i) => void find(id)?.fromArray(matrices.values, 16 * i));
     return dirty;
   }
 

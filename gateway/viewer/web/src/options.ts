@@ -5,13 +5,13 @@ import { signal } from "@preact/signals";
 const PREFIX = "scenegate.";
 
 export const THEMES = ["light", "dark"] as const;
-export const BACKGROUNDS = ["theme", "white", "black", "sky"] as const;
-export type Background = (typeof BACKGROUNDS)[number];
+/** Backgrounds with their names on the page. */
+export const BACKGROUNDS = { theme: "By theme", white: "White", black: "Black", sky: "Sky" } as const;
+export type Background = keyof typeof BACKGROUNDS;
 
 /** A setting. `shown` is its current value, which a client may set, too; `choose` keeps it for the next visit. */
 export class Option<T extends string> {
   readonly shown;
-
   /** Value of the visitor. */
   own: T;
 
@@ -20,8 +20,8 @@ export class Option<T extends string> {
     allowed: readonly T[],
     fallback: T,
   ) {
-    const [asked, before] = [new URLSearchParams(location.search).get(name), kept(name)];
-    this.own = allowed.find((value) => value === asked) ?? allowed.find((value) => value === before) ?? fallback;
+    const wanted = [new URLSearchParams(location.search).get(name), kept(name)] as T[];
+    this.own = wanted.find((value) => allowed.includes(value)) ?? fallback;
     this.shown = signal(this.own);
   }
 
@@ -47,7 +47,7 @@ export type SwitchName = keyof typeof switches;
 
 export const options = {
   ...switches,
-  background: new Option("background", BACKGROUNDS, "theme"),
+  background: new Option<Background>("background", Object.keys(BACKGROUNDS) as Background[], "theme"),
   theme: new Option("theme", THEMES, matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"),
 };
 

@@ -25,9 +25,7 @@ export class Session {
   readonly status = signal<Status | null>(null);
   /** Updated once a second, as poses are shown. */
   readonly rates = signal({ nodes: 0, revision: 0, updates: 0, frames: 0 });
-  /** Message about the connection. */
   readonly notice = signal({ text: "", centre: false });
-  /** Message about the graphics device. */
   readonly graphicsNotice = signal("");
   /** True while clients stream images of the stereo camera. */
   readonly streaming = computed(() => (this.status.value?.facts ?? []).some(({ name, value }) => name === "streams" && Number(value) > 0));
@@ -66,13 +64,12 @@ export class Session {
   }
 
   setConnection(state: ConnectionState, reason: string): void {
-    const closed = reason || "The gateway does not respond; ";
+    const [isOpen, isFirst] = [state === "open", this.model.revision === 0];
+    const problem = reason || `The gateway does not respond; ${isFirst ? "this page keeps trying" : "this is the scene as it was"}.`;
     batch(() => {
       this.connection.value = { state, reason };
-      if (state === "open") this.notice.value = { text: "Waiting for the scene …", centre: true };
-      else if (this.model.revision === 0) this.notice.value = { text: reason || `${closed}this page keeps trying.`, centre: true };
-      else this.notice.value = { text: reason || `${closed}this is the scene as it was.`, centre: false };
-      if (state === "closed") this.status.value = null;
+      this.notice.value = { text: isOpen ? "Waiting for the scene …" : problem, centre: isOpen || isFirst };
+      if (!isOpen) this.status.value = null;
     });
   }
 

@@ -1,9 +1,9 @@
 import { Matrix4, Quaternion, Vector3 } from "three";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import type { ControlChange, ControlDefinition, ControlsMessage } from "../src/programs/controlmessages";
 import { numbersOf, poseOf, poseOfNumbers } from "../src/programs/gizmopose";
 import { curvePath, limits } from "../src/programs/plotview";
 import { foldersOf, ProgramControls } from "../src/programs/programcontrols";
+import type { ControlChange, ControlDefinition, ControlsMessage } from "../src/protocol";
 
 const SPEED: ControlDefinition = { id: 1, type: "slider", path: ["arm", "speed"], value: 1, min: 0, max: 10 };
 const GO: ControlDefinition = { id: 2, type: "button", path: ["go"], value: 0 };

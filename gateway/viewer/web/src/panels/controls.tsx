@@ -1,6 +1,8 @@
 // Buttons, links and form controls of the page.
 
 import type { ButtonHTMLAttributes, ComponentChildren, TargetedEvent } from "preact";
+import type { TreeNode } from "../model";
+import type { Viewer } from "../view/viewer";
 import { Icon, type IconName } from "./icons";
 
 interface ButtonProps extends ButtonHTMLAttributes {
@@ -19,50 +21,29 @@ export function Button({ icon, title, pressed, children, ...more }: ButtonProps)
   );
 }
 
-interface LinkProps {
-  icon: IconName;
-  title: string;
-  /** Name of the downloaded file. */
-  file: string;
-  url: () => string;
-  children?: ComponentChildren;
-}
+type LinkProps = { icon: IconName; url: () => string; title: string; download: string; children?: ComponentChildren };
 
 /** Link to a file whose URL is known when it is clicked. */
-export function Download({ icon, title, file, url, children }: LinkProps) {
+export function Download({ icon, url, children, ...more }: LinkProps) {
   return (
-    <a class="button" href="./" download={file} title={title} onClick={({ currentTarget }) => (currentTarget.href = url())}>
+    <a class="button" href="./" onClick={({ currentTarget }) => (currentTarget.href = url())} {...more}>
       <Icon name={icon} />
       {children}
     </a>
   );
 }
 
-interface SliderProps {
-  label: string;
-  value: number;
-  max?: number;
-  step?: number;
-  title?: string;
-  onInput: (value: number) => void;
-  onChange?: (value: number) => void;
+/** Slider for the opacity of a node on this page. */
+export function Opacity({ node, label, viewer }: { node: TreeNode; label: string; viewer: Viewer }) {
+  const onInput = ({ currentTarget }: TargetedEvent<HTMLInputElement>) => {
+    node.ownOpacity = Number(currentTarget.value);
+    viewer.changed(node);
+  };
+  return <input type="range" min={0} max={1} step={0.05} aria-label={label} value={node.shownOpacity} onInput={onInput} />;
 }
 
-/** Slider, from 0 to 1 by default. */
-export function Slider({ label, onInput, onChange, ...more }: SliderProps) {
-  const read = (set?: (value: number) => void) => (event: TargetedEvent<HTMLInputElement>) => set?.(Number(event.currentTarget.value));
-  return <input type="range" min={0} max={1} step={0.05} aria-label={label} onInput={read(onInput)} onChange={read(onChange)} {...more} />;
-}
-
-interface SelectProps<T extends string> {
-  /** Name for assistive programs; without it, an element `label` has the `id`. */
-  label?: string;
-  id?: string;
-  value: T;
-  /** Values and their texts. */
-  choices: [T, string][];
-  onChange: (value: T) => void;
-}
+/** `label`: name for assistive programs; without it, an element `label` has the `id`. `choices`: values and their texts. */
+type SelectProps<T extends string> = { label?: string; id?: string; value: T; choices: [T, string][]; onChange: (value: T) => void };
 
 export function Select<T extends string>({ label, id, value, choices, onChange }: SelectProps<T>) {
   return (
@@ -86,13 +67,7 @@ export function Field<T extends string>(menu: SelectProps<T> & { label: string; 
   );
 }
 
-interface CheckProps {
-  text: string;
-  title?: string;
-  class?: string;
-  checked: boolean;
-  onChange: (on: boolean) => void;
-}
+type CheckProps = { text: string; title?: string; class?: string; checked: boolean; onChange: (on: boolean) => void };
 
 /** Check box with its text after it. */
 export function Check({ text, title, class: name = "check", checked, onChange }: CheckProps) {
@@ -114,21 +89,15 @@ export function Pill({ label, icon, children }: { label: string; icon: IconName;
   );
 }
 
-interface TabListProps<T extends string> {
-  names: readonly T[];
-  current: T;
-  /** Id of the element that a tab controls. */
-  controls: (name: T) => string;
-  onSelect: (name: T) => void;
-}
+type TabListProps<T extends string> = { names: T[]; current: T; controls: (name: T) => string; onSelect: (name: T) => void };
 
-/** Row of tabs; arrow keys move between them. */
+/** Row of tabs; arrow keys move between them. `controls` returns the id of the element that a tab controls. */
 export function TabList<T extends string>({ names, current, controls, onSelect }: TabListProps<T>) {
   const onKeyDown = (event: KeyboardEvent) => {
     const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
     if (!step) return;
     const next = (names.indexOf(current) + step + names.length) % names.length;
-    onSelect(names[next] as T);
+    onSelect(names[next]!);
     ((event.currentTarget as HTMLElement).children[next] as HTMLElement).focus();
     event.preventDefault();
   };

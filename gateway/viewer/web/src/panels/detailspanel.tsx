@@ -8,26 +8,12 @@ import { MarkFields } from "../tools/marks";
 import { FrameField, toFrame } from "../tools/poseframes";
 import { COLOR_MAPS, colorChoices, type MapName, ramp } from "../view/clouds";
 import type { Viewer } from "../view/viewer";
-import { Button, Field, Slider } from "./controls";
+import { Button, Field, Opacity } from "./controls";
 import { describe } from "./describe";
 
 interface NodeProps {
   node: TreeNode;
   viewer: Viewer;
-}
-
-function Opacity({ node, viewer }: NodeProps) {
-  const set = (opacity: number) => {
-    node.ownOpacity = opacity;
-    viewer.changed(node);
-  };
-  return (
-    <label class="field">
-      Opacity
-      <Slider label="Opacity" value={node.shownOpacity} onInput={set} />
-      <output>{Math.round(node.shownOpacity * 100)} %</output>
-    </label>
-  );
 }
 
 /** Colours of a point cloud. */
@@ -102,7 +88,11 @@ export function DetailsPanel({ viewer }: { viewer: Viewer }) {
             </Button>
             <Button icon="close" aria-label="Deselect" title="Deselect (Esc)" onClick={() => viewer.select(null)} />
           </header>
-          <Opacity node={node} viewer={viewer} />
+          <label class="field">
+            Opacity
+            <Opacity label="Opacity" node={node} viewer={viewer} />
+            <output>{Math.round(node.shownOpacity * 100)} %</output>
+          </label>
           <MarkFields node={node} changed={() => viewer.changed()} />
           {cloud && <CloudColors node={node} part={cloud} viewer={viewer} />}
           <FrameField model={session.model} frame={session.frame} />

@@ -1,6 +1,5 @@
 // Menu of the display settings. It opens below its button in the toolbar.
 
-import { useSignal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useRef } from "preact/hooks";
 import { BACKGROUNDS, type Background, options, type SwitchName } from "../options";
@@ -11,7 +10,6 @@ import { Button, Check, Field } from "./controls";
 
 /** Width of the menu with its margin, as in style.css, pixels. */
 const MENU_WIDTH = 246;
-const BACKGROUND_NAMES: Record<Background, string> = { theme: "By theme", white: "White", black: "Black", sky: "Sky" };
 
 function Switch({ name, text, title }: { name: SwitchName; text: string; title?: string }) {
   const option = options[name];
@@ -30,22 +28,20 @@ function Group({ title, children }: { title: string; children: ComponentChildren
 export function DisplayMenu({ viewer }: { viewer: Viewer }) {
   const menu = useRef<HTMLDivElement>(null);
   const button = useRef<HTMLButtonElement>(null);
-  const isOpen = useSignal(false);
   const { background, theme } = options;
   const place = () => {
     const { left, bottom } = button.current!.getBoundingClientRect();
     menu.current!.style.top = `${bottom + 6}px`;
     menu.current!.style.left = `${Math.max(6, Math.min(left, innerWidth - MENU_WIDTH))}px`;
   };
-  const about = { title: "Grid, axes, shadows, point size, background, theme", popovertarget: "display", "aria-expanded": isOpen.value };
-  const onToggle = ({ newState }: ToggleEvent) => (isOpen.value = newState === "open");
-  const backgrounds = BACKGROUNDS.map((name): [Background, string] => [name, BACKGROUND_NAMES[name]]);
+  const about = { title: "Grid, axes, shadows, point size, background, theme", popovertarget: "display" };
+  const backgrounds = Object.entries(BACKGROUNDS) as [Background, string][];
   return (
     <>
       <Button icon="display" ref={button} aria-label="Display" aria-haspopup="dialog" {...about}>
         <span class="label">Display</span>
       </Button>
-      <div ref={menu} class="menu" id="display" popover="auto" role="group" aria-label="Display" onBeforeToggle={place} onToggle={onToggle}>
+      <div ref={menu} class="menu" id="display" popover="auto" role="group" aria-label="Display" onBeforeToggle={place}>
         <Group title="Show">
           <Switch name="grid" text="Grid on the ground" />
           <Switch name="axes" text="Axes of the world" title="x red, y green, z blue" />

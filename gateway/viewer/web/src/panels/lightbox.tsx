@@ -1,8 +1,8 @@
 // Dialog with an image in full size.
 
-import type { Signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Button, Download } from "./controls";
+import type { Panels } from "./panels";
 
 export interface FullImage {
   title: string;
@@ -11,12 +11,10 @@ export interface FullImage {
   fileName: string;
 }
 
-export function Lightbox({ full }: { full: Signal<FullImage | null> }) {
+export function Lightbox({ panels }: { panels: Panels }) {
   const dialog = useRef<HTMLDialogElement>(null);
-  const { value: image } = full;
-  const close = () => {
-    full.value = null;
-  };
+  const { value: image } = panels.full;
+  const close = () => panels.open(null);
   useEffect(() => (image ? dialog.current?.showModal() : dialog.current?.close()), [image]);
   return (
     <dialog ref={dialog} aria-label="Image" onClose={close} onClick={({ target, currentTarget }) => target === currentTarget && close()}>
@@ -24,7 +22,7 @@ export function Lightbox({ full }: { full: Signal<FullImage | null> }) {
         <>
           <header>
             <h2>{image.title}</h2>
-            <Download icon="download" title="Save the image" file={image.fileName} url={image.source} />
+            <Download icon="download" title="Save the image" download={image.fileName} url={image.source} />
             <Button icon="close" aria-label="Close" title="Close (Esc)" onClick={close} />
           </header>
           <img alt={image.title} src={image.source()} />

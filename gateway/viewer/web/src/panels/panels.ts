@@ -49,6 +49,8 @@ export class Panels {
     if (!NARROW.matches) this.right.value = true;
   }
 
+  open = (image: FullImage | null): void => void (this.full.value = image);
+
   toggle(side: Side): void {
     const open = !this[side].value;
     batch(() => {

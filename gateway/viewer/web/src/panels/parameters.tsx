@@ -3,12 +3,12 @@
 import { signal, useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { ControlInput } from "../programs/controlinputs";
-import type { ControlType, ControlValue } from "../programs/controlmessages";
 import type { ProgramControl } from "../programs/programcontrols";
+import type { ControlDefinition, ControlValue } from "../protocol";
 
 const BASE = "api/v2/pipelines/0/nodes";
 const NODES = { rc_camera: "Camera", rc_stereomatching: "Stereo matching", rc_iocontrol: "Outputs" };
-const TYPES: Record<Parameter["type"], ControlType> = { float64: "slider", int32: "slider", bool: "checkbox", string: "dropdown" };
+const TYPES: Record<Parameter["type"], ControlDefinition["type"]> = { float64: "slider", int32: "slider", bool: "checkbox", string: "dropdown" };
 /** Time after which a value is sent, while a slider is dragged after its last movement, ms. */
 const DELAY = 100;
 const WITHOUT_EFFECT = " (kept, but without effect on this synthetic camera)";

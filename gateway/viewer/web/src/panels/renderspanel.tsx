@@ -2,29 +2,15 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import type { RenderEntry } from "../protocol";
 import type { Viewer } from "../view/viewer";
 
-interface Render {
-  id: number;
-  when: number;
-  status: number;
-  milliseconds: number;
-  queued: number;
-  what: string;
-  scene: string;
-  image: boolean;
-  error: string;
-  warnings: string[];
-}
-
-function Item({ render, viewer }: { render: Render; viewer: Viewer }) {
+function Item({ render, viewer }: { render: RenderEntry; viewer: Viewer }) {
   const { id, what, error } = render;
   const time = new Date(render.when * 1000).toLocaleTimeString();
   const waited = render.queued >= 1 ? `, ${render.queued.toFixed(0)} ms of it waiting` : "";
   const url = `view/renders/${id}.png`;
-  const open = () => {
-    viewer.panels.full.value = { title: what, source: () => url, fileName: `render-${id}.png` };
-  };
+  const open = () => viewer.panels.open({ title: what, source: () => url, fileName: `render-${id}.png` });
   return (
     <li>
       {render.image ? (
@@ -51,7 +37,7 @@ function Item({ render, viewer }: { render: Render; viewer: Viewer }) {
 export function RendersPanel({ viewer }: { viewer: Viewer }) {
   const { session, panels } = viewer;
   const active = panels.isActive("Renders");
-  const renders = useSignal<Render[]>([]);
+  const renders = useSignal<RenderEntry[]>([]);
   /** Number of requests at the last download of the list. */
   const last = useRef(0);
   const { value: status } = session.status;
@@ -61,7 +47,7 @@ export function RendersPanel({ viewer }: { viewer: Viewer }) {
     if (!active || known === last.current) return;
     last.current = known; // of another gateway, it starts at zero
     const response = known ? await fetch("view/renders").catch(() => null) : null;
-    if (response?.ok) renders.value = (await response.json()) as Render[];
+    if (response?.ok) renders.value = (await response.json()) as RenderEntry[];
     else if (known) last.current = -1; // the next status message downloads it again
   };
   useEffect(() => void download(), [active, status]);

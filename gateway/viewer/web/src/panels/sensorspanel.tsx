@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import type { StereoCapture } from "../protocol";
 import type { Viewer } from "../view/viewer";
 import { Parameters } from "./parameters";
 
@@ -10,15 +11,10 @@ type Name = keyof typeof IMAGES;
 const NAMES = Object.keys(IMAGES) as Name[];
 const PERIOD = 500;
 
-interface SensorState {
-  number: number;
-  captions: Partial<Record<Name, string>>;
-}
-
 export function SensorsPanel({ viewer }: { viewer: Viewer }) {
   const { session, panels } = viewer;
   const active = panels.isActive("Stereo");
-  const state = useSignal<SensorState | null>(null);
+  const state = useSignal<StereoCapture | null>(null);
   const note = useSignal("Waiting for the gateway …");
   const thumbs = useRef<HTMLDivElement>(null);
   const { value: connection } = session.connection;
@@ -27,7 +23,7 @@ export function SensorsPanel({ viewer }: { viewer: Viewer }) {
   const request = async () => {
     const response = await fetch("view/sensor").catch(() => null);
     if (response?.status === 200) {
-      state.value = (await response.json()) as SensorState;
+      state.value = (await response.json()) as StereoCapture;
       note.value = "";
       await Promise.resolve(); // until the images have their new addresses
       await Promise.allSettled([...(thumbs.current?.querySelectorAll("img") ?? [])].map((image) => image.decode()));
@@ -51,9 +47,7 @@ export function SensorsPanel({ viewer }: { viewer: Viewer }) {
   }, [isRequested]);
 
   const source = (name: Name, query: string) => `view/sensor/${name}.jpg?${query}frame=${state.value?.number}`;
-  const open = (name: Name) => {
-    panels.full.value = { title: `${IMAGES[name]}, stereo camera`, source: () => source(name, ""), fileName: `${name}.jpg` };
-  };
+  const open = (name: Name) => panels.open({ title: `${IMAGES[name]}, stereo camera`, source: () => source(name, ""), fileName: `${name}.jpg` });
   return (
     <section class="sensors" aria-label="Stereo camera">
       <p class="empty" role="status" hidden={!note.value}>

@@ -1,5 +1,6 @@
 // Toolbar: panels, the view, measuring, the display menu, downloads.
 
+import { rendering, sceneFile, snapshot } from "../view/downloads";
 import type { Viewer } from "../view/viewer";
 import { Button, Download } from "./controls";
 import { DisplayMenu } from "./displaymenu";
@@ -10,7 +11,7 @@ const RENDER = "This view by the gateway's rasterizer, as PNG";
 const FILE = "The visible scene as .glb, with this view as its camera";
 
 export function Toolbar({ viewer }: { viewer: Viewer }) {
-  const { panels, measurement, downloads } = viewer;
+  const { panels, measurement } = viewer;
   const word = (text: string) => <span class="word">{text}</span>;
   const panel = "Selection, stereo camera, renders, controls (S)";
   return (
@@ -29,13 +30,13 @@ export function Toolbar({ viewer }: { viewer: Viewer }) {
         <span class="gap" />
         <DisplayMenu viewer={viewer} />
         <span class="space" />
-        <Button icon="snapshot" title="This view as PNG" onClick={downloads.snapshot}>
+        <Button icon="snapshot" title="This view as PNG" onClick={() => snapshot(viewer)}>
           {word("PNG")}
         </Button>
-        <Download icon="render" title={RENDER} file="scenegate-render.png" url={downloads.rendering}>
+        <Download icon="render" title={RENDER} download="scenegate-render.png" url={() => rendering(viewer)}>
           {word("Render")}
         </Download>
-        <Download icon="download" title={FILE} file="scene.glb" url={downloads.file}>
+        <Download icon="download" title={FILE} download="scene.glb" url={() => sceneFile(viewer)}>
           {word(".glb")}
         </Download>
       </div>

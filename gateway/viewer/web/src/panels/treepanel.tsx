@@ -1,11 +1,11 @@
 // The tree of paths: expand, search, hide, select. Only visible rows are elements, so thousands of nodes are fast.
 
 import { useSignal } from "@preact/signals";
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useMemo, useReducer, useRef } from "preact/hooks";
 import { counted, pathText } from "../format";
 import type { TreeNode } from "../model";
 import type { Viewer } from "../view/viewer";
-import { Button, Slider } from "./controls";
+import { Button, Opacity } from "./controls";
 import { Icon } from "./icons";
 import { findTyped, listRows, nameOf, type Row } from "./treerows";
 
@@ -30,10 +30,6 @@ function Eye({ node, label, viewer }: { node: TreeNode; label: string; viewer: V
 /** Visibility and opacity of what Drake publishes: illustration, proximity, inertia, contacts, point clouds, frames. */
 function Families({ viewer }: { viewer: Viewer }) {
   const families = [...(viewer.session.model.find([DRAKE])?.children ?? [])];
-  const fade = (node: TreeNode, opacity: number) => {
-    node.ownOpacity = opacity;
-    viewer.changed(node);
-  };
   return (
     <section class="families" aria-label="Drake" hidden={families.length === 0}>
       <h3>Drake</h3>
@@ -41,7 +37,7 @@ function Families({ viewer }: { viewer: Viewer }) {
         <div key={node.id} class={node.isShown ? "family" : "family hidden"}>
           <Eye node={node} label={`all ${node.name}`} viewer={viewer} />
           <span class="name">{node.name}</span>
-          <Slider label={`Opacity of ${node.name}`} value={node.shownOpacity} onInput={(opacity) => fade(node, opacity)} />
+          <Opacity label={`Opacity of ${node.name}`} node={node} viewer={viewer} />
         </div>
       ))}
     </section>
@@ -55,24 +51,19 @@ export function TreePanel({ viewer }: { viewer: Viewer }) {
   /** Text that is being typed to find a name. After a click on a row, keys are those of the page's shortcuts. */
   const typed = useRef({ text: "", time: 0, isOn: false }).current;
   const list = useRef<HTMLDivElement>(null);
-  /** Node whose ancestors were opened. */
-  const opened = useRef<TreeNode | null>(null);
-  /** Incremented when something is expanded, scrolled or resized. */
-  const layout = useSignal(0);
-  const repaint = () => (layout.value += 1);
+  const [, repaint] = useReducer<number, unknown>((count) => count + 1, 0);
   const { value: selected } = session.selected;
   const { value: revealed } = session.revealed;
   session.changes.value;
-  layout.value;
-
-  if (revealed !== opened.current) for (let at = revealed?.parent; at; at = at.parent) toggled.set(at.id, true);
-  opened.current = revealed;
+  useMemo(() => {
+    for (let at = revealed?.parent; at; at = at.parent) toggled.set(at.id, true);
+  }, [revealed]);
   const searching = search.value.trim() !== "";
   const isOpen = ({ node, depth }: Row) => searching || (toggled.get(node.id) ?? depth < OPEN_AT_FIRST);
   const rows = listRows(session.model, search.value, isOpen);
   const toggle = (row: Row) => {
     toggled.set(row.node.id, !isOpen(row));
-    repaint();
+    repaint(row);
   };
   const scrollTo = (index: number) => {
     const area = list.current;

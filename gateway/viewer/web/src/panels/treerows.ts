@@ -17,10 +17,8 @@ export function nameOf(node: TreeNode): string {
 
 /** Return the rows of the tree; with a search, those of paths that contain the text, and of their ancestors. */
 export function listRows(model: Model, search: string, isOpen: (row: Row) => boolean): Row[] {
-  const wanted = search
-    .trim()
-    .toLowerCase()
-    .replace(/\s*\/\s*/g, "/");
+  const text = search.trim().toLowerCase();
+  const wanted = text.replace(/\s*\/\s*/g, "/");
   const matching = wanted ? findMatching(model, wanted) : null;
   const rows: Row[] = [];
   const stack: Row[] = matching?.size === 0 ? [] : [{ node: model.root, depth: 0, position: 1, siblings: 1 }];
@@ -51,11 +49,6 @@ function findMatching(model: Model, text: string): Set<TreeNode> {
 export function findTyped(rows: Row[], index: number, text: string): number {
   const start = index + (text.length === 1 ? 1 : 0);
   const order = rows.map((_, i) => (start + i + rows.length) % rows.length);
-  return (
-    order.find((i) =>
-      nameOf((rows[i] as Row).node)
-        .toLowerCase()
-        .startsWith(text),
-    ) ?? index
-  );
+  const names = rows.map(({ node }) => nameOf(node).toLowerCase());
+  return order.find((i) => names[i]!.startsWith(text)) ?? index;
 }

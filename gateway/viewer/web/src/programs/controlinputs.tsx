@@ -5,7 +5,7 @@ import type { InputHTMLAttributes, TargetedEvent } from "preact";
 import { useId } from "preact/hooks";
 import { short } from "../format";
 import { Check, Select } from "../panels/controls";
-import type { ControlValue } from "./controlmessages";
+import type { ControlValue } from "../protocol";
 import type { ProgramControl } from "./programcontrols";
 
 interface InputProps {

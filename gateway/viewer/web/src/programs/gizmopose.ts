@@ -1,7 +1,7 @@
 // Poses of gizmos as matrices, messages, and numbers that people type.
 
 import { Euler, MathUtils, type Matrix4, Quaternion, Vector3 } from "three";
-import type { Pose } from "./controlmessages";
+import type { Pose } from "../protocol";
 
 /** Return the pose of a rigid transform. */
 export function poseOf(matrix: Matrix4): Pose {

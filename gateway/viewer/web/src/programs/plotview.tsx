@@ -22,7 +22,7 @@ export function PlotView({ control: { definition, samples } }: { control: Progra
         <span class="plot-limit">{short(high)}</span>
         <svg viewBox={`0 0 ${WIDTH} ${HEIGHT}`} preserveAspectRatio="none" role="img" aria-label={`${title}: ${description}`}>
           {series.map((name, curve) => (
-            <path key={name} class={`curve-${curve}`} d={curvePath(rows, 1 + curve, end - seconds, seconds, low, high)} />
+            <path key={name} style={`--curve: var(--curve-${curve})`} d={curvePath(rows, 1 + curve, end - seconds, seconds, low, high)} />
           ))}
         </svg>
         <span class="plot-limit">{short(low)}</span>
@@ -33,7 +33,7 @@ export function PlotView({ control: { definition, samples } }: { control: Progra
       </p>
       <ul>
         {series.map((name, curve) => (
-          <li key={name} class={`curve-${curve}`}>
+          <li key={name} style={`--curve: var(--curve-${curve})`}>
             {name}
             <output>{values[curve]}</output>
           </li>

@@ -1,7 +1,7 @@
 // Controls of programs, their values and samples. Without a browser.
 
 import { batch, type Signal, signal } from "@preact/signals";
-import type { ControlChange, ControlDefinition, ControlsMessage, ControlValue } from "./controlmessages";
+import type { ControlChange, ControlDefinition, ControlsMessage, ControlValue } from "../protocol";
 
 /** Shortest time between two changes of a control that are sent, and between two images of a plot, ms. */
 const INTERVAL = 40;
@@ -9,7 +9,8 @@ const INTERVAL = 40;
 const MAX_SAMPLES = 2000;
 
 export interface ProgramControl {
-  readonly definition: ControlDefinition;
+  /** `logarithmic`: the slider has equal steps for equal factors. Of the page's own controls. */
+  readonly definition: ControlDefinition & { logarithmic?: boolean };
   readonly value: Signal<ControlValue>;
   /** Of a plot: time and values of each sample. */
   readonly samples: Signal<number[][]>;

@@ -1,90 +1,71 @@
 // Instanced drawing of opaque triangles: draws with the same mesh and material are one call, each with its own colour.
 
-import { type BufferGeometry, Color, DynamicDrawUsage, InstancedMesh, type Material, type Matrix4, type Object3D } from "three";
+import { type BufferGeometry, Color, DynamicDrawUsage, InstancedBufferAttribute, InstancedMesh, type Material, type Matrix4 } from "three";
 import type { TreeNode } from "../model";
 
 /** One instance in a batch. */
 export interface BatchInstance {
-  batch: Batch;
   index: number;
   node: TreeNode;
 }
 
 const INITIAL_CAPACITY = 8;
 
-export class Batch {
+export class Batch extends InstancedMesh<BufferGeometry, Material> {
   readonly instances: BatchInstance[] = [];
-  private mesh: InstancedMesh;
 
   constructor(
-    private readonly scene: Object3D,
     readonly meshId: number,
     readonly key: string,
-    readonly geometry: BufferGeometry,
-    readonly material: Material,
+    geometry: BufferGeometry,
+    material: Material,
   ) {
-    this.mesh = this.allocate(INITIAL_CAPACITY);
+    super(geometry, material, INITIAL_CAPACITY);
+    this.instanceMatrix.setUsage(DynamicDrawUsage);
+    this.setColorAt(0, new Color(1, 1, 1)); // creates the attribute
+    this.count = 0;
+    this.frustumCulled = false; // otherwise every pose would need new bounds
+    this.matrixAutoUpdate = false;
+    this.castShadow = this.receiveShadow = true;
   }
 
-  private allocate(capacity: number): InstancedMesh {
-    const mesh = new InstancedMesh(this.geometry, this.material, capacity);
-    mesh.instanceMatrix.setUsage(DynamicDrawUsage);
-    mesh.setColorAt(0, new Color(1, 1, 1)); // creates the attribute
-    mesh.count = 0;
-    mesh.frustumCulled = false; // otherwise every pose would need new bounds
-    mesh.matrixAutoUpdate = false;
-    mesh.castShadow = mesh.receiveShadow = true;
-    mesh.userData.batch = this;
-    this.scene.add(mesh);
-    return mesh;
-  }
-
-  add(node: TreeNode, matrix: Matrix4, color: Color): BatchInstance {
-    if (this.instances.length === this.mesh.instanceMatrix.count) this.grow();
-    const instance: BatchInstance = { batch: this, index: this.instances.length, node };
-    this.instances.push(instance);
-    this.mesh.count = this.instances.length;
-    this.mesh.setMatrixAt(instance.index, matrix);
-    this.mesh.setColorAt(instance.index, color);
+  append(node: TreeNode, matrix: Matrix4, color: Color): BatchInstance {
+    if (this.count === this.instanceMatrix.count) this.grow();
+    const instance = { index: this.count, node };
+    this.count = this.instances.push(instance);
+    this.setMatrixAt(instance.index, matrix);
+    this.setColorAt(instance.index, color);
     this.markChanged();
     return instance;
   }
 
   move(instance: BatchInstance, matrix: Matrix4): void {
-    this.mesh.setMatrixAt(instance.index, matrix);
-    this.mesh.instanceMatrix.needsUpdate = true;
-    this.mesh.boundingSphere = null;
+    this.setMatrixAt(instance.index, matrix);
+    this.instanceMatrix.needsUpdate = true;
+    this.boundingSphere = null;
   }
 
-  remove(instance: BatchInstance): void {
-    const last = this.instances.pop();
-    if (last && last !== instance) {
-      const { instanceMatrix, instanceColor } = this.mesh;
-      for (const each of [instanceMatrix, instanceColor]) each?.copyAt(instance.index, each, last.index);
+  take(instance: BatchInstance): void {
+    const last = this.instances.pop()!;
+    if (last !== instance) {
+      for (const each of [this.instanceMatrix, this.instanceColor!]) each.copyAt(instance.index, each, last.index);
       this.instances[instance.index] = last;
       last.index = instance.index;
     }
-    this.mesh.count = this.instances.length;
+    this.count = this.instances.length;
     this.markChanged();
   }
 
-  dispose(): void {
-    this.scene.remove(this.mesh);
-    this.mesh.dispose();
-  }
-
   private grow(): void {
-    const old = this.mesh;
-    this.mesh = this.allocate(2 * old.instanceMatrix.count);
-    this.mesh.instanceMatrix.array.set(old.instanceMatrix.array);
-    if (old.instanceColor) this.mesh.instanceColor?.array.set(old.instanceColor.array);
-    this.scene.remove(old);
-    old.dispose();
+    this.dispose(); // of the buffers on the GPU
+    for (const name of ["instanceMatrix", "instanceColor"] as const) {
+      const { array, itemSize, usage } = this[name]!;
+      this[name] = new InstancedBufferAttribute(new Float32Array(2 * array.length), itemSize).setUsage(usage).copyArray(array);
+    }
   }
 
   private markChanged(): void {
-    this.mesh.instanceMatrix.needsUpdate = true;
-    if (this.mesh.instanceColor) this.mesh.instanceColor.needsUpdate = true;
-    this.mesh.boundingSphere = null;
+    this.instanceMatrix.needsUpdate = this.instanceColor!.needsUpdate = true;
+    this.boundingSphere = null;
   }
 }

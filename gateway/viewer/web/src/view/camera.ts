@@ -37,15 +37,8 @@ export const DIRECTIONS: Record<Direction, [number, number, number]> = {
   side: [0, -1, 0],
 };
 
-export interface Framing {
-  position: Vector3;
-  target: Vector3;
-  /** Half the height of an orthographic view, metres. */
-  halfHeight: number;
-}
-
 /**
- * Return the nearest camera that has all boxes in view, with equal margins.
+ * Return the nearest camera that has all boxes in view, with equal margins, and half the height of an orthographic view.
  *
  * A point with coordinates a (to the right), b (up) and c (towards the camera) is in view of a camera at (x, y, distance)
  * if |a - x| <= tanX * (distance - c) and |b - y| <= tanY * (distance - c).
@@ -53,29 +46,26 @@ export interface Framing {
  * @param direction unit vector towards the camera
  * @param tanHalfFov tangent of half the vertical field of view
  */
-export function frame(boxes: Box3[], direction: Vector3, worldUp: Vector3, tanHalfFov: number, aspect: number): Framing {
+export function frame(boxes: Box3[], direction: Vector3, worldUp: Vector3, tanHalfFov: number, aspect: number) {
   const right = worldUp.clone().cross(direction).normalize();
   const up = direction.clone().cross(right);
   const tanY = tanHalfFov / MARGIN;
   const tanX = tanY * aspect;
-  const extent = { right: -Infinity, left: -Infinity, top: -Infinity, bottom: -Infinity };
-  const range = new Box3();
+  const [range, plus, minus] = [new Box3(), new Box3(), new Box3()];
   const corner = new Vector3();
   for (const { min, max } of boxes)
     for (let k = 0; k < 8; k++) {
       corner.set(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z);
       const [a, b, c] = [corner.dot(right), corner.dot(up), corner.dot(direction)];
       range.expandByPoint(corner.set(a, b, c));
-      extent.right = Math.max(extent.right, a + tanX * c);
-      extent.left = Math.max(extent.left, -a + tanX * c);
-      extent.top = Math.max(extent.top, b + tanY * c);
-      extent.bottom = Math.max(extent.bottom, -b + tanY * c);
+      plus.expandByPoint(corner.set(a + tanX * c, b + tanY * c, 0));
+      minus.expandByPoint(corner.set(a - tanX * c, b - tanY * c, 0));
     }
-  const distance = Math.max((extent.right + extent.left) / (2 * tanX), (extent.top + extent.bottom) / (2 * tanY));
+  const distance = Math.max((plus.max.x - minus.min.x) / (2 * tanX), (plus.max.y - minus.min.y) / (2 * tanY));
   const depth = (range.min.z + range.max.z) / 2;
   const target = new Vector3()
-    .addScaledVector(right, (extent.right - extent.left) / 2)
-    .addScaledVector(up, (extent.top - extent.bottom) / 2)
+    .addScaledVector(right, (plus.max.x + minus.min.x) / 2)
+    .addScaledVector(up, (plus.max.y + minus.min.y) / 2)
     .addScaledVector(direction, depth);
   const [x, y] = [target.dot(right), target.dot(up)];
   const halfWidth = Math.max(range.max.x - x, x - range.min.x);

@@ -5,6 +5,7 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import type { Vector } from "../protocol";
 import { type CameraView, DIRECTIONS, type Direction, frame } from "./camera";
 import { CLOUD_LAYER } from "./cloudprogress";
+import type { Stage } from "./stage";
 
 /** Vertical field of view, degrees. */
 const FOV = 45;
@@ -20,42 +21,32 @@ export class CameraRig {
   readonly perspective = new PerspectiveCamera(FOV, 1, 0.01, 1000);
   readonly orthographic = new OrthographicCamera(-1, 1, 1, -1, -1000, 1000);
   camera: PerspectiveCamera | OrthographicCamera = this.perspective;
+  /** Direction about which the controls turn the camera. */
+  private readonly controlsUp = new Vector3();
   controls: OrbitControls;
   /** Point of the world at which the page's scene has its origin. It is near the target, where coordinates have to be precise. */
   readonly origin = new Vector3();
   /** Number of times that the camera was placed, or taken by the visitor. */
   placements = 0;
-  /** Direction about which the controls turn the camera. */
-  private readonly controlsUp = new Vector3();
   /** Half the height of the orthographic view, metres. */
   private halfHeight = 1;
   /** Distance of the target when the camera was last placed, metres. */
   private framedDistance = 1;
 
-  /**
-   * @param holder element with the canvas
-   * @param changed called when the camera has moved
-   * @param placed called when the camera was placed, with half the view's height at the target, metres
-   */
-  constructor(
-    holder: HTMLElement,
-    private readonly canvas: HTMLElement,
-    private readonly changed: () => void,
-    private readonly placed: (halfHeight: number) => void,
-  ) {
+  constructor(private readonly stage: Stage) {
     for (const camera of [this.perspective, this.orthographic]) camera.layers.enable(CLOUD_LAYER);
     this.setUp(Z_UP);
     this.controls = this.newControls();
     for (const type of ["pointerdown", "wheel", "keydown"])
-      holder.addEventListener(type, () => this.renewControls(), { capture: true, passive: true });
+      stage.holder.addEventListener(type, () => this.renewControls(), { capture: true, passive: true });
   }
 
   private newControls(): OrbitControls {
-    const controls = new OrbitControls(this.camera, this.canvas);
+    const controls = new OrbitControls(this.camera, this.stage.canvas);
     this.controlsUp.copy(this.camera.up);
     controls.zoomToCursor = true;
-    controls.listenToKeyEvents(this.canvas);
-    controls.addEventListener("change", this.changed);
+    controls.listenToKeyEvents(this.stage.canvas);
+    controls.addEventListener("change", () => this.stage.moved());
     controls.addEventListener("start", () => (this.placements += 1));
     return controls;
   }
@@ -119,7 +110,7 @@ export class CameraRig {
   private set(position: Vector3, target: Vector3): void {
     for (const camera of [this.perspective, this.orthographic]) camera.position.copy(position);
     this.controls.target.copy(target);
-    this.changed();
+    this.stage.moved();
   }
 
   private finishPlacing(halfHeight: number): void {
@@ -128,12 +119,7 @@ export class CameraRig {
     this.halfHeight = halfHeight;
     this.controls.update();
     this.framedDistance = this.controls.getDistance();
-    this.placed(halfHeight);
-  }
-
-  /** Zoom about the target: by a factor below 1 to come closer. */
-  zoom(factor: number): void {
-    this.controls.dollyIn(factor);
+    this.stage.adapt(halfHeight);
   }
 
   /**
@@ -159,7 +145,7 @@ export class CameraRig {
 
   /** Return what finds hits of geometry at a point of the page, pixels. */
   rayAt(x: number, y: number): Raycaster {
-    const rect = this.canvas.getBoundingClientRect();
+    const rect = this.stage.canvas.getBoundingClientRect();
     const caster = new Raycaster();
     caster.setFromCamera(new Vector2(((x - rect.left) / rect.width) * 2 - 1, 1 - ((y - rect.top) / rect.height) * 2), this.camera);
     caster.layers.enableAll();

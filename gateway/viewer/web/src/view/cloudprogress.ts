@@ -33,19 +33,19 @@ export class CloudProgress {
   }
 
   /** Choose the chunks of a new image. */
-  start(time: number, everything: boolean): void {
-    this.adaptToTime(time);
+  start(everything: boolean): void {
+    this.adaptToTime();
     this.drawnCount = 0;
     this.show(everything ? this.chunks.length : this.chunksPerFrame);
   }
 
   /** Choose the chunks to add to the image; return false if it has all of them. */
-  refine(time: number): boolean {
+  refine(): boolean {
     if (this.isComplete) {
       this.lastTime = 0; // the pause before the next frame does not count as slow drawing
       return false;
     }
-    this.adaptToTime(time);
+    this.adaptToTime();
     this.show(this.chunksPerFrame);
     return true;
   }
@@ -62,7 +62,8 @@ export class CloudProgress {
     this.drawnCount = end;
   }
 
-  private adaptToTime(time: number): void {
+  private adaptToTime(): void {
+    const time = performance.now();
     const passed = time - this.lastTime;
     if (this.lastTime && passed > SLOW_MS) this.chunksPerFrame = Math.max(1, Math.floor(this.chunksPerFrame / 2));
     else if (this.lastTime && passed < FAST_MS && this.chunksPerFrame < this.chunks.length)

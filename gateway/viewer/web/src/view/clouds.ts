@@ -23,8 +23,7 @@ export interface Range {
 
 /** Return the range of the finite values; 0 to 1 if there are none. */
 export function rangeOf(values: Float32Array, offset: number, stride: number): Range {
-  let low = Infinity;
-  let high = -Infinity;
+  let [low, high] = [Infinity, -Infinity];
   for (let i = offset; i < values.length; i += stride) {
     const value = values[i] ?? NaN;
     if (value < low && value > -Infinity) low = value;
@@ -95,20 +94,14 @@ async function colorsOf({ id, position }: MeshPayload, look: CloudLook): Promise
 }
 
 /** Replace the colours of a cloud's chunks by those that the details panel has chosen for its node. */
-export async function colorPoints(
-  node: TreeNode,
-  { material: { color, ...rest } }: Draw,
-  objects: Points[],
-  payload: MeshPayload,
-  opacity: number,
-  materials: Materials,
-): Promise<void> {
+export async function colorPoints(node: TreeNode, draw: Draw, objects: Points[], payload: MeshPayload, materials: Materials): Promise<void> {
+  const { color, ...rest } = draw.material;
   const colored = node.cloud && (await colorsOf(payload, node.cloud));
   const [first] = objects;
   if (!colored || !first?.parent) return;
   node.cloudRange = colored.range;
   materials.release(first.material as ThreeMaterial);
-  const material = materials.acquire("points", { ...rest, color: [1, 1, 1, color[3]] }, true, opacity);
+  const material = materials.acquire("points", { ...rest, color: [1, 1, 1, color[3]] }, true, node.combinedOpacity);
   objects.forEach((object, number) => {
     object.geometry = object.userData.ownGeometry = object.geometry.clone();
     object.geometry.setAttribute("color", new BufferAttribute(chunkOf(colored.colors, 4, number), 4, true));

@@ -1,58 +1,44 @@
 // What can be downloaded of the view: the image as it is shown, the gateway's image, and the scene as a file.
 
 import type { Color } from "three";
-import type { Model } from "../model";
-import type { Marks } from "../tools/marks";
 import { cameraText } from "./camera";
-import type { Stage } from "./stage";
+import type { Viewer } from "./viewer";
 
-export class Downloads {
-  constructor(
-    private readonly stage: Stage,
-    private readonly model: Model,
-    private readonly marks: Marks,
-    private readonly holder: HTMLElement,
-  ) {}
+/** Return the view as parameters of `/scene.glb`. */
+function viewQuery({ stage, session, holder }: Viewer): URLSearchParams {
+  const { clientWidth: width, clientHeight: height } = holder;
+  const { view, perspective } = stage.rig;
+  const changed = [...session.model.nodes.values()].filter((node) => node.isShown !== node.visible);
+  const paths = (on: boolean) => JSON.stringify(changed.filter((node) => node.isShown === on).map((node) => node.path));
+  const camera = cameraText(view, perspective.fov, perspective.aspect);
+  return new URLSearchParams({ camera, width: `${width}`, height: `${height}`, hide: paths(false), show: paths(true) });
+}
 
-  /** Return this view as parameters of `/scene.glb`. */
-  private viewQuery(): URLSearchParams {
-    const { clientWidth: width, clientHeight: height } = this.holder;
-    const { view, perspective } = this.stage.rig;
-    const changed = [...this.model.nodes.values()].filter((node) => node.isShown !== node.visible);
-    const paths = (on: boolean) => JSON.stringify(changed.filter((node) => node.isShown === on).map((node) => node.path));
-    const camera = cameraText(view, perspective.fov, perspective.aspect);
-    return new URLSearchParams({ camera, width: `${width}`, height: `${height}`, hide: paths(false), show: paths(true) });
-  }
+/** Return the parameters of the gateway's image of the view. */
+export function imageQuery(viewer: Viewer): URLSearchParams {
+  const query = viewQuery(viewer);
+  query.set("background", (viewer.stage.scene.background as Color).getHexString());
+  return query;
+}
 
-  /** Return the parameters of the gateway's image of this view. */
-  imageQuery(): URLSearchParams {
-    const query = this.viewQuery();
-    query.set("background", (this.stage.scene.background as Color).getHexString());
-    return query;
-  }
+export const sceneFile = (viewer: Viewer): string => `scene.glb?${viewQuery(viewer)}`;
 
-  file = (): string => `scene.glb?${this.viewQuery()}`;
+export const rendering = (viewer: Viewer): string => `scene/render?${imageQuery(viewer)}`;
 
-  rendering = (): string => `scene/render?${this.imageQuery()}`;
-
-  /** Download the view as it is shown; without WebGL, an image of the gateway. */
-  snapshot = (): void => {
-    const save = (href: string) => Object.assign(document.createElement("a"), { href, download: "scenegate.png" }).click();
-    const { renderer } = this.stage;
-    if (!renderer) {
-      save(this.rendering());
-      return;
-    }
-    const { width, height } = renderer.domElement;
-    const canvas = Object.assign(document.createElement("canvas"), { width, height });
-    const context = canvas.getContext("2d")!;
-    context.drawImage(renderer.domElement, 0, 0);
-    this.marks.drawNames(context, renderer.getPixelRatio());
-    canvas.toBlob((image) => {
-      if (!image) return;
-      const url = URL.createObjectURL(image);
-      save(url);
-      setTimeout(() => URL.revokeObjectURL(url), 10_000);
-    });
-  };
+/** Download the view as it is shown; without WebGL, an image of the gateway. */
+export function snapshot(viewer: Viewer) {
+  const save = (href: string) => Object.assign(document.createElement("a"), { href, download: "scenegate.png" }).click();
+  const { renderer } = viewer.stage;
+  if (!renderer) return save(rendering(viewer));
+  const { width, height } = renderer.domElement;
+  const canvas = Object.assign(document.createElement("canvas"), { width, height });
+  const context = canvas.getContext("2d")!;
+  context.drawImage(renderer.domElement, 0, 0);
+  viewer.marks.drawNames(context, renderer.getPixelRatio());
+  canvas.toBlob((image) => {
+    if (!image) return;
+    const url = URL.createObjectURL(image);
+    save(url);
+    setTimeout(() => URL.revokeObjectURL(url), 10_000);
+  });
 }

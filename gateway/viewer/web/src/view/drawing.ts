@@ -4,32 +4,29 @@ import { Box3, type BufferGeometry, Color, type Intersection, Matrix4, type Mesh
 import type { Model, ModelChange, TreeNode } from "../model";
 import type { Draw } from "../protocol";
 import { Batch, type BatchInstance } from "./batches";
-import type { CloudProgress } from "./cloudprogress";
 import { Geometries } from "./geometries";
 import type { Materials } from "./materials";
 import { type SingleObject, SingleObjects } from "./singleobjects";
+import type { Stage } from "./stage";
 
-/** One draw of a node as three.js objects; `local` is its matrix in the node's frame. */
-type Drawn = { local: Matrix4 | null } & ({ instance: BatchInstance } | { object: SingleObject });
+/** One draw of a node: an instance in a batch, or an object of its own. `local` is its matrix in the node's frame. */
+type Drawn = { local: Matrix4 | null } & ({ object: Batch; instance: BatchInstance } | { object: SingleObject; instance?: undefined });
 
 export class Drawing {
   readonly root = new Object3D();
-  private readonly geometries = new Geometries();
-  private readonly singles: SingleObjects;
+  readonly geometries = new Geometries();
+  private readonly singles = new SingleObjects(this);
   /** Batches by mesh id and key of the material. */
   private readonly batches = new Map<string, Batch>();
   private readonly drawn = new Map<TreeNode, Drawn[]>();
 
-  /** @param origin point of the world at which the page's scene has its origin */
   constructor(
     private readonly model: Model,
     readonly materials: Materials,
-    progress: CloudProgress,
-    private readonly origin: Vector3,
-    redraw: () => void,
+    readonly stage: Stage,
   ) {
-    this.singles = new SingleObjects(this.geometries, materials, progress, redraw);
     this.root.matrixAutoUpdate = false;
+    stage.content.add(this.root);
   }
 
   apply(change: ModelChange): void {
@@ -42,14 +39,14 @@ export class Drawing {
   /** Recreate a node's objects after its geometry, visibility or opacity changed. */
   refresh(node: TreeNode): void {
     const { textures } = this.materials;
-    const before = (this.drawn.get(node) ?? []).map((drawn) => ("instance" in drawn ? drawn.instance.batch : drawn.object).material);
+    const before = (this.drawn.get(node) ?? []).map(({ object }) => object.material);
     this.erase(node);
     if (!node.parts || !node.isVisible) return;
     const draws: Drawn[] = [];
     for (const part of node.parts)
       for (const draw of part.draws) {
         textures.replaced = (before[draws.length] as MeshBasicMaterial | undefined)?.map ?? null;
-        const drawn = this.draw(node, draw, node.combinedOpacity, part.facesCamera === true);
+        const drawn = this.draw(node, draw, part.facesCamera === true);
         if (drawn) draws.push(drawn);
       }
     textures.replaced = null;
@@ -94,24 +91,23 @@ export class Drawing {
   }
 
   nodeAt(hit: Intersection): TreeNode | undefined {
-    const { batch, node } = hit.object.userData as { batch?: Batch; node?: TreeNode };
-    return batch && hit.instanceId !== undefined ? batch.instances[hit.instanceId]?.node : node;
+    return hit.object instanceof Batch ? hit.object.instances[hit.instanceId!]?.node : hit.object.userData.node;
   }
 
   /** Return the bounds of each draw of a subtree. */
   boxes(node: TreeNode): Box3[] {
     const boxes: Box3[] = [];
     for (const each of node.subtree())
-      for (const drawn of this.drawn.get(each) ?? []) {
-        const geometry = "instance" in drawn ? drawn.instance.batch.geometry : drawn.object.geometry;
+      for (const { object, local } of this.drawn.get(each) ?? []) {
+        const { geometry } = object;
         if (!geometry.boundingBox) geometry.computeBoundingBox();
-        const box = geometry.boundingBox?.clone().applyMatrix4(this.place(each, drawn.local));
+        const box = geometry.boundingBox?.clone().applyMatrix4(this.place(each, local));
         if (box && !box.isEmpty() && Number.isFinite(box.min.lengthSq() + box.max.lengthSq())) boxes.push(box);
       }
     return boxes;
   }
 
-  private draw(node: TreeNode, draw: Draw, opacity: number, facesCamera: boolean): Drawn | null {
+  private draw(node: TreeNode, draw: Draw, facesCamera: boolean): Drawn | null {
     const payload = this.model.meshes.get(draw.mesh);
     if (!payload || draw.matrix === null) return null;
     const local = draw.matrix ? new Matrix4().fromArray(draw.matrix) : null;
@@ -119,11 +115,11 @@ export class Drawing {
     const hasColors = payload.color !== undefined;
     const { material } = draw;
     const blended = material.alpha === "blend" && (material.color[3] < 1 || material.texture !== undefined || hasColors);
-    if (payload.topology === 3 && opacity === 1 && !blended && !facesCamera) {
-      const color = new Color(...material.color.slice(0, 3));
-      return { local, instance: this.batch(draw, this.geometries.whole(payload), hasColors).add(node, place, color) };
+    if (payload.topology === 3 && node.combinedOpacity === 1 && !blended && !facesCamera) {
+      const batch = this.batch(draw, this.geometries.whole(payload), hasColors);
+      return { local, object: batch, instance: batch.append(node, place, new Color(...material.color.slice(0, 3))) };
     }
-    const object = this.singles.make(node, draw, payload, opacity, facesCamera);
+    const object = this.singles.make(node, draw, payload, facesCamera);
     placeAt(object, place);
     this.root.add(object);
     return { local, object };
@@ -134,9 +130,10 @@ export class Drawing {
     const matrix = node.world.clone();
     if (local) matrix.multiply(local);
     const { elements } = matrix;
-    elements[12] -= this.origin.x;
-    elements[13] -= this.origin.y;
-    elements[14] -= this.origin.z;
+    const { origin } = this.stage.rig;
+    elements[12] -= origin.x;
+    elements[13] -= origin.y;
+    elements[14] -= origin.z;
     return matrix;
   }
 
@@ -144,8 +141,9 @@ export class Drawing {
     const key = `${draw.mesh} ${this.materials.key(draw.material, hasColors)}`;
     let batch = this.batches.get(key);
     if (!batch) {
-      batch = new Batch(this.root, draw.mesh, key, geometry, this.materials.acquire("opaque", draw.material, hasColors));
+      batch = new Batch(draw.mesh, key, geometry, this.materials.acquire("opaque", draw.material, hasColors));
       this.batches.set(key, batch);
+      this.root.add(batch);
     }
     return batch;
   }
@@ -153,27 +151,23 @@ export class Drawing {
   /** Dispose of a batch, unless `forget` did. */
   private drop(batch: Batch): void {
     if (!this.batches.delete(batch.key)) return;
+    batch.removeFromParent();
     batch.dispose();
     this.materials.release(batch.material);
   }
 
   private move(node: TreeNode): void {
-    for (const drawn of this.drawn.get(node) ?? []) {
-      const place = this.place(node, drawn.local);
-      if ("instance" in drawn) drawn.instance.batch.move(drawn.instance, place);
-      else placeAt(drawn.object, place);
+    for (const { object, instance, local } of this.drawn.get(node) ?? []) {
+      if (instance) object.move(instance, this.place(node, local));
+      else placeAt(object, this.place(node, local));
     }
   }
 
   private erase(node: TreeNode): void {
-    for (const drawn of this.drawn.get(node) ?? []) {
-      if ("instance" in drawn) {
-        const { batch } = drawn.instance;
-        batch.remove(drawn.instance);
-        if (!batch.instances.length) this.drop(batch);
-        continue;
-      }
-      this.singles.remove(drawn.object);
+    for (const { object, instance } of this.drawn.get(node) ?? []) {
+      if (instance) object.take(instance);
+      else this.singles.remove(object);
+      if (instance && !object.count) this.drop(object);
     }
     this.drawn.delete(node);
   }

@@ -1,7 +1,7 @@
 // The stereo camera in the scene: the frusta of its left and right camera as lines.
 
 import { BufferGeometry, Float32BufferAttribute, LineBasicMaterial, LineSegments } from "three";
-import type { PlacedRig, Rig, Vector } from "../protocol";
+import type { NoRig, PlacedRig, Vector } from "../protocol";
 
 /** Distance of the drawn image plane from the camera, metres. */
 const IMAGE_PLANE_DISTANCE = 0.25;
@@ -13,16 +13,17 @@ export class Frustum {
 
   constructor(private readonly redraw: () => void) {
     this.object.matrixAutoUpdate = false;
-    this.update();
+    this.setShown();
   }
 
   /** Show or hide the camera. Without a pose it stays hidden. */
-  setShown(on: boolean): void {
+  setShown(on = this.isShown): void {
     this.isShown = on;
-    this.update();
+    this.object.visible = this.hasPose && on;
+    this.redraw();
   }
 
-  show(rig: Rig): void {
+  show(rig: PlacedRig | NoRig): void {
     this.hasPose = rig.pose !== null;
     if (rig.pose) {
       this.object.matrix.fromArray(rig.pose);
@@ -30,12 +31,7 @@ export class Frustum {
       this.object.geometry.dispose();
       this.object.geometry = new BufferGeometry().setAttribute("position", new Float32BufferAttribute(linesOf(rig), 3));
     }
-    this.update();
-  }
-
-  private update(): void {
-    this.object.visible = this.hasPose && this.isShown;
-    this.redraw();
+    this.setShown();
   }
 }
 

@@ -13,10 +13,10 @@ export class Geometries {
   private readonly made = new Map<number, Map<string, BufferGeometry[]>>();
 
   private cached<G extends BufferGeometry>({ id }: MeshPayload, use: string, make: () => G[]): G[] {
-    let uses = this.made.get(id);
-    if (!uses) this.made.set(id, (uses = new Map()));
-    let found = uses.get(use);
-    if (!found) uses.set(use, (found = make()));
+    const uses = this.made.get(id) ?? new Map<string, BufferGeometry[]>();
+    this.made.set(id, uses);
+    const found = uses.get(use) ?? make();
+    uses.set(use, found);
     return found as G[];
   }
 
@@ -41,13 +41,11 @@ export class Geometries {
 
   /** Return the geometry of lines of more than one pixel. */
   wideLine(payload: MeshPayload): LineSegmentsGeometry {
-    const { position, color } = payload;
     const make = () => {
-      const index = payload.index ?? Uint32Array.from({ length: position.length / 3 }, (_, i) => i);
-      const geometry = new LineSegmentsGeometry();
-      geometry.setPositions(Float32Array.from({ length: 3 * index.length }, (_, i) => position[3 * index[Math.floor(i / 3)]! + (i % 3)]!));
-      if (color) geometry.setColors(linearColors(color, index));
-      return [geometry];
+      const whole = this.whole(payload);
+      const { position, color } = (whole.index ? whole.toNonIndexed() : whole).attributes as Record<string, BufferAttribute | undefined>;
+      const geometry = new LineSegmentsGeometry().setPositions(position!.array as Float32Array);
+      return [color ? geometry.setColors(linearColors(color)) : geometry];
     };
     return this.cached(payload, "wide line", make)[0]!;
   }
@@ -79,12 +77,8 @@ export function chunkOf<A extends Float32Array | Uint8Array>(array: A, width: nu
 }
 
 /** Return the linear colours of a wide line's vertices: the shader of LineMaterial does not convert them from sRGB. */
-function linearColors(color: Uint8Array, index: Uint32Array): Float32Array {
-  const linear = new Float32Array(3 * index.length);
-  const value = new Color();
-  index.forEach((vertex, i) => {
-    value.setRGB(color[4 * vertex]! / 255, color[4 * vertex + 1]! / 255, color[4 * vertex + 2]! / 255, SRGBColorSpace);
-    value.toArray(linear, 3 * i);
-  });
+function linearColors(color: BufferAttribute): Float32Array {
+  const linear = new Float32Array(3 * color.count);
+  for (let i = 0; i < color.count; i++) new Color().setRGB(color.getX(i), color.getY(i), color.getZ(i), SRGBColorSpace).toArray(linear, 3 * i);
   return linear;
 }

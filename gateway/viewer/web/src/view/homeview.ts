@@ -1,8 +1,7 @@
 // The home view: all of the scene, or the camera that a client has set. It follows the first nodes and the shape of the window.
 
-import type { Box3 } from "three";
 import type { PageSettings } from "../protocol";
-import type { CameraRig } from "./camerarig";
+import type { Viewer } from "./viewer";
 
 /** Time in which the home view follows the nodes that are added. */
 const FRAMING_MS = 2000;
@@ -11,26 +10,21 @@ export class HomeView {
   /** Time until which the home view follows the first nodes, `performance.now()`; publishers send one after the other. */
   private framingEnds = Infinity;
   /** `rig.placements` after the home view was last shown. */
-  private framed: number;
-  private camera: PageSettings["home"] = null;
+  private framed = this.viewer.stage.rig.placements;
+  private camera?: PageSettings["home"];
 
-  /** @param boxes returns the bounds of what is framed */
-  constructor(
-    private readonly rig: CameraRig,
-    private readonly boxes: () => Box3[],
-  ) {
-    this.framed = rig.placements;
-  }
+  constructor(private readonly viewer: Viewer) {}
 
   /** True while nobody has moved the camera. */
   get isShown(): boolean {
-    return this.rig.placements === this.framed;
+    return this.viewer.stage.rig.placements === this.framed;
   }
 
   show(): void {
-    if (this.camera) this.rig.place(this.camera);
-    else this.rig.look("home", this.boxes());
-    this.framed = this.rig.placements;
+    const { rig } = this.viewer.stage;
+    if (this.camera) rig.place(this.camera);
+    else rig.look("home", this.viewer.focusBoxes);
+    this.framed = rig.placements;
   }
 
   /** Leave the camera where a link has placed it. */
@@ -47,7 +41,8 @@ export class HomeView {
   }
 
   /** Set the camera of a client; return true if it has to be shown. The first one does not replace that of a link. */
-  setCamera(camera: PageSettings["home"], isFirst: boolean): boolean {
+  setCamera(camera: PageSettings["home"]): boolean {
+    const isFirst = this.camera === undefined;
     const isNew = JSON.stringify(camera) !== JSON.stringify(this.camera);
     this.camera = camera;
     return camera !== null && isNew && !(isFirst && this.framingEnds === 0);

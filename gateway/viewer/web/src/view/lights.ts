@@ -41,7 +41,6 @@ export class Lights {
     this.environment = null;
   }
 
-  /** Move the headlight to the camera. */
   placeHeadlight(camera: Camera, target: Vector3): void {
     this.headlight.position.copy(camera.position);
     this.headlight.target.position.copy(target);
@@ -58,10 +57,7 @@ export class Lights {
     const { camera } = this.lamp.shadow;
     this.lamp.target.position.copy(centre);
     this.lamp.position.copy(centre).addScaledVector(LAMP_DIRECTION, 2 * radius);
-    camera.left = camera.bottom = -radius;
-    camera.right = camera.top = radius;
-    camera.near = 0.5 * radius;
-    camera.far = 4 * radius;
+    Object.assign(camera, { left: -radius, right: radius, bottom: -radius, top: radius, near: 0.5 * radius, far: 4 * radius });
     camera.updateProjectionMatrix();
     this.lamp.shadow.normalBias = (3 * radius) / SHADOW_TEXELS;
   }

@@ -2,9 +2,10 @@
 
 import * as THREE from "three";
 import { LineMaterial } from "three/addons/lines/LineMaterial.js";
-import type { Material } from "../protocol";
+import type { Material, TextureUse } from "../protocol";
 import type { PointSize } from "../tools/pointsize";
 import { BEFORE_SURFACE, patch, SIZE_IN_METRES } from "./shaders";
+import type { Stage } from "./stage";
 import { Textures } from "./textures";
 
 /** Number of materials up to which unused ones without textures are kept, so that geometry that returns does not compile its shader again. */
@@ -16,32 +17,19 @@ const MAX_MATERIALS = 64;
  */
 export type MaterialKind = "opaque" | "translucent" | "line" | "wideLine" | "points";
 
-interface SharedMaterial {
-  material: THREE.Material;
-  users: number;
-  textures: THREE.Texture[];
-}
-
 export class Materials {
-  readonly textures: Textures;
-  private readonly shared = new Map<string, SharedMaterial>();
-  private readonly keys = new WeakMap<THREE.Material, string>();
+  readonly textures = new Textures(this.stage);
+  /** Materials by their properties. `userData`: number of `users`, `textures`, and `size` of points. */
+  private readonly shared = new Map<string, THREE.Material>();
   /** True if a material was released since the last `disposeUnused`. */
   private released = false;
   private wireframe = false;
   private pointSize: PointSize = { unit: "sent", size: 0 };
 
-  /** @param environmentMap returns the environment map that metals reflect, Y-up */
-  constructor(
-    private readonly redraw: () => void,
-    private readonly environmentMap: () => THREE.Texture | null,
-  ) {
-    this.textures = new Textures(redraw);
-  }
+  constructor(private readonly stage: Stage) {}
 
-  /** True if a material in use is translucent. */
   get areTranslucent(): boolean {
-    return [...this.shared.values()].some(({ material, users }) => users > 0 && material.transparent);
+    return [...this.shared.values()].some(({ userData, transparent }) => userData.users > 0 && transparent);
   }
 
   /** Return the key of a batch: all properties but the colour. */
@@ -58,18 +46,15 @@ export class Materials {
       const made = this.create(kind, material, vertexColors);
       if (kind !== "opaque") color(made, material, opacity, kind === "translucent");
       const { envMap: _, ...own } = made as THREE.Material & { envMap?: THREE.Texture };
-      shared = { material: made, users: 0, textures: Object.values(own).filter((value: unknown) => value instanceof THREE.Texture) };
-      this.shared.set(key, shared);
-      this.keys.set(made, key);
+      Object.assign(made.userData, { users: 0, textures: Object.values(own).filter((value: unknown) => value instanceof THREE.Texture) });
+      this.shared.set(key, (shared = made));
     }
-    shared.users += 1;
-    return shared.material;
+    shared.userData.users += 1;
+    return shared;
   }
 
-  /** Release a use of a material. */
   release(material: THREE.Material): void {
-    const shared = this.shared.get(this.keys.get(material) ?? "");
-    if (shared) shared.users -= 1;
+    material.userData.users -= 1;
     this.released = true;
   }
 
@@ -81,38 +66,38 @@ export class Materials {
     if (!this.released) return;
     this.released = false;
     const used = new Set<THREE.Texture>();
-    for (const [key, { material, users, textures }] of this.shared)
+    for (const [key, material] of this.shared) {
+      const { users, textures } = material.userData as { users: number; textures: THREE.Texture[] };
       if (users > 0) for (const texture of textures) used.add(texture);
       else if (textures.length || this.shared.size > MAX_MATERIALS) {
         material.dispose();
         this.shared.delete(key);
       }
+    }
     this.textures.disposeAllBut(used);
   }
 
-  /** Drop everything: another gateway uses other ids. */
   forget(): void {
     this.textures.disposeAllBut(new Set());
-    for (const { material } of this.shared.values()) material.dispose();
+    for (const material of this.shared.values()) material.dispose();
     this.shared.clear();
   }
 
-  /** Use a new environment map. */
   renewEnvironment(): void {
-    for (const { material } of this.shared.values())
-      if (material instanceof THREE.MeshStandardMaterial && material.envMap) material.envMap = this.environmentMap();
+    for (const material of this.shared.values())
+      if (material instanceof THREE.MeshStandardMaterial && material.envMap) material.envMap = this.stage.lights.environmentMap;
   }
 
   setWireframe(on: boolean): void {
     this.wireframe = on;
-    for (const { material } of this.shared.values()) if ("wireframe" in material) material.wireframe = on;
-    this.redraw();
+    for (const material of this.shared.values()) if ("wireframe" in material) material.wireframe = on;
+    this.stage.redraw();
   }
 
   setPointSize(size: PointSize): void {
     this.pointSize = size;
-    for (const { material } of this.shared.values()) if (material instanceof THREE.PointsMaterial) this.sizePoints(material);
-    this.redraw();
+    for (const material of this.shared.values()) if (material instanceof THREE.PointsMaterial) this.sizePoints(material);
+    this.stage.redraw();
   }
 
   private sizePoints(material: THREE.PointsMaterial): THREE.PointsMaterial {
@@ -124,62 +109,49 @@ export class Materials {
   }
 
   private create(kind: MaterialKind, material: Material, vertexColors: boolean): THREE.Material & { color: THREE.Color } {
-    switch (kind) {
-      case "line":
-        return patch(new THREE.LineBasicMaterial({ vertexColors }), BEFORE_SURFACE);
-      case "wideLine":
-        return patch(new LineMaterial({ vertexColors, linewidth: material.lineWidth ?? 1 }), BEFORE_SURFACE);
-      case "points":
-        return this.sizePoints(
-          patch(new THREE.PointsMaterial({ vertexColors, sizeAttenuation: false, userData: { size: material.pointSize ?? 1 } })),
-        );
-      default:
-        return patch(this.surface(material, vertexColors));
-    }
-  }
-
-  private surface(material: Material, vertexColors: boolean): THREE.MeshStandardMaterial | THREE.MeshLambertMaterial | THREE.MeshBasicMaterial {
-    const { textures, wireframe } = this;
-    const side = material.doubleSided ? THREE.DoubleSide : THREE.FrontSide;
-    const parameters: THREE.MeshBasicMaterialParameters = {
-      vertexColors,
-      side,
-      wireframe,
-      map: textures.get(material.texture, THREE.SRGBColorSpace),
-    };
-    if (material.alpha === "mask") parameters.alphaTest = material.cutoff ?? 0.5;
-    if (material.unlit) return new THREE.MeshBasicMaterial(parameters);
-    const { metallic = 0, roughness = 1 } = material;
-    // Without highlights, a cheaper shader.
-    const made = metallic > 0 || roughness < 1 ? this.shiny(material, parameters) : new THREE.MeshLambertMaterial(parameters);
-    if (material.emissive) made.emissive.setRGB(...material.emissive, THREE.SRGBColorSpace);
-    made.emissiveMap = textures.get(material.emissiveTexture, THREE.SRGBColorSpace);
-    made.emissiveIntensity = material.emissiveStrength ?? 1;
-    made.normalMap = textures.get(material.normalTexture, THREE.NoColorSpace);
-    // Without tangents, three.js' bitangent points to the image's bottom, because (0, 0) is its top-left corner.
-    const scale = material.normalScale ?? 1;
-    made.normalScale.set(scale, -scale);
-    made.aoMap = textures.get(material.occlusionTexture, THREE.NoColorSpace);
-    made.aoMapIntensity = material.occlusionStrength ?? 1;
-    return made;
+    const points = { vertexColors, sizeAttenuation: false, userData: { size: material.pointSize ?? 1 } };
+    if (kind === "line") return patch(new THREE.LineBasicMaterial({ vertexColors }), BEFORE_SURFACE);
+    if (kind === "wideLine") return patch(new LineMaterial({ vertexColors, linewidth: material.lineWidth ?? 1 }), BEFORE_SURFACE);
+    if (kind === "points") return this.sizePoints(patch(new THREE.PointsMaterial(points)));
+    return patch(this.surface(material, vertexColors));
   }
 
   /**
-   * Return a material with highlights. Metals reflect the environment map: without it, they would be black. Others do without,
-   * because it takes four fifths of the time to draw without a GPU.
+   * Return the material of triangles. Metals reflect the environment map: without it, they would be black. Others do without,
+   * because it takes four fifths of the time to draw without a GPU; without highlights, they have a cheaper shader.
    */
-  private shiny(
-    { metallic = 0, roughness = 1, metallicRoughnessTexture }: Material,
-    parameters: THREE.MeshBasicMaterialParameters,
-  ): THREE.MeshStandardMaterial {
-    const map = this.textures.get(metallicRoughnessTexture, THREE.NoColorSpace);
+  private surface(material: Material, vertexColors: boolean): THREE.MeshStandardMaterial | THREE.MeshLambertMaterial | THREE.MeshBasicMaterial {
+    const { metallic = 0, roughness = 1, normalScale = 1, alpha, cutoff = 0.5 } = material;
+    const colors = (use?: TextureUse) => this.textures.get(use, THREE.SRGBColorSpace);
+    const values = (use?: TextureUse) => this.textures.get(use, THREE.NoColorSpace);
+    const basic = {
+      vertexColors,
+      side: material.doubleSided ? THREE.DoubleSide : THREE.FrontSide,
+      wireframe: this.wireframe,
+      map: colors(material.texture),
+      alphaTest: alpha === "mask" ? cutoff : 0,
+    };
+    if (material.unlit) return new THREE.MeshBasicMaterial(basic);
+    const lit = {
+      ...basic,
+      emissive: new THREE.Color().setRGB(...(material.emissive ?? [0, 0, 0]), THREE.SRGBColorSpace),
+      emissiveMap: colors(material.emissiveTexture),
+      emissiveIntensity: material.emissiveStrength ?? 1,
+      normalMap: values(material.normalTexture),
+      // Without tangents, three.js' bitangent points to the image's bottom, because (0, 0) is its top-left corner.
+      normalScale: new THREE.Vector2(normalScale, -normalScale),
+      aoMap: values(material.occlusionTexture),
+      aoMapIntensity: material.occlusionStrength ?? 1,
+    };
+    if (metallic <= 0 && roughness >= 1) return new THREE.MeshLambertMaterial(lit);
+    const map = values(material.metallicRoughnessTexture);
     return new THREE.MeshStandardMaterial({
-      ...parameters,
+      ...lit,
       metalness: metallic,
       metalnessMap: map,
       roughness,
       roughnessMap: map,
-      envMap: metallic > 0 ? this.environmentMap() : null,
+      envMap: metallic > 0 ? this.stage.lights.environmentMap : null,
       envMapIntensity: 0.3,
       envMapRotation: new THREE.Euler(Math.PI / 2, 0, 0),
     });

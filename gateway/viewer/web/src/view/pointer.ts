@@ -2,8 +2,7 @@
 
 import type { TreeNode } from "../model";
 import type { Click, Path, Vector } from "../protocol";
-import type { Drawing } from "./drawing";
-import type { Stage } from "./stage";
+import type { Viewer } from "./viewer";
 
 /** Buttons by their number in MouseEvent.button. */
 const BUTTONS: readonly Click["button"][] = ["left", "middle", "right"];
@@ -34,12 +33,8 @@ export class Clickable {
   private hovered: PointerEvent | null = null;
   private timer = 0;
 
-  constructor(
-    private readonly stage: Stage,
-    private readonly drawing: Drawing,
-    private readonly send: (click: Click) => void,
-  ) {
-    stage.canvas.addEventListener("pointermove", (event) => {
+  constructor(private readonly viewer: Viewer) {
+    viewer.stage.canvas.addEventListener("pointermove", (event) => {
       if (!this.paths.length || event.buttons !== 0) return;
       this.hovered = event;
       this.timer ||= setTimeout(() => this.showCursor(), HOVER_INTERVAL);
@@ -48,12 +43,12 @@ export class Clickable {
 
   setPaths(paths: Path[]): void {
     this.paths = paths;
-    if (!paths.length) this.stage.canvas.style.cursor = "";
+    if (!paths.length) this.viewer.stage.canvas.style.cursor = "";
   }
 
   /** Report a click on a node if a client wants it. */
   report(node: TreeNode, point: Vector, button: Click["button"]): void {
-    if (this.has(node)) this.send({ node: node.id, point, button });
+    if (this.has(node)) this.viewer.report({ node: node.id, point, button });
   }
 
   private has({ path }: TreeNode): boolean {
@@ -63,8 +58,8 @@ export class Clickable {
   private showCursor(): void {
     this.timer = 0;
     if (!this.paths.length || !this.hovered) return;
-    const hit = this.stage.pick(this.hovered.clientX, this.hovered.clientY);
-    const node = hit && this.drawing.nodeAt(hit);
-    this.stage.canvas.style.cursor = node && this.has(node) ? "pointer" : "";
+    const hit = this.viewer.stage.pick(this.hovered.clientX, this.hovered.clientY);
+    const node = hit && this.viewer.drawing.nodeAt(hit);
+    this.viewer.stage.canvas.style.cursor = node && this.has(node) ? "pointer" : "";
   }
 }

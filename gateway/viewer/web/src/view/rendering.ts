@@ -58,11 +58,8 @@ export class Rendering {
   }
 
   /** Draw the scene. `halfHeight` is half the view's height at the target, metres. */
-  draw(camera: Camera, halfHeight: number, translucent: boolean): void {
-    if (!this.occlusion) {
-      this.drawPlain(camera, translucent);
-      return;
-    }
+  draw(camera: Camera, halfHeight: number, translucent: boolean) {
+    if (!this.occlusion) return this.drawPlain(camera, translucent);
     const radius = RADIUS_FRACTION * halfHeight;
     this.occlusion.pass.updateGtaoMaterial({ radius, thickness: radius });
     this.occlusion.composer.render();

@@ -5,10 +5,9 @@ import type { LineMaterial } from "three/addons/lines/LineMaterial.js";
 import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import type { TreeNode } from "../model";
 import type { Draw, MeshPayload } from "../protocol";
-import type { CloudProgress } from "./cloudprogress";
 import { colorPoints } from "./clouds";
-import type { Geometries } from "./geometries";
-import type { MaterialKind, Materials } from "./materials";
+import type { Drawing } from "./drawing";
+import type { MaterialKind } from "./materials";
 
 /** Object of a draw. The first chunk of a point cloud has the others as children. */
 export type SingleObject = Mesh | LineSegments | LineSegments2 | Points;
@@ -16,16 +15,10 @@ export type SingleObject = Mesh | LineSegments | LineSegments2 | Points;
 const PICKED_CHUNKS = 8;
 
 export class SingleObjects {
-  constructor(
-    private readonly geometries: Geometries,
-    private readonly materials: Materials,
-    private readonly progress: CloudProgress,
-    private readonly redraw: () => void,
-  ) {}
+  constructor(private readonly drawing: Drawing) {}
 
-  /** Return the object of a draw of a node that has an opacity. */
-  make(node: TreeNode, draw: Draw, payload: MeshPayload, opacity: number, facesCamera: boolean): SingleObject {
-    const object = this.create(node, draw, payload, opacity);
+  make(node: TreeNode, draw: Draw, payload: MeshPayload, facesCamera: boolean): SingleObject {
+    const object = this.create(node, draw, payload);
     if (object instanceof Mesh) object.receiveShadow = true;
     object.matrixAutoUpdate = false;
     object.userData.node = node;
@@ -33,35 +26,35 @@ export class SingleObjects {
     return object;
   }
 
-  private create(node: TreeNode, draw: Draw, payload: MeshPayload, opacity: number): SingleObject {
-    const { geometries } = this;
-    const material = (kind: MaterialKind) => this.materials.acquire(kind, draw.material, payload.color !== undefined, opacity);
+  private create(node: TreeNode, draw: Draw, payload: MeshPayload): SingleObject {
+    const { geometries, materials } = this.drawing;
+    const material = (kind: MaterialKind) => materials.acquire(kind, draw.material, payload.color !== undefined, node.combinedOpacity);
     if (payload.topology === 3) return new Mesh(geometries.whole(payload), material("translucent"));
-    if (payload.topology === 1) return this.points(node, draw, payload, opacity, material("points"));
+    if (payload.topology === 1) return this.points(node, draw, payload, material("points"));
     if ((draw.material.lineWidth ?? 1) > 1) return new LineSegments2(geometries.wideLine(payload), material("wideLine") as LineMaterial);
     return new LineSegments(geometries.whole(payload), material("line"));
   }
 
-  private points(node: TreeNode, draw: Draw, payload: MeshPayload, opacity: number, material: Material): Points {
-    const objects = this.geometries.chunks(payload).map((geometry) => new Points(geometry, material));
+  private points(node: TreeNode, draw: Draw, payload: MeshPayload, material: Material): Points {
+    const { geometries, materials, stage } = this.drawing;
+    const objects = geometries.chunks(payload).map((geometry) => new Points(geometry, material));
     const [first, ...others] = objects as [Points, ...Points[]];
     objects.forEach((object, number) => {
-      if (others.length) this.progress.add(object, number);
+      if (others.length) stage.clouds.add(object, number);
       if (number >= PICKED_CHUNKS) object.raycast = () => {};
       object.userData.node = node;
     });
     if (others.length) first.add(...others);
-    if (node.cloud) void colorPoints(node, draw, objects, payload, opacity, this.materials).then(this.redraw);
+    if (node.cloud) void colorPoints(node, draw, objects, payload, materials).then(stage.redraw);
     return first;
   }
 
-  /** Release what an object uses. */
   remove(object: SingleObject): void {
     object.removeFromParent();
-    this.materials.release(object.material as Material);
+    this.drawing.materials.release(object.material as Material);
     const objects = [object, ...object.children];
     for (const each of objects) (each.userData.ownGeometry as BufferGeometry | undefined)?.dispose();
-    if (objects.length > 1) this.progress.remove(new Set(objects));
+    if (objects.length > 1) this.drawing.stage.clouds.remove(new Set(objects));
   }
 }
 

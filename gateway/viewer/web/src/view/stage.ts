@@ -3,26 +3,14 @@
 import { AxesHelper, Box3, Box3Helper, Color, GridHelper, type Intersection, Object3D, Scene, type WebGLRenderer } from "three";
 import { CameraRig } from "./camerarig";
 import { CloudProgress } from "./cloudprogress";
+import { imageQuery } from "./downloads";
 import { Lights } from "./lights";
 import { newRenderer, Rendering } from "./rendering";
 import { BEFORE_SURFACE, BEHIND_SURFACE, patch } from "./shaders";
-
-export interface StageCallbacks {
-  /** Returns the URL of the gateway's image of this view, which is shown without WebGL. */
-  imageUrl(): string;
-  /** Returns true if the scene has translucent surfaces. */
-  isTranslucent(): boolean;
-  /** Called before an image is drawn. `halfHeight` is half the view's height at the target, metres. */
-  drawing(renderer: WebGLRenderer, halfHeight: number): void;
-  /** Called after an image was drawn. */
-  drawn(): void;
-  /** Called when the camera moved. */
-  moved(): void;
-  /** Called after the rig's `origin` has changed. */
-  originMoved(): void;
-}
+import type { Viewer } from "./viewer";
 
 export class Stage {
+  readonly holder = this.viewer.holder;
   readonly scene = new Scene();
   /** Null without WebGL: `canvas` is an image of the gateway then. */
   readonly renderer = newRenderer();
@@ -31,7 +19,7 @@ export class Stage {
   readonly lights = new Lights(this.renderer);
   readonly grid = new GridHelper(20, 20, 0xffffff, 0xffffff);
   readonly axes = new AxesHelper(0.5);
-  readonly rig: CameraRig;
+  readonly rig = new CameraRig(this);
   /** Point clouds of several chunks. */
   readonly clouds = new CloudProgress();
   /** Objects of the scene, which `pick` searches. */
@@ -43,13 +31,10 @@ export class Stage {
   /** Number of frames drawn. */
   frames = 0;
 
-  constructor(
-    private readonly holder: HTMLElement,
-    private readonly callbacks: StageCallbacks,
-  ) {
+  constructor(private readonly viewer: Viewer) {
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("aria-label", "3D view of the scene");
-    holder.append(this.canvas);
+    this.holder.append(this.canvas);
     this.grid.rotation.x = Math.PI / 2;
     // Depth offsets: a floor at the same height hides the grid but not the axes, without flicker.
     for (const material of [this.grid.material].flat()) patch(material, BEHIND_SURFACE);
@@ -57,14 +42,9 @@ export class Stage {
     this.highlight.visible = false;
     this.world.add(this.axes);
     this.scene.add(this.content, this.grid, this.world, this.highlight, this.lights.object);
-    const changed = () => {
-      this.redraw();
-      callbacks.moved();
-    };
-    this.rig = new CameraRig(holder, this.canvas, changed, (halfHeight) => this.adapt(halfHeight));
     const aim = ({ clientX, clientY }: WheelEvent) => this.rig.aim(this.pick(clientX, clientY)?.point);
     this.canvas.addEventListener("wheel", aim, { capture: true, passive: true });
-    new ResizeObserver(() => this.resize()).observe(holder);
+    new ResizeObserver(() => this.resize()).observe(this.holder);
     this.rig.look("home", []);
     const loop = () => {
       this.draw();
@@ -73,8 +53,13 @@ export class Stage {
     requestAnimationFrame(loop);
   }
 
-  redraw(): void {
+  redraw = (): void => {
     this.dirty = true;
+  };
+
+  moved(): void {
+    this.redraw();
+    this.viewer.cameraMoved();
   }
 
   show(object: Object3D, on: boolean): void {
@@ -85,12 +70,6 @@ export class Stage {
   setBackground(css: string, gridColor: string): void {
     this.scene.background = new Color(css);
     for (const material of [this.grid.material].flat()) material.color.set(gridColor);
-    this.redraw();
-  }
-
-  /** Cast shadows within boxes; null: cast none. */
-  setShadows(boxes: Box3[] | null): void {
-    this.lights.castShadows(boxes);
     this.redraw();
   }
 
@@ -118,14 +97,15 @@ export class Stage {
 
   /** Adopt the size of the view on the page. */
   resize(): void {
-    const [width, height] = [Math.max(1, this.holder.clientWidth), Math.max(1, this.holder.clientHeight)];
+    const { clientWidth, clientHeight } = this.holder;
+    const [width, height] = [Math.max(1, clientWidth), Math.max(1, clientHeight)];
     this.rendering?.setSize(width, height);
     this.rig.resize(width, height);
     this.redraw();
   }
 
   /** Set the grid's cells to a power of ten in metres that suits the placed camera. */
-  private adapt(halfHeight: number): void {
+  adapt(halfHeight: number): void {
     const cell = 10 ** Math.floor(Math.log10(halfHeight));
     for (const object of [this.grid, this.axes]) object.scale.setScalar(cell);
     this.resize();
@@ -137,7 +117,7 @@ export class Stage {
     if (rig.moveOrigin()) this.placeWorld();
     if (this.dirty && this.renderer) this.drawImage(this.renderer);
     else if (this.dirty && canvas instanceof HTMLImageElement && canvas.complete) this.loadImage(canvas);
-    else if (rendering && this.clouds.refine(performance.now())) rendering.refine(rig.camera, this.callbacks.isTranslucent());
+    else if (rendering && this.clouds.refine()) rendering.refine(rig.camera, this.viewer.materials.areTranslucent);
     else return;
     this.frames += 1;
   }
@@ -145,8 +125,7 @@ export class Stage {
   private placeWorld(): void {
     this.world.position.copy(this.rig.origin).negate();
     this.grid.position.z = -this.rig.origin.z; // near the target, at the world's height 0
-    this.callbacks.originMoved();
-    this.redraw();
+    this.viewer.originMoved();
   }
 
   /** Show the gateway's image of this view, after the previous one has arrived. */
@@ -154,18 +133,18 @@ export class Stage {
     this.dirty = false;
     this.scene.updateMatrixWorld();
     this.rig.camera.updateMatrixWorld();
-    image.src = `${this.callbacks.imageUrl()}&number=${this.frames}`;
-    this.callbacks.drawn();
+    image.src = `view/frame.jpg?${imageQuery(this.viewer)}&number=${this.frames}`;
+    this.viewer.drawn();
   }
 
   private drawImage(renderer: WebGLRenderer): void {
-    const { callbacks, rendering, rig } = this;
+    const { viewer, rendering, rig } = this;
     this.dirty = false;
     rig.updateClippingPlanes();
     this.lights.placeHeadlight(rig.camera, rig.controls.target);
-    this.clouds.start(performance.now(), rendering?.hasOcclusion === true);
-    callbacks.drawing(renderer, rig.halfHeightAtTarget);
-    rendering?.draw(rig.camera, rig.halfHeightAtTarget, callbacks.isTranslucent());
-    callbacks.drawn();
+    this.clouds.start(rendering?.hasOcclusion === true);
+    viewer.topView.draw(renderer, this.scene, rig.controls.target, rig.halfHeightAtTarget);
+    rendering?.draw(rig.camera, rig.halfHeightAtTarget, viewer.materials.areTranslucent);
+    viewer.drawn();
   }
 }

@@ -2,6 +2,7 @@
 
 import * as THREE from "three";
 import type { TextureUse } from "../protocol";
+import type { Stage } from "./stage";
 
 const WRAP: Record<number, THREE.Wrapping> = { 10497: THREE.RepeatWrapping, 33071: THREE.ClampToEdgeWrapping, 33648: THREE.MirroredRepeatWrapping };
 /** Milliseconds before a failed download is repeated. */
@@ -25,7 +26,7 @@ export class Textures {
   /** Texture that new ones show until they are downloaded: that of the draw that they replace. */
   replaced: THREE.Texture | null = null;
 
-  constructor(private readonly redraw: () => void) {}
+  constructor(private readonly stage: Stage) {}
 
   get(use: TextureUse | undefined, colorSpace: typeof THREE.SRGBColorSpace | typeof THREE.NoColorSpace): THREE.Texture | null {
     if (!use) return null;
@@ -63,12 +64,11 @@ export class Textures {
         each.needsUpdate = true;
       }
       this.downloaded.add(texture);
-      this.redraw();
+      this.stage.redraw();
     };
     this.loader.load(url, show, undefined, () => tries > 1 && setTimeout(again, RETRY_MS));
   }
 
-  /** Dispose of all textures but these. */
   disposeAllBut(used: ReadonlySet<THREE.Texture>): void {
     for (const [key, texture] of this.byKey)
       if (!used.has(texture)) {

@@ -2,11 +2,7 @@
 
 import type { Background } from "../options";
 
-export interface BackgroundColors {
-  background: string;
-  grid: string;
-  frustum: string;
-}
+type BackgroundColors = Record<"background" | "grid" | "frustum", string>;
 
 const BACKGROUND_COLORS: Record<Exclude<Background, "theme">, BackgroundColors> = {
   white: { background: "#ffffff", grid: "#c9cfd9", frustum: "#6a1fd0" },

@@ -13,7 +13,6 @@ import { Marks } from "../tools/marks";
 import { Measurement } from "../tools/measure";
 import { TopView } from "../tools/sideviews";
 import type { Direction } from "./camera";
-import { Downloads } from "./downloads";
 import { Drawing } from "./drawing";
 import { Frustum } from "./frustum";
 import { HomeView } from "./homeview";
@@ -25,63 +24,46 @@ import { backgroundColors, colorsOn } from "./theme";
 type Quaternion = [number, number, number, number];
 
 export class Viewer {
-  readonly stage: Stage;
-  readonly materials: Materials;
-  readonly drawing: Drawing;
-  readonly downloads: Downloads;
-  readonly frustum: Frustum;
-  readonly follow: Follow;
-  readonly measurement: Measurement;
+  readonly holder = document.createElement("div");
   readonly topView = new TopView();
+  readonly stage = new Stage(this);
+  readonly materials = new Materials(this.stage);
+  readonly drawing = new Drawing(this.session.model, this.materials, this.stage);
+  readonly frustum = new Frustum(this.stage.redraw);
+  readonly follow = new Follow(this.session.model, () => {
+    this.stage.rig.placements += 1; // it is not the home view any more
+    this.address.write();
+  });
+  readonly measurement = new Measurement(this.stage.redraw);
+  readonly marks = new Marks(this.session.model, this.stage.rig.origin, this.holder);
   /** Camera whose image is beside the view, in the gateway's syntax; empty: none. */
   readonly sideCamera = signal("");
   /** Rotation of the camera in the world, as a quaternion x, y, z, w. */
   readonly rotation = signal<Quaternion>([0, 0, 0, 1]);
-  private readonly marks: Marks;
-  private readonly address: CameraAddress;
-  private readonly clickable: Clickable;
+  private readonly home: HomeView = new HomeView(this);
+  private readonly address: CameraAddress = new CameraAddress(this.stage.rig, this.follow, () => this.home.isShown);
+  private readonly clickable = new Clickable(this);
   private readonly settings = signal<PageSettings>({ kind: "page", background: null, grid: null, home: null, clickable: [] });
-  private readonly home: HomeView;
-  private isConfigured = false;
 
   constructor(
     readonly session: Session,
     readonly panels: Panels,
-    private readonly holder: HTMLElement,
-    report: (click: Click) => void,
+    readonly report: (click: Click) => void,
   ) {
-    const { model } = session;
-    this.stage = new Stage(holder, {
-      imageUrl: () => `view/frame.jpg?${this.downloads.imageQuery()}`,
-      isTranslucent: () => this.materials.areTranslucent,
-      drawing: (renderer, halfHeight) => this.topView.draw(renderer, this.stage.scene, this.stage.rig.controls.target, halfHeight),
-      drawn: () => this.drawn(),
-      moved: () => this.address?.write(),
-      originMoved: () => this.placeAll(),
-    });
     const { stage } = this;
-    const { rig } = stage;
-    const redraw = () => stage.redraw();
-    this.home = new HomeView(rig, () => this.drawing.focusBoxes(model.root));
-    this.follow = new Follow(model, () => {
-      rig.placements += 1; // it is not the home view any more
-      this.address.write();
-    });
-    this.address = new CameraAddress(rig, this.follow, () => this.home.isShown);
-    this.materials = new Materials(redraw, () => stage.lights.environmentMap);
-    this.drawing = new Drawing(model, this.materials, stage.clouds, rig.origin, redraw);
-    this.marks = new Marks(model, rig.origin, holder);
-    this.downloads = new Downloads(stage, model, this.marks, holder);
-    this.frustum = new Frustum(redraw);
-    this.measurement = new Measurement(redraw);
-    stage.content.add(this.drawing.root);
     stage.scene.add(this.marks.object);
     stage.world.add(this.frustum.object, this.measurement.object);
-    this.clickable = new Clickable(stage, this.drawing, report);
     onTap(stage.canvas, (x, y, button) => this.tap(x, y, button));
     this.followOptions();
     this.followGraphicsDevice();
   }
+
+  /** Bounds of what the home view frames. */
+  get focusBoxes(): Box3[] {
+    return this.drawing.focusBoxes(this.session.model.root);
+  }
+
+  attach = (element: Element | null): void => element?.append(this.holder);
 
   /** Follow the display options and the selection. */
   private followOptions(): void {
@@ -162,11 +144,11 @@ export class Viewer {
     if (next.grid !== this.settings.peek().grid) options.grid.shown.value = next.grid === null ? options.grid.own : next.grid ? "on" : "off";
     this.settings.value = next;
     this.clickable.setPaths(next.clickable);
-    if (this.home.setCamera(next.home, !this.isConfigured)) this.look("home");
-    this.isConfigured = true;
+    if (this.home.setCamera(next.home)) this.look("home");
   }
 
-  private placeAll(): void {
+  /** Called after the rig's `origin` has changed. */
+  originMoved(): void {
     this.drawing.moveAll();
     this.marks.move();
     this.highlight(this.session.selected.peek());
@@ -180,7 +162,8 @@ export class Viewer {
   /** Fit the lamp's shadow map to the scene, if shadows are on. */
   placeShadows(): void {
     const on = options.shadows.shown.peek() === "on";
-    this.stage.setShadows(on ? this.drawing.focusBoxes(this.session.model.root) : null);
+    this.stage.lights.castShadows(on ? this.focusBoxes : null);
+    this.stage.redraw();
   }
 
   private tap(x: number, y: number, button: Click["button"]): void {
@@ -211,19 +194,20 @@ export class Viewer {
 
   /** Frame a node; default: the selection, or everything. */
   fit = (node: TreeNode | null = this.session.selected.peek()): void => {
-    this.stage.rig.fit(node ? this.drawing.boxes(node) : this.drawing.focusBoxes(this.session.model.root));
+    this.stage.rig.fit(node ? this.drawing.boxes(node) : this.focusBoxes);
   };
 
-  look = (direction: Direction): void => {
-    if (direction !== "home") {
-      this.stage.rig.look(direction, this.drawing.focusBoxes(this.session.model.root));
-      return;
-    }
+  look = (direction: Direction) => {
+    if (direction !== "home") return this.stage.rig.look(direction, this.focusBoxes);
     this.follow.stop();
     this.home.show();
   };
 
-  private drawn(): void {
+  cameraMoved(): void {
+    this.address?.write(); // there is none before the view is complete
+  }
+
+  drawn(): void {
     const { camera } = this.stage.rig;
     this.materials.disposeUnused();
     this.marks.placeNames(camera, this.holder.clientWidth, this.holder.clientHeight);
