@@ -117,7 +117,7 @@ def _decorator(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 device_function: Final[Any] = _decorator(forceinline=False, **_OPTIONS)
 """Decorator for a function that kernels call. A call from Python crashes the process.
 
-LLVM decides whether to inline it. By default, Numba would inline it wherever an ``inlined`` function calls it: one kernel
+LLVM decides whether to inline it. Numba's default is to inline all that an ``inlined`` function calls: one kernel
 for shading would have 42,000 instructions instead of 14,000, and take twice as long to compile.
 """
 inlined: Final[Any] = _decorator(forceinline=True, **_OPTIONS)
