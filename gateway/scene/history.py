@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import threading
 import time
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -66,17 +65,26 @@ class TreeHistory:
     ``LiveTree.keep_recent`` is another thing: it has every state for an exposure, as roots, for a second.
     """
 
-    def __init__(self, tree: LiveTree, seconds: float, max_bytes: int, clock: Callable[[], int] = time.time_ns) -> None:
+    def __init__(
+        self,
+        tree: LiveTree,
+        seconds: float,
+        max_bytes: int,
+        to_thread: Callable[[Callable[[], Snapshot]], Awaitable[Snapshot]],
+        clock: Callable[[], int] = time.time_ns,
+    ) -> None:
         """Create a history that begins now.
 
         Args:
             seconds: Time for which states are kept.
             max_bytes: Maximum memory, estimated. The oldest states are dropped first.
+            to_thread: Calls a function in another thread, as ``asyncio.to_thread``.
             clock: Returns nanoseconds since the epoch.
         """
         self._tree = tree
         self._kept_nanoseconds = round(seconds * 1e9)
         self._max_bytes = max_bytes
+        self._to_thread = to_thread
         self._clock = clock
         self._lock = threading.Lock()
         self._begin(tree.snapshot)
@@ -123,7 +131,7 @@ class TreeHistory:
             count = segment.count_at(time)
             if count and segment.changes[count - 1].revision == self._last.revision:
                 return self._last
-        return await asyncio.to_thread(self._rebuild, segment, count) if count else segment.start
+        return await self._to_thread(lambda: self._rebuild(segment, count)) if count else segment.start
 
     def record(self) -> None:
         """Record the newest state, and drop old ones."""

@@ -11,10 +11,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.scene import history as history_module
 from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.history import TreeHistory
 from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.packed_changes import PathIds, pack, unpack
 from gateway.scene.tree import Node, Path, TreeEdit, changes
 from renderers.drawlist import Material
 from tests.scene.test_merge import Command, execute
@@ -36,7 +36,7 @@ class Recorder:
     def __init__(self, seconds: float = 60.0, max_bytes: int = 256 * MIB) -> None:
         self.now = 100 * SECOND
         self.tree = LiveTree(lambda: self.now)
-        self.history = TreeHistory(self.tree, seconds, max_bytes, lambda: self.now)
+        self.history = TreeHistory(self.tree, seconds, max_bytes, asyncio.to_thread, lambda: self.now)
 
     def edit(self, commands: list[Command]) -> Snapshot:
         with self.tree.edit() as edit:
@@ -171,11 +171,12 @@ def test_replaced_subtrees_and_orders_are_found_again() -> None:
     names = [("a",), ("b",), ("c",)]
     recorder.edit([("pose", path, 0.5) for path in names])
     states = [recorder.tree.snapshot]
-    for edits in (
+    steps: list[list[Command]] = [
         [("delete", ("a",), 0.0), ("pose", ("a", "x"), 1.0)],  # a is the last child now
         [("delete", (), 0.0), ("parts", (), 1.0)],
         [("delete", (), 0.0), ("pose", ("a",), 1.0)],  # the root has no geometry any more
-    ):
+    ]
+    for edits in steps:
         recorder.now += SECOND // 100
         states.append(recorder.edit(edits))
     recorder.now += 1
@@ -185,7 +186,7 @@ def test_replaced_subtrees_and_orders_are_found_again() -> None:
 
 def test_a_thread_records_until_close() -> None:
     tree = LiveTree()
-    history = TreeHistory(tree, 60.0, MIB)
+    history = TreeHistory(tree, 60.0, MIB, asyncio.to_thread)
     history.start()
     with tree.edit() as edit:
         edit.set_pose(("a",), (1, 0, 0, 1, 0, 0, 0))
@@ -204,6 +205,6 @@ def test_unpacked_poses_are_exact() -> None:
     old = edit.commit()
     later = TreeEdit(old)
     later.set_pose(("a",), pose)
-    ids = history_module.PathIds()
-    change = history_module.pack(old, later.commit(), ids)
-    assert history_module.unpack(old, [change], ids).children["a"].pose == pose
+    ids = PathIds()
+    change = pack(old, later.commit(), ids)
+    assert unpack(old, [change], ids).children["a"].pose == pose
