@@ -237,6 +237,24 @@ class Received(Message, tag="received"):
     number: int
 
 
+class TimeState(Message, tag="time", omit_defaults=False):
+    """The time that the page shows. Times are seconds since the epoch."""
+
+    mode: Literal["live", "playing", "paused"]
+    live: bool
+    """True if the end of the span is the live scene; False: a log."""
+    rate: float
+    """Seconds of the scene in a second."""
+    loop: bool
+    working: bool
+    """True while the gateway looks for a state."""
+    problem: str
+    """Why there is no state; empty: there is."""
+    position: float
+    first: float
+    last: float
+
+
 class RenderEntry(Fields, omit_defaults=False):
     """A request in the response of ``/view/renders``."""
 
@@ -289,6 +307,26 @@ class ControlChange(Struct):
     value: Annotated[Any, Meta(extra_json_schema={"typescript": "ControlValue"})] = None
 
 
+class TimeCommand(Struct):
+    """Message of the page: a command of its time bar. It sets ``rate`` and ``loop``, if it has them."""
+
+    time: Literal["live", "play", "pause", "seek", "step", "set"]
+    at: Annotated[float, Meta(ge=0, le=1e10)] = 0.0
+    """Time to seek, seconds since the epoch."""
+    steps: Literal[-1, 1] = 1
+    """Direction of a step."""
+    rate: Annotated[float, Meta(ge=0.1, le=10)] | None = None
+    """Seconds of the timeline in a second."""
+    loop: bool | None = None
+
+
+class Forgot(Struct):
+    """Message of the page: it has dropped meshes."""
+
+    forgot: list[int]
+    """Ids."""
+
+
 MESSAGES: Final = (
     SceneUpdate,
     MeshPayload,
@@ -299,9 +337,10 @@ MESSAGES: Final = (
     PageSettings,
     ControlsMessage,
     Received,
+    TimeState,
 )
 """Messages that the page receives."""
 RESPONSES: Final = (RenderEntry, StereoCapture)
 """Responses to requests of the page."""
-REPORTS: Final = (Click, ControlChange)
+REPORTS: Final = (Click, ControlChange, TimeCommand, Forgot)
 """Messages that the page sends."""

@@ -1,7 +1,7 @@
 // A WebSocket that reconnects by itself. The gateway sends the next update only after the acknowledgement "k", the next
 // values of controls only after "c".
 
-import type { Click, ControlChange, Message } from "./protocol";
+import type { Click, ControlChange, Forgot, Message, TimeCommand } from "./protocol";
 
 const MAGIC = 0x31564753;
 /** Constructors of typed arrays by the fields of messages that refer to arrays in the body. */
@@ -50,7 +50,8 @@ export class Connection {
     this.send(text);
   }
 
-  report(message: Click | ControlChange): void {
+  /** Report a click that a client wants, a change of a control, a command of the time bar, or meshes that were dropped. */
+  report(message: Click | ControlChange | TimeCommand | Forgot): void {
     this.send(JSON.stringify(message));
   }
 

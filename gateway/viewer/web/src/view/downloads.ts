@@ -5,13 +5,15 @@ import { cameraText } from "./camera";
 import type { Viewer } from "./viewer";
 
 /** Return the view as parameters of `/scene.glb`. */
-function viewQuery({ stage, session, holder }: Viewer): URLSearchParams {
+function viewQuery({ stage, session, holder, timeline }: Viewer): URLSearchParams {
   const { clientWidth: width, clientHeight: height } = holder;
   const { view, perspective } = stage.rig;
   const changed = [...session.model.nodes.values()].filter((node) => node.isShown !== node.visible);
   const paths = (on: boolean) => JSON.stringify(changed.filter((node) => node.isShown === on).map((node) => node.path));
   const camera = cameraText(view, perspective.fov, perspective.aspect);
-  return new URLSearchParams({ camera, width: `${width}`, height: `${height}`, hide: paths(false), show: paths(true) });
+  const { value: moment } = timeline.moment;
+  const time: Record<string, string> = moment === null ? {} : { time: `${moment}` };
+  return new URLSearchParams({ camera, width: `${width}`, height: `${height}`, hide: paths(false), show: paths(true), ...time });
 }
 
 /** Return the parameters of the gateway's image of the view. */

@@ -5,13 +5,14 @@ import type { Box3 } from "three";
 import type { TreeNode } from "../model";
 import { type Option, options } from "../options";
 import type { Panels } from "../panels/panels";
-import type { Click, PageSettings, SceneUpdate } from "../protocol";
+import type { Click, PageSettings, SceneUpdate, TimeCommand } from "../protocol";
 import type { Session } from "../session";
 import { CameraAddress } from "../tools/address";
 import { Follow } from "../tools/follow";
 import { Marks } from "../tools/marks";
 import { Measurement } from "../tools/measure";
 import { TopView } from "../tools/sideviews";
+import { Timeline } from "../tools/timeline";
 import type { Direction } from "./camera";
 import { Drawing } from "./drawing";
 import { Frustum } from "./frustum";
@@ -36,19 +37,20 @@ export class Viewer {
   });
   readonly measurement = new Measurement(this.stage.redraw);
   readonly marks = new Marks(this.session.model, this.stage.rig.origin, this.holder);
+  readonly timeline = new Timeline(this.report, () => this.address?.write());
   /** Camera whose image is beside the view, in the gateway's syntax; empty: none. */
   readonly sideCamera = signal("");
   /** Rotation of the camera in the world, as a quaternion x, y, z, w. */
   readonly rotation = signal<Quaternion>([0, 0, 0, 1]);
   private readonly home: HomeView = new HomeView(this);
-  private readonly address: CameraAddress = new CameraAddress(this.stage.rig, this.follow, () => this.home.isShown);
+  private readonly address: CameraAddress = new CameraAddress(this.stage.rig, this.follow, this.timeline, () => this.home.isShown);
   private readonly clickable = new Clickable(this);
   private readonly settings = signal<PageSettings>({ kind: "page", background: null, grid: null, home: null, clickable: [] });
 
   constructor(
     readonly session: Session,
     readonly panels: Panels,
-    readonly report: (click: Click) => void,
+    readonly report: (message: Click | TimeCommand) => void,
   ) {
     const { stage } = this;
     stage.scene.add(this.marks.object);
@@ -111,7 +113,8 @@ export class Viewer {
   followAddress(): void {
     const { stage, follow } = this;
     stage.resize(); // the text of an orthographic camera has a width
-    this.address.read(({ camera, followed }) => {
+    this.address.read(({ camera, followed, time }) => {
+      this.timeline.open(time);
       if (!camera) return;
       this.home.leave();
       if (camera.orthographic) options.orthographic.shown.value = "on";
