@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 import time as clocks
 from array import array
 from bisect import bisect_right
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -82,9 +82,8 @@ class LogTimeline:
         """Replays at recent positions, the last used one at the end."""
         self._simulation_times, self._simulation_seconds = array("q"), array("d")
         """Table of simulation times: time of the log in nanoseconds, and that of the simulation in seconds."""
-        self._lock = asyncio.Lock()
-        """Serves seeks and slices of the index in the order of their calls."""
-        self._thread_lock = threading.Lock()
+        self._thread = ThreadPoolExecutor(1, "log")
+        """The thread that replays. Seeks and slices of the index take turns in it."""
 
     @property
     def span(self) -> tuple[int, int]:
@@ -131,19 +130,14 @@ class LogTimeline:
         return self._simulation_seconds[index] if index >= 0 else None
 
     def close(self) -> None:
-        """Close the log's files."""
+        """End the thread, and close the log's files."""
+        self._thread.shutdown(cancel_futures=True)
         for replay in (self._indexer, *self._replays):
             replay.close()
 
     async def _in_thread(self, work: Callable[[], Result]) -> Result:
-        """Call a function in a thread, after those of earlier calls."""
-
-        def locked() -> Result:
-            with self._thread_lock:  # a cancelled call releases the other lock before its thread ends
-                return work()
-
-        async with self._lock:
-            return await asyncio.to_thread(locked)
+        """Call a function in the timeline's thread, after those of earlier calls."""
+        return await asyncio.get_running_loop().run_in_executor(self._thread, work)
 
     def _is_beyond_index(self, time: int) -> bool:
         next_time = self._indexer.next_time
