@@ -9,10 +9,11 @@ from bisect import bisect_right
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import TracebackType
 from typing import Final, TypeVar
 
 from gateway.assets.mesh_files import MeshFiles
-from gateway.lcmlog.checkpoints import MAX_BYTES, Checkpoints
+from gateway.lcmlog.checkpoints import Checkpoints
 from gateway.lcmlog.problems import Problems
 from gateway.lcmlog.replay import LogReplay, cost_of
 from gateway.lcmlog.scan import LogSummary, scan
@@ -37,11 +38,10 @@ def open_log(
     once: times in order decode each message once, and need no index. Only seeks beyond the part that was decoded so far
     take as long as that part. ``build_index`` decodes the log in the background; afterwards each seek is quick::
 
-        timeline = open_log(Path("run.lcmlog"))
-        begin, end = timeline.span
-        for time in range(begin, end, 40_000_000):
-            snapshot = await timeline.snapshot_at(time)
-        timeline.close()
+        with open_log(Path("run.lcmlog")) as timeline:
+            begin, end = timeline.span
+            for time in range(begin, end, 40_000_000):
+                snapshot = await timeline.snapshot_at(time)
 
     Args:
         path: LCM log of requests of the tree viewer's clients, or of Drake's messages.
@@ -61,10 +61,12 @@ class LogTimeline:
     Used in one event loop, except ``problems`` and ``progress``.
     """
 
-    def __init__(self, path: Path, files: MeshFiles, summary: LogSummary, max_bytes: int = MAX_BYTES) -> None:
+    def __init__(
+        self, path: Path, files: MeshFiles, summary: LogSummary, checkpoints: Checkpoints | None = None
+    ) -> None:
         """
         Args:
-            max_bytes: limit of the memory of the index, besides the newest state.
+            checkpoints: those of the index, without any yet; None: with the default limits.
 
         Raises:
             OSError: the log cannot be read.
@@ -73,7 +75,7 @@ class LogTimeline:
         self.problems = Problems()
         """Messages that could not be shown completely, of the part that was indexed."""
         self._path, self._files = path, files
-        self._checkpoints = Checkpoints(max_bytes)
+        self._checkpoints = checkpoints or Checkpoints()
         self._indexer = LogReplay(path, files)
         """Decodes the log once, and adds checkpoints."""
         self._cost = 0.0
@@ -128,6 +130,14 @@ class LogTimeline:
         """Return the time of Drake's simulation, seconds, at a time of the log; None if none is known."""
         index = bisect_right(self._simulation_times, time) - 1
         return self._simulation_seconds[index] if index >= 0 else None
+
+    def __enter__(self) -> LogTimeline:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
 
     def close(self) -> None:
         """End the thread, and close the log's files."""
