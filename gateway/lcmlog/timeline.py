@@ -74,7 +74,7 @@ class LogTimeline:
         self.summary = summary
         self.problems = Problems()
         """Messages that could not be shown completely, of the part that was indexed."""
-        self._path, self._files = path, files
+        self.path, self._files = path, files
         self._checkpoints = checkpoints or Checkpoints()
         self._indexer = LogReplay(path, files)
         """Decodes the log once, and adds checkpoints."""
@@ -184,7 +184,7 @@ class LogTimeline:
         usable = (each for each in self._replays if each.clock.time_ns <= time and each.position >= checkpoint.position)
         replay = max(usable, key=lambda each: each.position, default=None)
         if replay is None:
-            replay = LogReplay(self._path, self._files, checkpoint)
+            replay = LogReplay(self.path, self._files, checkpoint)
         else:
             self._replays.remove(replay)
         self._replays.append(replay)
