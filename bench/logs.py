@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import io
 import itertools
 import os
 import random
@@ -71,7 +72,8 @@ def drake() -> Iterator[Message]:
     """Yield a recorded simulation again and again, each time with later times of the simulation."""
     path = Path(os.environ["SCENEGATE_CORPUS"]) / "drakeviewer" / "drake_default.lcmlog"
     with path.open("rb") as file:
-        events = [event for event in read_events(file) if event.channel.startswith(("DRAKE", "CONTACT"))]
+        recorded = file.read().replace(b"LABDIR", b"/lab")  # a folder of the recording, as the lengths say
+    events = [e for e in read_events(io.BytesIO(recorded)) if e.channel.startswith(("DRAKE", "CONTACT"))]
     begin = events[0].time_us
     for repeat in itertools.count():
         for event in events:

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from gateway.assets.mesh_files import MeshFiles
 from gateway.lcmlog.checkpoints import Checkpoints
+from gateway.lcmlog.replay import MAX_CHANNELS
 from gateway.lcmlog.scan import LogError, scan
 from gateway.lcmlog.timeline import LogTimeline, open_log
 from gateway.scene.geometry import PointCloud
@@ -262,6 +263,16 @@ async def test_messages_that_cannot_be_read(opened: Opener, tmp_path: Path) -> N
     assert first.startswith(f"{CHANNEL}: 2 messages are not shown completely, the first one: ")
     assert second.startswith("DRAKE_VIEWER_DRAW: 1 messages are not shown completely, the first one: ")
     assert x_of(await timeline.snapshot_at(timeline.span[1])) == 2.0
+
+
+async def test_too_many_channels(opened: Opener, tmp_path: Path) -> None:
+    clouds = [(k / 1000, f"DRAKE_POINT_CLOUD_{k}", cloud_of(1)) for k in range(MAX_CHANNELS + 10)]
+    timeline = opened(write_log(tmp_path / "x", [*clouds, (9.0, "DRAKE_POINT_CLOUD_7", cloud_of(2))]))
+    await timeline.build_index()
+    root = (await timeline.snapshot_at(timeline.span[1])).root
+    assert len(root.children["drake"].children["point clouds"].children) == MAX_CHANNELS
+    assert timeline.problems.count == 10
+    assert "256 channels of clouds and frames are shown, which is the limit" in timeline.problems.listed()[0]
 
 
 async def test_the_clock_of_the_recorder_is_set(opened: Opener, tmp_path: Path) -> None:
