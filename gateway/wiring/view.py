@@ -23,7 +23,15 @@ async def setup(context: Context) -> None:
     """Add ``/view`` to the application."""
     config = ViewerConfig(background=context.settings.background, rig=rig_of(context.settings.rig))
     stereo = context.stereo_sensor
-    hub = ViewHub(config, context.tree, status=lambda: gateway_status(context), stereo=stereo, page=context.page)
+    hub = ViewHub(
+        config,
+        context.tree,
+        status=lambda: gateway_status(context),
+        stereo=stereo,
+        page=context.page,
+        timeline=context.log.timeline if context.log is not None else None,
+        has_live=context.log is None,
+    )
     images = SceneImages(
         config, context.tree, context.flattener, context.renderer, context.workers, lambda: context.stereo_camera()
     )
