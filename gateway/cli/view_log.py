@@ -57,7 +57,7 @@ def view_log(path: Path, http_port: int, mesh_root: str, on_url: Callable[[str],
 
 def settings_for(http_port: int, mesh_root: str) -> Settings:
     """Return the settings of a server that shows a log: page and scene, without LCM, state file or demo."""
-    fixed = {"only": "view,scene", "host": HOST, "workers": 1, "state": None, "demo": False}
+    fixed = {"only": "view,scene", "host": HOST, "workers": 1, "state": None, "demo": False, "history_seconds": 0.0}
     without_tls = {"http_certificate": None, "http_key": None}
     return load({**fixed, **without_tls, "http_port": http_port, "mesh_root": mesh_root})
 

@@ -29,7 +29,7 @@ async def setup(context: Context) -> None:
         status=lambda: gateway_status(context),
         stereo=stereo,
         page=context.page,
-        timeline=context.log.timeline if context.log is not None else None,
+        timeline=context.timeline,
         has_live=context.log is None,
     )
     images = SceneImages(
