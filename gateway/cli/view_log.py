@@ -43,13 +43,14 @@ def view_log(path: Path, http_port: int, mesh_root: str, on_url: Callable[[str],
         listener = process_tuning.listen(HOST, http_port)
     except OSError as error:
         raise OSError(f"--http-port {http_port}: {process_tuning.listen_error(error, HOST, http_port)}") from None
-    ensure_compiled(show=True)
-    timeline = _open(path, settings)
-    with progress_bar("Indexing", "% of the log", 1.0) as bar:
-        service = LogService(timeline, lambda progress: bar.update(progress, int(100 * progress)))
-        app = create_app(settings, log=service)
-        on_url(f"http://{HOST}:{listener.getsockname()[1]}/view")
-        code = serve_app(app, listener, None)
+    with listener:
+        ensure_compiled(show=True)
+        timeline = _open(path, settings)
+        with progress_bar("Indexing", "% of the log", 1.0) as bar:
+            service = LogService(timeline, lambda progress: bar.update(progress, int(100 * progress)))
+            app = create_app(settings, log=service)
+            on_url(f"http://{HOST}:{listener.getsockname()[1]}/view")
+            code = serve_app(app, listener, None)
     for sentence in timeline.problems.listed():
         typer.echo(f"scenegate: {sentence}", err=True)
     return code

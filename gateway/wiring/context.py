@@ -28,7 +28,6 @@ from gateway.settings import MIB, Settings
 from gateway.wiring.interface_names import title_of
 from renderers.camera import Camera
 from renderers.interface import Renderer
-from scenegate.lcm.arrival import arrival_time
 
 if TYPE_CHECKING:
     from gateway.assets.mesh_files import MeshFiles
@@ -66,7 +65,7 @@ class Context:
     """Threads for the cameras, which the other workers give way to."""
     security: Security
     """Tokens, TLS and trusted hosts of every interface."""
-    tree: LiveTree = field(default_factory=lambda: LiveTree(arrival_time))
+    tree: LiveTree
     page: LivePage = field(default_factory=LivePage)
     """View settings of the live tree's page, as set by clients: background, grid and so on."""
     labels: LabelTable = field(default_factory=LabelTable)

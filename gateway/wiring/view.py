@@ -39,7 +39,7 @@ async def setup(context: Context) -> None:
         context.renderer,
         context.workers,
         lambda snapshot: context.stereo_camera(snapshot),
-        context.history,
+        context.timeline,
     )
     sensor = SensorImages(stereo.capture, config.capture_seconds) if stereo is not None else None
     context.on_render = lambda record: hub.renders.add(render_summary(record))
