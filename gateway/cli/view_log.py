@@ -47,8 +47,14 @@ def view_log(path: Path, http_port: int, mesh_root: str, on_url: Callable[[str],
         ensure_compiled(show=True)
         timeline = _open(path, settings)
         with progress_bar("Indexing", "% of the log", 1.0) as bar:
-            service = LogService(timeline, lambda progress: bar.update(progress, int(100 * progress)))
-            app = create_app(settings, log=service)
+
+            def on_progress(progress: float) -> None:
+                if progress < 1.0:
+                    bar.update(progress, int(100 * progress))
+                else:
+                    bar.end()
+
+            app = create_app(settings, log=LogService(timeline, on_progress))
             on_url(f"http://{HOST}:{listener.getsockname()[1]}/view")
             code = serve_app(app, listener, None)
     for sentence in timeline.problems.listed():
