@@ -7,6 +7,7 @@ import typer
 from gateway.cli import dataset
 from gateway.cli.render import render
 from gateway.cli.serve import add_serve
+from gateway.cli.view import view
 
 app = typer.Typer(
     name="scenegate",
@@ -37,6 +38,6 @@ def doctor() -> None:
 
 
 add_serve(app)
-for command in (render, doctor, warmup):
+for command in (view, render, doctor, warmup):
     app.command()(command)
 app.add_typer(dataset.app, name="dataset")

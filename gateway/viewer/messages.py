@@ -250,6 +250,8 @@ class TimeState(Message, tag="time", omit_defaults=False):
     """True while the gateway looks for a state."""
     problem: str
     """Why there is no state; empty: there is."""
+    simulation: float | None
+    """Time of the simulation in a log, seconds; None: none is known."""
     position: float
     first: float
     last: float

@@ -12,7 +12,7 @@ from enum import StrEnum
 from typing import Final
 
 from gateway.scene.live import Snapshot
-from gateway.scene.timeline import Timeline, next_state
+from gateway.scene.timeline import SimulationTimes, Timeline, next_state
 from gateway.viewer.frames import encode
 from gateway.viewer.messages import TimeCommand, TimeState
 
@@ -56,6 +56,7 @@ class Playback:
         """
         self.mode = Mode.LIVE if has_live else Mode.PLAYING
         self._timeline = timeline
+        self._simulation = timeline if isinstance(timeline, SimulationTimes) else None
         self._has_live = has_live
         self._show = show
         self._release = release
@@ -109,8 +110,10 @@ class Playback:
         self._send(self.frame())
 
     def frame(self) -> bytes:
-        """Return the frame with mode, position and span, seconds since the epoch."""
+        """Return the frame with mode, position and span, seconds since the epoch, and the time of the simulation."""
         first, last = self._timeline.span
+        position = self._position()
+        simulation = self._simulation.simulation_seconds_at(position) if self._simulation is not None else None
         return encode(
             TimeState(
                 mode=self.mode.value,
@@ -119,7 +122,8 @@ class Playback:
                 loop=self._loop_end is not None,
                 working=self._is_working,
                 problem=self._problem,
-                position=self._position() / 1e9,
+                simulation=simulation,
+                position=position / 1e9,
                 first=first / 1e9,
                 last=last / 1e9,
             )

@@ -26,7 +26,7 @@ async def setup(context: Context) -> None:
         labels=context.labels,
         flattener=context.flattener,
         stereo_camera=lambda snapshot: context.stereo_camera(snapshot),  # set later, when the stereo camera starts
-        timeline=context.history,
+        timeline=context.timeline,
     )
     context.app.include_router(router(service))
     context.registry.ready("scene", where="/scene", figures=service.status)

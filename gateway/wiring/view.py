@@ -30,7 +30,8 @@ async def setup(context: Context) -> None:
         status=lambda: gateway_status(context),
         stereo=stereo,
         page=context.page,
-        timeline=context.history,
+        timeline=context.timeline,
+        has_live=context.log is None,
     )
     images = SceneImages(
         config,
@@ -39,7 +40,7 @@ async def setup(context: Context) -> None:
         context.renderer,
         context.workers,
         lambda snapshot: context.stereo_camera(snapshot),
-        context.history,
+        context.timeline,
     )
     sensor = SensorImages(stereo.capture, config.capture_seconds) if stereo is not None else None
     context.on_render = lambda record: hub.renders.add(render_summary(record))
@@ -47,6 +48,8 @@ async def setup(context: Context) -> None:
     context.app.include_router(router(hub))
     context.app.include_router(image_router(images, sensor, hub.renders))
     context.run_service("view", hub, where="/view")
+    if context.log is not None:
+        context.run_service("log", context.log, where=str(context.log.timeline.path))
 
 
 def gateway_status(context: Context) -> Status:
@@ -70,6 +73,9 @@ def gateway_status(context: Context) -> Status:
     seconds = details.get("drakeviewer", {}).get("simulation_seconds")
     if seconds is not None:
         facts.append(Fact(name="simulation", value=f"{seconds:.2f} s"))
+    indexed = details.get("log", {}).get("indexed", 1.0)
+    if indexed < 1.0:
+        facts.append(Fact(name="indexed", value=f"{100 * indexed:.0f} %"))
     facts.append(Fact(name="queue", value=stats.waiting, warn=stats.rejected > 0))
     lost = lost_lcm_messages(details.get("treeviewer", {}))
     if lost is not None:

@@ -94,7 +94,7 @@ export function App({ viewer, programControls }: { viewer: Viewer; programContro
           <p class={notice.value.centre ? "hint centre" : "hint"} role="status" hidden={hint === ""}>
             {hint}
           </p>
-          {session.isEmpty.value && <EmptyState />}
+          {session.isEmpty.value && viewer.timeline.isLive.value && <EmptyState />}
           <Splitter side="left" label="Width of the scene tree" width={widths.left} />
           <Splitter side="right" label="Width of the panels" width={widths.right} />
         </main>

@@ -9,6 +9,7 @@ const FIRST_DAY = 1e8;
 export class Timeline {
   /** Null: the gateway keeps no earlier states. */
   readonly state = signal<TimeState | null>(null);
+  readonly isLive = computed(() => (this.state.value?.mode ?? "live") === "live");
   /** Moment that the page shows; null: it is live or plays. */
   readonly moment = computed(() => (this.state.value?.mode === "paused" ? this.state.value.position : null));
   /** Moment of the address, until the gateway shows it. */
@@ -71,8 +72,9 @@ export function momentText({ mode, live, position, first, last }: TimeState): st
   return live ? `${duration(last - position)} ago` : `${duration(position - first)} of ${duration(last - first)}`;
 }
 
-/** Return the time of day; empty if the times are not those of days. */
-export function timeOfDay({ position, first }: TimeState): string {
+/** Return the time of the simulation, or else the time of day; empty if the times are not those of days. */
+export function clockText({ position, first, simulation }: TimeState): string {
+  if (simulation !== null) return `simulation ${simulation.toFixed(2)} s`;
   if (first < FIRST_DAY) return "";
   const date = new Date(position * 1000);
   return `${date.toLocaleTimeString([], { hourCycle: "h23" })}.${Math.floor(date.getMilliseconds() / 100)}`;
