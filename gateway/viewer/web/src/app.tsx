@@ -14,6 +14,7 @@ import { Toolbar } from "./panels/toolbar";
 import { TreePanel } from "./panels/treepanel";
 import { ControlsPanel } from "./programs/controlspanel";
 import type { ProgramControls } from "./programs/programcontrols";
+import { isRecorded } from "./recorded/resources";
 import { FollowBar } from "./tools/follow";
 import { MeasureBar } from "./tools/measure";
 import { SideViews } from "./tools/sideviews";
@@ -106,7 +107,7 @@ export function App({ viewer, programControls, attach }: AppProps) {
           <p class={isCentred ? "hint centre" : "hint"} role="status" hidden={hint === ""}>
             {hint}
           </p>
-          {session.isEmpty.value && <EmptyState />}
+          {session.isEmpty.value && !isRecorded() && <EmptyState />}
           <Splitter side="left" label="Width of the scene tree" width={widths.left} />
           <Splitter side="right" label="Width of the panels" width={widths.right} />
         </main>

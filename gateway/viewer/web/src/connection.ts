@@ -13,7 +13,7 @@ const NOTHING: Span = [0, 0];
 type Transforms = { ids: Span; values: Span };
 
 /** Parse a frame of gateway/viewer/frames.py: a JSON header that refers to arrays in the body. The typed arrays share the message's memory. */
-function parse(buffer: ArrayBuffer): Message {
+export function parse(buffer: ArrayBuffer): Message {
   const view = new DataView(buffer);
   if (buffer.byteLength < 8 || view.getUint32(0, true) !== MAGIC) throw new Error("not a view frame");
   const start = 8 + view.getUint32(4, true);
@@ -35,6 +35,9 @@ function parse(buffer: ArrayBuffer): Message {
     }
     case "controls":
       return { ...header, samples: header.samples.map(([id, span]: [number, Span]) => [id, doubles(span)]) };
+    case "image":
+    case "channel":
+      return { ...header, data: bytes(header.data) };
     case "mesh":
       for (const name of ["position", "normal", "uv", "uv1"]) if (header[name]) header[name] = floats(header[name]);
       if (header.color) header.color = bytes(header.color);

@@ -1,5 +1,6 @@
 // Toolbar: panels, the view, measuring, the display menu, downloads.
 
+import { isRecorded } from "../recorded/resources";
 import type { Viewer } from "../view/viewer";
 import { Button, Download } from "./controls";
 import { DisplayMenu } from "./displaymenu";
@@ -7,6 +8,7 @@ import { Icon } from "./icons";
 
 const HOME = "The home view: everything, from the front right, unless a client has set another (H)";
 const RENDER = "This view by the gateway's rasterizer, as PNG";
+const PAGE = "This page with the scene and its recent motion in one file, which opens without a gateway";
 const FILE = "The visible scene as .glb, with this view as its camera";
 
 export function Toolbar({ viewer }: { viewer: Viewer }) {
@@ -17,7 +19,7 @@ export function Toolbar({ viewer }: { viewer: Viewer }) {
     <header class="bar">
       <Button icon="tree" title="Scene tree (T)" pressed={panels.left.value} onClick={() => panels.toggle("left")} />
       <h1>
-        <a class="brand" href="./" title="All interfaces of this gateway">
+        <a class="brand" {...(isRecorded() ? {} : { href: "./", title: "All interfaces of this gateway" })}>
           <Icon name="cube" />
           {word("Scenegate")}
         </a>
@@ -32,12 +34,19 @@ export function Toolbar({ viewer }: { viewer: Viewer }) {
         <Button icon="snapshot" title="This view as PNG" onClick={downloads.snapshot}>
           {word("PNG")}
         </Button>
-        <Download icon="render" title={RENDER} file="scenegate-render.png" url={downloads.rendering}>
-          {word("Render")}
-        </Download>
-        <Download icon="download" title={FILE} file="scene.glb" url={downloads.file}>
-          {word(".glb")}
-        </Download>
+        {!isRecorded() && (
+          <>
+            <Download icon="render" title={RENDER} file="scenegate-render.png" url={downloads.rendering}>
+              {word("Render")}
+            </Download>
+            <Download icon="download" title={FILE} file="scene.glb" url={downloads.file}>
+              {word(".glb")}
+            </Download>
+            <Download icon="share" title={PAGE} file="scene.html" url={() => "view/scene.html"}>
+              {word(".html")}
+            </Download>
+          </>
+        )}
       </div>
       <Button icon="panel" title={panel} pressed={panels.right.value} onClick={() => panels.toggle("right")} />
     </header>
