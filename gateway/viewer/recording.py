@@ -67,10 +67,10 @@ async def record(
         RecordingTooLargeError: there are too many bytes or samples.
     """
     limits = limits or RecordingLimits()
-    count = int((end - start) * 1e-9 * rate) + 1
+    count = int((end - start) / 1e9 * rate) + 1
     if count > limits.max_samples:
         raise RecordingTooLargeError(
-            f"{(end - start) * 1e-9:.1f} s at {rate:g} Hz are {count} samples of the scene; the limit is "
+            f"{(end - start) / 1e9:.1f} s at {rate:g} Hz are {count} samples of the scene; the limit is "
             f"{limits.max_samples}: record a shorter time, or at a lower rate"
         )
     recorder = Recorder(limits.max_bytes)
@@ -137,7 +137,7 @@ class Recorder:
                 "at a lower rate"
             )
         padding = bytes(-len(frame) % ALIGNMENT)
-        for data in (_RECORD.pack(time * 1e-9, len(frame), 0), frame, padding):
+        for data in (_RECORD.pack(time / 1e9, len(frame), 0), frame, padding):
             self._pieces.append(self._compressor.compress(data))
 
     def finish(self, end: int) -> bytes:
