@@ -55,9 +55,9 @@ def notebook() -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def gateway(notebook: str) -> Iterator[str]:
+def gateway() -> Iterator[str]:
     """URL of a gateway with a red box."""
-    with gateway_process(*PORTS, "--root-path", PREFIX, "--frame-origins", notebook) as (_, url):
+    with gateway_process(*PORTS, "--root-path", PREFIX) as (_, url):
         with clients.Client(base_url=url) as http:
             hub = http.get("/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
         with TreeViewer(hub, timeout=SECONDS) as viewer:
@@ -96,6 +96,6 @@ def test_view_in_the_frame_of_a_notebook(browser: Any, gateway: str, notebook: s
 def test_other_pages_cannot_show_the_view(browser: Any, gateway: str, notebook: str) -> None:
     page = new_page(browser)
     with page.expect_event("console", lambda message: "frame-ancestors" in message.text):
-        page.goto(f"{notebook.replace('localhost', '127.0.0.1')}?{gateway}/view")
+        page.goto(f"{notebook.replace('localhost', 'other.localhost')}?{gateway}/view")
     assert re.search("chrome-error", page.frames[1].url)
     page.close()
