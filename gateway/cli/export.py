@@ -1,35 +1,60 @@
-"""``scenegate export``: the scene of a running gateway with its motion in one file."""
+"""``scenegate export``: a scene with its motion in one file, from a running gateway or from an LCM log."""
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-SUFFIXES: Final = (".html",)
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from gateway.scene.timeline import Timeline
+
+SUFFIXES: Final = (".html", ".glb")
 """Suffixes of the files that can be written."""
 
 
 def export(
-    source: Annotated[str, typer.Argument(metavar="URL", help="Address of a running gateway: http://127.0.0.1:8000.")],
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="LOG|URL",
+            help="LCM log of tree viewer clients or of Drake; or the address of a running gateway: "
+            "http://127.0.0.1:8000.",
+        ),
+    ],
     out: Annotated[
         Path,
-        typer.Argument(metavar="OUT.html", help="The page with the scene, which a browser opens without a network."),
+        typer.Argument(
+            metavar="OUT.html|OUT.glb",
+            help="The page with the scene, which a browser opens without a network; or glTF with an animation.",
+        ),
     ],
+    start: Annotated[
+        float, typer.Option(min=0.0, metavar="SECONDS", help="Start of the motion after the start of the log.")
+    ] = 0.0,
     duration: Annotated[
         float | None,
         typer.Option(
             min=0.0,
             metavar="SECONDS",
-            help="Length of the motion; of a gateway, the last seconds. 0: the scene as it is. Default: all there is.",
+            help="Length of the motion; of a gateway, its last seconds. 0: no motion. Default: all there is.",
         ),
     ] = None,
     rate: Annotated[float, typer.Option(min=0.01, max=240.0, help="Samples of the scene per second.")] = 30.0,
-    token: Annotated[
-        str | None,
-        typer.Option(envvar="SCENEGATE_TOKEN", help="Bearer token of the gateway."),
+    mesh_root: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FOLDER",
+            exists=True,
+            file_okay=False,
+            help="Folder with the mesh files that the messages of a log name. Can be repeated.",
+        ),
     ] = None,
+    token: Annotated[str | None, typer.Option(envvar="SCENEGATE_TOKEN", help="Bearer token of the gateway.")] = None,
 ) -> None:
     """Write a scene and its motion into one file."""
     from gateway.datasets.files import write_atomically
@@ -37,6 +62,68 @@ def export(
 
     if out.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{out}: the file must end with {' or '.join(SUFFIXES)}")
-    data = fetch_scene_file(source, "view/scene.html", token=token, seconds=duration, rate=rate)
+    is_gltf = out.suffix.lower() == ".glb"
+    if source.startswith(("http://", "https://")):
+        if start:
+            raise ValueError("--start is for logs: of a gateway, --duration has the last seconds")
+        name = "scene.glb" if is_gltf else "view/scene.html"
+        data = fetch_scene_file(source, name, token=token, seconds=duration, rate=rate)
+    elif not Path(source).is_file():
+        raise ValueError(f"{source}: there is no such log; the address of a gateway begins with http://")
+    else:
+        data = asyncio.run(_export_log(Path(source), start, duration, rate, mesh_root or [], is_gltf=is_gltf))
     write_atomically(out, data)
     typer.echo(f"{out}: {len(data) / 1e6:.1f} MB", err=True)
+
+
+async def _export_log(
+    log: Path, start: float, duration: float | None, rate: float, roots: list[Path], *, is_gltf: bool
+) -> bytes:
+    """Return the file of a section of a log. What the file does not have is named on stderr."""
+    from gateway.assets.mesh_files import MeshFiles
+    from gateway.lcmlog.timeline import open_log
+    from scenegate.cli.progress_bar import progress_bar
+
+    timeline = open_log(log, MeshFiles(roots))
+    first, last = _section(timeline, log, start, duration)
+    write = _glb if is_gltf else _html
+    with progress_bar("Exporting", "%", 1.0) as bar:
+        data, warnings = await write(timeline, first, last, rate, lambda done: bar.update(done, round(100 * done)))
+    for sentence in (*timeline.problems.listed(), *warnings):
+        typer.echo(f"{log}: {sentence}", err=True)
+    timeline.close()
+    return data
+
+
+async def _html(
+    timeline: Timeline, first: int, last: int, rate: float, on_progress: Callable[[float], None]
+) -> tuple[bytes, list[str]]:
+    from gateway.scene.live_page import LivePage
+    from gateway.viewer.recording import record
+    from gateway.viewer.scene_file import scene_html
+    from gateway.viewer.share_routes import page_settings
+
+    recording = await record(timeline, page_settings(LivePage()), first, last, rate, on_progress=on_progress)
+    return scene_html(recording), []
+
+
+async def _glb(
+    timeline: Timeline, first: int, last: int, rate: float, on_progress: Callable[[float], None]
+) -> tuple[bytes, list[str]]:
+    from gateway.gltf.export import Motion, export_motion_glb
+    from gateway.scene.sampling import samples
+
+    motion = Motion()
+    async for sample in samples(timeline, first, last, rate):
+        motion.add((sample.time - first) / 1e9, sample.snapshot.root)
+        on_progress(sample.done)
+    return export_motion_glb(motion)
+
+
+def _section(timeline: Timeline, log: Path, start: float, duration: float | None) -> tuple[int, int]:
+    """Return the first and the last time of a section, nanoseconds since the epoch."""
+    begin, end = timeline.span
+    first = begin + int(start * 1e9)
+    if first > end:
+        raise ValueError(f"{log}: --start {start:g} is after its end, at {(end - begin) / 1e9:.1f} s")
+    return first, end if duration is None else min(end, first + int(duration * 1e9))

@@ -16,12 +16,14 @@ from __future__ import annotations
 import asyncio
 import struct
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from gateway.scene.live import Snapshot
+from gateway.scene.sampling import MAX_SAMPLES, samples
 from gateway.scene.timeline import Timeline
 from gateway.viewer.encoder import EMPTY_SNAPSHOT, Encoder, Update
 from gateway.viewer.frames import ALIGNMENT, FrameBuilder
@@ -47,12 +49,17 @@ class RecordingLimits:
 
     max_bytes: int = 256 << 20
     """Maximum bytes of the frames. A page that shows the recording keeps all of them in memory."""
-    max_samples: int = 200_000
-    """Maximum number of times at which the scene is sampled: an hour at 50 Hz."""
+    max_samples: int = MAX_SAMPLES
 
 
 async def record(
-    timeline: Timeline, page_frame: bytes, start: int, end: int, rate: float, limits: RecordingLimits | None = None
+    timeline: Timeline,
+    page_frame: bytes,
+    start: int,
+    end: int,
+    rate: float,
+    limits: RecordingLimits | None = None,
+    on_progress: Callable[[float], None] = lambda done: None,
 ) -> bytes:
     """Return a recording of the states of a timeline, sampled at a rate. Encoding takes place in threads.
 
@@ -62,26 +69,18 @@ async def record(
         start: first time, nanoseconds since the epoch.
         end: last time. Equal to ``start``: one state.
         rate: samples per second.
+        on_progress: called now and then with the fraction that is done.
 
     Raises:
-        RecordingTooLargeError: there are too many bytes or samples.
+        RecordingTooLargeError: there are too many bytes.
+        SamplingError: there are too many samples.
     """
     limits = limits or RecordingLimits()
-    count = int((end - start) / 1e9 * rate) + 1
-    if count > limits.max_samples:
-        raise RecordingTooLargeError(
-            f"{(end - start) / 1e9:.1f} s at {rate:g} Hz are {count} samples of the scene; the limit is "
-            f"{limits.max_samples}: record a shorter time, or at a lower rate"
-        )
     recorder = Recorder(limits.max_bytes)
     recorder.add_frame(start, page_frame)
-    last_revision = None
-    for number in range(count):
-        time = start + int(number / rate * 1e9)
-        snapshot = await timeline.snapshot_at(time)
-        if snapshot.revision != last_revision:
-            last_revision = snapshot.revision
-            await asyncio.to_thread(recorder.add, time, snapshot)
+    async for sample in samples(timeline, start, end, rate, limits.max_samples):
+        await asyncio.to_thread(recorder.add, sample.time, sample.snapshot)
+        on_progress(sample.done)
     return await asyncio.to_thread(recorder.finish, end)
 
 

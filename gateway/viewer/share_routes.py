@@ -11,6 +11,7 @@ from starlette.requests import ClientDisconnect
 
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
+from gateway.scene.sampling import SamplingError
 from gateway.scene.timeline import Timeline
 from gateway.server.disconnect import CLIENT_GONE, while_connected
 from gateway.server.openapi import example
@@ -92,7 +93,7 @@ def share_router(
             body = await while_connected(request, make(seconds, rate))
         except ClientDisconnect:
             return Response(status_code=CLIENT_GONE)
-        except RecordingTooLargeError as error:
+        except (RecordingTooLargeError, SamplingError) as error:
             return PlainTextResponse(str(error), 413)
         # A file, not a page of the gateway: opened from here it would be one that any client of the scene could fill.
         headers = {"Cache-Control": "no-store", "Content-Disposition": 'attachment; filename="scene.html"'}

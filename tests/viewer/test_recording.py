@@ -12,6 +12,7 @@ from PIL import Image as Pillow
 from gateway.scene.geometry import Box, Part, PointCloud, Sphere
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
+from gateway.scene.sampling import SamplingError
 from gateway.viewer.encoder import encode_page
 from gateway.viewer.frames import parse_frame
 from gateway.viewer.recording import Recorder, RecordingLimits, RecordingTooLargeError, record
@@ -121,5 +122,5 @@ async def test_limits_name_what_to_do() -> None:
     states = moving_scene(9)
     with pytest.raises(RecordingTooLargeError, match="more than 4000 bytes, which is the limit: record a shorter time"):
         await record(states, PAGE, *states.span, rate=1.0, limits=RecordingLimits(max_bytes=4000))
-    with pytest.raises(RecordingTooLargeError, match=r"8\.0 s at 30 Hz are 241 samples of the scene; the limit is 240"):
+    with pytest.raises(SamplingError, match=r"8\.0 s at 30 Hz are 241 samples of the scene; the limit is 240"):
         await record(states, PAGE, *states.span, rate=30.0, limits=RecordingLimits(max_samples=240))
