@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -84,14 +85,12 @@ async def _export_log(
     from gateway.lcmlog.timeline import open_log
     from scenegate.cli.progress_bar import progress_bar
 
-    timeline = open_log(log, MeshFiles(roots))
-    first, last = _section(timeline, log, start, duration)
     write = _glb if is_gltf else _html
-    with progress_bar("Exporting", "%", 1.0) as bar:
+    with closing(open_log(log, MeshFiles(roots))) as timeline, progress_bar("Exporting", "%", 1.0) as bar:
+        first, last = _section(timeline, log, start, duration)
         data, warnings = await write(timeline, first, last, rate, lambda done: bar.update(done, round(100 * done)))
     for sentence in (*timeline.problems.listed(), *warnings):
         typer.echo(f"{log}: {sentence}", err=True)
-    timeline.close()
     return data
 
 

@@ -35,7 +35,8 @@ def fetch_scene_file(gateway: str, name: str, *, token: str | None = None, **que
             data: bytes = response.read()
             return data
     except urllib.error.HTTPError as error:
-        text = error.read(1000).decode("utf-8", "replace").strip()
+        with error:
+            text = error.read(1000).decode("utf-8", "replace").strip()
         raise ValueError(f"{gateway} gives no {name}: {error.code}: {text or error.reason}") from None
     except http.client.HTTPException:
         raise ConnectionError(f"{gateway} gives no {name}: it does not speak HTTP") from None
