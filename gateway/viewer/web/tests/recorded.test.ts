@@ -3,6 +3,7 @@
 import { expect, it, vi } from "vitest";
 import { Model } from "../src/model";
 import type { SceneUpdate } from "../src/protocol";
+import { Playback, type TimeState } from "../src/recorded/playback";
 import { inflate, Player, readRecording, type Step } from "../src/recorded/recording";
 import { addressOf, channelPath, imagePath } from "../src/recorded/resources";
 import { update } from "./scene";
@@ -105,4 +106,66 @@ it("shows the state of any time, by few updates", () => {
     expect([...model.nodes.values()].length).toBe(2 + (step % 2));
     expect(applied.length - before, `${time}`).toBe(updates);
   }
+});
+
+it("plays, seeks, steps and loops as the gateway does", () => {
+  const model = new Model();
+  const states: TimeState[] = [];
+  const recording = { messages: [], steps: tenSteps(), end: 110 };
+  const playback = new Playback(
+    recording,
+    50,
+    (each) => model.apply(each),
+    (state) => states.push(state),
+  );
+  const x = () => model.find(["robot"])?.world.elements[12];
+  const last = () => states.at(-1)!;
+  expect(last()).toEqual({
+    kind: "time",
+    mode: "playing",
+    live: false,
+    rate: 1,
+    loop: false,
+    working: false,
+    problem: "",
+    position: 100,
+    first: 100,
+    last: 110,
+  });
+  playback.tick(52.5);
+  expect([x(), last().position]).toEqual([2, 102.5]);
+  playback.execute({ time: "set", rate: 2 }, 53);
+  playback.tick(54);
+  expect([x(), last().position]).toEqual([5, 105]);
+  playback.execute({ time: "seek", at: 101.2 }, 54);
+  playback.tick(54.5);
+  expect([x(), last().mode, last().position]).toEqual([2, "playing", 102.2]);
+  playback.execute({ time: "pause" }, 54.5);
+  playback.tick(60);
+  expect([x(), last().mode, last().position]).toEqual([2, "paused", 102.2]);
+  playback.execute({ time: "step", steps: 1 }, 60);
+  expect([x(), last().position]).toEqual([3, 103]);
+  playback.execute({ time: "step", steps: -1 }, 60);
+  playback.execute({ time: "step", steps: -1 }, 60);
+  expect([x(), last().position]).toEqual([1, 101]);
+  playback.execute({ time: "seek", at: 1e9 }, 61);
+  expect([x(), last().mode, last().position]).toEqual([9, "paused", 110]);
+  playback.execute({ time: "play" }, 61);
+  expect([x(), last().mode, last().position]).toEqual([0, "playing", 100]);
+  playback.tick(70);
+  expect([x(), last().mode, last().position]).toEqual([9, "paused", 110]);
+  playback.execute({ time: "play", loop: true }, 70);
+  playback.tick(75.1);
+  playback.tick(76.1);
+  expect([x(), last().mode, last().position]).toEqual([2, "playing", 102]);
+  playback.execute({ time: "live" }, 76.1);
+  expect(last().mode).toBe("playing");
+});
+
+it("has no time bar for a scene at rest", () => {
+  const states: TimeState[] = [];
+  const send = (state: TimeState) => void states.push(state);
+  const playback = new Playback({ messages: [], steps: tenSteps().slice(0, 1), end: 100 }, 0, () => undefined, send);
+  playback.tick(1);
+  expect(states).toEqual([]);
 });

@@ -1,10 +1,13 @@
 // What stands for the connection to the gateway in a file with a recording: it feeds the page the recorded messages.
 
 import type { Message } from "../connection";
-import { inflate, Player, type Recording, readRecording } from "./recording";
+import { Playback, type TimeCommand } from "./playback";
+import { inflate, type Recording, readRecording } from "./recording";
+
+const seconds = () => performance.now() / 1000;
 
 export class RecordedConnection {
-  private player: Player | undefined;
+  private playback: Playback | undefined;
 
   /** @param onMessage, onState as those of `Connection` */
   constructor(
@@ -12,25 +15,29 @@ export class RecordedConnection {
     private readonly onState: (state: "open" | "closed", reason: string) => void,
   ) {
     const element = document.getElementById("recording")!;
-    const start = (recording: Recording) => this.start(recording);
-    const fail = (error: unknown) => this.onState("closed", `The recording in this file cannot be read: ${error}`);
     inflate(element.textContent ?? "")
-      .then(readRecording)
-      .then(start)
-      .catch(fail);
+      .then((buffer) => this.start(readRecording(buffer)))
+      .catch((error) => this.onState("closed", `The recording in this file cannot be read: ${error}`));
     element.textContent = ""; // its memory is free when it is decoded
   }
 
-  private start({ messages, steps }: Recording): void {
+  private start(recording: Recording): void {
     this.onState("open", "");
-    messages.forEach(this.onMessage);
-    this.player = new Player(steps, this.onMessage);
-    this.player.show(steps[0]!.time);
+    recording.messages.forEach(this.onMessage);
+    const playback = new Playback(recording, seconds(), this.onMessage, this.onMessage);
+    this.playback = playback;
+    const loop = () => {
+      playback.tick(seconds());
+      requestAnimationFrame(loop);
+    };
+    requestAnimationFrame(loop);
   }
 
-  /** Nobody waits for it. */
+  /** Nothing waits for it. */
   acknowledge(): void {}
 
-  /** Nobody receives it: clicks and changes of controls are of live pages. */
-  report(): void {}
+  /** Execute a command of the time bar. Nothing receives clicks and changes of controls. */
+  report(message: object): void {
+    if ("time" in message) this.playback?.execute(message as TimeCommand, seconds());
+  }
 }

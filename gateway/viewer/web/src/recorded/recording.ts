@@ -88,6 +88,12 @@ export class Player {
     }
     while (this.current < target) this.apply(steps[(this.current += 1)]!.update);
   }
+
+  /** Return the time of the step that is a number of steps after that of a time. */
+  timeOf(time: number, steps: number): number {
+    const index = lastAt(this.steps, time) + steps;
+    return this.steps[Math.min(Math.max(index, 0), this.steps.length - 1)]!.time;
+  }
 }
 
 /** Return the index of the last step at or before a time; 0 if there is none. */
