@@ -7,6 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
+import msgspec
 import typer
 
 if TYPE_CHECKING:
@@ -67,13 +68,15 @@ def export(
     if source.startswith(("http://", "https://")):
         if start:
             raise ValueError("--start is for logs: of a gateway, --duration has the last seconds")
-        name = "scene.glb" if is_gltf else "view/scene.html"
+        name = "scene/motion.glb" if is_gltf else "view/scene.html"
         data = fetch_scene_file(source, name, token=token, seconds=duration, rate=rate)
     elif not Path(source).is_file():
         raise ValueError(f"{source}: there is no such log; the address of a gateway begins with http://")
     else:
         data = asyncio.run(_export_log(Path(source), start, duration, rate, mesh_root or [], is_gltf=is_gltf))
     write_atomically(out, data)
+    for sentence in _warnings(data) if is_gltf else ():
+        typer.echo(f"{out}: {sentence}", err=True)
     typer.echo(f"{out}: {len(data) / 1e6:.1f} MB", err=True)
 
 
@@ -83,40 +86,35 @@ async def _export_log(
     """Return the file of a section of a log. What the file does not have is named on stderr."""
     from gateway.assets.mesh_files import MeshFiles
     from gateway.lcmlog.timeline import open_log
+    from gateway.sceneapi.motion import motion_glb
     from scenegate.cli.progress_bar import progress_bar
 
-    write = _glb if is_gltf else _html
+    write = motion_glb if is_gltf else _html
     with closing(open_log(log, MeshFiles(roots))) as timeline, progress_bar("Exporting", "%", 1.0) as bar:
         first, last = _section(timeline, log, start, duration)
-        data, warnings = await write(timeline, first, last, rate, lambda done: bar.update(done, round(100 * done)))
-    for sentence in (*timeline.problems.listed(), *warnings):
+        data = await write(timeline, first, last, rate, on_progress=lambda done: bar.update(done, round(100 * done)))
+    for sentence in timeline.problems.listed():
         typer.echo(f"{log}: {sentence}", err=True)
     return data
 
 
 async def _html(
-    timeline: Timeline, first: int, last: int, rate: float, on_progress: Callable[[float], None]
-) -> tuple[bytes, list[str]]:
+    timeline: Timeline, first: int, last: int, rate: float, *, on_progress: Callable[[float], None]
+) -> bytes:
     from gateway.scene.live_page import LivePage
     from gateway.viewer.recording import record
     from gateway.viewer.scene_file import scene_html
     from gateway.viewer.share_routes import page_settings
 
     recording = await record(timeline, page_settings(LivePage()), first, last, rate, on_progress=on_progress)
-    return scene_html(recording), []
+    return scene_html(recording)
 
 
-async def _glb(
-    timeline: Timeline, first: int, last: int, rate: float, on_progress: Callable[[float], None]
-) -> tuple[bytes, list[str]]:
-    from gateway.gltf.export import Motion, export_motion_glb
-    from gateway.scene.sampling import samples
-
-    motion = Motion()
-    async for sample in samples(timeline, first, last, rate):
-        motion.add((sample.time - first) / 1e9, sample.snapshot.root)
-        on_progress(sample.done)
-    return export_motion_glb(motion)
+def _warnings(glb: bytes) -> list[str]:
+    """Return the sentences about what a glTF file does not have."""
+    end = 20 + int.from_bytes(glb[12:16], "little")
+    extras = msgspec.json.decode(glb[20:end]).get("asset", {}).get("extras", {})
+    return [str(sentence) for sentence in extras.get("warnings", ())]
 
 
 def _section(timeline: Timeline, log: Path, start: float, duration: float | None) -> tuple[int, int]:

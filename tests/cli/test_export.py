@@ -13,6 +13,8 @@ from typer.testing import CliRunner, Result
 
 from gateway.cli.commands import app
 from gateway.gltf import AnimationTime, read_gltf
+from gateway.gltf.export import Motion, export_motion_glb
+from gateway.scene.tree import Node
 from scenegate.lcm.event_log import pack_event
 from tests.treeviewer.conversation import BOX, message
 from tests.viewer.recordings import headers_of
@@ -20,6 +22,9 @@ from tests.viewer.test_scene_file import recording_of
 
 REQUEST = "DIRECTOR_TREE_VIEWER_REQUEST_<a>"
 CYLINDER = {"type": "cylinder", "radius": 1, "length": 1}
+MOTION = Motion()
+MOTION.add(0.0, Node())
+GLB = export_motion_glb(MOTION)
 TURNED = {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}
 
 
@@ -106,6 +111,7 @@ def gateway() -> Iterator[tuple[str, list[tuple[str, str | None]]]]:
         def do_GET(self) -> None:
             requests.append((self.path, self.headers["Authorization"]))
             status, body = (413, b"the recording is too large") if "rate=240" in self.path else (200, b"file")
+            body = GLB if "motion.glb" in self.path else body
             self.send_response(status)
             self.end_headers()
             self.wfile.write(body)
@@ -129,7 +135,7 @@ def test_the_scene_of_a_gateway(gateway: tuple[str, list[tuple[str, str | None]]
     assert export(f"{url}/", tmp_path / "scene.glb").exit_code == 0
     assert requests == [
         ("/view/scene.html?seconds=5.0&rate=30.0", "Bearer secret"),
-        ("/scene.glb?rate=30.0", None),
+        ("/scene/motion.glb?rate=30.0", None),
     ]
     refused = export(url, out, "--rate", "240")
     assert str(refused.exception) == f"{url} gives no view/scene.html: 413: the recording is too large"

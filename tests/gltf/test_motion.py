@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import json
+import struct
 from typing import Any
 
 import numpy as np
@@ -32,7 +34,14 @@ def exported(roots: list[Node], step: float = 1.0) -> tuple[bytes, list[str]]:
     motion = Motion()
     for number, root in enumerate(roots):
         motion.add(number * step, root)
-    return export_motion_glb(motion)
+    data = export_motion_glb(motion)
+    return data, warnings_of(data)
+
+
+def warnings_of(data: bytes) -> list[str]:
+    (size,) = struct.unpack_from("<I", data, 12)
+    extras = json.loads(data[20 : 20 + size])["asset"].get("extras", {})
+    return list(extras.get("warnings", []))
 
 
 def world_of(scene: GltfScene, *names: str) -> Matrix:

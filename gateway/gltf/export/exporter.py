@@ -53,10 +53,15 @@ def export_glb(root: Node, *, camera: Camera | None = None, max_bytes: int = MAX
     return _Writer(max_bytes).write(root, camera)
 
 
-def export_motion_glb(motion: Motion, *, max_bytes: int = MAX_BYTES) -> tuple[bytes, list[str]]:
-    """Return a scene with its motion as a ``.glb`` file with one animation, and warnings about what it does not have.
+def export_motion_glb(motion: Motion, *, max_bytes: int = MAX_BYTES) -> bytes:
+    """Return a scene with its motion as a ``.glb`` file with one animation.
 
-    The nodes are stored as they are when they are first shown.
+    The nodes are stored as they are when they are first shown. ``asset.extras.warnings`` has sentences about changes
+    that the file does not have.
+
+    Args:
+        motion: At least one state.
+        max_bytes: Maximum size of the file's binary part.
 
     Raises:
         ExportError: The file would be larger than ``max_bytes``.
@@ -83,8 +88,8 @@ class _Writer:
             self._add_camera(camera, json_root)
         return self._document.glb(root_index)
 
-    def write_motion(self, motion: Motion) -> tuple[bytes, list[str]]:
-        root, animated, warnings = motion.finish()
+    def write_motion(self, motion: Motion) -> bytes:
+        root, animated, self._document.warnings = motion.finish()
         json_root: dict[str, Any] = {"name": "Z up to Y up", "matrix": column_major(Y_UP_TO_Z_UP.T)}
         root_index = self._document.add("nodes", json_root)
         self._add_nodes(root, json_root)
@@ -94,7 +99,7 @@ class _Writer:
                 self._animate(each, animation)
         if animation["channels"]:
             self._document.add("animations", {"name": "motion", **animation})
-        return self._document.glb(root_index), warnings
+        return self._document.glb(root_index)
 
     def _animate(self, node: AnimatedNode, animation: dict[str, list[Any]]) -> None:
         """Write a node's first transform, and add its channels to an animation."""

@@ -46,6 +46,8 @@ class GltfDocument:
         """Results of ``get_or_add``, by kind and key."""
         self._kept_alive: list[object] = []
         """Objects whose ids are keys. They are kept alive because a new object could get the id of a deleted one."""
+        self.warnings: list[str] = []
+        """Sentences about what the file does not have, for ``asset.extras``."""
         self.extensions: set[str] = set()
         """Names of the extensions in use."""
 
@@ -118,6 +120,8 @@ class GltfDocument:
             "scenes": [{"nodes": [root_node]}],
             **self._arrays,
         }
+        if self.warnings:
+            document["asset"]["extras"] = {"warnings": self.warnings}
         if self.extensions:
             document["extensionsUsed"] = sorted(self.extensions)
         if self._buffer_pieces:
