@@ -51,7 +51,7 @@ _INVALID_UPDATE: Final = Update(b"", frozenset())
 
 
 class Encoder:
-    """Encodes updates to the newest snapshot. Not thread-safe: it is used in the event loop only.
+    """Encodes updates. Not thread-safe: it is used in the event loop only.
 
     When more than ``max_node_ids`` paths have an id, all ids are dropped and ``epoch`` is incremented. Pages of an
     earlier epoch must then be updated from ``EMPTY_SNAPSHOT``.
@@ -73,9 +73,12 @@ class Encoder:
 
     def advance(self, snapshot: Snapshot) -> None:
         """Set the newest snapshot, to which later updates lead."""
-        if snapshot.revision == self.current.revision:
-            return
-        self.current = snapshot
+        if snapshot.revision != self.current.revision:
+            self.current = snapshot
+            self.limit_ids()
+
+    def limit_ids(self) -> None:
+        """Drop all ids if there are too many. Called before a page gets another snapshot."""
         if len(self._ids) > self._max_node_ids:
             self.epoch += 1
             self._ids = {(): 0}
@@ -89,13 +92,13 @@ class Encoder:
         """Return the path of an id, or None if there is no such id."""
         return next(islice(self._ids, node_id, None), None) if node_id >= 0 else None
 
-    async def update(self, old: Snapshot) -> tuple[Update, Snapshot]:
-        """Return the update from ``old`` to the current snapshot, and that snapshot.
+    async def update(self, old: Snapshot, target: Snapshot | None = None) -> tuple[Update, Snapshot]:
+        """Return the update from ``old`` to ``target``, and that snapshot. None: the newest one.
 
         Another task may call ``advance`` while the update is encoded. The update is invalid if ``epoch`` has changed.
         """
         async with self._encode_lock:
-            target, epoch = self.current, self.epoch
+            target, epoch = target or self.current, self.epoch
             key = (old.revision, target.revision)
             update = self._updates.get(key)
             if update is None:

@@ -22,6 +22,7 @@ from gateway.scene.geometry import PointCloud
 from gateway.server.access import same_origin
 from gateway.viewer.control_frames import ControlChange
 from gateway.viewer.hub import Browser, ViewHub
+from gateway.viewer.playback import TimeCommand
 from gateway.viewer.resources import channel_values
 from gateway.viewer.scene_file import STATIC
 from renderers.drawlist import Image, ImageError
@@ -118,7 +119,10 @@ async def _send(socket: WebSocket, browser: Browser) -> None:
 
 
 async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
-    """Receive acknowledgements, clicks and changes of controls until the page disconnects or sends binary messages."""
+    """Receive the page's messages until it disconnects or sends a binary one.
+
+    They are acknowledgements, clicks, changes of controls, and commands of the time bar.
+    """
     clock = asyncio.get_running_loop().time
     second, clicks, changes = clock(), 0, 0
     try:
@@ -138,10 +142,12 @@ async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
                 changes += 1
                 if changes >= MAX_CHANGES:
                     await asyncio.sleep(max(0.0, second + 1.0 - clock()))
+            elif isinstance(message, TimeCommand):
+                browser.execute(message)
             elif message is not None:
                 clicks += 1
                 if clicks <= MAX_CLICKS:
-                    hub.click(message.node, message.point, message.button)
+                    hub.click(browser, message.node, message.point, message.button)
     except (WebSocketDisconnect, KeyError):
         return  # KeyError: a binary message
 
@@ -158,11 +164,14 @@ class _Click(msgspec.Struct):
 
 _click_decoder: Final = msgspec.json.Decoder(_Click)
 _change_decoder: Final = msgspec.json.Decoder(ControlChange)
+_time_decoder: Final = msgspec.json.Decoder(TimeCommand)
 
 
-def _read_message(text: str) -> _Click | ControlChange | None:
-    """Return the click or the change in a message, or None if the message is something else."""
+def _read_message(text: str) -> _Click | ControlChange | TimeCommand | None:
+    """Return the click, the change or the command in a message, or None if the message is something else."""
     try:
+        if text.startswith('{"time"'):
+            return _time_decoder.decode(text)
         return (_change_decoder if text.startswith('{"control"') else _click_decoder).decode(text)
     except (msgspec.DecodeError, UnicodeEncodeError):
         return None

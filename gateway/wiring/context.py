@@ -19,11 +19,12 @@ from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.service_registry import Service, ServiceRegistry, one_line
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.flatten import Flattener
+from gateway.scene.history import TreeHistory
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
 from gateway.server.security import Security
-from gateway.settings import Settings
+from gateway.settings import MIB, Settings
 from gateway.wiring.interface_names import title_of
 from renderers.camera import Camera
 from renderers.interface import Renderer
@@ -75,6 +76,8 @@ class Context:
     """Functions that return the arrival of the oldest message that is not applied to the tree yet."""
     lcm_listeners: list[ChannelListener] = field(default_factory=list)
     """Receivers of channels besides those of the tree viewer; filled before it starts."""
+    history: TreeHistory | None = None
+    """Earlier states of the live tree (``--history-seconds``)."""
     state: PersistentState | None = None
     """Storage of the live tree and of parameters (``--state``)."""
     reports: WorkerReports | None = None
@@ -150,6 +153,15 @@ class Context:
 
             self._local_mesh_files = MeshFiles(self.settings.mesh_folders, any_folder=True)
         return self._local_mesh_files
+
+    def start_history(self) -> None:
+        """Record the live tree until ``close``, if an interface shows it."""
+        settings = self.settings
+        if settings.history_seconds and (settings.is_enabled("scene") or settings.is_enabled("view")):
+            max_bytes = settings.history_mb * MIB
+            self.history = TreeHistory(self.tree, settings.history_seconds, max_bytes, asyncio.to_thread)
+            self.history.start()
+            self.exit_stack.callback(self.history.close)
 
     def has_messages_before(self, timestamp: int) -> bool:
         """Return True if a message that arrived before a time, nanoseconds, is not applied to the tree yet."""

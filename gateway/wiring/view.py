@@ -24,7 +24,14 @@ async def setup(context: Context) -> None:
     """Add ``/view`` to the application."""
     config = ViewerConfig(background=context.settings.background, rig=rig_of(context.settings.rig))
     stereo = context.stereo_sensor
-    hub = ViewHub(config, context.tree, status=lambda: gateway_status(context), stereo=stereo, page=context.page)
+    hub = ViewHub(
+        config,
+        context.tree,
+        status=lambda: gateway_status(context),
+        stereo=stereo,
+        page=context.page,
+        timeline=context.history,
+    )
     images = SceneImages(
         config, context.tree, context.flattener, context.renderer, context.workers, lambda: context.stereo_camera()
     )
