@@ -48,6 +48,7 @@ from renderers.cache import SHARED
 if TYPE_CHECKING:
     from gateway.runtime.worker_reports import WorkerReports
     from gateway.state.service import PersistentState
+    from gateway.wiring.log import LogService
 
 DESCRIPTION = "Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene."
 POLLED_PATHS = frozenset({"/view/sensor", "/view/renders", *(f"/view/sensor/{name}.jpg" for name in IMAGE_NAMES)})
@@ -55,13 +56,17 @@ POLLED_PATHS = frozenset({"/view/sensor", "/view/renders", *(f"/view/sensor/{nam
 
 
 def create_app(
-    settings: Settings, state: PersistentState | None = None, reports: WorkerReports | None = None
+    settings: Settings,
+    state: PersistentState | None = None,
+    reports: WorkerReports | None = None,
+    log: LogService | None = None,
 ) -> FastAPI:
     """Create a gateway as an ASGI application. Nothing runs before its lifespan starts.
 
     Args:
         state: opened state; None: the lifespan opens it, if the settings name one.
         reports: reports of all processes, if there are several (``--workers``).
+        log: log to show in place of the live tree.
 
     Raises:
         SettingsError: a token or certificate file cannot be used.
@@ -89,6 +94,7 @@ def create_app(
         security=Security.from_settings(settings),
         state=state,
         reports=reports,
+        log=log,
     )
     app.state.context = context
     _add_routes(context)

@@ -48,14 +48,12 @@ def export(
     ] = None,
     rate: Annotated[float, typer.Option(min=0.01, max=240.0, help="Samples of the scene per second.")] = 30.0,
     mesh_root: Annotated[
-        list[Path] | None,
+        str,
         typer.Option(
-            metavar="FOLDER",
-            exists=True,
-            file_okay=False,
-            help="Folder with the mesh files that the messages of a log name. Can be repeated.",
+            metavar="FOLDERS",
+            help="Folders with the mesh files that messages of a log name, as for `scenegate serve`; auto: all.",
         ),
-    ] = None,
+    ] = "auto",
     token: Annotated[str | None, typer.Option(envvar="SCENEGATE_TOKEN", help="Bearer token of the gateway.")] = None,
 ) -> None:
     """Write a scene and its motion into one file."""
@@ -73,7 +71,7 @@ def export(
     elif not Path(source).is_file():
         raise ValueError(f"{source}: there is no such log; the address of a gateway begins with http://")
     else:
-        data = asyncio.run(_export_log(Path(source), start, duration, rate, mesh_root or [], is_gltf=is_gltf))
+        data = asyncio.run(_export_log(Path(source), start, duration, rate, mesh_root, is_gltf=is_gltf))
     write_atomically(out, data)
     for sentence in _warnings(data) if is_gltf else ():
         typer.echo(f"{out}: {sentence}", err=True)
@@ -81,16 +79,19 @@ def export(
 
 
 async def _export_log(
-    log: Path, start: float, duration: float | None, rate: float, roots: list[Path], *, is_gltf: bool
+    log: Path, start: float, duration: float | None, rate: float, mesh_root: str, *, is_gltf: bool
 ) -> bytes:
     """Return the file of a section of a log. What the file does not have is named on stderr."""
     from gateway.assets.mesh_files import MeshFiles
     from gateway.lcmlog.timeline import open_log
     from gateway.sceneapi.motion import motion_glb
+    from gateway.settings import load
     from scenegate.cli.progress_bar import progress_bar
 
     write = motion_glb if is_gltf else _html
-    with closing(open_log(log, MeshFiles(roots))) as timeline, progress_bar("Exporting", "%", 1.0) as bar:
+    settings = load({"host": "127.0.0.1", "mesh_root": mesh_root})
+    files = MeshFiles(settings.mesh_folders, any_folder=settings.local_clients_read_all_folders)
+    with closing(open_log(log, files)) as timeline, progress_bar("Exporting", "%", 1.0) as bar:
         first, last = _section(timeline, log, start, duration)
         data = await write(timeline, first, last, rate, on_progress=lambda done: bar.update(done, round(100 * done)))
     for sentence in timeline.problems.listed():

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Final
+from weakref import ref
 
 import numpy as np
 
@@ -47,6 +48,23 @@ class Update:
     """Ids of the meshes that the frame refers to."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _CachedUpdate:
+    """An update between two trees.
+
+    A log has several trees of one revision, each decoded for a seek: they are equal, but their meshes are different
+    objects with different ids.
+    """
+
+    update: Update
+    old: ref[Node]
+    new: ref[Node]
+
+    def is_between(self, old: Snapshot, new: Snapshot) -> bool:
+        """Return True if the update is between these two trees."""
+        return self.old() is old.root and self.new() is new.root
+
+
 _INVALID_UPDATE: Final = Update(b"", frozenset())
 
 
@@ -62,7 +80,7 @@ class Encoder:
         self._max_node_ids = max_node_ids
         self._ids: dict[Path, int] = {(): 0}
         """Id of each path."""
-        self._updates: Cache[tuple[int, int], Update] = Cache("browser_updates", MAX_UPDATES)
+        self._updates: Cache[tuple[int, int], _CachedUpdate] = Cache("browser_updates", MAX_UPDATES)
         """Encoded updates by their old and new revision."""
         self._encode_lock = asyncio.Lock()
         """Held while an update is encoded, so that two browsers do not encode the same update."""
@@ -100,7 +118,8 @@ class Encoder:
         async with self._encode_lock:
             target, epoch = target or self.current, self.epoch
             key = (old.revision, target.revision)
-            update = self._updates.get(key)
+            cached = self._updates.get(key)
+            update = cached.update if cached is not None and cached.is_between(old, target) else None
             if update is None:
                 for update in self._encode(old, target):
                     if update is None:
@@ -108,7 +127,7 @@ class Encoder:
                     if self.epoch != epoch:
                         return _INVALID_UPDATE, target
                 assert update is not None
-                self._updates.put(key, update, len(update.frame))
+                self._updates.put(key, _CachedUpdate(update, ref(old.root), ref(target.root)), len(update.frame))
             return update, target
 
     def encode(self, old: Snapshot, target: Snapshot) -> Update:

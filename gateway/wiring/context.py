@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from gateway.runtime.worker_reports import WorkerReports
     from gateway.state.service import PersistentState
     from gateway.viewer.sources import StereoSource
+    from gateway.wiring.log import LogService
     from renderers.raster import CpuRenderer
 
 _log = structlog.get_logger("gateway")
@@ -82,6 +83,8 @@ class Context:
     """Storage of the live tree and of parameters (``--state``)."""
     reports: WorkerReports | None = None
     """Reports of all processes, if there are several (``--workers``)."""
+    log: LogService | None = None
+    """Log that is shown in place of the live tree."""
     heartbeat: Heartbeat | None = None
     """Connection to their supervisor."""
 

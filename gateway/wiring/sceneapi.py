@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from gateway.assets.light_rig_file import rig_of
 from gateway.sceneapi.config import SceneApiConfig
+from gateway.sceneapi.motion import motion_router
 from gateway.sceneapi.routes import router
 from gateway.sceneapi.service import SceneApi
 from gateway.wiring.context import Context
@@ -28,4 +29,6 @@ async def setup(context: Context) -> None:
         stereo_camera=lambda: context.stereo_camera(),  # set later, when the stereo camera starts
     )
     context.app.include_router(router(service))
+    if (timeline := context.log.timeline if context.log is not None else context.history) is not None:
+        context.app.include_router(motion_router(timeline, config.max_export_bytes))
     context.registry.ready("scene", where="/scene", figures=service.status)

@@ -24,13 +24,15 @@ async def setup(context: Context) -> None:
     """Add ``/view`` to the application."""
     config = ViewerConfig(background=context.settings.background, rig=rig_of(context.settings.rig))
     stereo = context.stereo_sensor
+    timeline = context.log.timeline if context.log is not None else context.history
     hub = ViewHub(
         config,
         context.tree,
         status=lambda: gateway_status(context),
         stereo=stereo,
         page=context.page,
-        timeline=context.history,
+        timeline=timeline,
+        has_live=context.log is None,
     )
     images = SceneImages(
         config, context.tree, context.flattener, context.renderer, context.workers, lambda: context.stereo_camera()
@@ -40,8 +42,10 @@ async def setup(context: Context) -> None:
     watch_view(context.metrics, hub)
     context.app.include_router(router(hub))
     context.app.include_router(image_router(images, sensor, hub.renders))
-    context.app.include_router(share_router(context.tree, context.page))
+    context.app.include_router(share_router(context.tree, context.page, timeline))
     context.run_service("view", hub, where="/view")
+    if context.log is not None:
+        context.run_service("log", context.log, where=str(context.log.timeline.path))
 
 
 def gateway_status(context: Context) -> dict[str, Any]:
@@ -67,6 +71,9 @@ def gateway_status(context: Context) -> dict[str, Any]:
     seconds = details.get("drakeviewer", {}).get("simulation_seconds")
     if seconds is not None:
         facts.append({"name": "simulation", "value": f"{seconds:.2f} s"})
+    indexed = details.get("log", {}).get("indexed", 1.0)
+    if indexed < 1.0:
+        facts.append({"name": "indexed", "value": f"{100 * indexed:.0f} %"})
     facts.append({"name": "queue", "value": stats.waiting, "warn": stats.rejected > 0})
     lost = lost_lcm_messages(details.get("treeviewer", {}))
     if lost is not None:
