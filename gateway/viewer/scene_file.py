@@ -16,13 +16,16 @@ RECORDING_ID: Final = "recording"
 """Id of the element with the recording, by which the page finds it."""
 
 
-def scene_html(recording: bytes) -> bytes:
+def scene_html(recording: bytes, view: str = "") -> bytes:
     """Return the page with a recording, as one HTML file. Its content security policy lets it load nothing.
 
     Nothing of the scene is in the file as text: the recording is compressed, and in base64.
+
+    Args:
+        view: camera to open with, as after ``#`` in the page's address; empty: the home view.
     """
     head, tail = _page()
-    return b"".join((head, base64.b64encode(recording), tail))
+    return b"".join((head, html.escape(view).encode(), b'">', base64.b64encode(recording), tail))
 
 
 @cache
@@ -43,7 +46,7 @@ def _page() -> tuple[bytes, bytes]:
     licenses = html.escape(STATIC.joinpath("THIRD_PARTY_LICENSES.md").read_text("utf-8"))
     head, end = index.split("</body>")
     head += f'  <pre id="licenses" hidden>{licenses}</pre>\n'
-    head += f'    <script id="{RECORDING_ID}" type="application/octet-stream">'
+    head += f'    <script id="{RECORDING_ID}" type="application/octet-stream" data-view="'
     tail = f'</script>\n    <script type="module">{script}</script>\n  </body>{end}'
     return head.encode(), tail.encode()
 

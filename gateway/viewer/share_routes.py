@@ -34,6 +34,14 @@ Rate = Annotated[
     float,
     Query(gt=0, le=MAX_RATE, description="Samples of the scene per second", openapi_examples=example(DEFAULT_RATE)),
 ]
+View = Annotated[
+    str,
+    Query(
+        max_length=2000,
+        description="Camera to open with, as after # in the page's address. Default: the home view.",
+        openapi_examples=example("eye=2,-2,1.5;target=0,0,0.5"),
+    ),
+]
 _TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
 _RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "The file.", "content": {"text/html": {"schema": {"type": "string"}}}},
@@ -75,22 +83,24 @@ def share_router(
     routes = APIRouter(tags=["Browser view"])
     one_at_a_time = asyncio.Lock()
 
-    async def make(seconds: float | None, rate: float) -> bytes:
+    async def make(seconds: float | None, rate: float, view: str) -> bytes:
         async with one_at_a_time:
             timeline = Still(tree.snapshot) if history is None or seconds == 0 else history
             start, end = timeline.span
             if seconds is not None:
                 start = max(start, end - int(seconds * 1e9))
             recording = await record(timeline, page_settings(page), start, end, rate, limits)
-            return await asyncio.to_thread(scene_html, recording)
+            return await asyncio.to_thread(scene_html, recording, view)
 
     @routes.get(
         "/view/scene.html", summary="The page with the scene in one file", response_class=Response, responses=_RESPONSES
     )
-    async def scene_file(request: Request, seconds: Seconds = None, rate: Rate = DEFAULT_RATE) -> Response:
+    async def scene_file(
+        request: Request, seconds: Seconds = None, rate: Rate = DEFAULT_RATE, view: View = ""
+    ) -> Response:
         """The page with the scene and its recent motion, which a browser opens without a gateway."""
         try:
-            body = await while_connected(request, make(seconds, rate))
+            body = await while_connected(request, make(seconds, rate, view))
         except ClientDisconnect:
             return Response(status_code=CLIENT_GONE)
         except (RecordingTooLargeError, SamplingError) as error:

@@ -114,6 +114,15 @@ async def test_names_of_nodes_do_not_leave_the_data(served: Served) -> None:
     assert [node["name"] for node in update["nodes"]] == [HOSTILE]
 
 
+async def test_the_camera_is_an_attribute(served: Served) -> None:
+    view = 'eye=1,2,3;target=0,0,0"><script>alert(1)</script>'
+    response = await served.http.get("/view/scene.html", params={"view": view})
+    parts = Parts(response.text)
+    assert [attributes["data-view"] for _, attributes, _ in parts.elements if "data-view" in attributes] == [view]
+    assert len(parts.texts("script")) == 2
+    assert (await served.http.get("/view/scene.html", params={"view": "x" * 2001})).status_code == 422
+
+
 async def test_the_route_has_the_last_seconds_of_the_history() -> None:
     served = Served(with_history=True)
     async with served.http as http:

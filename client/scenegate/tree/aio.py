@@ -251,6 +251,9 @@ class AsyncTreeViewer:
     def page_url(self, url: str) -> None:
         self._blocking.page_url = url
 
+    def _repr_html_(self) -> str:
+        return self._blocking.show().html
+
     @asynccontextmanager
     async def batch(self) -> AsyncIterator[Batch]:
         """See ``TreeViewer.batch``. The methods of the batch's nodes are not coroutines: they send nothing."""

@@ -42,7 +42,12 @@ export function Toolbar({ viewer }: { viewer: Viewer }) {
             <Download icon="download" title={FILE} file="scene.glb" url={downloads.file}>
               {word(".glb")}
             </Download>
-            <Download icon="share" title={PAGE} file="scene.html" url={() => "view/scene.html"}>
+            <Download
+              icon="share"
+              title={PAGE}
+              file="scene.html"
+              url={() => `view/scene.html?${new URLSearchParams({ view: location.hash.slice(1) })}`}
+            >
               {word(".html")}
             </Download>
           </>

@@ -15,6 +15,8 @@ export class RecordedConnection {
     private readonly onState: (state: "open" | "closed", reason: string) => void,
   ) {
     const element = document.getElementById("recording")!;
+    const { view } = element.dataset;
+    if (view && !location.hash) location.hash = view; // the camera of the page that made the file
     inflate(element.textContent ?? "")
       .then((buffer) => this.start(readRecording(buffer)))
       .catch((error) => this.onState("closed", `The recording in this file cannot be read: ${error}`));
