@@ -36,12 +36,13 @@ def export(
         ),
     ],
     start: Annotated[
-        float, typer.Option(min=0.0, metavar="SECONDS", help="Start of the motion after the start of the log.")
+        float, typer.Option(min=0.0, max=1e9, metavar="SECONDS", help="Start of the motion after the start of the log.")
     ] = 0.0,
     duration: Annotated[
         float | None,
         typer.Option(
             min=0.0,
+            max=1e9,
             metavar="SECONDS",
             help="Length of the motion; of a gateway, its last seconds. 0: no motion. Default: all there is.",
         ),

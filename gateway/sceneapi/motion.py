@@ -22,7 +22,12 @@ DEFAULT_RATE: Final = 30.0
 MAX_RATE: Final = 240.0
 Seconds = Annotated[
     float | None,
-    Query(ge=0, description="Motion of the last seconds. Default: all that is kept.", openapi_examples=example(10.0)),
+    Query(
+        ge=0,
+        le=1e9,
+        description="Motion of the last seconds. Default: all that is kept.",
+        openapi_examples=example(10.0),
+    ),
 ]
 Rate = Annotated[
     float,

@@ -26,6 +26,7 @@ Seconds = Annotated[
     float | None,
     Query(
         ge=0,
+        le=1e9,
         description="Motion of the last seconds; 0: the scene as it is. Default: all that the gateway has kept.",
         openapi_examples=example(10.0),
     ),

@@ -133,7 +133,7 @@ async def test_the_route_has_the_last_seconds_of_the_history() -> None:
         still = await http.get("/view/scene.html?seconds=0")
         [update] = headers_of(recording_of(still.content), "update")
         assert [node["name"] for node in update["nodes"]] == [HOSTILE]
-        for query in ("seconds=-1", "rate=0", "rate=241", "seconds=nan"):
+        for query in ("seconds=-1", "rate=0", "rate=241", "seconds=nan", "seconds=inf"):
             assert (await http.get(f"/view/scene.html?{query}")).status_code == 422, query
 
 
