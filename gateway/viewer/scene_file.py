@@ -14,6 +14,11 @@ STATIC: Final = files("gateway.viewer") / "static"
 """Folder with the files of the page, built from ``web``."""
 RECORDING_ID: Final = "recording"
 """Id of the element with the recording, by which the page finds it."""
+_SCRIPT_TAG: Final = re.compile(r"<script [^>]*></script>")
+_STYLE_TAG: Final = re.compile(r'<link rel="stylesheet"[^>]*>')
+_ASSET: Final = re.compile(r'/assets/([^/"]+)"')
+_SCRIPT_END: Final = re.compile(r"<(/script|!--)", re.IGNORECASE)
+"""What ends a script in HTML."""
 
 
 def scene_html(recording: bytes, view: str = "") -> bytes:
@@ -32,11 +37,9 @@ def scene_html(recording: bytes, view: str = "") -> bytes:
 def _page() -> tuple[bytes, bytes]:
     """Return the file before and after the recording."""
     index = STATIC.joinpath("index.html").read_text("utf-8")
-    script_tag, style_tag = (
-        _only(pattern, index) for pattern in (r"<script [^>]*></script>", r"<link rel=.stylesheet[^>]*>")
-    )
-    script = re.sub(r"<(/script|!--)", r"<\\\1", _asset(_only(r"[^/\"]+\.js", script_tag)), flags=re.IGNORECASE)
-    style = _asset(_only(r"[^/\"]+\.css", style_tag))
+    (script_tag,), (style_tag,) = _SCRIPT_TAG.findall(index), _STYLE_TAG.findall(index)
+    script = _SCRIPT_END.sub(r"<\\\1", _asset(script_tag))
+    style = _asset(style_tag)
     policy = (
         f"default-src 'none'; script-src {_hash_source(script)}; style-src {_hash_source(style)}; "
         "img-src data: blob:; connect-src blob:; base-uri 'none'; form-action 'none'"
@@ -51,14 +54,10 @@ def _page() -> tuple[bytes, bytes]:
     return head.encode(), tail.encode()
 
 
-def _asset(name: str) -> str:
+def _asset(tag: str) -> str:
+    """Return the content of the file that a tag refers to."""
+    (name,) = _ASSET.findall(tag)
     return STATIC.joinpath("assets", name).read_text("utf-8")
-
-
-def _only(pattern: str, text: str) -> str:
-    """Return the only match of a pattern in a text of the page's build."""
-    (match,) = re.findall(pattern, text)
-    return str(match)
 
 
 def _hash_source(text: str) -> str:

@@ -14,6 +14,7 @@ import pytest
 
 from scenegate import AsyncTreeViewer
 from scenegate.tree.notebook import NotebookFrame, NotebookViews
+from tests.support.waiting import SECONDS
 
 PAGE = '<!doctype html><p title="a">1 & 2</p><script>"</script>'
 
@@ -128,7 +129,7 @@ def test_without_a_gateway_static_pages_are_a_sentence() -> None:
 
 
 async def test_the_asynchronous_viewer_has_it(gateway: tuple[str, list[str]]) -> None:
-    async with AsyncTreeViewer("memq://") as viewer:
+    async with AsyncTreeViewer("memq://", timeout=SECONDS) as viewer:
         viewer.page_url = gateway[0]
         assert frame_of(await viewer.show(static=True))["srcdoc"] == PAGE
         assert (await viewer.image()).png

@@ -16,6 +16,7 @@ from fastapi import FastAPI
 from gateway.scene.geometry import Box, Part
 from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
+from gateway.viewer import scene_file
 from gateway.viewer.recording import RecordingLimits
 from gateway.viewer.scene_file import STATIC, scene_html
 from gateway.viewer.share_routes import share_router
@@ -143,3 +144,12 @@ async def test_a_file_beyond_the_limit_is_refused_with_a_sentence() -> None:
         response = await http.get("/view/scene.html")
     assert response.status_code == 413
     assert response.text.startswith("the recording has more than 100 bytes")
+
+
+def test_a_script_does_not_end_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scene_file, "_asset", lambda tag: 'a = "</SCRIPT><!--";' if "script" in tag else "p {}")
+    scene_file._page.cache_clear()  # noqa: SLF001 - it has the page of this build
+    try:
+        assert Parts(scene_html(b"").decode()).texts("script")[1] == 'a = "<\\/SCRIPT><\\!--";'
+    finally:
+        scene_file._page.cache_clear()  # noqa: SLF001
