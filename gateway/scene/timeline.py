@@ -11,6 +11,14 @@ FIRST_STEP: Final = 1_000_000
 """Time after which the next change is first looked for, nanoseconds. It is doubled until there is one."""
 
 
+MAX_SECONDS: Final = 1e10
+"""Maximum of a time that a client names, either sign."""
+TIME_DESCRIPTION: Final = (
+    "Time of the scene: seconds since the epoch, or before now if negative, as far as --history-seconds goes back."
+)
+"""Description for OpenAPI."""
+
+
 class Timeline(Protocol):
     """States of the tree over time."""
 

@@ -21,7 +21,7 @@ from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.flatten import Flattener
 from gateway.scene.history import TreeHistory
 from gateway.scene.labels import LabelTable
-from gateway.scene.live import LiveTree
+from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
 from gateway.server.security import Security
 from gateway.settings import MIB, Settings
@@ -88,8 +88,8 @@ class Context:
     heartbeat: Heartbeat | None = None
     """Connection to their supervisor."""
 
-    stereo_camera: Callable[[], Camera | None] = lambda: None
-    """Returns the left stereo camera in the live tree, if any."""
+    stereo_camera: Callable[[Snapshot], Camera | None] = lambda snapshot: None
+    """Returns the left stereo camera in a snapshot of the live tree, if any."""
     stereo_sensor: StereoSource | None = None
     """Source of the stereo camera's images for the browser view, if any."""
     on_render: Callable[[RenderRecord], None] = lambda record: None

@@ -26,7 +26,8 @@ async def setup(context: Context) -> None:
         config,
         labels=context.labels,
         flattener=context.flattener,
-        stereo_camera=lambda: context.stereo_camera(),  # set later, when the stereo camera starts
+        stereo_camera=lambda snapshot: context.stereo_camera(snapshot),  # set later, when the stereo camera starts
+        timeline=context.history,
     )
     context.app.include_router(router(service))
     if (timeline := context.log.timeline if context.log is not None else context.history) is not None:

@@ -35,7 +35,13 @@ async def setup(context: Context) -> None:
         has_live=context.log is None,
     )
     images = SceneImages(
-        config, context.tree, context.flattener, context.renderer, context.workers, lambda: context.stereo_camera()
+        config,
+        context.tree,
+        context.flattener,
+        context.renderer,
+        context.workers,
+        lambda snapshot: context.stereo_camera(snapshot),
+        context.history,
     )
     sensor = SensorImages(stereo.capture, config.capture_seconds) if stereo is not None else None
     context.on_render = lambda record: hub.renders.add(render_summary(record))

@@ -47,8 +47,8 @@ class SceneView:
         self._mount.pose(self.tree.snapshot.root)
         return self._mount.warning
 
-    def camera(self, config: StereoConfig) -> Camera:
-        """Return the left camera in the current snapshot."""
+    def camera(self, config: StereoConfig, snapshot: Snapshot) -> Camera:
+        """Return the left camera in a snapshot."""
         k = config.model.intrinsics()
-        pose = self.pose_in(self.tree.snapshot)
+        pose = self.pose_in(snapshot)
         return Camera(k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, config.near, config.far, pose)

@@ -17,7 +17,7 @@ const session = new Session();
 const programControls = new ProgramControls((change) => connection.report(change));
 const panels = new Panels(session, programControls);
 const holder = document.createElement("div");
-const viewer = new Viewer(session, panels, holder, (click) => connection.report(click));
+const viewer = new Viewer(session, panels, holder, (message) => connection.report(message));
 const { stage } = viewer;
 const gizmos = new Gizmos(stage, session.model, programControls);
 const attach = (element: Element | null) => element?.append(holder);
@@ -41,6 +41,7 @@ const handlers: Handlers = {
   },
   received: ({ number }) => programControls.received(number),
   status: (message) => (session.status.value = message),
+  time: (message) => viewer.timeline.receive(message),
 };
 const receive = (message: Message) => (handlers[message.kind] as (message: Message) => void)(message);
 
@@ -48,6 +49,7 @@ const connection = new (isRecorded() ? RecordedConnection : Connection)(receive,
   if (state === "open") {
     viewer.drawing.reset();
     programControls.reset();
+    viewer.timeline.restore();
   }
   session.setConnection(state, reason);
 });
@@ -73,6 +75,10 @@ const KEYS: Record<string, () => unknown> = {
   "+": () => stage.rig.zoom(0.8),
   "=": () => stage.rig.zoom(0.8),
   "-": () => stage.rig.zoom(1.25),
+  p: () => viewer.timeline.toggle(),
+  l: () => viewer.timeline.live(),
+  ",": () => viewer.timeline.step(-1),
+  ".": () => viewer.timeline.step(1),
   m: () => viewer.measurement.toggle(),
   t: () => panels.toggle("left"),
   s: () => panels.toggle("right"),

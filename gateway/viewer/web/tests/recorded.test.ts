@@ -3,9 +3,10 @@
 import { expect, it, vi } from "vitest";
 import { Model } from "../src/model";
 import type { SceneUpdate } from "../src/protocol";
-import { Playback, type TimeState } from "../src/recorded/playback";
+import { Playback } from "../src/recorded/playback";
 import { inflate, Player, readRecording, type Step } from "../src/recorded/recording";
 import { addressOf, channelPath, imagePath } from "../src/recorded/resources";
+import type { TimeState } from "../src/tools/timeline";
 import { update } from "./scene";
 
 /** Return a frame of gateway/viewer/frames.py whose body is bytes. */

@@ -1,29 +1,8 @@
 // The time of a recording: what gateway/viewer/playback.py is for a page with a gateway. It has the same commands and messages.
 
 import type { SceneUpdate } from "../protocol";
+import type { TimeCommand, TimeState } from "../tools/timeline";
 import { Player, type Recording } from "./recording";
-
-export interface TimeCommand {
-  time: "live" | "play" | "pause" | "seek" | "step" | "set";
-  /** Time to seek, seconds since the epoch. */
-  at?: number;
-  steps?: number;
-  rate?: number;
-  loop?: boolean;
-}
-
-export interface TimeState {
-  kind: "time";
-  mode: "live" | "playing" | "paused";
-  live: boolean;
-  rate: number;
-  loop: boolean;
-  working: boolean;
-  problem: string;
-  position: number;
-  first: number;
-  last: number;
-}
 
 export class Playback {
   private mode: "playing" | "paused" = "playing";

@@ -1,7 +1,8 @@
 // What stands for the connection to the gateway in a file with a recording: it feeds the page the recorded messages.
 
 import type { Message } from "../connection";
-import { Playback, type TimeCommand } from "./playback";
+import type { TimeCommand } from "../tools/timeline";
+import { Playback } from "./playback";
 import { inflate, type Recording, readRecording } from "./recording";
 
 const seconds = () => performance.now() / 1000;
