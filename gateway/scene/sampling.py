@@ -29,7 +29,7 @@ class Sample(NamedTuple):
 async def samples(
     timeline: Timeline, start: int, end: int, rate: float, max_samples: int = MAX_SAMPLES
 ) -> AsyncIterator[Sample]:
-    """Yield the state at ``start``, and each further sample with another state.
+    """Yield the first state with a node, and each further sample with another state; if all are empty, the last one.
 
     Args:
         start: first time, nanoseconds since the epoch.
@@ -46,10 +46,11 @@ async def samples(
             f"{seconds:.1f} s at {rate:g} Hz are {count} samples of the scene; the limit is {max_samples}: take a "
             "shorter time, or a lower rate"
         )
-    last_revision = None
+    last_revision, is_empty = None, True
     for number in range(count + 1):
         time = min(start + int(number / rate * 1e9), end) if number < count else end
         snapshot = await timeline.snapshot_at(time)
-        if snapshot.revision != last_revision:
+        is_empty = is_empty and not snapshot.root.children and snapshot.root.parts is None
+        if snapshot.revision != last_revision and (not is_empty or number == count):
             last_revision = snapshot.revision
             yield Sample(time, snapshot, number / count)

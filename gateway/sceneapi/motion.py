@@ -66,8 +66,10 @@ async def motion_glb(
         ImageError: a texture cannot be decoded.
     """
     motion = Motion(max_bytes)
+    first: int | None = None
     async for sample in samples(timeline, start, end, rate):
-        await asyncio.to_thread(motion.add, (sample.time - start) / 1e9, sample.snapshot.root)
+        first = sample.time if first is None else first
+        await asyncio.to_thread(motion.add, (sample.time - first) / 1e9, sample.snapshot.root)
         on_progress(sample.done)
     return await asyncio.to_thread(export_motion_glb, motion, max_bytes=max_bytes)
 

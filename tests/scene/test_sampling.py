@@ -9,9 +9,8 @@ from gateway.scene.sampling import SamplingError, samples
 from gateway.scene.tree import Node
 from tests.viewer.recordings import SECOND, States
 
-STATES = States(
-    [Snapshot(Node(), number, round(time * SECOND)) for number, time in enumerate((10, 11, 11.1, 13, 13.9))]
-)
+TREE = Node(children={"box": Node()})
+STATES = States([Snapshot(TREE, number, round(time * SECOND)) for number, time in enumerate((10, 11, 11.1, 13, 13.9))])
 
 
 async def sampled(start: float, end: float, rate: float) -> list[tuple[float, int]]:
@@ -24,6 +23,13 @@ async def test_each_change_and_the_last_state_once() -> None:
     assert await sampled(10, 13.9, 0.5) == [(10, 0), (12, 2), (13.9, 4)]
     assert await sampled(11.5, 12.5, 30) == [(11.5, 2)]
     assert await sampled(11, 11, 30) == [(11, 1)]
+
+
+async def test_empty_states_at_the_start_are_left_out() -> None:
+    trees = (Node(), Node(), TREE, Node())
+    states = States([Snapshot(tree, number, (10 + number) * SECOND) for number, tree in enumerate(trees)])
+    assert [each.snapshot.revision async for each in samples(states, 10 * SECOND, 14 * SECOND, 1)] == [2, 3]
+    assert [each.snapshot.revision async for each in samples(states, 10 * SECOND, 11 * SECOND, 1)] == [1]
 
 
 async def test_the_fraction_that_is_done_ascends_to_one() -> None:

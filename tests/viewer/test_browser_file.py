@@ -147,6 +147,45 @@ def _check_panels(opened: FileView) -> None:
     assert image.size[0] > 600
 
 
+def test_the_time_bar_of_a_file_moves_the_scene(
+    browser: Any, gateway: tuple[GatewayProcess, str], tmp_path: Path
+) -> None:
+    _, url = gateway
+    publisher = Publisher(url)
+    publisher.send(delete=[{"path": []}])
+    publisher.box(["box"], RED, x=-1.0, size=0.5)
+    live = View(browser, url)
+    live.look_at("box")
+    for number in range(1, 21):
+        publisher.send(settransform=[publisher.at(["box"], -1.0 + 0.1 * number)])
+        live.page.wait_for_timeout(50)  # short: the motion
+    live.until(lambda: live.share("red", "right") > 0.02, "the box on the right")
+    live.page.close()
+    opened = FileView(browser, download(url, tmp_path))
+    page = opened.page
+    slider = page.get_by_role("slider", name="Time")
+    slider.wait_for()
+    opened.look_at("box")
+
+    def x() -> float:
+        return float(page.evaluate("scenegate.model.find(['box'])?.world.elements[12] ?? NaN"))
+
+    slider.press("End")
+    opened.until(lambda: abs(x() - 1.0) < 1e-6, "the end")
+    opened.until(lambda: opened.share("red", "right") > 0.02 and opened.share("red", "left") == 0.0, "the image of it")
+    page.get_by_role("button", name="Play", exact=False).first.wait_for()  # it rests at the end
+    slider.press("Home")
+    opened.until(lambda: x() == -1.0, "the start")
+    opened.until(lambda: opened.share("red", "left") > 0.02 and opened.share("red", "right") == 0.0, "the image of it")
+    page.get_by_role("button", name="One change forward").click()
+    opened.until(lambda: -1.0 < x() < -0.5, "a change later")
+    page.get_by_role("button", name="Play (P)").click()
+    opened.until(lambda: x() > 0.5, "it plays")
+    assert page.get_by_role("button", name="Live").count() == 0
+    assert opened.faults == []
+    page.close()
+
+
 def test_a_damaged_file_says_so(browser: Any, gateway: tuple[GatewayProcess, str], tmp_path: Path) -> None:
     file = download(gateway[1], tmp_path)
     data = file.read_bytes()
