@@ -65,7 +65,7 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def gateway(browser: Any) -> Iterator[tuple[GatewayProcess, str]]:
-    with gateway_process(*FLAGS) as running:
+    with gateway_process(*FLAGS, "--history-seconds", "0") as running:  # no time bar, as in the file
         yield running
 
 
@@ -107,7 +107,7 @@ def test_a_file_shows_what_the_live_page_shows(
     )
     live = View(browser, url)
     live.look_at("cloud")
-    file = download(url, tmp_path)
+    file = download(url, tmp_path, "?seconds=0")
     assert file.stat().st_size < MAX_PAGE_BYTES
     opened = FileView(browser, file)
     opened.look_at("cloud")
@@ -147,21 +147,23 @@ def _check_panels(opened: FileView) -> None:
     assert image.size[0] > 600
 
 
-def test_the_time_bar_of_a_file_moves_the_scene(
-    browser: Any, gateway: tuple[GatewayProcess, str], tmp_path: Path
-) -> None:
-    _, url = gateway
-    publisher = Publisher(url)
-    publisher.send(delete=[{"path": []}])
-    publisher.box(["box"], RED, x=-1.0, size=0.5)
-    live = View(browser, url)
-    live.look_at("box")
-    for number in range(1, 21):
-        publisher.send(settransform=[publisher.at(["box"], -1.0 + 0.1 * number)])
-        live.page.wait_for_timeout(50)  # short: the motion
-    live.until(lambda: live.share("red", "right") > 0.02, "the box on the right")
-    live.page.close()
-    opened = FileView(browser, download(url, tmp_path))
+def moved_box(browser: Any, folder: Path) -> Path:
+    """Return a file with the history of a gateway: a box moves from x = -1 to 1."""
+    with gateway_process(*FLAGS) as (_, url):
+        publisher = Publisher(url)
+        publisher.box(["box"], RED, x=-1.0, size=0.5)
+        live = View(browser, url)
+        live.look_at("box")
+        for number in range(1, 21):
+            publisher.send(settransform=[publisher.at(["box"], -1.0 + 0.1 * number)])
+            live.page.wait_for_timeout(50)  # short: the motion
+        live.until(lambda: live.share("red", "right") > 0.02, "the box on the right")
+        live.page.close()
+        return download(url, folder)
+
+
+def test_the_time_bar_of_a_file_moves_the_scene(browser: Any, tmp_path: Path) -> None:
+    opened = FileView(browser, moved_box(browser, tmp_path))
     page = opened.page
     slider = page.get_by_role("slider", name="Time")
     slider.wait_for()
