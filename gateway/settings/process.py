@@ -74,7 +74,7 @@ class ProcessSettings(BaseSettings):
         60.0,
         "State",
         "Time for which earlier states of the live tree are kept: for the time bar of the browser view, and for "
-        "'time' of GET /scene, /scene/render and /view/frame.jpg. 0: none.",
+        "'time' of GET /scene, /scene/render, /view/frame.jpg and /cameras/NAME/…. 0: none.",
         ge=0,
         le=86400,
     )
@@ -82,7 +82,7 @@ class ProcessSettings(BaseSettings):
         256,
         "State",
         "Maximum memory of these states, in MiB; the oldest go first. A minute of 1000 nodes that move at 60 Hz needs "
-        "235.",
+        "245.",
         ge=1,
         le=1 << 16,
     )

@@ -43,7 +43,7 @@ def shown(gateway: tuple[Any, str]) -> Iterator[tuple[View, TreeViewer]]:
 
 
 def move(viewer: TreeViewer, x: float) -> None:
-    viewer["cart"].set_transform((x, 0, 0))
+    viewer["cart"].transform((x, 0, 0))
 
 
 def x_of(view: View) -> float:
@@ -105,8 +105,8 @@ def test_the_address_has_the_moment(shown: tuple[View, TreeViewer], gateway: tup
     time = parse_qs(urlsplit(view.page.url).fragment)["time"][0]
     move(viewer, 2.0)
     browser, url = gateway
-    other = View(browser, f"{url}/view#&time={time}" if False else url)
-    other.page.goto(f"{view.page.url}")
+    other = View(browser, url)
+    other.page.goto(view.page.url)
     other.until(lambda: other.page.evaluate("scenegate.model.find(['cart'])") and x_of(other) == 1.0, "the same moment")
     render = view.page.get_by_role("link", name="Render")
     with clients.Client(base_url=url) as http:
