@@ -109,11 +109,12 @@ async def measure(timeline: LogTimeline, begin: float) -> None:
     print(f"{summary.file_bytes / 1e9:.2f} GB, {length:.0f} s, {summary.events} messages, {summary.shown} shown")
     snapshot = await timeline.snapshot_at(timeline.span[0])
     print(f"first state after {time.perf_counter() - begin:.2f} s")
-    begin = time.perf_counter()
+    begin, cpu = time.perf_counter(), time.process_time()
     await timeline.build_index()
     checkpoints = timeline._checkpoints  # noqa: SLF001
     print(
-        f"index built in {time.perf_counter() - begin:.1f} s: {len(checkpoints)} checkpoints, "
+        f"index built in {time.perf_counter() - begin:.1f} s ({time.process_time() - cpu:.1f} s of CPU): "
+        f"{len(checkpoints)} checkpoints, "
         f"{checkpoints.nbytes / 1e6:.0f} MB"
     )
     await _seek(timeline)
@@ -150,9 +151,9 @@ def main() -> None:
         return
     configure()
     tune()
-    begin = time.perf_counter()
+    begin, cpu = time.perf_counter(), time.process_time()
     timeline = open_log(options.log)
-    print(f"headers read in {time.perf_counter() - begin:.2f} s")
+    print(f"headers read in {time.perf_counter() - begin:.2f} s ({time.process_time() - cpu:.2f} s of CPU)")
     asyncio.run(measure(timeline, begin))
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return_memory()

@@ -26,6 +26,7 @@ from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.scheduling import usable_cpus
 from gateway.runtime.service_registry import ServiceRegistry
 from gateway.runtime.worker_pool import WorkerPool
+from gateway.scene.live import LiveTree
 from gateway.server import error_handlers, health, openapi
 from gateway.server.docs_page import docs_page
 from gateway.server.early_response import EarlyResponse
@@ -44,6 +45,7 @@ from gateway.wiring.startup import start
 from gateway.wiring.state import open_state
 from gateway.wiring.worker_processes import write_worker_reports
 from renderers.cache import SHARED
+from scenegate.lcm.arrival import arrival_time
 
 if TYPE_CHECKING:
     from gateway.runtime.worker_reports import WorkerReports
@@ -95,6 +97,7 @@ def create_app(
         state=state,
         reports=reports,
         log=log,
+        tree=LiveTree(arrival_time) if log is None else log.tree,
     )
     app.state.context = context
     _add_routes(context)

@@ -43,13 +43,20 @@ def view_log(path: Path, http_port: int, mesh_root: str, on_url: Callable[[str],
         listener = process_tuning.listen(HOST, http_port)
     except OSError as error:
         raise OSError(f"--http-port {http_port}: {process_tuning.listen_error(error, HOST, http_port)}") from None
-    ensure_compiled(show=True)
-    timeline = _open(path, settings)
-    with progress_bar("Indexing", "% of the log", 1.0) as bar:
-        service = LogService(timeline, lambda progress: bar.update(progress, int(100 * progress)))
-        app = create_app(settings, log=service)
-        on_url(f"http://{HOST}:{listener.getsockname()[1]}/view")
-        code = serve_app(app, listener, None)
+    with listener:
+        ensure_compiled(show=True)
+        timeline = _open(path, settings)
+        with progress_bar("Indexing", "% of the log", 1.0) as bar:
+
+            def on_progress(progress: float) -> None:
+                if progress < 1.0:
+                    bar.update(progress, int(100 * progress))
+                else:
+                    bar.end()
+
+            app = create_app(settings, log=LogService(timeline, on_progress))
+            on_url(f"http://{HOST}:{listener.getsockname()[1]}/view")
+            code = serve_app(app, listener, None)
     for sentence in timeline.problems.listed():
         typer.echo(f"scenegate: {sentence}", err=True)
     return code
@@ -57,7 +64,7 @@ def view_log(path: Path, http_port: int, mesh_root: str, on_url: Callable[[str],
 
 def settings_for(http_port: int, mesh_root: str) -> Settings:
     """Return the settings of a server that shows a log: page and scene, without LCM, state file or demo."""
-    fixed = {"only": "view,scene", "host": HOST, "workers": 1, "state": None, "demo": False}
+    fixed = {"only": "view,scene", "host": HOST, "workers": 1, "state": None, "demo": False, "history_seconds": 0.0}
     without_tls = {"http_certificate": None, "http_key": None}
     return load({**fixed, **without_tls, "http_port": http_port, "mesh_root": mesh_root})
 

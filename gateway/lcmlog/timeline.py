@@ -175,8 +175,8 @@ class LogTimeline:
             return
         time = self._indexer.clock.time_ns
         if not times or time - times[-1] >= LABEL_NS or seconds < self._simulation_seconds[-1]:
+            self._simulation_seconds.append(seconds)  # first: another thread reads what both have
             times.append(time)
-            self._simulation_seconds.append(seconds)
 
     def _seek(self, time: int) -> Snapshot:
         """Return the state at a time that is indexed."""

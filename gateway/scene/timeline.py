@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Final, Protocol
+from typing import Final, Protocol, runtime_checkable
 
 from gateway.scene.live import Snapshot
 
@@ -31,6 +31,14 @@ class Timeline(Protocol):
 
         A call with a time at which the same state was valid returns a snapshot of the same revision.
         """
+
+
+@runtime_checkable
+class SimulationTimes(Protocol):
+    """A timeline that may know times of a simulation."""
+
+    def simulation_seconds_at(self, time: int) -> float | None:
+        """Return the time of the simulation, seconds, at a time of the timeline; None if it is not known."""
 
 
 class TimeError(ValueError):

@@ -14,7 +14,7 @@ from typing import Annotated, Final, Literal
 import msgspec
 
 from gateway.scene.live import Snapshot
-from gateway.scene.timeline import Timeline, next_state
+from gateway.scene.timeline import SimulationTimes, Timeline, next_state
 from gateway.viewer.frames import FrameBuilder
 
 PLAY_PERIOD: Final = 1.0 / 60.0
@@ -70,6 +70,7 @@ class Playback:
         """
         self.mode = Mode.LIVE if has_live else Mode.PLAYING
         self._timeline = timeline
+        self._simulation = timeline if isinstance(timeline, SimulationTimes) else None
         self._has_live = has_live
         self._show = show
         self._release = release
@@ -123,9 +124,11 @@ class Playback:
         self._send(self.frame())
 
     def frame(self) -> bytes:
-        """Return the frame with mode, position and span, seconds since the epoch."""
+        """Return the frame with mode, position and span, seconds since the epoch, and the time of the simulation."""
         first, last = self._timeline.span
-        times = {"position": self._position(), "first": first, "last": last}
+        position = self._position()
+        times = {"position": position, "first": first, "last": last}
+        simulation = self._simulation.simulation_seconds_at(position) if self._simulation is not None else None
         return FrameBuilder().finish(
             {
                 "kind": "time",
@@ -135,6 +138,7 @@ class Playback:
                 "loop": self._loop_end is not None,
                 "working": self._is_working,
                 "problem": self._problem,
+                "simulation": simulation,
                 **{name: time / 1e9 for name, time in times.items()},
             }
         )

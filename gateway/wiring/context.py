@@ -28,13 +28,13 @@ from gateway.settings import MIB, Settings
 from gateway.wiring.interface_names import title_of
 from renderers.camera import Camera
 from renderers.interface import Renderer
-from scenegate.lcm.arrival import arrival_time
 
 if TYPE_CHECKING:
     from gateway.assets.mesh_files import MeshFiles
     from gateway.render.events import RenderRecord
     from gateway.runtime.supervised_process import Heartbeat
     from gateway.runtime.worker_reports import WorkerReports
+    from gateway.scene.timeline import Timeline
     from gateway.state.service import PersistentState
     from gateway.viewer.sources import StereoSource
     from gateway.wiring.log import LogService
@@ -65,7 +65,7 @@ class Context:
     """Threads for the cameras, which the other workers give way to."""
     security: Security
     """Tokens, TLS and trusted hosts of every interface."""
-    tree: LiveTree = field(default_factory=lambda: LiveTree(arrival_time))
+    tree: LiveTree
     page: LivePage = field(default_factory=LivePage)
     """View settings of the live tree's page, as set by clients: background, grid and so on."""
     labels: LabelTable = field(default_factory=LabelTable)
@@ -165,6 +165,11 @@ class Context:
             self.history = TreeHistory(self.tree, settings.history_seconds, max_bytes, asyncio.to_thread)
             self.history.start()
             self.exit_stack.callback(self.history.close)
+
+    @property
+    def timeline(self) -> Timeline | None:
+        """States of the scene over time: the log that is shown, or the history of the live tree."""
+        return self.log.timeline if self.log is not None else self.history
 
     def has_messages_before(self, timestamp: int) -> bool:
         """Return True if a message that arrived before a time, nanoseconds, is not applied to the tree yet."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from gateway.lcmlog.timeline import LogTimeline
+from gateway.scene.live import LiveTree
 
 
 class LogService:
@@ -18,6 +19,8 @@ class LogService:
             on_progress: called with the fraction of the log that is indexed.
         """
         self.timeline = timeline
+        self.tree = LiveTree()
+        """The live tree of the application: the last state of the log, when it is indexed."""
         self._on_progress = on_progress
         self.ready = False
 
@@ -38,10 +41,11 @@ class LogService:
         return {**figures, "warnings": warnings} if warnings else figures
 
     async def run(self) -> None:
-        """Index the log, then wait until cancelled, and close it."""
+        """Index the log, show its last state in the live tree, then wait until cancelled, and close the log."""
         self.ready = True
         try:
             await self.timeline.build_index(self._on_progress)
+            self.tree.replace(await self.timeline.snapshot_at(self.timeline.span[1]))
             await asyncio.Event().wait()
         finally:
             self.ready = False

@@ -27,9 +27,9 @@ async def setup(context: Context) -> None:
         labels=context.labels,
         flattener=context.flattener,
         stereo_camera=lambda snapshot: context.stereo_camera(snapshot),  # set later, when the stereo camera starts
-        timeline=context.history,
+        timeline=context.timeline,
     )
     context.app.include_router(router(service))
-    if (timeline := context.log.timeline if context.log is not None else context.history) is not None:
-        context.app.include_router(motion_router(timeline, config.max_export_bytes))
+    if context.timeline is not None:
+        context.app.include_router(motion_router(context.timeline, config.max_export_bytes))
     context.registry.ready("scene", where="/scene", figures=service.status)

@@ -24,14 +24,13 @@ async def setup(context: Context) -> None:
     """Add ``/view`` to the application."""
     config = ViewerConfig(background=context.settings.background, rig=rig_of(context.settings.rig))
     stereo = context.stereo_sensor
-    timeline = context.log.timeline if context.log is not None else context.history
     hub = ViewHub(
         config,
         context.tree,
         status=lambda: gateway_status(context),
         stereo=stereo,
         page=context.page,
-        timeline=timeline,
+        timeline=context.timeline,
         has_live=context.log is None,
     )
     images = SceneImages(
@@ -41,14 +40,14 @@ async def setup(context: Context) -> None:
         context.renderer,
         context.workers,
         lambda snapshot: context.stereo_camera(snapshot),
-        context.history,
+        context.timeline,
     )
     sensor = SensorImages(stereo.capture, config.capture_seconds) if stereo is not None else None
     context.on_render = lambda record: hub.renders.add(render_summary(record))
     watch_view(context.metrics, hub)
     context.app.include_router(router(hub))
     context.app.include_router(image_router(images, sensor, hub.renders))
-    context.app.include_router(share_router(context.tree, context.page, timeline))
+    context.app.include_router(share_router(context.tree, context.page, context.timeline))
     context.run_service("view", hub, where="/view")
     if context.log is not None:
         context.run_service("log", context.log, where=str(context.log.timeline.path))

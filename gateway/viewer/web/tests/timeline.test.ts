@@ -1,6 +1,6 @@
 import { expect, it } from "vitest";
 import { parseAddress } from "../src/tools/address";
-import { duration, momentText, type TimeCommand, Timeline, type TimeState, timeOfDay } from "../src/tools/timeline";
+import { clockText, duration, momentText, type TimeCommand, Timeline, type TimeState } from "../src/tools/timeline";
 
 const STATE: TimeState = {
   kind: "time",
@@ -10,6 +10,7 @@ const STATE: TimeState = {
   loop: true,
   working: false,
   problem: "",
+  simulation: null,
   position: 1_700_000_047.66,
   first: 1_700_000_000,
   last: 1_700_000_060,
@@ -29,8 +30,9 @@ it("says which moment is shown", () => {
   expect([0.04, 12.34, 59.96, 125].map(duration)).toEqual(["0.0 s", "12.3 s", "1:00.0", "2:05.0"]);
   expect(momentText(STATE)).toBe("12.3 s ago");
   expect(momentText({ ...STATE, live: false })).toBe("47.7 s of 1:00.0");
-  expect(timeOfDay(STATE)).toMatch(/^\d\d:\d\d:\d\d\.6$/);
-  expect(timeOfDay({ ...STATE, first: 0, position: 3 })).toBe("");
+  expect(clockText(STATE)).toMatch(/^\d\d:\d\d:\d\d\.6$/);
+  expect(clockText({ ...STATE, first: 0, position: 3 })).toBe("");
+  expect(clockText({ ...STATE, simulation: 1.5 })).toBe("simulation 1.50 s");
 });
 
 it("shows the moment of the address once the gateway has a timeline", () => {

@@ -1,7 +1,7 @@
 // The bar below the view: pause, drag, step, rate, loop, live.
 
 import { Button, Select } from "../panels/controls";
-import { duration, momentText, type Timeline, type TimeState, timeOfDay } from "./timeline";
+import { clockText, duration, momentText, type Timeline, type TimeState } from "./timeline";
 
 const RATES = ["0.1", "0.25", "0.5", "1", "2", "5", "10"].map((rate) => [rate, `${rate}×`] as [string, string]);
 /** Seconds by which keys move the slider. */
@@ -20,7 +20,7 @@ function Position({ state, timeline }: { state: TimeState; timeline: Timeline })
     <input
       type="range"
       aria-label="Time"
-      aria-valuetext={`${momentText(state)} ${timeOfDay(state)}`}
+      aria-valuetext={`${momentText(state)} ${clockText(state)}`}
       title={`The last ${duration(last - first)}`}
       min={first - last}
       max={0}
@@ -50,7 +50,7 @@ export function TimeBar({ timeline }: { timeline: Timeline }) {
       </span>
       <Position state={state} timeline={timeline} />
       <span class="moment" role="status" hidden={isLive}>
-        {problem || (working ? "Looking for it …" : momentText(state))} <span class="wide">{!problem && timeOfDay(state)}</span>
+        {problem || (working ? "Looking for it …" : momentText(state))} <span class="wide">{!problem && clockText(state)}</span>
       </span>
       <span class="steps" hidden={isLive}>
         <Select label="Rate" value={`${rate}`} choices={RATES} onChange={(text) => timeline.set({ rate: Number(text) })} />

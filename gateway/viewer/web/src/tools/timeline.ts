@@ -17,6 +17,8 @@ export interface TimeState {
   working: boolean;
   /** Why there is no state; empty: there is. */
   problem: string;
+  /** Time of the simulation in a log, seconds; null: none is known. */
+  simulation: number | null;
   position: Time;
   first: Time;
   last: Time;
@@ -98,8 +100,9 @@ export function momentText({ mode, live, position, first, last }: TimeState): st
   return live ? `${duration(last - position)} ago` : `${duration(position - first)} of ${duration(last - first)}`;
 }
 
-/** Return the time of day; empty if the times are not those of days. */
-export function timeOfDay({ position, first }: TimeState): string {
+/** Return the time of the simulation, or else the time of day; empty if the times are not those of days. */
+export function clockText({ position, first, simulation }: TimeState): string {
+  if (simulation !== null) return `simulation ${simulation.toFixed(2)} s`;
   if (first < FIRST_DAY) return "";
   const date = new Date(position * 1000);
   return `${date.toLocaleTimeString([], { hourCycle: "h23" })}.${Math.floor(date.getMilliseconds() / 100)}`;
