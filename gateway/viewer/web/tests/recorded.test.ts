@@ -129,6 +129,7 @@ it("plays, seeks, steps and loops as the gateway does", () => {
     loop: false,
     working: false,
     problem: "",
+    simulation: null,
     position: 100,
     first: 100,
     last: 110,

@@ -76,6 +76,18 @@ export class Playback {
 
   private report(now: number): void {
     const { mode, rate, loop, first, last } = this;
-    this.send({ kind: "time", mode, live: false, rate, loop, working: false, problem: "", position: this.position(now), first, last });
+    this.send({
+      kind: "time",
+      mode,
+      live: false,
+      rate,
+      loop,
+      working: false,
+      problem: "",
+      simulation: null,
+      position: this.position(now),
+      first,
+      last,
+    });
   }
 }
