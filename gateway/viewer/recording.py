@@ -50,6 +50,7 @@ class RecordingLimits:
     max_bytes: int = 256 << 20
     """Maximum bytes of the frames. A page that shows the recording keeps all of them in memory."""
     max_samples: int = MAX_SAMPLES
+    """Maximum number of times at which the scene is sampled: an hour at 50 Hz."""
 
 
 async def record(
