@@ -119,6 +119,8 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     if context.state is None:
         context.state = await asyncio.to_thread(open_state, context.settings)
     context.start_history()
+    if context.history is not None:
+        metrics.watch_history(context.metrics, context.history)
     context.startup = asyncio.create_task(start(context), name="start")
     idle = asyncio.create_task(context.return_memory_when_idle(), name="memory")
     try:

@@ -108,6 +108,10 @@ class FlowControl:
         self._page_meshes -= outdated
         self._outdated_meshes |= outdated
 
+    def forgot(self, mesh_ids: list[int]) -> None:
+        """Record that the page has dropped meshes. It says so before an acknowledgement: no update is on its way."""
+        self._page_meshes.difference_update(mesh_ids)
+
     def take_forget_frame(self) -> bytes | None:
         """Return a frame by which the page drops its outdated meshes, or None if it has none.
 

@@ -121,7 +121,7 @@ async def _send(socket: WebSocket, browser: Browser) -> None:
 async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
     """Receive the page's messages until it disconnects or sends a binary one.
 
-    They are acknowledgements, clicks, changes of controls, and commands of the time bar.
+    They are acknowledgements, clicks, changes of controls, commands of the time bar, and meshes that it has dropped.
     """
     clock = asyncio.get_running_loop().time
     second, clicks, changes = clock(), 0, 0
@@ -144,6 +144,8 @@ async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
                     await asyncio.sleep(max(0.0, second + 1.0 - clock()))
             elif isinstance(message, TimeCommand):
                 browser.execute(message)
+            elif isinstance(message, _Forgot):
+                browser.flow.forgot(message.forgot)
             elif message is not None:
                 clicks += 1
                 if clicks <= MAX_CLICKS:
@@ -162,16 +164,26 @@ class _Click(msgspec.Struct):
     button: Button
 
 
+class _Forgot(msgspec.Struct):
+    """Meshes that the page has dropped, as the page sends them in JSON."""
+
+    forgot: list[int]
+    """Ids."""
+
+
 _click_decoder: Final = msgspec.json.Decoder(_Click)
 _change_decoder: Final = msgspec.json.Decoder(ControlChange)
 _time_decoder: Final = msgspec.json.Decoder(TimeCommand)
+_forgot_decoder: Final = msgspec.json.Decoder(_Forgot)
 
 
-def _read_message(text: str) -> _Click | ControlChange | TimeCommand | None:
-    """Return the click, the change or the command in a message, or None if the message is something else."""
+def _read_message(text: str) -> _Click | ControlChange | TimeCommand | _Forgot | None:
+    """Return the value of a message, or None if it is none of these."""
     try:
         if text.startswith('{"time"'):
             return _time_decoder.decode(text)
+        if text.startswith('{"forgot"'):
+            return _forgot_decoder.decode(text)
         return (_change_decoder if text.startswith('{"control"') else _click_decoder).decode(text)
     except (msgspec.DecodeError, UnicodeEncodeError):
         return None

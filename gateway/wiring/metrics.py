@@ -15,6 +15,7 @@ from gateway import __version__
 from gateway.runtime.metrics_registry import Metrics, Reading
 from gateway.runtime.service_registry import ServiceRegistry, State
 from gateway.runtime.worker_pool import WorkerPool
+from gateway.scene.history import TreeHistory
 from gateway.scene.live import LiveTree
 from renderers.cache import CacheBudget
 
@@ -149,6 +150,20 @@ def watch_tree(metrics: Metrics, tree: LiveTree) -> None:
         "Number of nodes with geometry in the live scene.",
         lambda: tree.snapshot.root.nodes_with_parts,
     )
+
+
+def watch_history(metrics: Metrics, history: TreeHistory) -> None:
+    """Add the metrics of the live scene's history."""
+
+    def seconds() -> float:
+        first, last = history.span
+        return (last - first) / 1e9
+
+    watch = partial(_watch, metrics)
+    watch(
+        "scenegate_history_bytes", "Bytes of earlier states of the live scene, approximately.", lambda: history.nbytes
+    )
+    watch("scenegate_history_duration_seconds", "Seconds from the oldest state that is kept until now.", seconds)
 
 
 def watch_render(metrics: Metrics, service: RenderService) -> None:

@@ -88,6 +88,7 @@ def test_the_slider_is_dragged_and_has_keys(shown: tuple[View, TreeViewer]) -> N
     slider.focus()
     slider.press("Home")
     view.until(lambda: view.page.evaluate("scenegate.model.find(['cart'])") is None, "before it was published")
+    assert view.page.locator(".empty-state").count() == 0, "the scene of now is not empty"
     assert "s ago" in slider.get_attribute("aria-valuetext")
     slider.press("End")
     view.until(lambda: view.page.evaluate("scenegate.model.find(['cart'])") and x_of(view) == 1.0, "live")

@@ -75,6 +75,8 @@ def test_streams_tree_and_messages(figures: dict[str, float]) -> None:
     assert figures["scenegate_stereo_sets_skipped_total"] >= 0
     assert figures["scenegate_tree_nodes"] > figures["scenegate_tree_geometry_nodes"] > 10
     assert figures["scenegate_tree_revision"] >= 1
+    assert figures["scenegate_history_bytes"] > 0
+    assert 0 < figures["scenegate_history_duration_seconds"] <= 60
     assert figures['scenegate_lcm_messages_total{what="received"}'] == 0
     assert figures['scenegate_lcm_lost_total{reason="datagrams"}'] == 0
     assert figures['scenegate_interface_ready{interface="stereo"}'] == 1

@@ -108,7 +108,7 @@ export function App({ viewer, programControls, attach }: AppProps) {
           <p class={isCentred ? "hint centre" : "hint"} role="status" hidden={hint === ""}>
             {hint}
           </p>
-          {session.isEmpty.value && !isRecorded() && <EmptyState />}
+          {session.isEmpty.value && viewer.timeline.isLive.value && !isRecorded() && <EmptyState />}
           <Splitter side="left" label="Width of the scene tree" width={widths.left} />
           <Splitter side="right" label="Width of the panels" width={widths.right} />
         </main>

@@ -74,8 +74,8 @@ export class Connection {
     this.send(text);
   }
 
-  /** Report a click that a client wants, a change of a control, or a command of the time bar. */
-  report(message: Click | ControlChange | TimeCommand): void {
+  /** Report a click that a client wants, a change of a control, a command of the time bar, or meshes that were dropped. */
+  report(message: Click | ControlChange | TimeCommand | { forgot: number[] }): void {
     this.send(JSON.stringify(message));
   }
 

@@ -24,14 +24,20 @@ const attach = (element: Element | null) => element?.append(holder);
 render(h(App, { viewer, programControls, attach }), document.querySelector("#app") as Element);
 viewer.followAddress();
 
+let hasNewMeshes = false;
+
 type Handlers = { [K in Message["kind"]]: (message: Extract<Message, { kind: K }>) => void };
 const handlers: Handlers = {
   update: (message) => {
     viewer.apply(message);
     gizmos.follow();
+    if (hasNewMeshes) dropUnusedMeshes();
     connection.acknowledge("k");
   },
-  mesh: (message) => session.model.meshes.set(message.id, message),
+  mesh: (message) => {
+    session.model.meshes.set(message.id, message);
+    hasNewMeshes = true;
+  },
   forget: ({ meshes }) => viewer.drawing.forget(meshes),
   rig: (message) => viewer.frustum.show(message),
   page: (message) => viewer.configure(message),
@@ -53,6 +59,14 @@ const connection = new (isRecorded() ? RecordedConnection : Connection)(receive,
   }
   session.setConnection(state, reason);
 });
+
+/** Drop meshes of earlier states. Between an update and its acknowledgement, no other update is on its way. */
+function dropUnusedMeshes(): void {
+  hasNewMeshes = false;
+  const unused = session.model.unusedMeshes();
+  viewer.drawing.forget(unused);
+  for (let first = 0; first < unused.length; first += 500) connection.report({ forgot: unused.slice(first, first + 500) });
+}
 
 /** Open a panel when it has content for the first time. */
 function openFor(tab: Tab, hasContent: () => boolean): void {

@@ -4,10 +4,12 @@ import { expect, it, vi } from "vitest";
 import { Model } from "../src/model";
 import type { SceneUpdate } from "../src/protocol";
 import { Playback } from "../src/recorded/playback";
-import { inflate, Player, readRecording, type Step } from "../src/recorded/recording";
+import { inflate, MeshFeed, Player, readRecording, type Step } from "../src/recorded/recording";
 import { addressOf, channelPath, imagePath } from "../src/recorded/resources";
 import type { TimeState } from "../src/tools/timeline";
 import { update } from "./scene";
+
+const NOTHING = { page: null, meshes: new Map() };
 
 /** Return a frame of gateway/viewer/frames.py whose body is bytes. */
 function frameOf(header: object, body: number[] = []): Uint8Array {
@@ -48,7 +50,7 @@ it("reads steps, the whole scene at some of them, and resources", async () => {
       [9, frameOf({ kind: "end" })],
     ]),
   );
-  expect(recording.messages.map(({ kind }) => kind)).toEqual(["page"]);
+  expect(recording.page?.kind).toBe("page");
   expect(recording.steps.map(({ time, update, whole }) => [time, update.from, whole?.from])).toEqual([
     [5, 0, 0],
     [6.5, 1, 0],
@@ -112,7 +114,7 @@ it("shows the state of any time, by few updates", () => {
 it("plays, seeks, steps and loops as the gateway does", () => {
   const model = new Model();
   const states: TimeState[] = [];
-  const recording = { messages: [], steps: tenSteps(), end: 110 };
+  const recording = { ...NOTHING, steps: tenSteps(), end: 110 };
   const playback = new Playback(
     recording,
     50,
@@ -167,7 +169,23 @@ it("plays, seeks, steps and loops as the gateway does", () => {
 it("has no time bar for a scene at rest", () => {
   const states: TimeState[] = [];
   const send = (state: TimeState) => void states.push(state);
-  const playback = new Playback({ messages: [], steps: tenSteps().slice(0, 1), end: 100 }, 0, () => undefined, send);
+  const playback = new Playback({ ...NOTHING, steps: tenSteps().slice(0, 1), end: 100 }, 0, () => undefined, send);
   playback.tick(1);
   expect(states).toEqual([]);
+});
+
+it("gives the page the meshes that it does not have", () => {
+  const mesh = (id: number) => ({ kind: "mesh" as const, id, topology: 3 as const, position: new Float32Array(9) });
+  const given: number[] = [];
+  const feed = new MeshFeed(new Map([1, 2, 3].map((id) => [id, mesh(id)])), ({ id }) => void given.push(id));
+  const using = (...ids: number[]) => {
+    const draws = ids.map((id) => ({ mesh: id, material: { color: [1, 1, 1, 1] as [number, number, number, number] } }));
+    feed.prepare(update(2, [{ id: 5, parts: [{ kind: "box", draws }] }, { id: 6, parts: null }, { id: 7 }]));
+  };
+  using(1, 2, 9);
+  using(2);
+  expect(given).toEqual([1, 2]);
+  feed.forgot([1, 3]);
+  using(1, 3);
+  expect(given).toEqual([1, 2, 1, 3]);
 });

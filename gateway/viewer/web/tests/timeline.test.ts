@@ -68,5 +68,7 @@ it("has a moment only while it is paused", () => {
   const [timeline] = connected(STATE);
   expect(timeline.moment.value).toBe(STATE.position);
   timeline.receive({ ...STATE, mode: "playing" });
-  expect(timeline.moment.value).toBeNull();
+  expect([timeline.moment.value, timeline.isLive.value]).toEqual([null, false]);
+  timeline.receive({ ...STATE, mode: "live" });
+  expect(timeline.isLive.value).toBe(true);
 });

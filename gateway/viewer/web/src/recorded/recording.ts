@@ -18,8 +18,8 @@ export interface Step {
 }
 
 export interface Recording {
-  /** What the page gets before the first step. */
-  messages: (MeshPayload | PageSettings)[];
+  page: PageSettings | null;
+  meshes: Map<number, MeshPayload>;
   steps: Step[];
   /** Time until which the last step is valid, seconds since the epoch. */
   end: number;
@@ -41,7 +41,7 @@ export async function inflate(base64: string): Promise<ArrayBuffer> {
 
 /** Parse a recording, and keep its textures and channels for `addressOf`. */
 export function readRecording(buffer: ArrayBuffer): Recording {
-  const recording: Recording = { messages: [], steps: [], end: 0 };
+  const recording: Recording = { page: null, meshes: new Map(), steps: [], end: 0 };
   const view = new DataView(buffer);
   for (let at = 0; at < buffer.byteLength; ) {
     const time = view.getFloat64(at, true);
@@ -63,7 +63,33 @@ function add(recording: Recording, time: number, message: Recorded): void {
     else steps.push({ time, update: message, whole });
   } else if (message.kind === "image") keepResource(imagePath(message.id), "image/png", message.data);
   else if (message.kind === "channel") keepResource(channelPath(message.id, message.name), "", message.data);
-  else if (message.kind === "mesh" || message.kind === "page") recording.messages.push(message);
+  else if (message.kind === "mesh") recording.meshes.set(message.id, message);
+  else if (message.kind === "page") recording.page = message;
+}
+
+/** Gives the page the meshes of each update that it does not have. */
+export class MeshFeed {
+  private readonly given = new Set<number>();
+
+  constructor(
+    private readonly meshes: ReadonlyMap<number, MeshPayload>,
+    private readonly give: (mesh: MeshPayload) => void,
+  ) {}
+
+  /** Called before an update is applied. */
+  prepare({ nodes }: SceneUpdate): void {
+    for (const { mesh } of nodes.flatMap(({ parts }) => parts ?? []).flatMap(({ draws }) => draws)) {
+      const payload = this.meshes.get(mesh);
+      if (!payload || this.given.has(mesh)) continue;
+      this.given.add(mesh);
+      this.give(payload);
+    }
+  }
+
+  /** Called with the meshes that the page has dropped. */
+  forgot(meshes: number[]): void {
+    for (const id of meshes) this.given.delete(id);
+  }
 }
 
 /** Applies the updates that lead to the state at a time. */

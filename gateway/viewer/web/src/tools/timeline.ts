@@ -38,6 +38,7 @@ const FIRST_DAY: Time = 1e8;
 export class Timeline {
   /** Null: the gateway keeps no earlier states. */
   readonly state = signal<TimeState | null>(null);
+  readonly isLive = computed(() => (this.state.value?.mode ?? "live") === "live");
   /** Moment that the page shows; null: it is live or plays. */
   readonly moment = computed(() => (this.state.value?.mode === "paused" ? this.state.value.position : null));
   /** Moment of the address, until the gateway shows it. */
