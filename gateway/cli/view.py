@@ -10,9 +10,7 @@ import typer
 
 def view(
     log: Annotated[Path, typer.Argument(metavar="LOG", exists=True, dir_okay=False, help="LCM log.")],
-    http_port: Annotated[
-        int, typer.Option("--http-port", "--port", min=0, max=65535, help="Port on 127.0.0.1; 0: any.")
-    ] = 8020,
+    http_port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0: any.")] = 8020,
     mesh_root: Annotated[
         str,
         typer.Option(

@@ -77,7 +77,7 @@ def test_a_log_over_http(tmp_path: Path) -> None:
         assert (seen[0] == seen[0][0, 0]).all(), "the box is out of view"
         assert (seen[1] != seen[1][0, 0]).any()
         assert process.stop() == 0
-        assert any("1 messages are not shown completely" in entry["event"] for entry in process.rest_of_log())
+        assert any("messages that are not shown completely: 1;" in entry["event"] for entry in process.rest_of_log())
     assert not (tmp_path / "state").exists()
 
 

@@ -21,7 +21,10 @@ from gateway.lcmlog.replay import MAX_CHANNELS
 from gateway.lcmlog.scan import LogError, scan
 from gateway.lcmlog.timeline import LogTimeline, open_log
 from gateway.scene.geometry import PointCloud
+from gateway.scene.live import Snapshot
 from gateway.scene.tree import Node
+from gateway.viewer.frames import parse_frame
+from gateway.viewer.playback import Playback, TimeCommand
 from tests.drakeviewer import encoding
 from tests.lcmlog.logs import BEGIN, CHANNEL, Message, content, nanoseconds, states, write_log
 from tests.support.corpus import corpus_dir
@@ -260,8 +263,8 @@ async def test_messages_that_cannot_be_read(opened: Opener, tmp_path: Path) -> N
     await timeline.build_index()
     assert timeline.problems.count == 3
     first, second = timeline.problems.listed()
-    assert first.startswith(f"{CHANNEL}: 2 messages are not shown completely, the first one: ")
-    assert second.startswith("DRAKE_VIEWER_DRAW: 1 messages are not shown completely, the first one: ")
+    assert first.startswith(f"{CHANNEL}: messages that are not shown completely: 2; the first one: ")
+    assert second.startswith("DRAKE_VIEWER_DRAW: messages that are not shown completely: 1; the first one: ")
     assert x_of(await timeline.snapshot_at(timeline.span[1])) == 2.0
 
 
@@ -309,3 +312,9 @@ async def test_the_time_of_the_simulation(opened: Opener, tmp_path: Path) -> Non
     times = (4.9, 5.0, 5.05, 5.1, 5.2, 5.3, 9.0)
     found = [timeline.simulation_seconds_at(nanoseconds(seconds)) for seconds in times]
     assert found == [None, 1.0, 1.0, 1.25, 0.0, 0.5, 0.5]
+    shown: list[Snapshot | None] = []
+    page = Playback(timeline, has_live=False, show=shown.append, release=shown.clear, send=lambda frame: None)
+    for seconds, simulation in ((4.5, None), (5.15, 1.25)):
+        page.execute(TimeCommand("pause"))
+        page.execute(TimeCommand("seek", at=BEGIN + seconds))
+        assert parse_frame(page.frame())[0]["simulation"] == simulation
