@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
@@ -15,7 +14,7 @@ from tests.support import clients
 from tests.support.browser import chromium, new_page
 from tests.support.gateway_process import gateway_process
 from tests.support.prefix_proxy import prefix_proxy
-from tests.support.waiting import SECONDS
+from tests.support.waiting import SECONDS, wait_until
 from tests.viewer.page import View
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -97,5 +96,10 @@ def test_other_pages_cannot_show_the_view(browser: Any, gateway: str, notebook: 
     page = new_page(browser)
     with page.expect_event("console", lambda message: "frame-ancestors" in message.text):
         page.goto(f"{notebook.replace('localhost', 'other.localhost')}?{gateway}/view")
-    assert re.search("chrome-error", page.frames[1].url)
+
+    def is_refused() -> bool:
+        page.evaluate("0")  # Playwright reads its events in calls only
+        return "chrome-error" in page.frames[1].url
+
+    wait_until(is_refused)
     page.close()
