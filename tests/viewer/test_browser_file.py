@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import io
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,12 +12,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from gateway.viewer.frames import parse_frame
 from tests.support import clients
 from tests.support.browser import chromium, wait_in_page
 from tests.support.gateway_process import GatewayProcess, gateway_process
 from tests.support.waiting import MILLISECONDS
 from tests.viewer.page import Publisher, View
+from tests.viewer.recordings import frames_of
 from tests.viewer.test_browser import GREEN, RED, SQUARE, UPRIGHT, png
+from tests.viewer.test_scene_file import recording_of
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -39,7 +43,7 @@ TEXTURED = {
 class FileView(View):
     """A page of a file, in a browser without a network."""
 
-    def __init__(self, browser: Any, file: Path) -> None:
+    def __init__(self, browser: Any, file: Path, fragment: str = "") -> None:
         context = browser.new_context(viewport={"width": 1280, "height": 800}, offline=True)
         self.page = context.new_page()
         self.page.set_default_timeout(MILLISECONDS)
@@ -49,7 +53,7 @@ class FileView(View):
         self.page.on("console", self._console)
         self.page.on("request", self._request)
         self._file = file.as_uri()
-        self.page.goto(f"{self._file}?theme=light")
+        self.page.goto(f"{self._file}?theme=light{fragment}")
         wait_in_page(self.page, "window.scenegate !== undefined")
 
     def _request(self, request: Any) -> None:
@@ -163,7 +167,8 @@ def moved_box(browser: Any, folder: Path) -> Path:
 
 
 def test_the_time_bar_of_a_file_moves_the_scene(browser: Any, tmp_path: Path) -> None:
-    opened = FileView(browser, moved_box(browser, tmp_path))
+    file = moved_box(browser, tmp_path)
+    opened = FileView(browser, file)
     page = opened.page
     slider = page.get_by_role("slider", name="Time")
     slider.wait_for()
@@ -186,6 +191,22 @@ def test_the_time_bar_of_a_file_moves_the_scene(browser: Any, tmp_path: Path) ->
     assert page.get_by_role("button", name="Live").count() == 0
     assert opened.faults == []
     page.close()
+    _check_moment(browser, file)
+
+
+def _check_moment(browser: Any, file: Path) -> None:
+    """Open the file at a moment, as an address or the file itself names it."""
+    frames = frames_of(recording_of(file.read_bytes()))
+    times = [time for time, frame in frames if parse_frame(frame)[0]["kind"] == "update"]
+    moment = f"eye=0,-5,0;target=0,0,0&time={times[len(times) // 2] + 0.001:.6f}"
+    other = file.with_name("moment.html")
+    other.write_bytes(file.read_bytes().replace(b'data-view=""', f'data-view="{html.escape(moment)}"'.encode()))
+    for opened in (FileView(browser, file, f"#{moment}"), FileView(browser, other)):
+        opened.page.get_by_role("button", name="Play (P)").wait_for()
+        shown = opened.page.evaluate("scenegate.model.find(['box']).world.elements[12]")
+        assert -0.9 < shown < 0.9
+        assert opened.page.evaluate("scenegate.rig.camera.position.y") == pytest.approx(-5.0, abs=0.01)
+        opened.page.close()
 
 
 def test_a_damaged_file_says_so(browser: Any, gateway: tuple[GatewayProcess, str], tmp_path: Path) -> None:

@@ -123,6 +123,8 @@ it("plays, seeks, steps and loops as the gateway does", () => {
   );
   const x = () => model.find(["robot"])?.world.elements[12];
   const last = () => states.at(-1)!;
+  expect([x(), states.length]).toEqual([0, 0]);
+  playback.tick(50);
   expect(last()).toEqual({
     kind: "time",
     mode: "playing",

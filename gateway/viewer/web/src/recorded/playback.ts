@@ -31,7 +31,6 @@ export class Playback {
     this.last = Math.max(recording.end, this.first);
     this.startTime = now;
     this.player.show(this.first);
-    if (this.last > this.first) this.report(now);
   }
 
   execute({ time, at = 0, steps = 1, rate, loop }: TimeCommand, now: number): void {
