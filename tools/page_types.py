@@ -114,7 +114,7 @@ def page_types() -> str:
         writer.alias(name, type_)
     structs = [info for info in map(inspect.type_info, get_args(controls.AnyControl)) if isinstance(info, StructType)]
     writer.merged("ControlDefinition", structs, id="number", value="ControlValue")
-    for struct in (*messages.MESSAGES, *messages.RESPONSES, *messages.REPORTS):
+    for struct in (*messages.MESSAGES, *messages.RECORDED, *messages.RESPONSES, *messages.REPORTS):
         writer.text(inspect.type_info(struct))
     message = " | ".join(each.__name__ for each in messages.MESSAGES)
     return "\n\n".join([HEAD.rstrip(), *writer.declarations.values(), f"export type Message = {message};\n"])

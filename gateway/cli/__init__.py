@@ -1,4 +1,4 @@
-"""The server's commands: ``scenegate serve | view | render | dataset | doctor | warmup``."""
+"""The server's commands: ``scenegate serve | view | render | export | dataset | doctor | warmup``."""
 
 from __future__ import annotations
 

@@ -19,6 +19,8 @@ COOKIE_NAME: Final = "scenegate"
 """Name of the cookie for browsers."""
 TOKEN_PARAMETER: Final = "token"  # noqa: S105 - a name
 """Query parameter: ``/view?token=…`` sets the cookie and redirects to the URL without the token."""
+LOCAL_ORIGINS: Final = ("http://localhost:*", "http://127.0.0.1:*")
+"""Origins of pages of the browser's own machine, as a content security policy names them."""
 CORS_EXPOSED: Final = ("X-Request-ID", "X-Scene-Revision", "X-Frame", "Retry-After", "ETag")
 """Response headers that pages of the allowed origins may read."""
 AUTHORIZED: Final = "scenegate.authorized"
@@ -153,9 +155,12 @@ class SecurityHeaders:
     """ASGI middleware: headers against guessed content types and against frames on other sites."""
 
     def __init__(self, app: ASGIApp, *, origins: Collection[str] = ()) -> None:
-        """``origins``: origins that may embed the gateway's pages, such as ``https://example.org``; ``*`` for any."""
+        """``origins``: origins that may embed the gateway's pages, such as ``https://example.org``; ``*`` for any.
+
+        Pages of programs on the browser's own machine, such as notebooks, may always embed them.
+        """
         self._app = app
-        embedders = sorted(origin for origin in origins if origin != "null")
+        embedders = [*LOCAL_ORIGINS, *sorted(origin for origin in origins if origin != "null")]
         ancestors = "*" if "*" in origins else " ".join(["'self'", *embedders])
         self._headers: Final = (
             (b"content-security-policy", f"frame-ancestors {ancestors}".encode()),

@@ -52,8 +52,9 @@ class ProcessSettings(BaseSettings):
     frame_origins: FrameOrigins = option(
         (),
         "Access",
-        "Web origins whose pages may show /view in a frame, separated by commas, such as a notebook's "
-        "http://localhost:8888; '*' allows all. Unlike pages of --cors-origins, they can read nothing else.",
+        "Web origins whose pages may show /view in a frame besides those of http://localhost and http://127.0.0.1, "
+        "separated by commas, such as a notebook's https://hub.example.org; '*' allows all. Unlike pages of "
+        "--cors-origins, they can read nothing else.",
     )
     root_path: RootPath = option(
         "",

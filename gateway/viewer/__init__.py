@@ -14,6 +14,10 @@
 ``scene_images``     the live scene, rendered by the gateway
 ``sensor_images``    the stereo camera's images
 ``recent_renders``   the last requests of the render endpoint
+``recording``        the frames of a scene over time, in one block
+``scene_file``       page and recording in one HTML file
+``share_routes``     ``/view/scene.html``
+
 ``colormaps``        depth, disparity and confidence as RGB images
 ``shared_results``   one computation for all clients that request the same image
 

@@ -131,6 +131,12 @@ class Encoder:
                 self._updates.put(key, _CachedUpdate(update, ref(old.root), ref(target.root)), len(update.frame))
             return update, target
 
+    def encode(self, old: Snapshot, target: Snapshot) -> Update:
+        """Return the update between two snapshots. It blocks: for threads, with an encoder of their own."""
+        *_, update = self._encode(old, target)
+        assert update is not None
+        return update
+
     def _encode(self, old: Snapshot, target: Snapshot) -> Iterator[Update | None]:
         """Yield None whenever ``MAX_BLOCKING_SECONDS`` have passed, and the update at the end."""
         builder = FrameBuilder()

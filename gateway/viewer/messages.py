@@ -18,7 +18,7 @@ from scenegate.messages.controls import Value
 Vector: TypeAlias = tuple[float, float, float]
 Span: TypeAlias = tuple[int, int]
 """An array in the frame's body: offset in bytes, number of values. The page replaces it by a typed array."""
-Bytes = Annotated[Span, Meta(extra_json_schema={"typescript": "Uint8Array"})]
+Bytes = Annotated[Span, Meta(extra_json_schema={"typescript": "Uint8Array<ArrayBuffer>"})]
 Words = Annotated[Span, Meta(extra_json_schema={"typescript": "Uint32Array"})]
 Floats = Annotated[Span, Meta(extra_json_schema={"typescript": "Float32Array"})]
 Doubles = Annotated[Span, Meta(extra_json_schema={"typescript": "Float64Array"})]
@@ -257,6 +257,29 @@ class TimeState(Message, tag="time", omit_defaults=False):
     last: float
 
 
+class RecordedImage(Message, tag="image"):
+    """A texture in a recording."""
+
+    id: int
+    """Id of the image."""
+    data: Bytes
+    """PNG."""
+
+
+class RecordedChannel(Message, tag="channel"):
+    """A channel of a point cloud in a recording."""
+
+    id: int
+    """Id of the mesh."""
+    name: str
+    data: Bytes
+    """float32 values."""
+
+
+class RecordingEnd(Message, tag="end"):
+    """The last message of a recording: its time is that until which the last update is valid."""
+
+
 class RenderEntry(Fields, omit_defaults=False):
     """A request in the response of ``/view/renders``."""
 
@@ -342,6 +365,8 @@ MESSAGES: Final = (
     TimeState,
 )
 """Messages that the page receives."""
+RECORDED: Final = (RecordedImage, RecordedChannel, RecordingEnd)
+"""Messages that only recordings have."""
 RESPONSES: Final = (RenderEntry, StereoCapture)
 """Responses to requests of the page."""
 REPORTS: Final = (Click, ControlChange, TimeCommand, Forgot)

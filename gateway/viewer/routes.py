@@ -10,7 +10,6 @@ import gzip
 import hashlib
 import mimetypes
 from functools import cache
-from importlib.resources import files
 from typing import Final
 
 import msgspec
@@ -23,11 +22,10 @@ from gateway.server.access import same_origin
 from gateway.viewer.hub import Browser, ViewHub
 from gateway.viewer.messages import Click, ControlChange, Forgot, TimeCommand
 from gateway.viewer.resources import channel_values
+from gateway.viewer.scene_file import STATIC
 from renderers.drawlist import Image, ImageError
 from renderers.encode import png_rgba
 
-STATIC: Final = files("gateway.viewer") / "static"
-"""Folder with the files of the page, built from ``web``."""
 ACKNOWLEDGE: Final = "k"
 """Message that the page sends after processing an update."""
 ACKNOWLEDGE_CONTROLS: Final = "c"

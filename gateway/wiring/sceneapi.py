@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from gateway.assets.light_rig_file import rig_of
 from gateway.sceneapi.config import SceneApiConfig
+from gateway.sceneapi.motion import motion_router
 from gateway.sceneapi.routes import router
 from gateway.sceneapi.service import SceneApi
 from gateway.wiring.context import Context
@@ -29,4 +30,6 @@ async def setup(context: Context) -> None:
         timeline=context.timeline,
     )
     context.app.include_router(router(service))
+    if context.timeline is not None:
+        context.app.include_router(motion_router(context.timeline, config.max_export_bytes))
     context.registry.ready("scene", where="/scene", figures=service.status)

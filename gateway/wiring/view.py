@@ -14,6 +14,7 @@ from gateway.viewer.messages import Fact, InterfaceState, Status
 from gateway.viewer.routes import router
 from gateway.viewer.scene_images import SceneImages
 from gateway.viewer.sensor_images import SensorImages
+from gateway.viewer.share_routes import share_router
 from gateway.viewer.sources import RenderSummary
 from gateway.wiring.context import Context
 from gateway.wiring.interface_names import documentation_of, title_of
@@ -47,6 +48,7 @@ async def setup(context: Context) -> None:
     watch_view(context.metrics, hub)
     context.app.include_router(router(hub))
     context.app.include_router(image_router(images, sensor, hub.renders))
+    context.app.include_router(share_router(context.tree, context.page, context.timeline))
     context.run_service("view", hub, where="/view")
     if context.log is not None:
         context.run_service("log", context.log, where=str(context.log.timeline.path))

@@ -24,7 +24,8 @@ from gateway.scene.geometry import PointCloud
 from gateway.scene.live import Snapshot
 from gateway.scene.tree import Node
 from gateway.viewer.frames import parse_frame
-from gateway.viewer.playback import Playback, TimeCommand
+from gateway.viewer.messages import TimeCommand
+from gateway.viewer.playback import Playback
 from tests.drakeviewer import encoding
 from tests.lcmlog.logs import BEGIN, CHANNEL, Message, content, nanoseconds, states, write_log
 from tests.support.corpus import corpus_dir

@@ -169,11 +169,14 @@ def test_same_origin(origin: str, host: str, scheme: str, same: bool) -> None:
     assert same_origin(origin, host, scheme) is same
 
 
+LOCAL = "http://localhost:* http://127.0.0.1:*"
+
+
 @pytest.mark.parametrize(
     ("origins", "ancestors"),
     [
-        ((), "'self'"),
-        (("https://b.example", "https://a.example", "null"), "'self' https://a.example https://b.example"),
+        ((), f"'self' {LOCAL}"),
+        (("https://b.example", "https://a.example", "null"), f"'self' {LOCAL} https://a.example https://b.example"),
         (("*",), "*"),
     ],
 )

@@ -39,6 +39,7 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Stereo camera", "gateway.stereo.device.camera_config", "StereoConfig"),
     ("Scene over HTTP", "gateway.sceneapi.config", "SceneApiConfig"),
     ("Browser view", "gateway.viewer.config", "ViewerConfig"),
+    ("Browser view: a scene in one file", "gateway.viewer.recording", "RecordingLimits"),
     ("State", "gateway.state.config", "StateConfig"),
 )
 """Heading, module and class of each group of limits that are fields."""

@@ -21,6 +21,7 @@ SERVER_COMMANDS: Final = {
     "serve": "Serve all protocols until SIGTERM or Ctrl+C.",
     "view": "Show an LCM log in the browser, at any time of it.",
     "render": "Render scenes: one image, or a dataset of images, camera parameters and labels.",
+    "export": "Write a scene and its motion into one file.",
     "dataset": "Commands for datasets written by `scenegate render`.",
     "doctor": "Find what does not work, what that means and what to do.",
     "warmup": "Compile the rendering kernels into the cache, so that the next start is fast.",
@@ -69,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         "scenegate",
         description="Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene.",
-        epilog="serve, view, render, dataset, doctor and warmup need the server: pip install scenegate",
+        epilog="serve, view, render, export, dataset, doctor and warmup need the server: pip install scenegate",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"scenegate {__version__}")

@@ -227,6 +227,8 @@ class AsyncTreeViewer:
     delete = _InThread(TreeViewer.delete)
     set_transforms = _InThread(TreeViewer.set_transforms)
     set_view = _InThread(TreeViewer.set_view)
+    show = _InThread(TreeViewer.show)
+    image = _InThread(TreeViewer.image)
     robot = _InThread(_returning(AsyncRobot, TreeViewer.robot))
 
     async def on_click(self, path: Key, callback: Callback) -> Callable[[], Awaitable[None]]:
@@ -239,6 +241,18 @@ class AsyncTreeViewer:
     def controls(self) -> AsyncControlFolder:
         """See ``TreeViewer.controls``."""
         return AsyncControlFolder(self._blocking.controls)
+
+    @property
+    def page_url(self) -> str:
+        """See ``TreeViewer.page_url``."""
+        return self._blocking.page_url
+
+    @page_url.setter
+    def page_url(self, url: str) -> None:
+        self._blocking.page_url = url
+
+    def _repr_html_(self) -> str:
+        return self._blocking.show().html
 
     @asynccontextmanager
     async def batch(self) -> AsyncIterator[Batch]:

@@ -40,13 +40,14 @@ from scenegate.tree.connection import LcmConnection
 from scenegate.tree.control_panel import ControlPanel
 from scenegate.tree.controls import ControlFolder
 from scenegate.tree.nodes import Batch, Node, transforms_of
+from scenegate.tree.notebook import NotebookViews
 from scenegate.tree.robot import PublishedRobot, publish_robot
 
 if TYPE_CHECKING:
     from scenegate.robots.robot import JointValue
 
 
-class TreeViewer:
+class TreeViewer(NotebookViews):
     """Client of Scenegate or any other viewer with Director's protocol. Thread-safe.
 
     The client records what it published, and publishes it again when the viewer has lost it or was restarted.
@@ -84,6 +85,7 @@ class TreeViewer:
         self.controls = ControlFolder(self._panel)
         """Controls in the page: ``viewer.controls.add_slider("speed", 0, 10)``."""
         self._connection = LcmConnection(url, handlers, timeout)
+        super().__init__(self._connection.url)
 
     @property
     def url(self) -> str:

@@ -9,16 +9,25 @@ the tree. Hidden subtrees are left out, and so are nodes whose transform is not 
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
-from gateway.gltf.export.glb_document import INDEX_TARGET, MAX_BYTES, VERTEX_TARGET, GltfDocument
+from gateway.gltf.export.glb_document import (
+    INDEX_TARGET,
+    MAX_BYTES,
+    VERTEX_TARGET,
+    GltfDocument,
+    column_major,
+    is_writable,
+)
 from gateway.gltf.export.material_writer import MaterialWriter
+from gateway.gltf.export.motion import AnimatedNode, Motion
 from gateway.scene.materials import faded
 from gateway.scene.meshing import meshes_of
 from gateway.scene.names import json_element
-from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix
+from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP
 from gateway.scene.tree import Node
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 from renderers.drawlist import Material, Mesh, Topology
@@ -44,6 +53,22 @@ def export_glb(root: Node, *, camera: Camera | None = None, max_bytes: int = MAX
     return _Writer(max_bytes).write(root, camera)
 
 
+def export_motion_glb(motion: Motion, *, max_bytes: int = MAX_BYTES) -> bytes:
+    """Return a scene with its motion as a ``.glb`` file with one animation.
+
+    The nodes are stored as they are when they are first shown. ``asset.extras.warnings`` has sentences about changes
+    that the file does not have.
+
+    Args:
+        motion: At least one state.
+        max_bytes: Maximum size of the file's binary part.
+
+    Raises:
+        ExportError: The file would be larger than ``max_bytes``.
+    """
+    return _Writer(max_bytes).write_motion(motion)
+
+
 class _Writer:
     """Writes one file."""
 
@@ -52,14 +77,45 @@ class _Writer:
         self._materials = MaterialWriter(self._document)
         self._primitives: list[dict[str, Any]] = []
         """JSON of the primitives, one for each ``Mesh``, without materials."""
+        self._json_nodes: dict[int, tuple[int, dict[str, Any]]] = {}
+        """Index and JSON of the nodes by ``id``."""
 
     def write(self, root: Node, camera: Camera | None) -> bytes:
-        json_root: dict[str, Any] = {"name": "Z up to Y up", "matrix": _column_major(Y_UP_TO_Z_UP.T)}
+        json_root: dict[str, Any] = {"name": "Z up to Y up", "matrix": column_major(Y_UP_TO_Z_UP.T)}
         root_index = self._document.add("nodes", json_root)
         self._add_nodes(root, json_root)
         if camera is not None:
             self._add_camera(camera, json_root)
         return self._document.glb(root_index)
+
+    def write_motion(self, motion: Motion) -> bytes:
+        root, animated, self._document.warnings = motion.finish()
+        json_root: dict[str, Any] = {"name": "Z up to Y up", "matrix": column_major(Y_UP_TO_Z_UP.T)}
+        root_index = self._document.add("nodes", json_root)
+        self._add_nodes(root, json_root)
+        animation: dict[str, list[Any]] = {"channels": [], "samplers": []}
+        for each in animated:
+            if id(each.node) in self._json_nodes:  # not below a node that is never shown
+                self._animate(each, animation)
+        if animation["channels"]:
+            self._document.add("animations", {"name": "motion", **animation})
+        return self._document.glb(root_index)
+
+    def _animate(self, node: AnimatedNode, animation: dict[str, list[Any]]) -> None:
+        """Write a node's first transform, and add its channels to an animation."""
+        index, json_node = self._json_nodes[id(node.node)]
+        json_node.update(node.first)
+        add_accessor = self._document.add_accessor
+        for channel in node.channels:
+            times = partial(add_accessor, channel.times[:, None], None, bounds=True)
+            sampler = {
+                "input": self._document.get_or_add("times", channel.times.tobytes(), times),
+                "output": add_accessor(channel.values, None),
+                "interpolation": "STEP" if channel.is_step else "LINEAR",
+            }
+            target = {"node": index, "path": channel.path}
+            animation["channels"].append({"sampler": len(animation["samplers"]), "target": target})
+            animation["samplers"].append(sampler)
 
     def _add_nodes(self, root: Node, json_root: dict[str, Any]) -> None:
         """Add ``root`` and its descendants below the JSON node ``json_root``."""
@@ -68,12 +124,13 @@ class _Writer:
             check_stop()
             name, node, json_parent, parent_opacity = stack.pop()
             opacity = parent_opacity * node.opacity
-            if not node.visible or not _is_writable(node.matrix):
+            if not node.visible or not is_writable(node.matrix):
                 continue
             json_node: dict[str, Any] = {"name": name} if name else {}
             if node.matrix is not IDENTITY and not np.array_equal(node.matrix, IDENTITY):
-                json_node["matrix"] = _column_major(node.matrix)
+                json_node["matrix"] = column_major(node.matrix)
             index = self._document.add("nodes", json_node)
+            self._json_nodes[id(node)] = index, json_node
             json_parent.setdefault("children", []).append(index)
             self._add_geometry(node, json_node, opacity)
             children = reversed(node.children.items())
@@ -89,7 +146,7 @@ class _Writer:
         }
         index = self._document.add("cameras", {"type": "perspective", "perspective": perspective})
         pose = camera.X_world_camera @ OPENGL_FROM_OPTICAL
-        node = self._document.add("nodes", {"name": "camera", "camera": index, "matrix": _column_major(pose)})
+        node = self._document.add("nodes", {"name": "camera", "camera": index, "matrix": column_major(pose)})
         json_parent.setdefault("children", []).append(node)
 
     def _add_geometry(self, node: Node, json_node: dict[str, Any], opacity: float) -> None:
@@ -98,7 +155,7 @@ class _Writer:
             for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):
                 with np.errstate(all="ignore"):
                     X = part.X_node_part @ X_part_mesh
-                if not _is_writable(X):
+                if not is_writable(X):
                     continue
                 if opacity != 1.0:
                     material = faded(material, opacity)
@@ -110,7 +167,7 @@ class _Writer:
                     continue
                 child: dict[str, Any] = {"mesh": index}
                 if not np.array_equal(X, IDENTITY):
-                    child["matrix"] = _column_major(X)
+                    child["matrix"] = column_major(X)
                 json_node.setdefault("children", []).append(self._document.add("nodes", child))
 
     def _mesh(self, mesh: Mesh, material: Material) -> int | None:
@@ -149,12 +206,3 @@ class _Writer:
             }
         )
         return len(self._primitives) - 1
-
-
-def _column_major(matrix: Matrix) -> list[float]:
-    return [float(value) for value in matrix.T.ravel()]
-
-
-def _is_writable(matrix: Matrix) -> bool:
-    """Return True if a matrix is finite and so small that products with it fit float32."""
-    return bool((np.abs(matrix) < 1e15).all())

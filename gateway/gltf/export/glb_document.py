@@ -10,6 +10,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.scene.transforms import Matrix
+
 MAX_BYTES: Final = 1 << 30
 """Default maximum size of a file's buffer. The header allows 4 GB, but most readers allow less."""
 VERTEX_TARGET: Final = 34962
@@ -44,6 +46,8 @@ class GltfDocument:
         """Results of ``get_or_add``, by kind and key."""
         self._kept_alive: list[object] = []
         """Objects whose ids are keys. They are kept alive because a new object could get the id of a deleted one."""
+        self.warnings: list[str] = []
+        """Sentences about what the file does not have, for ``asset.extras``."""
         self.extensions: set[str] = set()
         """Names of the extensions in use."""
 
@@ -65,13 +69,13 @@ class GltfDocument:
             self._indices[kind, key] = add()
         return self._indices[kind, key]
 
-    def add_accessor(self, array: NDArray[Any], target: int, *, bounds: bool = False) -> int:
+    def add_accessor(self, array: NDArray[Any], target: int | None, *, bounds: bool = False) -> int:
         """Add an accessor with a buffer view, and return its index.
 
         Args:
             array: (N, 1 .. 4) float32, uint16 or uint32.
-            target: ``VERTEX_TARGET`` or ``INDEX_TARGET``.
-            bounds: True to write ``min`` and ``max``, as positions require.
+            target: ``VERTEX_TARGET`` or ``INDEX_TARGET``; None for keys of animations.
+            bounds: True to write ``min`` and ``max``, as positions and times require.
         """
         component_type = {"f": _FLOAT, "u": _UINT16 if array.dtype.itemsize == 2 else _UINT32}[array.dtype.kind]
         item: dict[str, Any] = {
@@ -116,6 +120,8 @@ class GltfDocument:
             "scenes": [{"nodes": [root_node]}],
             **self._arrays,
         }
+        if self.warnings:
+            document["asset"]["extras"] = {"warnings": self.warnings}
         if self.extensions:
             document["extensionsUsed"] = sorted(self.extensions)
         if self._buffer_pieces:
@@ -127,3 +133,13 @@ class GltfDocument:
             pieces += [struct.pack("<I4s", self._nbytes, b"BIN\0"), *self._buffer_pieces]
         total = 12 + sum(map(len, pieces))
         return b"".join((struct.pack("<4sII", b"glTF", 2, total), *pieces))
+
+
+def column_major(matrix: Matrix) -> list[float]:
+    """Return a transform as glTF writes it."""
+    return [float(value) for value in matrix.T.ravel()]
+
+
+def is_writable(matrix: Matrix) -> bool:
+    """Return True if a matrix is finite and so small that products with it fit float32."""
+    return bool((np.abs(matrix) < 1e15).all())

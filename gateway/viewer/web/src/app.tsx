@@ -14,6 +14,7 @@ import { Toolbar } from "./panels/toolbar";
 import { TreePanel } from "./panels/treepanel";
 import { ControlsPanel } from "./programs/controlspanel";
 import type { ProgramControls } from "./programs/programcontrols";
+import { isRecorded } from "./recorded/resources";
 import { FollowBar } from "./tools/follow";
 import { MeasureBar } from "./tools/measure";
 import { SideViews } from "./tools/sideviews";
@@ -94,7 +95,7 @@ export function App({ viewer, programControls }: { viewer: Viewer; programContro
           <p class={notice.value.centre ? "hint centre" : "hint"} role="status" hidden={hint === ""}>
             {hint}
           </p>
-          {session.isEmpty.value && viewer.timeline.isLive.value && <EmptyState />}
+          {session.isEmpty.value && viewer.timeline.isLive.value && !isRecorded() && <EmptyState />}
           <Splitter side="left" label="Width of the scene tree" width={widths.left} />
           <Splitter side="right" label="Width of the panels" width={widths.right} />
         </main>

@@ -7,12 +7,14 @@ const MAGIC = 0x31564753;
 /** Constructors of typed arrays by the fields of messages that refer to arrays in the body. */
 const ARRAYS: Record<string, Record<string, new (buffer: ArrayBuffer, at: number, count: number) => ArrayBufferView>> = {
   mesh: { position: Float32Array, normal: Float32Array, uv: Float32Array, uv1: Float32Array, color: Uint8Array, index: Uint32Array },
+  image: { data: Uint8Array },
+  channel: { data: Uint8Array },
   poses: { ids: Uint32Array, values: Float32Array },
   matrices: { ids: Uint32Array, values: Float64Array },
 };
 
 /** Parse a frame of gateway/viewer/frames.py: a JSON header that refers to arrays in the body. The typed arrays share the message's memory. */
-function parse(buffer: ArrayBuffer): Message {
+export function parse(buffer: ArrayBuffer): Message {
   const view = new DataView(buffer);
   if (buffer.byteLength < 8 || view.getUint32(0, true) !== MAGIC) throw new Error("not a view frame");
   const start = 8 + view.getUint32(4, true);

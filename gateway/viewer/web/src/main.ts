@@ -9,6 +9,8 @@ import { Panels, type Tab } from "./panels/panels";
 import { Gizmos } from "./programs/gizmos";
 import { ProgramControls } from "./programs/programcontrols";
 import type { Message } from "./protocol";
+import { RecordedConnection } from "./recorded/recordedconnection";
+import { isRecorded } from "./recorded/resources";
 import { Session } from "./session";
 import { Viewer } from "./view/viewer";
 
@@ -48,7 +50,7 @@ const handlers: Handlers = {
 };
 const receive = (message: Message) => (handlers[message.kind] as (message: Message) => void)(message);
 
-const connection = new Connection(receive, (state, reason) => {
+const connection = new (isRecorded() ? RecordedConnection : Connection)(receive, (state, reason) => {
   if (state === "open") {
     viewer.drawing.reset();
     programControls.reset();

@@ -1,5 +1,6 @@
 // Status bar: a light for all interfaces, facts, rates.
 
+import { isRecorded } from "../recorded/resources";
 import type { Session } from "../session";
 import { InterfaceLights } from "../tools/interfacelights";
 
@@ -8,7 +9,7 @@ export function StatusBar({ session }: { session: Session }) {
   const { facts = [] } = session.status.value ?? {};
   return (
     <footer class="status">
-      <InterfaceLights session={session} />
+      {isRecorded() ? <span>recorded</span> : <InterfaceLights session={session} />}
       <span class="facts">
         {facts.map(({ name, value, warn }) => (
           <span key={name} class={warn ? "warn" : ""}>{`${name} ${value}`}</span>

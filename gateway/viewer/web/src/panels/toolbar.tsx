@@ -1,6 +1,7 @@
 // Toolbar: panels, the view, measuring, the display menu, downloads.
 
-import { rendering, sceneFile, snapshot } from "../view/downloads";
+import { isRecorded } from "../recorded/resources";
+import { pageFile, rendering, sceneFile, snapshot } from "../view/downloads";
 import type { Viewer } from "../view/viewer";
 import { Button, Download } from "./controls";
 import { DisplayMenu } from "./displaymenu";
@@ -8,6 +9,7 @@ import { Icon } from "./icons";
 
 const HOME = "The home view: everything, from the front right, unless a client has set another (H)";
 const RENDER = "This view by the gateway's rasterizer, as PNG";
+const PAGE = "This page with the scene and its recent motion in one file, which opens without a gateway";
 const FILE = "The visible scene as .glb, with this view as its camera";
 
 export function Toolbar({ viewer }: { viewer: Viewer }) {
@@ -18,7 +20,7 @@ export function Toolbar({ viewer }: { viewer: Viewer }) {
     <header class="bar">
       <Button icon="tree" title="Scene tree (T)" pressed={panels.left.value} onClick={() => panels.toggle("left")} />
       <h1>
-        <a class="brand" href="./" title="All interfaces of this gateway">
+        <a class="brand" {...(isRecorded() ? {} : { href: "./", title: "All interfaces of this gateway" })}>
           <Icon name="cube" />
           {word("Scenegate")}
         </a>
@@ -33,12 +35,19 @@ export function Toolbar({ viewer }: { viewer: Viewer }) {
         <Button icon="snapshot" title="This view as PNG" onClick={() => snapshot(viewer)}>
           {word("PNG")}
         </Button>
-        <Download icon="render" title={RENDER} download="scenegate-render.png" url={() => rendering(viewer)}>
-          {word("Render")}
-        </Download>
-        <Download icon="download" title={FILE} download="scene.glb" url={() => sceneFile(viewer)}>
-          {word(".glb")}
-        </Download>
+        {!isRecorded() && (
+          <>
+            <Download icon="render" title={RENDER} download="scenegate-render.png" url={() => rendering(viewer)}>
+              {word("Render")}
+            </Download>
+            <Download icon="download" title={FILE} download="scene.glb" url={() => sceneFile(viewer)}>
+              {word(".glb")}
+            </Download>
+            <Download icon="share" title={PAGE} download="scene.html" url={pageFile}>
+              {word(".html")}
+            </Download>
+          </>
+        )}
       </div>
       <Button icon="panel" title={panel} pressed={panels.right.value} onClick={() => panels.toggle("right")} />
     </header>

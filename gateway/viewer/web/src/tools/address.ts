@@ -34,7 +34,12 @@ export class CameraAddress {
     this.timer ||= setTimeout(() => {
       this.timer = 0;
       const hash = this.text();
-      if (hash !== location.hash) history.replaceState(null, "", location.pathname + location.search + hash);
+      if (hash === location.hash) return;
+      try {
+        history.replaceState(null, "", location.pathname + location.search + hash);
+      } catch {
+        // Inside another page, as in a notebook, a file has no address.
+      }
     }, PERIOD_MS);
   }
 

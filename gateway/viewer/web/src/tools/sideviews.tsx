@@ -5,6 +5,7 @@ import { OrthographicCamera, type Scene, Vector2, type Vector3, type WebGLRender
 import { pathText } from "../format";
 import { Check, Field } from "../panels/controls";
 import type { Path } from "../protocol";
+import { isRecorded } from "../recorded/resources";
 import { CLOUD_LAYER } from "../view/cloudprogress";
 import type { Viewer } from "../view/viewer";
 
@@ -103,7 +104,7 @@ export function SideViewFields({ viewer: { topView, sideCamera, session, stage }
           onChange={(on) => (topView.isShown.value = on)}
         />
       )}
-      <Field label="Image of" value={sideCamera.value} choices={[...cameras]} onChange={(camera) => (sideCamera.value = camera)} />
+      {!isRecorded() && <Field label="Image of" value={sideCamera.value} choices={[...cameras]} onChange={(camera) => (sideCamera.value = camera)} />}
     </>
   );
 }

@@ -3,6 +3,7 @@
 import { BufferAttribute, type Points, type Material as ThreeMaterial } from "three";
 import type { TreeNode } from "../model";
 import type { Draw, MeshPayload, Part } from "../protocol";
+import { addressOf, channelPath } from "../recorded/resources";
 import { chunkOf } from "./geometries";
 import type { Materials } from "./materials";
 
@@ -83,7 +84,7 @@ async function colorsOf({ id, position }: MeshPayload, look: CloudLook): Promise
   let [values, offset, stride] = [position, axis, 3];
   if (axis < 0) {
     const [name = "", component = "0"] = look.by.split(/:(?=\d+$)/);
-    const response = await fetch(`view/channel/${id}?name=${encodeURIComponent(name)}`);
+    const response = await fetch(addressOf(channelPath(id, name)));
     if (!response.ok) return null;
     values = new Float32Array(await response.arrayBuffer());
     stride = Math.max(1, Math.round((3 * values.length) / position.length));

@@ -25,6 +25,9 @@ export function imageQuery(viewer: Viewer): URLSearchParams {
 
 export const sceneFile = (viewer: Viewer): string => `scene.glb?${viewQuery(viewer)}`;
 
+/** The address of this page with its scene in one file, at the camera and moment of this page's address. */
+export const pageFile = (): string => `view/scene.html?${new URLSearchParams({ view: location.hash.slice(1) })}`;
+
 export const rendering = (viewer: Viewer): string => `scene/render?${imageQuery(viewer)}`;
 
 /** Download the view as it is shown; without WebGL, an image of the gateway. */

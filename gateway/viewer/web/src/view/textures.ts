@@ -2,6 +2,7 @@
 
 import * as THREE from "three";
 import type { TextureUse } from "../protocol";
+import { addressOf, imagePath } from "../recorded/resources";
 import type { Stage } from "./stage";
 
 const WRAP: Record<number, THREE.Wrapping> = { 10497: THREE.RepeatWrapping, 33071: THREE.ClampToEdgeWrapping, 33648: THREE.MirroredRepeatWrapping };
@@ -49,7 +50,7 @@ export class Textures {
     }
     if (this.replaced) this.replacements.set(this.replaced, texture);
     this.byKey.set(key, texture);
-    this.download(key, texture, `view/image/${use.image}`, MAX_TRIES);
+    this.download(key, texture, addressOf(imagePath(use.image)), MAX_TRIES);
     return texture;
   }
 

@@ -6,6 +6,7 @@ import type { TreeNode } from "../model";
 import { type Option, options } from "../options";
 import type { Panels } from "../panels/panels";
 import type { Click, PageSettings, SceneUpdate, TimeCommand } from "../protocol";
+import { isRecorded } from "../recorded/resources";
 import type { Session } from "../session";
 import { CameraAddress } from "../tools/address";
 import { Follow } from "../tools/follow";
@@ -97,7 +98,8 @@ export class Viewer {
   private followGraphicsDevice(): void {
     const { graphicsNotice } = this.session;
     const { stage } = this;
-    if (!stage.renderer) graphicsNotice.value = "This browser has no WebGL 2. These are the gateway's own images of the scene.";
+    if (!stage.renderer)
+      graphicsNotice.value = `This browser has no WebGL 2${isRecorded() ? "." : ". These are the gateway's own images of the scene."}`;
     stage.canvas.addEventListener("webglcontextlost", () => {
       graphicsNotice.value = "The browser has lost its graphics device. The view returns when it is back.";
     });

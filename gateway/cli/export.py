@@ -1,0 +1,128 @@
+"""``scenegate export``: a scene with its motion in one file, from a running gateway or from an LCM log."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import msgspec
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from gateway.scene.timeline import Timeline
+
+SUFFIXES: Final = (".html", ".glb")
+"""Suffixes of the files that can be written."""
+
+
+def export(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="LOG|URL",
+            help="LCM log of tree viewer clients or of Drake; or the address of a running gateway: "
+            "http://127.0.0.1:8000.",
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Argument(
+            metavar="OUT.html|OUT.glb",
+            help="The page with the scene, which a browser opens without a network; or glTF with an animation.",
+        ),
+    ],
+    start: Annotated[
+        float, typer.Option(min=0.0, max=1e9, metavar="SECONDS", help="Start of the motion after the start of the log.")
+    ] = 0.0,
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            max=1e9,
+            metavar="SECONDS",
+            help="Length of the motion; of a gateway, its last seconds. 0: no motion. Default: all there is.",
+        ),
+    ] = None,
+    rate: Annotated[float, typer.Option(min=0.01, max=240.0, help="Samples of the scene per second.")] = 30.0,
+    mesh_root: Annotated[
+        str,
+        typer.Option(
+            metavar="FOLDERS",
+            help="Folders with the mesh files that messages of a log name, as for `scenegate serve`; auto: all.",
+        ),
+    ] = "auto",
+    token: Annotated[str | None, typer.Option(envvar="SCENEGATE_TOKEN", help="Bearer token of the gateway.")] = None,
+) -> None:
+    """Write a scene and its motion into one file."""
+    from gateway.datasets.files import write_atomically
+    from scenegate.tree.scene_file import fetch_scene_file
+
+    if out.suffix.lower() not in SUFFIXES:
+        raise ValueError(f"{out}: the file must end with {' or '.join(SUFFIXES)}")
+    is_gltf = out.suffix.lower() == ".glb"
+    if source.startswith(("http://", "https://")):
+        if start:
+            raise ValueError("--start is for logs: of a gateway, --duration has the last seconds")
+        name = "scene/motion.glb" if is_gltf else "view/scene.html"
+        data = fetch_scene_file(source, name, token=token, seconds=duration, rate=rate)
+    elif not Path(source).is_file():
+        raise ValueError(f"{source}: there is no such log; the address of a gateway begins with http://")
+    else:
+        data = asyncio.run(_export_log(Path(source), start, duration, rate, mesh_root, is_gltf=is_gltf))
+    write_atomically(out, data)
+    for sentence in _warnings(data) if is_gltf else ():
+        typer.echo(f"{out}: {sentence}", err=True)
+    typer.echo(f"{out}: {len(data) / 1e6:.1f} MB", err=True)
+
+
+async def _export_log(
+    log: Path, start: float, duration: float | None, rate: float, mesh_root: str, *, is_gltf: bool
+) -> bytes:
+    """Return the file of a section of a log. What the file does not have is named on stderr."""
+    from gateway.assets.mesh_files import MeshFiles
+    from gateway.lcmlog.timeline import open_log
+    from gateway.sceneapi.motion import motion_glb
+    from gateway.settings import load
+    from scenegate.cli.progress_bar import progress_bar
+
+    write = motion_glb if is_gltf else _html
+    settings = load({"host": "127.0.0.1", "mesh_root": mesh_root})
+    files = MeshFiles(settings.mesh_folders, any_folder=settings.local_clients_read_all_folders)
+    with closing(open_log(log, files)) as timeline, progress_bar("Exporting", "%", 1.0) as bar:
+        first, last = _section(timeline, log, start, duration)
+        data = await write(timeline, first, last, rate, on_progress=lambda done: bar.update(done, round(100 * done)))
+    for sentence in timeline.problems.listed():
+        typer.echo(f"{log}: {sentence}", err=True)
+    return data
+
+
+async def _html(
+    timeline: Timeline, first: int, last: int, rate: float, *, on_progress: Callable[[float], None]
+) -> bytes:
+    from gateway.scene.live_page import LivePage
+    from gateway.viewer.recording import record
+    from gateway.viewer.scene_file import scene_html
+    from gateway.viewer.share_routes import page_settings
+
+    recording = await record(timeline, page_settings(LivePage()), first, last, rate, on_progress=on_progress)
+    return scene_html(recording)
+
+
+def _warnings(glb: bytes) -> list[str]:
+    """Return the sentences about what a glTF file does not have."""
+    end = 20 + int.from_bytes(glb[12:16], "little")
+    extras = msgspec.json.decode(glb[20:end]).get("asset", {}).get("extras", {})
+    return [str(sentence) for sentence in extras.get("warnings", ())]
+
+
+def _section(timeline: Timeline, log: Path, start: float, duration: float | None) -> tuple[int, int]:
+    """Return the first and the last time of a section, nanoseconds since the epoch."""
+    begin, end = timeline.span
+    first = begin + int(start * 1e9)
+    if first > end:
+        raise ValueError(f"{log}: --start {start:g} is after its end, at {(end - begin) / 1e9:.1f} s")
+    return first, end if duration is None else min(end, first + int(duration * 1e9))

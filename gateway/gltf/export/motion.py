@@ -1,0 +1,224 @@
+"""Motion of a scene's nodes for a glTF file: a tree with all nodes that there were, and channels of those that move.
+
+glTF animates the translation, rotation and scale of nodes. A node that is hidden or deleted for a while has the scale 0
+meanwhile: by the specification (3.11), readers then do not draw it. Geometry and opacity cannot change.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.gltf.export.glb_document import MAX_BYTES, ExportError, is_writable
+from gateway.scene.transforms import IDENTITY, Matrix, quaternions_of
+from gateway.scene.tree import Node, Path, changes
+
+KEY_BYTES: Final = 100
+"""Memory of a key."""
+_EPSILON: Final = 1e-6
+"""Maximum difference of axes from a rotation with a scale."""
+
+
+_LEFT_OUT: Final = {
+    "geometry": "glTF animates no geometry: the file has the first geometry",
+    "opacity": "glTF animates no opacity: the file has the first opacity",
+    "shear": "glTF animates no shear: the file is without the shear",
+}
+
+
+@dataclass(slots=True, eq=False)
+class Track:
+    """States of a node over time."""
+
+    node: Node
+    """The node in the tree with all nodes that there were, as it was first."""
+    samples: list[int] = field(default_factory=list)
+    """Numbers of the samples at which the state changes, ascending."""
+    matrices: list[Matrix] = field(default_factory=list)
+    shown: list[bool] = field(default_factory=list)
+
+    def add(self, sample: int, matrix: Matrix, *, shown: bool) -> None:
+        """Append a state, or replace that of the same sample."""
+        if self.samples and self.samples[-1] == sample:
+            self.matrices[-1], self.shown[-1] = matrix, shown
+            return
+        self.samples.append(sample)
+        self.matrices.append(matrix)
+        self.shown.append(shown)
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """Values of a node's property over time."""
+
+    path: str
+    """``translation``, ``rotation`` or ``scale``."""
+    times: NDArray[np.float32]
+    """(N,) seconds, ascending."""
+    values: NDArray[np.float32]
+    """(N, 3) or, for quaternions x, y, z, w, (N, 4)."""
+    is_step: bool
+    """True: a value holds until the next one. False: values between two are interpolated."""
+
+
+@dataclass(frozen=True, slots=True)
+class AnimatedNode:
+    """A node that moves."""
+
+    node: Node
+    first: dict[str, list[float]]
+    """Translation, rotation and scale when it is first shown."""
+    channels: tuple[Channel, ...]
+
+
+class Motion:
+    """Collects the states of a scene."""
+
+    def __init__(self, max_bytes: int = MAX_BYTES) -> None:
+        """
+        Args:
+            max_bytes: Maximum size of the keys of all nodes.
+        """
+        self._max_bytes = max_bytes
+        self._key_count = 0
+        self._last: Node | None = None
+        self._tracks: dict[Path, Track] = {}
+        """Tracks of all nodes that there were, parents before children."""
+        self.times: list[float] = []
+        """Times of the samples, seconds since the first one."""
+        self._left_out: dict[str, dict[Path, None]] = {kind: {} for kind in _LEFT_OUT}
+        """Paths of nodes with changes that the file does not have."""
+
+    def add(self, seconds: float, root: Node) -> None:
+        """Append the state of the scene at a time.
+
+        Raises:
+            ExportError: There are too many keys.
+        """
+        sample = len(self.times)
+        self.times.append(seconds)
+        if self._last is None:
+            self._last = Node()
+            self._set(sample, (), root)
+        for change in changes(self._last, root):
+            if change.node is None:
+                self._hide(sample, change.path)
+            elif change.kind in ("geometry", "opacity"):
+                self._note_change(change.kind, change.path, change.node)
+            elif change.kind != "reordered":
+                self._set(sample, change.path, change.node)
+        self._last = root
+        if KEY_BYTES * self._key_count > self._max_bytes:
+            raise ExportError(
+                f"the motion as .glb needs more than {self._max_bytes} bytes: take a shorter time, or a lower rate"
+            )
+
+    def _set(self, sample: int, path: Path, node: Node) -> None:
+        """Append the transform and the visibility of a node, which may be new."""
+        track = self._tracks.get(path)
+        if track is None:
+            track = self._tracks[path] = Track(Node(node.parts))
+            track.node.opacity = node.opacity
+            if path:
+                self._tracks[path[:-1]].node.children[path[-1]] = track.node
+            if sample:
+                track.add(0, node.matrix if is_writable(node.matrix) else IDENTITY, shown=False)
+        elif node.parts is not track.node.parts:
+            self._note_change("geometry", path, node)
+        if is_writable(node.matrix):
+            track.add(sample, node.matrix, shown=node.visible)
+        else:
+            track.add(sample, track.matrices[-1] if track.matrices else IDENTITY, shown=False)
+        self._key_count += 1
+
+    def _hide(self, sample: int, path: Path) -> None:
+        """Hide a node that was deleted, and its descendants: one that is added again may have others."""
+        for below, _ in self._tracks[path].node.walk(path):
+            track = self._tracks[below]
+            track.add(sample, track.matrices[-1], shown=False)
+            self._key_count += 1
+
+    def _note_change(self, kind: str, path: Path, node: Node) -> None:
+        first = self._tracks[path].node
+        if kind == "geometry" and first.parts is None:
+            first.parts = node.parts
+        elif kind == "opacity" or node.parts is not first.parts:
+            self._left_out[kind].setdefault(path)
+
+    def finish(self) -> tuple[Node, list[AnimatedNode], list[str]]:
+        """Return a tree with all nodes that were ever shown, those that move, and warnings.
+
+        There is a warning for each kind of change that the file does not have.
+        """
+        animated: list[AnimatedNode] = []
+        for path, track in self._tracks.items():
+            track.node.visible = any(track.shown)
+            first, channels, has_shear = animate(track, self.times) if len(track.samples) > 1 else (None, (), False)
+            if first is None or not channels:
+                track.node.set_matrix(track.matrices[0])
+                continue
+            animated.append(AnimatedNode(track.node, first, channels))
+            if has_shear:
+                self._left_out["shear"].setdefault(path)
+        warnings = [
+            f"{_LEFT_OUT[kind]} of {len(paths)} nodes, such as {'/'.join(map(str, next(iter(paths))))[:80]}"
+            for kind, paths in self._left_out.items()
+            if paths
+        ]
+        return self._tracks[()].node, animated, warnings
+
+
+def animate(track: Track, times: list[float]) -> tuple[dict[str, list[float]], tuple[Channel, ...], bool]:
+    """Return what a node has when it is first shown, its channels, and True if a shear is left out.
+
+    Before a change after a rest, there is a key with the last values: values between two keys are interpolated.
+    """
+    samples: list[int] = []
+    states: list[int] = []
+    for number, sample in enumerate(track.samples):
+        if number and sample > samples[-1] + 1:
+            samples.append(sample - 1)
+            states.append(number - 1)
+        samples.append(sample)
+        states.append(number)
+    translation, rotation, scale, has_shear = decompose(np.array(track.matrices)[states])
+    shown = np.array(track.shown)[states]
+    properties = {"translation": translation, "rotation": rotation, "scale": scale}
+    first = {path: values[np.argmax(shown)].tolist() for path, values in properties.items()}
+    scale[~shown] = 0.0
+    key_times = np.array(times, np.float32)[samples]
+    channels: list[Channel] = []
+    for path, values in properties.items():
+        is_new = np.append(True, (values[1:] != values[:-1]).any(axis=1))
+        is_step = path == "scale" and not shown.all()
+        keys = is_new if is_step else slice(None)
+        if is_new[1:].any():
+            channels.append(Channel(path, key_times[keys], values[keys].astype(np.float32), is_step))
+    return first, tuple(channels), has_shear
+
+
+def decompose(
+    matrices: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], bool]:
+    """Decompose transforms into translations, rotations and scales.
+
+    Args:
+        matrices: (N, 4, 4).
+
+    Returns:
+        translations, (N, 3); quaternions x, y, z, w, each nearer to the one before than its negative, (N, 4); scales,
+        (N, 3); True if a matrix has a shear, which is left out.
+    """
+    axes = matrices[:, :3, :3]
+    scale = np.linalg.norm(axes, axis=1)
+    scale[:, 0] *= np.where(np.linalg.det(axes) < 0.0, -1.0, 1.0)
+    rotations = axes / np.where(scale == 0.0, 1.0, scale)[:, None, :]
+    rotations[(scale == 0.0).any(axis=1)] = np.eye(3)
+    gram = np.swapaxes(rotations, 1, 2) @ rotations
+    quaternions = np.roll(quaternions_of(rotations), -1, axis=1)
+    flips = np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
+    quaternions[1:] *= np.cumprod(flips)[:, None]
+    return matrices[:, :3, 3], quaternions, scale, bool((np.abs(gram - np.eye(3)) > _EPSILON).any())

@@ -1,0 +1,148 @@
+"""``scenegate export``: logs, gateways, and what is wrong with the arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from gateway.cli.commands import app
+from gateway.gltf import AnimationTime, read_gltf
+from gateway.gltf.export import Motion, export_motion_glb
+from gateway.scene.tree import Node
+from scenegate.lcm.event_log import pack_event
+from tests.treeviewer.conversation import BOX, message
+from tests.viewer.recordings import headers_of
+from tests.viewer.test_scene_file import recording_of
+
+REQUEST = "DIRECTOR_TREE_VIEWER_REQUEST_<a>"
+CYLINDER = {"type": "cylinder", "radius": 1, "length": 1}
+MOTION = Motion()
+MOTION.add(0.0, Node())
+GLB = export_motion_glb(MOTION)
+TURNED = {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """A log of two seconds in which a box moves along x, one metre a second, and becomes a cylinder at the end."""
+    requests: list[tuple[float, dict[str, Any]]] = [
+        (0.0, {"setgeometry": [{"path": ["a"], "geometry": BOX}]}),
+        *(
+            (x, {"settransform": [{"path": ["a"], "transform": {**TURNED, "translation": [x, 0, 0]}}]})
+            for x in (0.5, 1.0, 1.5)
+        ),
+        (2.0, {"setgeometry": [{"path": ["a"], "geometry": CYLINDER}]}),
+    ]
+    path = tmp_path / "run.lcmlog"
+    path.write_bytes(
+        b"".join(
+            pack_event(number, int(5e6 + 1e6 * seconds), REQUEST, message(request))
+            for number, (seconds, request) in enumerate(requests)
+        )
+    )
+    return path
+
+
+def export(*arguments: str | Path) -> Result:
+    return CliRunner().invoke(app, ["export", *map(str, arguments)])
+
+
+def test_a_log_as_html(log: Path, tmp_path: Path) -> None:
+    out = tmp_path / "new" / "scene.html"
+    result = export(log, out, "--rate", "2")
+    assert result.exit_code == 0, result.stderr
+    assert result.stderr.endswith(f"{out}: {out.stat().st_size / 1e6:.1f} MB\n")
+    updates = headers_of(recording_of(out.read_bytes()), "update")
+    assert len({update["revision"] for update in updates}) == 5
+    section = tmp_path / "section.html"
+    assert export(log, section, "--rate", "2", "--start", "0.4", "--duration", "0.5").exit_code == 0
+    updates = headers_of(recording_of(section.read_bytes()), "update")
+    assert len({update["revision"] for update in updates}) == 2
+
+
+def test_a_log_as_gltf(log: Path, tmp_path: Path) -> None:
+    out = tmp_path / "scene.glb"
+    result = export(log, out, "--rate", "2")
+    assert result.exit_code == 0, result.stderr
+    assert "the file has the first geometry of 1 nodes, such as a" in result.stderr
+    scene = read_gltf(out.read_bytes(), animation=AnimationTime("motion", 1.25))
+    [path] = [path for path, _ in scene.root.walk() if path and path[-1] == "a"]
+    matrix = scene.root.world_matrix(path)
+    assert matrix is not None
+    assert matrix[0, 3] == pytest.approx(1.25)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("{log}", "scene.png"), "scene.png: the file must end with .html or .glb"),
+        (("missing", "scene.html"), "missing: there is no such log; the address of a gateway begins with http://"),
+        (("{log}", "scene.html", "--start", "3"), "run.lcmlog: --start 3 is after its end, at 2.0 s"),
+        (("{text}", "scene.html"), "text.lcmlog: "),
+        (("http://127.0.0.1:1", "scene.html", "--start", "3"), "--start is for logs: of a gateway, --duration has"),
+        (("{log}", "scene.html", "--rate", "200", "--duration", "1e9"), ""),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(arguments: tuple[str, ...], sentence: str, log: Path, tmp_path: Path) -> None:
+    text = tmp_path / "text.lcmlog"
+    text.write_text("no log")
+    out = tmp_path / arguments[1]
+    result = export(arguments[0].format(log=log, text=text), out, *arguments[2:])
+    if not sentence:
+        assert result.exit_code == 0
+        return
+    assert isinstance(result.exception, ValueError)
+    assert sentence in str(result.exception)
+    assert not out.exists()
+
+
+@pytest.fixture
+def gateway() -> Iterator[tuple[str, list[tuple[str, str | None]]]]:
+    """URL of a server that answers as a gateway does, and its requests with their tokens."""
+    requests: list[tuple[str, str | None]] = []
+
+    class Gateway(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            requests.append((self.path, self.headers["Authorization"]))
+            status, body = (413, b"the recording is too large") if "rate=240" in self.path else (200, b"file")
+            body = GLB if "motion.glb" in self.path else body
+            self.send_response(status)
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Gateway) as server:
+        thread = Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}", requests
+        server.shutdown()
+        thread.join()
+
+
+def test_the_scene_of_a_gateway(gateway: tuple[str, list[tuple[str, str | None]]], tmp_path: Path) -> None:
+    url, requests = gateway
+    out = tmp_path / "scene.html"
+    assert export(url, out, "--duration", "5", "--token", "secret").exit_code == 0
+    assert out.read_bytes() == b"file"
+    assert export(f"{url}/", tmp_path / "scene.glb").exit_code == 0
+    assert requests == [
+        ("/view/scene.html?seconds=5.0&rate=30.0", "Bearer secret"),
+        ("/scene/motion.glb?rate=30.0", None),
+    ]
+    refused = export(url, out, "--rate", "240")
+    assert str(refused.exception) == f"{url} gives no view/scene.html: 413: the recording is too large"
+    assert out.read_bytes() == b"file"
+
+
+def test_a_gateway_that_does_not_respond(tmp_path: Path) -> None:
+    refused = export("http://127.0.0.1:1", tmp_path / "scene.html")
+    assert isinstance(refused.exception, ConnectionError)
+    assert "http://127.0.0.1:1 gives no view/scene.html" in str(refused.exception)
