@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import structlog
 from fastapi import FastAPI
-from fastapi.telemetry import TelemetryConfig
 
 from gateway.lcm.listener import ChannelListener
 from gateway.runtime import process_tuning
@@ -44,8 +43,6 @@ QUEUE_SHARE: Final = 0.9
 """Fraction of --shutdown-seconds after which calls that still wait for a thread get 503."""
 IDLE_SECONDS: Final = 10.0
 """Time without work after which the memory of earlier frames and scenes is returned to the system."""
-NO_TELEMETRY: TelemetryConfig = {"tracing": False, "metrics": False, "logs": False, "auto_configure": False}
-"""Switches off FastAPI's telemetry, which would configure exporters from the environment."""
 
 
 @dataclass(slots=True, eq=False)

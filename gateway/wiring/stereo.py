@@ -41,9 +41,10 @@ from gateway.stereo.routes.upload_routes import upload_router
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.set_kind import SetKind
 from gateway.viewer.sources import ImageName, StereoImages, StereoRig
-from gateway.wiring.context import NO_TELEMETRY, Context
+from gateway.wiring.context import Context
 from gateway.wiring.metrics import watch_stereo
 from gateway.wiring.scene_setting import read_scene_setting
+from gateway.wiring.telemetry import NO_TELEMETRY
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
