@@ -13,7 +13,7 @@ from typing import Final
 CLIENT_COMMANDS: Final = {
     "publish": ("scenegate.cli.publish", "Publish a file at a path of a viewer's live scene."),
     "stream": ("scenegate.cli.stream", "Receive image sets of a stereo camera, Scenegate's or a real rc_visard."),
-    "record": ("scenegate.cli.record", "Record an LCM network, for lcm-logplayer, lcm-spy and `scenegate play`."),
+    "record": ("scenegate.cli.record", "Record an LCM network, or the live scene and a camera for Foxglove and ROS 2."),
     "play": ("scenegate.cli.play", "Play a log into an LCM network."),
 }
 """Modules with ``add_arguments`` and ``run``, and the first lines of their descriptions."""
