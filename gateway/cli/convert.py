@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import typer
+
+MAX_SHOWN: Final = 20
+"""Maximum number of warnings that are printed."""
 
 
 def convert(
@@ -17,7 +20,10 @@ def convert(
     root: Annotated[
         list[Path] | None,
         typer.Option(
-            metavar="FOLDER", exists=True, file_okay=False, help="Folder with the mesh files of messages. Can be repeated."
+            metavar="FOLDER",
+            exists=True,
+            file_okay=False,
+            help="Folder with the mesh files of messages. Can be repeated.",
         ),
     ] = None,
 ) -> None:
@@ -37,9 +43,10 @@ def convert(
     files = MeshFiles(tuple(root or ()))
     with progress_bar("Converting", "messages", log.stat().st_size) as bar:
         try:
-            writer, shown = asyncio.run(convert_log(log, out, profile, files, bar.update))
+            converted = asyncio.run(convert_log(log, out, profile, files, bar.update))
         except EventLogError as error:
             raise ValueError(f"{log}: {error}") from None
-    typer.echo(f"{out}: {shown} messages of the log, {writer.files.messages} written, {writer.files.bytes} bytes", err=True)
-    for warning in writer.mirror.warnings.values():
-        typer.echo(f"scenegate: {warning}", err=True)
+    counts = f"{converted.read} messages of the scene, {converted.written} written, {converted.bytes} bytes"
+    typer.echo(f"{out}: {counts}", err=True)
+    for warning, count in list(converted.warnings.items())[:MAX_SHOWN]:
+        typer.echo(f"scenegate: {warning}" + (f" ({count} times)" if count > 1 else ""), err=True)

@@ -1,71 +1,63 @@
-"""Write the live scene of an LCM log to MCAP files: what ``scenegate record --mcap`` writes while the log is played."""
+"""Write the scene of an LCM log to an MCAP file, as ``scenegate record --mcap`` writes it while the log is played."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
 from gateway.assets.mesh_files import MeshFiles
-from gateway.drakeviewer.messages import MessageError
-from gateway.drakeviewer.viewer import DrakeViewer
-from gateway.scene.live import LiveTree
-from gateway.treeviewer.protocol import TreeViewerProtocol
+from gateway.lcmlog.replay import LogReplay
+from gateway.scene.live import Snapshot
 from gateway.viewer.encoder import EMPTY_SNAPSHOT, Encoder
 from gateway.viewer.resources import Resources
-from scenegate.lcm.event_log import Event, read_events
-from scenegate.messages import wire
 from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.profiles import ProfileName, make_profile
 from scenegate.recording.recorder import SceneWriter
-from scenegate.regular_files import open_regular
 
 
-class LogScene:
-    """The live scene of a log, whose changes are frames of the view."""
+@dataclass(frozen=True, slots=True)
+class Converted:
+    """A log that was converted."""
 
-    def __init__(self, files: MeshFiles) -> None:
-        self.time = 0
-        """Time of the newest message, nanoseconds since the epoch."""
-        self._live = LiveTree(lambda: self.time)
-        self._tree = TreeViewerProtocol(self._live, meshes=files)
-        self._drake = DrakeViewer(self._live, files)
+    read: int
+    """Number of messages that change the scene."""
+    warnings: dict[str, int]
+    """Reasons why messages or nodes are not recorded completely, with the number of times."""
+    written: int
+    """Number of messages in the file."""
+    bytes: int
+    """Size of the file."""
+
+
+class SnapshotFrames:
+    """Encodes snapshots as the frames of the view, which ``SceneWriter`` reads."""
+
+    def __init__(self) -> None:
         self._resources = Resources()
         self._encoder = Encoder(self._resources)
         self._encoded = EMPTY_SNAPSHOT
         self._sent_meshes: set[int] = set()
 
-    def show(self, event: Event) -> bool:
-        """Execute a message; return False if it is of a channel that is not shown, or invalid."""
-        self.time = event.time_us * 1000
-        try:
-            if event.channel.startswith(wire.REQUEST):
-                self._tree.handle(event.data)
-            elif self._drake.is_shown(event.channel):
-                self._drake.handle(event.channel, event.data)
-            else:
-                return False
-        except (wire.WireError, MessageError):  # as the server, which counts it
-            return False
-        return True
-
-    async def frames(self) -> list[bytes]:
-        """Return the frames with the changes since the last call; none if nothing has changed."""
-        if self._live.snapshot.revision == self._encoded.revision:
+    async def advance(self, snapshot: Snapshot) -> list[bytes]:
+        """Return the frames that lead from the last snapshot to this one; none if it is the same one."""
+        if snapshot.revision == self._encoded.revision:
             return []
         epoch = self._encoder.epoch
-        self._encoder.advance(self._live.snapshot)
-        base = self._encoded if self._encoder.epoch == epoch else EMPTY_SNAPSHOT
-        update, self._encoded = await self._encoder.update(base)
+        self._encoder.advance(snapshot)
+        if self._encoder.epoch != epoch:  # the ids of nodes are others
+            self._encoded = EMPTY_SNAPSHOT
+        update, self._encoded = await self._encoder.update(self._encoded)
         self._sent_meshes -= self._resources.take_removed_meshes()
         new = sorted(update.meshes - self._sent_meshes)
         self._sent_meshes.update(new)
-        return [*(frame for mesh in new if (frame := self._resources.mesh_frame(mesh)) is not None), update.frame]
+        return [*filter(None, map(self._resources.mesh_frame, new)), update.frame]
 
 
 async def convert_log(
     log: Path, out: Path, profile: ProfileName, files: MeshFiles, report: Callable[[int, int], None] = lambda *_: None
-) -> tuple[SceneWriter, int]:
+) -> Converted:
     """Write the scene of a log to an MCAP file, with the times of the log.
 
     Args:
@@ -74,21 +66,23 @@ async def convert_log(
         files: reads the mesh files that messages name.
         report: called after each message with the bytes of the log that were read, and the number of messages.
 
-    Returns:
-        The writer, and the number of messages that were shown.
-
     Raises:
         EventLogError: the file is not an LCM log.
         ImportError: packages of the profile are not installed.
         OSError: a file cannot be read or written.
     """
     converter = make_profile(profile)
-    scene, shown = LogScene(files), 0
-    with open_regular(log) as file, closing(McapFiles(out, converter.name)) as mcap:
+    frames = SnapshotFrames()
+    warnings: dict[str, int] = {}
+    read = 0
+    with LogReplay(log, files) as replay, closing(McapFiles(out, converter.name)) as mcap:
         writer = SceneWriter(mcap, converter)
-        for number, event in enumerate(read_events(file), 1):
-            shown += scene.show(event)
-            for frame in await scene.frames():
-                writer.write(frame, scene.time)
-            report(file.tell(), number)
-    return writer, shown
+        while replay.next_event is not None:
+            for warning in replay.step():
+                warnings[warning] = warnings.get(warning, 0) + 1
+            read += 1
+            for frame in await frames.advance(replay.snapshot):
+                writer.write(frame, replay.clock.time_ns)
+            report(replay.position, read)
+    warnings.update(dict.fromkeys(writer.mirror.warnings.values(), 1))
+    return Converted(read, warnings, mcap.messages, mcap.bytes)

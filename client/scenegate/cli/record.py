@@ -1,4 +1,4 @@
-"""``scenegate record``: write an LCM network's messages to a log file, or scene and images to MCAP files (``record_mcap``)."""
+"""``scenegate record``: write an LCM network's messages to a log file. ``record_mcap`` writes MCAP files instead."""
 
 from __future__ import annotations
 

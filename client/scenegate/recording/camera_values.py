@@ -41,7 +41,10 @@ class CameraConverter:
             depth = _depth(disparity)
             image = CameraImage(disparity.image.calibration, "32FC1", depth.tobytes())
             contents.update(disparity=disparity, images={"depth": image}, cloud=_cloud(depth, disparity, left))
-        for name, image_message in (("left", left), ("right", image_set.right if image_set.HasField("right") else None)):
+        for name, image_message in (
+            ("left", left),
+            ("right", image_set.right if image_set.HasField("right") else None),
+        ):
             if image_message is None or (name == "right" and self._baseline is None):
                 continue
             contents = by_time.setdefault(_nanoseconds(image_message.timestamp), {})

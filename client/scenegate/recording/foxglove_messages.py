@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -25,7 +24,6 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
-from numpy.typing import NDArray
 
 from scenegate.recording.values import (
     Calibration,
@@ -69,20 +67,14 @@ def scene_update(entities: Iterable[Entity], time: int) -> SceneUpdate:
                 SceneEntityDeletion(timestamp=stamp, type=SceneEntityDeletion.MATCHING_ID, id=entity.frame)
             )
             continue
-        triangles = [TriangleListPrimitive(**_primitive(each)) for each in entity.primitives if not each.is_lines]
-        lines = [
-            LinePrimitive(type=LinePrimitive.LINE_LIST, thickness=LINE_PIXELS, scale_invariant=True, **_primitive(each))
-            for each in entity.primitives
-            if each.is_lines
-        ]
         update.entities.append(
             SceneEntity(
                 timestamp=stamp,
                 frame_id=entity.frame,
                 id=entity.frame,
                 frame_locked=True,
-                triangles=triangles,
-                lines=lines,
+                triangles=[_triangles(each) for each in entity.primitives if not each.is_lines],
+                lines=[_lines(each) for each in entity.primitives if each.is_lines],
             )
         )
     return update
@@ -147,19 +139,34 @@ def joint_states(joints: JointValues) -> JointStates:
     return JointStates(timestamp=_timestamp(joints.time), joints=states)
 
 
-def _primitive(primitive: Primitive) -> dict[str, object]:
-    """Return the fields that triangles and lines have."""
-    points = [Point3(x=x, y=y, z=z) for x, y, z in _finite(primitive.points).tolist()]
-    colors = () if primitive.colors is None else [_color(row) for row in primitive.colors.tolist()]
-    return {"pose": _identity_pose(), "points": points, "color": _color(primitive.color), "colors": colors}
+def _triangles(primitive: Primitive) -> TriangleListPrimitive:
+    return TriangleListPrimitive(
+        pose=_identity_pose(), points=_points(primitive), color=_color(primitive.color), colors=_colors(primitive)
+    )
 
 
-def _finite(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0)
+def _lines(primitive: Primitive) -> LinePrimitive:
+    return LinePrimitive(
+        type=LinePrimitive.LINE_LIST,
+        pose=_identity_pose(),
+        thickness=LINE_PIXELS,
+        scale_invariant=True,
+        points=_points(primitive),
+        color=_color(primitive.color),
+        colors=_colors(primitive),
+    )
+
+
+def _points(primitive: Primitive) -> list[Point3]:
+    return [Point3(x=x, y=y, z=z) for x, y, z in primitive.points.tolist()]
+
+
+def _colors(primitive: Primitive) -> list[Color]:
+    return [] if primitive.colors is None else [_color(row) for row in primitive.colors.tolist()]
 
 
 def _color(color: Sequence[float]) -> Color:
-    red, green, blue, alpha = (min(max(value, 0.0), 1.0) if math.isfinite(value) else 0.0 for value in color)
+    red, green, blue, alpha = color
     return Color(r=red, g=green, b=blue, a=alpha)
 
 

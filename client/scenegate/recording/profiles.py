@@ -12,6 +12,7 @@ from importlib.resources import files
 from typing import Any, Final, Literal, Protocol, get_args
 
 import msgspec
+from google.protobuf.message import Message
 
 from scenegate.recording.mcap_file import EncodedMessage, Schema
 from scenegate.recording.values import CameraSet, Cloud, ImuSample, JointValues, SceneChange
@@ -178,8 +179,9 @@ class _CloudTopics:
         return topic
 
 
-def _protobuf(topic: str, message: Any) -> EncodedMessage:
-    return EncodedMessage(topic, _protobuf_schema(type(message)), message.SerializeToString())
+def _protobuf(topic: str, message: Message) -> EncodedMessage:
+    message_type: Any = type(message)
+    return EncodedMessage(topic, _protobuf_schema(message_type), message.SerializeToString())
 
 
 @cache

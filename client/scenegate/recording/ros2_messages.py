@@ -15,7 +15,6 @@ from scenegate.recording.values import (
     Calibration,
     CameraImage,
     Cloud,
-    Color,
     Disparity,
     Entity,
     FrameTransform,
@@ -59,14 +58,13 @@ def marker_array(entities: Iterable[Entity], time: int) -> Ros2Message:
 
     A node's frame is the namespace of its markers.
     """
-    markers = []
+    markers: list[Fields] = []
     for entity in entities:
-        for index, primitive in enumerate(entity.primitives):
-            markers.append(_marker(entity.frame, index, primitive, time))
-        for index in range(len(entity.primitives), entity.earlier_count):
-            markers.append(
-                {"header": header(entity.frame, time), "ns": entity.frame, "id": index, "action": _DELETE}
-            )
+        markers += [_marker(entity.frame, index, each, time) for index, each in enumerate(entity.primitives)]
+        markers += [
+            {"header": header(entity.frame, time), "ns": entity.frame, "id": index, "action": _DELETE}
+            for index in range(len(entity.primitives), entity.earlier_count)
+        ]
     return Ros2Message("visualization_msgs/msg/MarkerArray", {"markers": markers})
 
 
@@ -179,7 +177,6 @@ def _image_fields(value: CameraImage, time: int) -> Fields:
 
 
 def _marker(frame: str, index: int, primitive: Primitive, time: int) -> Fields:
-    points = np.nan_to_num(primitive.points, nan=0.0, posinf=0.0, neginf=0.0).tolist()
     size = LINE_METRES if primitive.is_lines else 1.0
     return {
         "header": header(frame, time),
@@ -191,13 +188,13 @@ def _marker(frame: str, index: int, primitive: Primitive, time: int) -> Fields:
         "scale": {"x": size, "y": size, "z": size},
         "color": _color(primitive.color),
         "frame_locked": True,
-        "points": [{"x": x, "y": y, "z": z} for x, y, z in points],
+        "points": [{"x": x, "y": y, "z": z} for x, y, z in primitive.points.tolist()],
         "colors": [] if primitive.colors is None else [_color(row) for row in primitive.colors.tolist()],
     }
 
 
-def _color(color: Color) -> Fields:
-    red, green, blue, alpha = (min(max(value, 0.0), 1.0) for value in color)
+def _color(color: Sequence[float]) -> Fields:
+    red, green, blue, alpha = color
     return {"r": red, "g": green, "b": blue, "a": alpha}
 
 

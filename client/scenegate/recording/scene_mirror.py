@@ -110,7 +110,9 @@ class SceneMirror:
                     self._rig, self._rig_changed = header if header["pose"] is not None else None, True
                 case "update":
                     return self._update(frame)
-        except (KeyError, TypeError, IndexError, AttributeError) as error:
+        except ViewFrameError:
+            raise
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             raise ViewFrameError(f"a frame {header.get('kind')!r} of the view is invalid: {error!r}") from None
         return None
 
@@ -135,9 +137,9 @@ class SceneMirror:
         redrawn: dict[_Node, None] = {}
         for fields in header.get("nodes", ()):
             redrawn[self._edit_node(fields)] = None
-        for node, matrix in _matrices(frame):
-            self._nodes[node].matrix = matrix
-            moved[self._nodes[node]] = None
+        for node_id, matrix in _matrices(frame):
+            self._nodes[node_id].matrix = matrix
+            moved[self._nodes[node_id]] = None
         for node in {**redrawn, **moved}:
             self._derive(node, moved, redrawn)
         earlier = {node.frame: node for node in removed}
@@ -238,13 +240,15 @@ class SceneMirror:
             if mesh is None or matrix is None or not len(mesh.positions):
                 continue
             linear = node.scale @ matrix[:3, :3]
-            points = (mesh.positions @ linear.T + node.scale @ matrix[:3, 3]).astype(np.float32)
+            points = np.nan_to_num((mesh.positions @ linear.T + node.scale @ matrix[:3, 3]).astype(np.float32))
             red, green, blue, alpha = draw["material"]["color"]
-            color: Color = (red, green, blue, alpha * node.alpha)
+            color: Color = (red, green, blue, min(max(alpha * node.alpha, 0.0), 1.0))
             if mesh.topology == _POINTS:
                 clouds.append(_cloud(node.frame, points, mesh, color))
                 continue
-            colors = None if mesh.colors is None else (mesh.colors / np.float32(255.0)) * np.asarray(color, np.float32)
+            colors = None
+            if mesh.colors is not None:
+                colors = (mesh.colors * (np.asarray(color) / 255.0)).astype(np.float32)
             if mesh.indices is not None:
                 points, colors = points[mesh.indices], None if colors is None else colors[mesh.indices]
             count += len(points)

@@ -1,4 +1,4 @@
-"""What is recorded, without the format of any message. Metres, seconds, radians; times in nanoseconds since the epoch."""
+"""What is recorded, in no format of messages. Metres, radians, seconds; times are nanoseconds since the epoch."""
 
 from __future__ import annotations
 
