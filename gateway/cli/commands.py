@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from gateway.cli import dataset
+from gateway.cli.convert import convert
 from gateway.cli.render import render
 from gateway.cli.serve import add_serve
 
@@ -37,6 +38,6 @@ def doctor() -> None:
 
 
 add_serve(app)
-for command in (render, doctor, warmup):
+for command in (render, convert, doctor, warmup):
     app.command()(command)
 app.add_typer(dataset.app, name="dataset")

@@ -11,15 +11,9 @@ import numpy as np
 
 from gateway.assets.mesh_files import MeshFiles
 from gateway.datasets.scenario.tracks import POSE_COLUMNS
-from gateway.drakeviewer.messages import MessageError
-from gateway.drakeviewer.viewer import DrakeViewer
-from gateway.scene.live import LiveTree
+from gateway.lcmlog.replay import LogReplay, is_shown
 from gateway.scene.transforms import Matrix, quaternions_of
 from gateway.scene.tree import Path as TreePath
-from gateway.treeviewer.protocol import TreeViewerProtocol
-from scenegate.lcm.event_log import read_events
-from scenegate.messages import wire
-from scenegate.regular_files import open_regular
 
 
 class LogTrackError(ValueError):
@@ -61,21 +55,10 @@ def read_track_of_log(log: Path, node: TreePath) -> str:
 
 def _poses(log: Path, node: TreePath) -> Iterator[tuple[float, Matrix]]:
     """Yield the time and X_world_node after each message that the live tree shows, while it has the node."""
-    live = LiveTree()
-    tree, drake = TreeViewerProtocol(live), DrakeViewer(live, MeshFiles(()))  # the shapes of meshes do not matter
-    begin = None
-    with open_regular(log) as file:
-        for event in read_events(file):
-            begin = event.time_us if begin is None else begin
-            try:
-                if event.channel.startswith(wire.REQUEST):
-                    tree.handle(event.data)
-                elif drake.is_shown(event.channel):
-                    drake.handle(event.channel, event.data)
-                else:
-                    continue
-            except (wire.WireError, MessageError):  # as the server, which counts it
-                continue
-            pose = live.snapshot.root.world_matrix(node)
+    with LogReplay(log, MeshFiles(())) as replay:  # the shapes of meshes do not matter
+        begin = replay.next_time
+        while (event := replay.next_event) is not None and begin is not None:
+            replay.step()
+            pose = replay.snapshot.root.world_matrix(node) if is_shown(event.channel) else None
             if pose is not None:
-                yield (event.time_us - begin) / 1e6, pose
+                yield (replay.clock.time_ns - begin) / 1e9, pose

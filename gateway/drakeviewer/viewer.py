@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -76,8 +77,8 @@ class Counters:
 
 
 @dataclass(slots=True, eq=False)
-class _State:
-    """State of the channels."""
+class DrakeState:
+    """State of the channels, besides what the live tree has."""
 
     robots: dict[str, RobotChannels] = field(default_factory=dict)
     """Robots by family."""
@@ -97,6 +98,19 @@ class _State:
     shown_at: dict[str, int] = field(default_factory=dict)
     """Value of ``shown`` after the newest of these messages, by channel."""
 
+    def copy(self) -> DrakeState:
+        """Return a copy that later messages do not change."""
+        return replace(
+            self,
+            robots={name: copy(robots) for name, robots in self.robots.items()},
+            loads=self.loads.copy(),
+            deformables={name: copy(channel) for name, channel in self.deformables.items()},
+            frames={name: copy(channel) for name, channel in self.frames.items()},
+            contacts=copy(self.contacts),
+            nodes=self.nodes.copy(),
+            shown_at=self.shown_at.copy(),
+        )
+
 
 class DrakeViewer:
     """Shows Drake's messages in the live tree.
@@ -104,18 +118,26 @@ class DrakeViewer:
     ``read`` is thread-safe for messages of different channels; ``apply`` and ``handle`` must run in one thread.
     """
 
-    def __init__(self, live: LiveTree, files: MeshFiles, config: DrakeViewerConfig | None = None) -> None:
+    def __init__(
+        self,
+        live: LiveTree,
+        files: MeshFiles,
+        config: DrakeViewerConfig | None = None,
+        state: DrakeState | None = None,
+    ) -> None:
         """
         Args:
             files: Reads mesh files that all senders may name.
+            state: State of the viewer that has edited the tree before; None: there was none.
         """
         self._live = live
         self._files = files
         self._config = config or DrakeViewerConfig()
-        self._state = _State()
+        self.state = state or DrakeState()
         self.counters = Counters()
 
-    def is_shown(self, channel: str) -> bool:
+    @staticmethod
+    def is_shown(channel: str) -> bool:
         """Return True for the channels that are shown."""
         is_of_family = _kind_and_family(channel) is not None
         return is_of_family or channel == CONTACT_RESULTS or channel.startswith((POINT_CLOUD, FRAMES))
@@ -172,18 +194,18 @@ class DrakeViewer:
     @property
     def simulation_seconds(self) -> float | None:
         """Time of the simulation in the last draw message that was shown; None before the first one."""
-        return self._state.seconds
+        return self.state.seconds
 
     def families(self) -> dict[str, dict[str, int]]:
         """Return the numbers of links and draw messages of each family, as plain JSON values."""
         return {
             family: {"links": robots.links, "draws": robots.draws, "stale": robots.stale, "unloaded": robots.unloaded}
-            for family, robots in self._state.robots.items()
+            for family, robots in self.state.robots.items()
         }
 
     def _read_load(self, channel: str, family: str, message: wire.Message, files: MeshFiles) -> Edit | None:
-        limits, loads = self._config.limits, self._state.loads
-        shown_before = self._state.shown  # what arrives while files are read belongs to the new simulation
+        limits, loads = self._config.limits, self.state.loads
+        shown_before = self.state.shown  # what arrives while files are read belongs to the new simulation
         data = bytes(message)
         last, must_be_read = loads.get(channel, (b"", False))
         is_repeated = last == data
@@ -217,8 +239,8 @@ class DrakeViewer:
             warning = robots.draw(draw, edit)
             if not warning:
                 if draw.seconds < robots.seconds - RESTART_SECONDS:
-                    self._clear_simulation(edit, self._state.shown)
-                self._state.seconds = robots.seconds = draw.seconds
+                    self._clear_simulation(edit, self.state.shown)
+                self.state.seconds = robots.seconds = draw.seconds
             return (warning,) if warning else not_finite
 
         return apply
@@ -228,7 +250,7 @@ class DrakeViewer:
         warnings: list[str] = []
         bodies = read_deformables(wire.decode_link_data(message, limits), family, limits, warnings)
         self._refuse_if_strict(warnings)
-        shown = self._state.deformables.setdefault(channel, DeformableChannel(family))
+        shown = self.state.deformables.setdefault(channel, DeformableChannel(family))
         if not bodies and not shown.shown:
             return None
 
@@ -242,7 +264,7 @@ class DrakeViewer:
     def _read_contacts(self, message: wire.Message) -> Edit | None:
         warnings: list[str] = []
         parts = read_contacts(wire.decode_contacts(message, self._config.limits), warnings)
-        shown = self._state.contacts
+        shown = self.state.contacts
         if not parts and not shown.shown and not warnings:
             return None
         return self._simulation_edit(CONTACT_RESULTS, lambda edit: shown.apply(parts, edit), warnings)
@@ -254,10 +276,10 @@ class DrakeViewer:
         return self._simulation_edit(channel, lambda edit: edit.set_parts(path, parts), warnings)
 
     def _read_frames(self, channel: str, message: wire.Message) -> Edit:
-        shown = self._state.frames.get(channel) or FrameChannel(_channel_path(FRAME_GROUP, channel, FRAMES))
+        shown = self.state.frames.get(channel) or FrameChannel(_channel_path(FRAME_GROUP, channel, FRAMES))
         draw = wire.decode_draw(message, self._config.limits, shown.names)
         paths = shown.paths_of(draw.names, self._config.limits)
-        self._state.frames[channel] = shown
+        self.state.frames[channel] = shown
 
         def apply(edit: TreeEdit) -> None:
             if draw.names is not shown.names:
@@ -272,8 +294,8 @@ class DrakeViewer:
 
         def edit_and_count(edit: TreeEdit) -> Sequence[str]:
             apply(edit)
-            self._state.shown += 1
-            self._state.shown_at[channel] = self._state.shown
+            self.state.shown += 1
+            self.state.shown_at[channel] = self.state.shown
             return warnings
 
         return edit_and_count
@@ -282,9 +304,9 @@ class DrakeViewer:
         """Delete the contacts, point clouds and frames of the last simulation.
 
         Args:
-            last: number of its last message: the value of ``_State.shown`` after it.
+            last: number of its last message: the value of ``DrakeState.shown`` after it.
         """
-        state = self._state
+        state = self.state
         for channel in [channel for channel, number in state.shown_at.items() if number <= last]:
             del state.shown_at[channel]
             if channel == CONTACT_RESULTS:
@@ -302,7 +324,7 @@ class DrakeViewer:
         Raises:
             MessageError: There are too many nodes of all channels together.
         """
-        nodes = self._state.nodes
+        nodes = self.state.nodes
         count = count_nodes(paths)
         total = sum(nodes.values()) - nodes.get(source, 0) + count
         if total > self._config.nodes:
@@ -316,7 +338,7 @@ class DrakeViewer:
         return warnings
 
     def _robots(self, family: str) -> RobotChannels:
-        return self._state.robots.setdefault(family, RobotChannels(family))
+        return self.state.robots.setdefault(family, RobotChannels(family))
 
 
 def _kind_and_family(channel: str) -> tuple[str, str] | None:

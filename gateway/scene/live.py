@@ -38,13 +38,14 @@ class Snapshot:
 class LiveTree:
     """A tree that is edited under a lock. Reading a snapshot takes no lock."""
 
-    def __init__(self, clock: Callable[[], int] = time.time_ns) -> None:
+    def __init__(self, clock: Callable[[], int] = time.time_ns, first: Snapshot | None = None) -> None:
         """
         Args:
             clock: returns the time from which an edit is valid, nanoseconds since the epoch.
+            first: state before the first edit; None: an empty tree.
         """
         self._clock = clock
-        self._recent: tuple[Snapshot, ...] = (Snapshot(Node(), 0),)
+        self._recent: tuple[Snapshot, ...] = (first or Snapshot(Node(), 0),)
         """Kept snapshots, oldest first. Replaced, never changed, so that readers need no lock."""
         self._kept_bytes = 0
         self._keepers: set[object] = set()

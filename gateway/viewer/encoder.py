@@ -136,6 +136,7 @@ class Encoder:
         if node_json:
             builder.add_node(node_json)
         header: dict[str, Any] = {"kind": "update", "from": old.revision, "revision": target.revision}
+        header["timestamp"] = target.timestamp  # for recordings; the page needs none
         if removed:
             header["removed"] = removed
         transforms.add_to(builder, header)

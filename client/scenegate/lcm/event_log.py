@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from typing import BinaryIO, Final
 
 SYNC: Final = 0xEDA1DA01
@@ -37,6 +37,8 @@ class Event:
     """Time of reception by the recorder's clock, in microseconds."""
     channel: str
     data: bytes
+    position: int = field(default=0, compare=False)
+    """Offset in the file, bytes."""
 
 
 def pack_event(number: int, time_us: int, channel: str, data: bytes | memoryview) -> bytes:
@@ -45,32 +47,52 @@ def pack_event(number: int, time_us: int, channel: str, data: bytes | memoryview
     return b"".join((_HEADER.pack(SYNC, number, time_us, len(name), len(data)), name, data))
 
 
-def read_events(file: BinaryIO) -> Iterator[Event]:
-    """Yield all complete events of a log file. Damaged and truncated parts are skipped.
+def read_events(file: BinaryIO, wanted: Callable[[str], bool] = lambda channel: True) -> Iterator[Event]:
+    """Yield all complete events from the file's position to its end. Damaged and truncated parts are skipped.
+
+    Args:
+        file: log file, at its begin or at the position of an event.
+        wanted: returns False for channels whose data is not read. Their events are yielded with empty data.
 
     Raises:
         EventLogError: the file is not empty, but has no complete event.
     """
+    position = begin = file.tell()
     has_events = has_damage = False
     while True:
-        position = file.tell()
         header = file.read(_HEADER.size)
         if len(header) < _HEADER.size:
             has_damage = has_damage or bool(header)
             break
         sync, number, time_us, name_bytes, data_bytes = _HEADER.unpack(header)
+        size = name_bytes + data_bytes
         valid = sync == SYNC and name_bytes <= MAX_CHANNEL_BYTES and data_bytes <= MAX_DATA_BYTES
-        valid = valid and _has(file, name_bytes + data_bytes)
-        body = file.read(name_bytes + data_bytes) if valid else b""
-        if not valid or len(body) < name_bytes + data_bytes:
+        name = file.read(name_bytes) if valid and _has(file, size) else b""
+        valid = valid and len(name) == name_bytes
+        channel, data = name.decode("utf-8", "replace"), b""
+        if valid and wanted(channel):
+            data = file.read(data_bytes)
+            valid = len(data) == data_bytes
+        elif valid:
+            valid = _skip(file, data_bytes)
+        if not valid:
             has_damage = True
             if not _seek_sync(file, position + 1):
                 break
+            position = file.tell()
             continue
         has_events = True
-        yield Event(number, time_us, body[:name_bytes].decode("utf-8", "replace"), body[name_bytes:])
-    if has_damage and not has_events:
+        yield Event(number, time_us, channel, data, position)
+        position += _HEADER.size + size
+    if has_damage and not has_events and begin == 0:
         raise EventLogError("this is not an LCM log, it has no event")
+
+
+def _skip(file: BinaryIO, size: int) -> bool:
+    """Skip bytes of a file; return False if it has fewer. The last one is read: seeking beyond the end is no error."""
+    if size > 0:
+        file.seek(size - 1, io.SEEK_CUR)
+    return size == 0 or bool(file.read(1))
 
 
 def _has(file: BinaryIO, size: int) -> bool:

@@ -1,0 +1,180 @@
+"""Replay an LCM log into a tree of its own: requests of the tree viewer's clients, and Drake's messages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from types import TracebackType
+from typing import Final
+
+import structlog
+
+from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer.messages import MessageError
+from gateway.drakeviewer.viewer import DrakeState, DrakeViewer
+from gateway.lcmlog.clock import LogClock
+from gateway.runtime.pool_errors import UnavailableErrors
+from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.tree import Node
+from gateway.treeviewer.protocol import TreeViewerProtocol
+from gateway.treeviewer.responses import FormatResponse
+from scenegate.lcm.event_log import Event, read_events
+from scenegate.messages import wire
+from scenegate.regular_files import open_regular
+
+_log = structlog.get_logger("gateway.lcmlog")
+
+MIN_DATA_COST: Final = 16 * 1024
+"""Bytes of a message that take about as long as the message itself: 0.1 ms."""
+SKIPPED_COST: Final = 0.02
+"""Cost of an event of another channel, whose data is not read, in shown messages."""
+
+
+@lru_cache(maxsize=4096)
+def is_shown(channel: str) -> bool:
+    """Return True for the channels that change the tree."""
+    return channel.startswith(wire.REQUEST) or DrakeViewer.is_shown(channel)
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayState:
+    """State between two events of a log, from which a replay can go on. Nothing changes it."""
+
+    snapshot: Snapshot = field(default_factory=lambda: Snapshot(Node(), 0))
+    drake: DrakeState = field(default_factory=DrakeState)
+    clock: LogClock = field(default_factory=LogClock)
+    """Time of the last event."""
+    position: int = 0
+    """Offset of the next event in the file."""
+
+
+class LogReplay:
+    """Replays a log from one of its states. Not thread-safe."""
+
+    def __init__(self, path: Path, files: MeshFiles, state: ReplayState | None = None) -> None:
+        """
+        Args:
+            path: the log.
+            files: mesh files that its messages may name.
+            state: state to begin with; None: that before the first event.
+
+        Raises:
+            OSError: the file cannot be read.
+            EventLogError: it is not an LCM log.
+        """
+        state = state or ReplayState()
+        self._files = files
+        self._clock = self._next_clock = state.clock
+        self._position = state.position
+        self._file = open_regular(path)
+        try:
+            self._begin(state)
+            self._file.seek(state.position)
+            self._events = read_events(self._file, is_shown)
+            self.next_event: Event | None = None
+            """The event that ``step`` applies; None at the end of the log."""
+            self._read_next()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> LogReplay:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The tree after the last event. Its timestamp is that of the last event that has changed it."""
+        return self._live.snapshot
+
+    @property
+    def clock(self) -> LogClock:
+        """Time of the last event."""
+        return self._clock
+
+    @property
+    def position(self) -> int:
+        """Offset of the next event in the file, or of the end of the log."""
+        return self._position
+
+    @property
+    def next_time(self) -> int | None:
+        """Time of the next event, nanoseconds since the epoch; None at the end of the log."""
+        return None if self.next_event is None else self._next_clock.time_ns
+
+    @property
+    def simulation_seconds(self) -> float | None:
+        """Time of the simulation in the last draw message of Drake's; None before the first one."""
+        return self._drake.simulation_seconds
+
+    @property
+    def state(self) -> ReplayState:
+        """The state after the last event."""
+        return ReplayState(self.snapshot, self._drake.state.copy(), self._clock, self._position)
+
+    def renew(self) -> ReplayState:
+        """Go on as a replay does that begins with the current state, and return the state.
+
+        The limits on geometry in use then count that of the current tree only, whatever else holds earlier states.
+        """
+        state = self.state
+        self._begin(state)
+        return state
+
+    def step(self) -> Sequence[str]:
+        """Apply the next event, if there is one; return the reasons why its message is not shown completely."""
+        event = self.next_event
+        if event is None:
+            return ()
+        self._clock = self._next_clock
+        try:
+            return self._apply(event) if is_shown(event.channel) else ()
+        except (wire.WireError, MessageError, *UnavailableErrors) as error:
+            return (str(error),)
+        except Exception as error:  # noqa: BLE001 - one message must not end the replay
+            _log.error("A message of a log could not be shown", channel=event.channel, exc_info=error)
+            return ("internal error; the log of the program says more",)
+        finally:
+            self._read_next()
+
+    def advance(self, time: int) -> None:
+        """Apply all events up to a time, nanoseconds since the epoch."""
+        while (next_time := self.next_time) is not None and next_time <= time:
+            self.step()
+
+    def _begin(self, state: ReplayState) -> None:
+        self._live = LiveTree(lambda: self._clock.time_ns, state.snapshot)
+        self._tree = TreeViewerProtocol(self._live, meshes=self._files)
+        self._drake = DrakeViewer(self._live, self._files, state=state.drake.copy())
+
+    def _read_next(self) -> None:
+        event = next(self._events, None)
+        self.next_event = event
+        if event is None:
+            self._position = self._file.tell()
+        else:
+            self._position = event.position
+            self._next_clock = self._clock.after(event.time_us)
+
+    def _apply(self, event: Event) -> Sequence[str]:
+        if not event.channel.startswith(wire.REQUEST):
+            return self._drake.handle(event.channel, event.data)
+        response = self._tree.handle(event.data)
+        if isinstance(response, FormatResponse):
+            return ("its format or version is unknown",)
+        return (*([response.error] if response.error else ()), *response.warnings)
+
+
+def cost_of(event: Event) -> float:
+    """Return the time to apply an event, in that of a small message: about 0.1 ms."""
+    return 1.0 + len(event.data) / MIN_DATA_COST if is_shown(event.channel) else SKIPPED_COST

@@ -1,0 +1,190 @@
+"""A log as a timeline: ``open_log``."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time as clocks
+from array import array
+from bisect import bisect_right
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, TypeVar
+
+from gateway.assets.mesh_files import MeshFiles
+from gateway.lcmlog.checkpoints import MAX_BYTES, Checkpoints
+from gateway.lcmlog.problems import Problems
+from gateway.lcmlog.replay import LogReplay, cost_of
+from gateway.lcmlog.scan import LogSummary, scan
+from gateway.scene.live import Snapshot
+
+Result = TypeVar("Result")
+
+SLICE_SECONDS: Final = 0.02
+"""Time of the index between two seeks: longer slices would delay a playing page."""
+MAX_REPLAYS: Final = 3
+"""Number of positions at which replays wait to go on. Each keeps a state of the tree in memory."""
+LABEL_NS: Final = 10_000_000
+"""Minimum time between two entries of the table of simulation times."""
+
+
+def open_log(
+    path: Path, files: MeshFiles | None = None, on_progress: Callable[[int], None] = lambda position: None
+) -> LogTimeline:
+    """Return the states of the tree over the time of a log.
+
+    It reads the headers of the log, which takes a second for 600,000 messages. Call ``snapshot_at`` on the timeline at
+    once: times in order decode each message once, and need no index. Only seeks beyond the part that was decoded so far
+    take as long as that part. ``build_index`` decodes the log in the background; afterwards each seek is quick::
+
+        timeline = open_log(Path("run.lcmlog"))
+        begin, end = timeline.span
+        for time in range(begin, end, 40_000_000):
+            snapshot = await timeline.snapshot_at(time)
+        timeline.close()
+
+    Args:
+        path: LCM log of requests of the tree viewer's clients, or of Drake's messages.
+        files: mesh files that the messages may name; None: none.
+        on_progress: called now and then with the bytes that were read.
+
+    Raises:
+        LogError: it is not an LCM log, or none of its messages can be shown.
+        OSError: it cannot be read.
+    """
+    return LogTimeline(path, files or MeshFiles(()), scan(path, on_progress))
+
+
+class LogTimeline:
+    """States of the tree over the time of a log. It satisfies ``gateway.scene.timeline.Timeline``.
+
+    Used in one event loop, except ``problems`` and ``progress``.
+    """
+
+    def __init__(self, path: Path, files: MeshFiles, summary: LogSummary, max_bytes: int = MAX_BYTES) -> None:
+        """
+        Args:
+            max_bytes: limit of the memory of the index, besides the newest state.
+
+        Raises:
+            OSError: the log cannot be read.
+        """
+        self.summary = summary
+        self.problems = Problems()
+        """Messages that could not be shown completely, of the part that was indexed."""
+        self._path, self._files = path, files
+        self._checkpoints = Checkpoints(max_bytes)
+        self._indexer = LogReplay(path, files)
+        """Decodes the log once, and adds checkpoints."""
+        self._cost = 0.0
+        """Cost of the events since the last checkpoint."""
+        self._replays: list[LogReplay] = []
+        """Replays at recent positions, the last used one at the end."""
+        self._simulation_times, self._simulation_seconds = array("q"), array("d")
+        """Table of simulation times: time of the log in nanoseconds, and that of the simulation in seconds."""
+        self._lock = asyncio.Lock()
+        """Serves seeks and slices of the index in the order of their calls."""
+        self._thread_lock = threading.Lock()
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """First and last time of the log, nanoseconds since the epoch."""
+        return self.summary.span
+
+    @property
+    def progress(self) -> float:
+        """Fraction of the log that is indexed, 0 to 1."""
+        return 1.0 if self.is_indexed else self._indexer.position / max(1, self.summary.file_bytes)
+
+    @property
+    def is_indexed(self) -> bool:
+        """True if seeks to all times are quick."""
+        return self._indexer.next_event is None
+
+    async def snapshot_at(self, time: int) -> Snapshot:
+        """Return the state that was valid at a time, nanoseconds since the epoch; times outside are clamped.
+
+        States of the same messages have the same revision. A time beyond the index waits until the index is there.
+
+        Raises:
+            OSError: the log can no longer be read.
+        """
+        begin, end = self.span
+        time = min(max(time, begin), end)
+        while self._is_beyond_index(time):
+            await self._in_thread(self._index_slice)
+        return await self._in_thread(lambda: self._seek(time))
+
+    async def build_index(self, on_progress: Callable[[float], None] = lambda progress: None) -> None:
+        """Decode the log to its end, in slices between which seeks are served.
+
+        Args:
+            on_progress: called after each slice with ``progress``.
+        """
+        while not self.is_indexed:
+            await self._in_thread(self._index_slice)
+            on_progress(self.progress)
+
+    def simulation_seconds_at(self, time: int) -> float | None:
+        """Return the time of Drake's simulation, seconds, at a time of the log; None if none is known."""
+        index = bisect_right(self._simulation_times, time) - 1
+        return self._simulation_seconds[index] if index >= 0 else None
+
+    def close(self) -> None:
+        """Close the log's files."""
+        for replay in (self._indexer, *self._replays):
+            replay.close()
+
+    async def _in_thread(self, work: Callable[[], Result]) -> Result:
+        """Call a function in a thread, after those of earlier calls."""
+
+        def locked() -> Result:
+            with self._thread_lock:  # a cancelled call releases the other lock before its thread ends
+                return work()
+
+        async with self._lock:
+            return await asyncio.to_thread(locked)
+
+    def _is_beyond_index(self, time: int) -> bool:
+        next_time = self._indexer.next_time
+        return next_time is not None and next_time <= time
+
+    def _index_slice(self) -> None:
+        """Decode the next part of the log, for ``SLICE_SECONDS``."""
+        indexer = self._indexer
+        deadline = clocks.perf_counter() + SLICE_SECONDS
+        while (event := indexer.next_event) is not None:
+            reasons = indexer.step()
+            if reasons:
+                self.problems.add(event.channel, reasons)
+            self._note_simulation_time()
+            self._cost += cost_of(event)
+            if self._cost >= self._checkpoints.interval:
+                self._checkpoints.add(indexer.renew())
+                self._cost = 0.0
+            if clocks.perf_counter() >= deadline:
+                break
+
+    def _note_simulation_time(self) -> None:
+        seconds, times = self._indexer.simulation_seconds, self._simulation_times
+        if seconds is None or (times and self._simulation_seconds[-1] == seconds):
+            return
+        time = self._indexer.clock.time_ns
+        if not times or time - times[-1] >= LABEL_NS or seconds < self._simulation_seconds[-1]:
+            times.append(time)
+            self._simulation_seconds.append(seconds)
+
+    def _seek(self, time: int) -> Snapshot:
+        """Return the state at a time that is indexed."""
+        checkpoint = self._checkpoints.before(time)
+        usable = (each for each in self._replays if each.clock.time_ns <= time and each.position >= checkpoint.position)
+        replay = max(usable, key=lambda each: each.position, default=None)
+        if replay is None:
+            replay = LogReplay(self._path, self._files, checkpoint)
+        else:
+            self._replays.remove(replay)
+        self._replays.append(replay)
+        if len(self._replays) > MAX_REPLAYS:
+            self._replays.pop(0).close()
+        replay.advance(time)
+        return replay.snapshot
