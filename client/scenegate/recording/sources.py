@@ -122,7 +122,7 @@ def imu_samples(address: str, credentials: Credentials, pipeline: int) -> Iterat
         RecordingError: the gateway has ended the stream.
         OSError: a certificate cannot be read.
     """
-    _, response = open_imu_stream(address, credentials, pipeline)
+    connection, response = open_imu_stream(address, credentials, pipeline)
     try:
         for line in response:
             message = json.loads(line)
@@ -136,6 +136,9 @@ def imu_samples(address: str, credentials: Credentials, pipeline: int) -> Iterat
             )
     except (OSError, ValueError, http.client.HTTPException):
         pass  # the connection has ended, perhaps in the middle of a line
+    finally:
+        response.close()
+        connection.close()
     raise RecordingError(f"{address} has ended the stream of IMU samples")
 
 
