@@ -47,8 +47,8 @@ def start(monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
             monkeypatch.setattr(Node, "given", parameters)
             node = module.ScenegateNode()
             nodes.callback(node.destroy_node)
-            nodes.callback(node.stop)
-            node.start()
+            nodes.callback(node.feeds.stop)
+            node.feeds.start()
             return node
 
         yield start
@@ -73,7 +73,7 @@ def test_each_image_has_its_camera_info(gateway: dict[str, str], start: Start) -
                   for name, both in IMAGES.items()}  # fmt: skip
         for name, (images, infos) in topics.items():
             image = images.wait_for(count=2)[1]
-            (info,) = infos.wait_for(lambda each, image=image: stamp(each) == stamp(image))  # type: ignore[misc]
+            (info,) = infos.wait_for(lambda each, image=image: stamp(each) == stamp(image))
             assert image.header.frame_id == info.header.frame_id == OPTICAL, "StereoCameraModel wants one frame"
             assert (image.width, image.height) == (info.width, info.height)
             assert (info.width, info.height) == tuple(camera["images"][name][side] for side in ("width", "height"))
@@ -197,13 +197,13 @@ def test_the_clock_is_that_of_the_images(start: Start) -> None:
         assert stamp(images[-1]) in [each.clock.sec * 10**9 + each.clock.nanosec for each in clock.received]
         transform = tf.wait_for()[0].transforms[0]
         assert stamp(transform) in [each.clock.sec * 10**9 + each.clock.nanosec for each in clock.received]
-        node.stop()
+        node.feeds.stop()
 
 
 def test_a_lost_connection_is_reported_once_and_made_again(
     gateway: dict[str, str], start: Start, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = importlib.import_module("scenegate_ros2.node")
+    module = importlib.import_module("scenegate_ros2.feeds")
     monkeypatch.setattr(module, "RETRY_SECONDS", 0.01)
     (free,) = free_ports(1)
     connect, addresses = module.scene_frames, iter([f"http://127.0.0.1:{free}"] * 3)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import setuptools
+import setuptools  # type: ignore[import-untyped]
 from ruamel.yaml import YAML
 
 from tests.ros2 import stand_in
@@ -24,7 +24,7 @@ DOCS = Path(__file__).parents[2] / "docs" / "ros2.md"
 @pytest.fixture
 def parameters(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     stand_in.install(monkeypatch)
-    found: dict[str, Any] = importlib.import_module("scenegate_ros2.node").PARAMETERS
+    found: dict[str, Any] = importlib.import_module("scenegate_ros2.feeds").PARAMETERS
     return found
 
 
@@ -74,7 +74,8 @@ def test_the_manifest_names_what_is_imported(parameters: dict[str, Any]) -> None
                 needed.add(node.module.partition(".")[0])
             elif isinstance(node, ast.Import):
                 needed |= {alias.name.partition(".")[0] for alias in node.names}
-    others = {"scenegate", "scenegate_ros2", "setuptools", *sys.stdlib_module_names}
+    from_index = {"mcap_ros2", "rosbags", "scenegate", "zenoh_ros2_sdk"}
+    others = {*from_index, "scenegate_ros2", "setuptools", *sys.stdlib_module_names}
     assert needed - others <= described("exec_depend")
 
 
