@@ -77,7 +77,8 @@ def frame_of(path: NodePath) -> str:
 
 def drawn(snapshot: Snapshot) -> dict[str, list[tuple[NDArray[np.float64], list[float]]]]:
     """Points in the world and colours of what the renderer draws, by frame."""
-    labels, found = LabelTable(), {}
+    labels = LabelTable()
+    found: dict[str, list[tuple[NDArray[np.float64], list[float]]]] = {}
     for instance in Flattener(labels).flatten(snapshot).instances:
         mesh = instance.mesh
         path = labels.path_of(instance.label)
