@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gateway.recording.log_to_mcap import SnapshotFrames
+from gateway.recording.snapshot_frames import SnapshotFrames
 from gateway.scene.flatten import Flattener
 from gateway.scene.geometry import Box, Line, Part, PointCloud, Sphere, Triad
 from gateway.scene.labels import LabelTable

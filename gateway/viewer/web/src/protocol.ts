@@ -71,7 +71,7 @@ export interface SceneUpdate {
   from: number;
   revision: number;
   /** Time from which the scene was so, nanoseconds since the epoch. */
-  timestamp: number;
+  timestamp?: number;
   removed: number[];
   nodes: NodeUpdate[];
   poseIds: Uint32Array;
