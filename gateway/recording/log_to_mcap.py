@@ -9,9 +9,7 @@ from pathlib import Path
 
 from gateway.assets.mesh_files import MeshFiles
 from gateway.lcmlog.replay import LogReplay
-from gateway.scene.live import Snapshot
-from gateway.viewer.encoder import EMPTY_SNAPSHOT, Encoder
-from gateway.viewer.resources import Resources
+from gateway.recording.snapshot_frames import SnapshotFrames
 from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.profiles import ProfileName, make_profile
 from scenegate.recording.recorder import SceneWriter
@@ -29,30 +27,6 @@ class Converted:
     """Number of messages in the file."""
     bytes: int
     """Size of the file."""
-
-
-class SnapshotFrames:
-    """Encodes snapshots as the frames of the view, which ``SceneWriter`` reads."""
-
-    def __init__(self) -> None:
-        self._resources = Resources()
-        self._encoder = Encoder(self._resources)
-        self._encoded = EMPTY_SNAPSHOT
-        self._sent_meshes: set[int] = set()
-
-    async def advance(self, snapshot: Snapshot) -> list[bytes]:
-        """Return the frames that lead from the last snapshot to this one; none if it is the same one."""
-        if snapshot.revision == self._encoded.revision:
-            return []
-        epoch = self._encoder.epoch
-        self._encoder.advance(snapshot)
-        if self._encoder.epoch != epoch:  # the ids of nodes are others
-            self._encoded = EMPTY_SNAPSHOT
-        update, self._encoded = await self._encoder.update(self._encoded)
-        self._sent_meshes -= self._resources.take_removed_meshes()
-        new = sorted(update.meshes - self._sent_meshes)
-        self._sent_meshes.update(new)
-        return [*filter(None, map(self._resources.mesh_frame, new)), update.frame]
 
 
 async def convert_log(

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from gateway.runtime.supervised_process import Heartbeat
     from gateway.runtime.worker_reports import WorkerReports
     from gateway.state.service import PersistentState
+    from gateway.stereo.service import StereoService
     from gateway.viewer.sources import StereoSource
     from renderers.raster import CpuRenderer
 
@@ -81,6 +82,8 @@ class Context:
 
     stereo_camera: Callable[[], Camera | None] = lambda: None
     """Returns the left stereo camera in the live tree, if any."""
+    stereo_service: StereoService | None = None
+    """The first stereo camera, if any."""
     stereo_sensor: StereoSource | None = None
     """Source of the stereo camera's images for the browser view, if any."""
     on_render: Callable[[RenderRecord], None] = lambda record: None

@@ -27,6 +27,7 @@ NAMES: Final = {
     "stereo": InterfaceName("Stereo camera", "stereo-camera"),
     "rest": InterfaceName("Stereo camera's REST port", "stereo-camera"),
     "view": InterfaceName("Browser view", "view"),
+    "foxglove": InterfaceName("Foxglove", "foxglove"),
     "demo": InterfaceName("Demo"),
 }
 """Names by that in ``/healthz``. Further stereo cameras are ``stereo 1``, ``stereo 2`` and so on."""

@@ -165,6 +165,7 @@ def _start_camera(
         service.wait_until_stored = context.state.commits.wait_until_stored
     if number == 0:
         context.stereo_camera = lambda: view.camera(config) if scene is None else None
+        context.stereo_service = service
         context.stereo_sensor = StereoSensor(service, view, live=scene is None)
     context.run_service(f"stereo {number}" if number else "stereo", service, figures=status)
     return service

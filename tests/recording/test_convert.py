@@ -38,6 +38,8 @@ def test_messages_of_tree_viewer_clients(tmp_path: Path, profile: str) -> None:
 def test_a_log_of_drake(tmp_path: Path) -> None:
     """Robots, contacts, frames and point clouds move as they do in the live scene."""
     log, out = corpus_dir() / "drakeviewer" / "drake_default.lcmlog", tmp_path / "drake.mcap"
+    if not log.is_file():
+        pytest.skip("SCENEGATE_CORPUS has no log of Drake's channels")
     result = CliRunner().invoke(app, ["convert", str(log), str(out)])
     assert result.exit_code == 0, result.stderr
     assert "no load message was received" in result.stderr

@@ -20,8 +20,14 @@ INVALID_DISPARITY = -1.0
 class CameraConverter:
     """Converts the sets of a stream. It remembers the baseline, which only sets with disparity have."""
 
-    def __init__(self) -> None:
-        self._baseline: float | None = None
+    def __init__(self, baseline: float | None = None, *, cloud: bool = True) -> None:
+        """
+        Args:
+            baseline: metres; None: unknown.
+            cloud: compute points.
+        """
+        self._baseline = baseline
+        self._has_cloud = cloud
 
     def convert(self, image_set: pb.ImageSet) -> list[CameraSet]:
         """Return the values of a set, one for each time of exposure.
@@ -40,7 +46,9 @@ class CameraConverter:
             disparity = _disparity(message)
             depth = _depth(disparity)
             image = CameraImage(disparity.image.calibration, "32FC1", depth.tobytes())
-            contents.update(disparity=disparity, images={"depth": image}, cloud=_cloud(depth, disparity, left))
+            contents.update(disparity=disparity, images={"depth": image})
+            if self._has_cloud:
+                contents["cloud"] = _cloud(depth, disparity, left)
         for name, image_message in (
             ("left", left),
             ("right", image_set.right if image_set.HasField("right") else None),

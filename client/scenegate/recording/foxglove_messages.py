@@ -35,6 +35,8 @@ from scenegate.recording.values import (
     Primitive,
 )
 
+TYPES = {each.__name__: each for each in (CameraCalibration, FrameTransforms, PointCloud, RawImage, SceneUpdate)}
+"""Types of the messages of scene and camera by name."""
 LINE_PIXELS = 1.0
 """Width of lines."""
 

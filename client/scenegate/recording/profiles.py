@@ -86,6 +86,27 @@ class FoxgloveProfile:
         self._messages = foxglove_messages
         self._clouds = _CloudTopics()
 
+    def schemas(self) -> dict[str, Schema]:
+        """Return the schemas of the topics of scene and camera, without those of the scene's point clouds."""
+        types = self._messages.TYPES
+        image, calibration = _protobuf_schema(types["RawImage"]), _protobuf_schema(types["CameraCalibration"])
+        return {
+            TF_TOPIC: _protobuf_schema(types["FrameTransforms"]),
+            SCENE_TOPIC: _protobuf_schema(types["SceneUpdate"]),
+            **{image_topic: image for image_topic, _ in IMAGE_TOPICS.values()},
+            **{info_topic: calibration for _, info_topic in IMAGE_TOPICS.values()},
+            DISPARITY_TOPIC: image,
+            CLOUD_TOPIC: self.cloud_schema(),
+        }
+
+    def cloud_schema(self) -> Schema:
+        """Return the schema of the topics of point clouds."""
+        return _protobuf_schema(self._messages.TYPES["PointCloud"])
+
+    def cloud_topic(self, cloud: Cloud) -> str:
+        """Return the topic of a cloud of the scene."""
+        return self._clouds.topic(cloud)
+
     def scene(self, change: SceneChange) -> Messages:
         """See ``Profile``."""
         if change.transforms:

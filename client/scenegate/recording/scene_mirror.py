@@ -6,6 +6,7 @@ points of the geometry: with the rotation Q and the rest S of a node, X_world_no
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -54,11 +55,15 @@ class _Node:
     children: dict[int, _Node] = field(default_factory=dict)
     matrix: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
     """X_parent_node, (4, 4)."""
+    quaternion: list[float] | None = None
+    """Rotation of ``matrix``, [w, x, y, z], if it is known to be rigid."""
     visible: bool = True
     opacity: float = 1.0
     draws: list[dict[str, Any]] = field(default_factory=list)
     X_parent_frame: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
     """Rigid, (4, 4): from this node's frame to that of its parent."""
+    frame_quaternion: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0, 0.0])
+    """Rotation of ``X_parent_frame``, [w, x, y, z]."""
     scale: NDArray[np.float64] = field(default_factory=lambda: _IDENTITY)
     """S, (3, 3): from the node to its frame."""
     hidden: bool = False
@@ -137,9 +142,10 @@ class SceneMirror:
         redrawn: dict[_Node, None] = {}
         for fields in header.get("nodes", ()):
             redrawn[self._edit_node(fields)] = None
-        for node_id, matrix in _matrices(frame):
-            self._nodes[node_id].matrix = matrix
-            moved[self._nodes[node_id]] = None
+        for node_id, matrix, quaternion in _matrices(frame):
+            node = self._nodes[node_id]
+            node.matrix, node.quaternion = matrix, quaternion
+            moved[node] = None
         for node in {**redrawn, **moved}:
             self._derive(node, moved, redrawn)
         earlier = {node.frame: node for node in removed}
@@ -194,12 +200,17 @@ class SceneMirror:
             node = stack.pop()
             parent = node.parent
             above = _IDENTITY if parent is None else parent.scale
-            X_parent_frame, scale = _split(above, node.matrix)
+            if above is _IDENTITY and node.quaternion is not None:  # five times as fast
+                scale, node.X_parent_frame, node.frame_quaternion = _IDENTITY, node.matrix, node.quaternion
+            else:
+                node.X_parent_frame, scale = _split(above, node.matrix)
+                node.frame_quaternion = _quaternion(node.X_parent_frame)
             hidden = not node.visible or (parent is not None and parent.hidden)
             alpha = node.opacity * (1.0 if parent is None else parent.alpha)
-            changed = hidden != node.hidden or alpha != node.alpha or not np.array_equal(scale, node.scale)
+            same_scale = scale is node.scale or np.array_equal(scale, node.scale)
+            changed = hidden != node.hidden or alpha != node.alpha or not same_scale
             moved[node] = None
-            node.X_parent_frame, node.scale, node.hidden, node.alpha = X_parent_frame, scale, hidden, alpha
+            node.scale, node.hidden, node.alpha = scale, hidden, alpha
             if changed:
                 redrawn[node] = None
                 stack.extend(node.children.values())
@@ -280,21 +291,25 @@ def _read_mesh(frame: ViewFrame) -> _Mesh:
     return _Mesh(positions, colors, indices, header["topology"])
 
 
-def _matrices(frame: ViewFrame) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    """Yield ids of nodes and their new transforms X_parent_node, (4, 4). Ones that are not finite are left out."""
+def _matrices(frame: ViewFrame) -> Iterator[tuple[int, NDArray[np.float64], list[float] | None]]:
+    """Yield ids of nodes, their new transforms X_parent_node, (4, 4), and their quaternions if they are poses.
+
+    Transforms that are not finite are left out.
+    """
     poses, matrices = frame.header.get("poses"), frame.header.get("matrices")
     if poses is not None:
         ids, values = frame.array(poses["ids"], "<u4").tolist(), frame.array(poses["values"], "<f4").reshape(-1, 7)
         for node_id, row in zip(ids, values.tolist(), strict=True):
-            matrix = from_pose(row[:3], row[3:])
-            if np.isfinite(matrix).all():
-                yield node_id, matrix
+            norm = math.hypot(*row[3:])
+            quaternion = [value / norm for value in row[3:]] if norm > 0.0 else [1.0, 0.0, 0.0, 0.0]
+            if math.isfinite(sum(row)):
+                yield node_id, from_pose(row[:3], quaternion), quaternion
     if matrices is not None:
         ids = frame.array(matrices["ids"], "<u4").tolist()
         columns = frame.array(matrices["values"], "<f8").reshape(-1, 4, 4)
         for node_id, matrix in zip(ids, columns.transpose(0, 2, 1), strict=True):
             if np.isfinite(matrix).all():
-                yield node_id, matrix
+                yield node_id, matrix, None
 
 
 def _split(scale: NDArray[np.float64], X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -321,7 +336,7 @@ def _draw_matrix(draw: dict[str, Any]) -> NDArray[np.float64] | None:
 
 def _transform_of(node: _Node) -> FrameTransform:
     parent = WORLD if node.parent is None else node.parent.frame
-    return FrameTransform(parent, node.frame, node.X_parent_frame[:3, 3].tolist(), _quaternion(node.X_parent_frame))
+    return FrameTransform(parent, node.frame, node.X_parent_frame[:3, 3].tolist(), node.frame_quaternion)
 
 
 def _quaternion(X: NDArray[np.float64]) -> list[float]:

@@ -15,7 +15,7 @@ pytest.importorskip("mcap", reason="needs the extra mcap")
 pytest.importorskip("mcap_ros2", reason="needs the extra mcap")
 pytest.importorskip("foxglove_schemas_protobuf", reason="needs the extra mcap")
 
-from gateway.recording.log_to_mcap import SnapshotFrames
+from gateway.recording.snapshot_frames import SnapshotFrames
 from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.profiles import ProfileName, make_profile
 from scenegate.recording.recorder import SceneWriter

@@ -97,7 +97,7 @@ class ReadScene:
 def rotation(x: float, y: float, z: float, w: float) -> NDArray[np.float64]:
     """Return the matrix of a unit quaternion by Rodrigues' formula."""
     cross = np.array(((0, -z, y), (z, 0, -x), (-y, x, 0)))
-    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+    return np.asarray(np.eye(3) + 2 * w * cross + 2 * cross @ cross)
 
 
 def foxglove_scene(path: Path) -> ReadScene:

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gateway.recording.log_to_mcap import SnapshotFrames
+from gateway.recording.snapshot_frames import SnapshotFrames
 from gateway.scene.flatten import Flattener
 from gateway.scene.geometry import Box, Line, Part, PointCloud, Sphere, Triad
 from gateway.scene.labels import LabelTable
@@ -77,7 +77,8 @@ def frame_of(path: NodePath) -> str:
 
 def drawn(snapshot: Snapshot) -> dict[str, list[tuple[NDArray[np.float64], list[float]]]]:
     """Points in the world and colours of what the renderer draws, by frame."""
-    labels, found = LabelTable(), {}
+    labels = LabelTable()
+    found: dict[str, list[tuple[NDArray[np.float64], list[float]]]] = {}
     for instance in Flattener(labels).flatten(snapshot).instances:
         mesh = instance.mesh
         path = labels.path_of(instance.label)

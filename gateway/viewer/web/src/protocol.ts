@@ -70,6 +70,8 @@ export interface SceneUpdate {
   kind: "update";
   from: number;
   revision: number;
+  /** Time from which the scene was so, nanoseconds since the epoch. */
+  timestamp?: number;
   removed: number[];
   nodes: NodeUpdate[];
   poseIds: Uint32Array;
