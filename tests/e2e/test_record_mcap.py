@@ -76,7 +76,8 @@ def test_a_killed_recorder_leaves_all_but_the_last_second(gateway: str, tmp_path
 
 
 def test_what_cannot_be_recorded(tmp_path: Path, gateway: str) -> None:
-    out = str(tmp_path / "a.mcap")
+    out = tmp_path / "a.mcap"
+    out.write_text("an earlier recording")
     for options, sentence in (
         (("--no-scene",), "nothing is recorded: --no-scene needs --camera or --imu"),
         (("--keep", "2"), "--keep needs --max-mb"),
@@ -85,8 +86,9 @@ def test_what_cannot_be_recorded(tmp_path: Path, gateway: str) -> None:
         (("a.lcmlog",), "one of OUT.lcmlog and --mcap OUT.mcap is needed, not both"),
     ):
         result = subprocess.run(
-            [*command(Path(out), gateway), *options], capture_output=True, text=True, check=False, timeout=SECONDS
+            [*command(out, gateway), *options], capture_output=True, text=True, check=False, timeout=SECONDS
         )
         assert result.returncode, options
         assert sentence in result.stderr
         assert "Traceback" not in result.stderr
+        assert out.read_text() == "an earlier recording"

@@ -13,8 +13,9 @@ from typing import Any
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from websockets.asyncio.client import ClientConnection
+from websockets.typing import Subprotocol
 
-SUBPROTOCOL = "foxglove.sdk.v1"
+SUBPROTOCOL = Subprotocol("foxglove.sdk.v1")
 MESSAGE_DATA = struct.Struct("<BIQ")
 """Opcode 1, subscription id, timestamp in nanoseconds; then the payload."""
 

@@ -14,6 +14,7 @@ from websockets.asyncio.client import connect
 pytest.importorskip("foxglove", reason="needs the extra foxglove")
 pytest.importorskip("foxglove_schemas_protobuf", reason="needs the extra foxglove")
 
+from gateway.foxglove.channels import BACKLOG_MESSAGES
 from gateway.foxglove.service import FoxgloveService
 from gateway.recording.snapshot_frames import SnapshotFrames
 from gateway.scene.geometry import Box, Part, PointCloud
@@ -150,6 +151,18 @@ async def test_images_intrinsics_depth_and_points(start: Start) -> None:
     assert 0 < len(points) <= values.size
     assert np.nanmin(values) > 0.0
     assert found["/stereo/disparity"].encoding == "32FC1"
+
+
+async def test_a_client_that_does_not_read_delays_no_other(start: Start) -> None:
+    camera = (await start(rate="max")).service
+    topic = "/stereo/left/image_rect"
+    service = FoxgloveService(0, LiveTree(), camera)
+    async with running(service), client_of(service) as silent, client_of(service) as reading:
+        await silent.subscribe(topic)
+        await reading.subscribe(topic)
+        times = [(await reading.next_message())[1] for _ in range(2 * BACKLOG_MESSAGES)]
+        assert sorted(times) == times
+        assert service.status()["clients"] == 2
 
 
 async def test_parameters_are_read_only(start: Start) -> None:

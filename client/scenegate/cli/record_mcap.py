@@ -55,6 +55,10 @@ def run(options: argparse.Namespace) -> None:
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
+    if options.seconds:
+        timer = threading.Timer(options.seconds, stop.set)
+        timer.daemon = True
+        timer.start()
     begin = time.monotonic()
     shown: set[str] = set()
     print("Recording ...", file=sys.stderr, flush=True)
@@ -63,8 +67,6 @@ def run(options: argparse.Namespace) -> None:
         def report(writer: SceneWriter) -> None:
             seconds = time.monotonic() - begin
             bar.update(seconds, writer.files.messages, note=f"{writer.files.size / 1e6:.1f} MB")
-            if options.seconds and seconds >= options.seconds:
-                stop.set()
             for warning in writer.mirror.warnings.values():
                 if warning not in shown:
                     shown.add(warning)

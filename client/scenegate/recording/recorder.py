@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
@@ -138,10 +139,10 @@ def record(
     stop: threading.Event,
     report: Callable[[SceneWriter], None] = lambda writer: None,
 ) -> SceneWriter:
-    """Record until ``stop`` is set. Files are complete also after an error.
+    """Record until ``stop`` is set. The file is opened when the first value arrives, and complete also after an error.
 
     Args:
-        report: called with the writer after each value, and at least every ``POLL_SECONDS``.
+        report: called with the writer after each value, and then at least every ``POLL_SECONDS``.
 
     Raises:
         RecordingError, ImuFailure: a source cannot be reached, or has ended.
@@ -150,33 +151,49 @@ def record(
         OSError: a file cannot be written, or a certificate not read.
     """
     profile = make_profile(options.profile)
-    received: queue.Queue[Received] = queue.Queue(QUEUED_ITEMS)
-    with _files(options, profile) as files:
+    values = _received(_start_sources(options), stop)
+    first = next(filter(None, values), None)
+    with _files(options, profile) as files:  # now: a gateway that cannot be reached costs no earlier recording
         writer = SceneWriter(files, profile)
-        if options.scene is not None:
-            scene = options.scene
-            Source("scene", lambda: scene_frames(scene, options.credentials), received)
-        if options.camera is not None:
-            camera = options.camera
-            Source("camera", lambda: camera_sets(camera), received)
-        if options.imu is not None:
-            imu = options.imu
-            Source("IMU", lambda: imu_samples(imu, options.credentials, options.pipeline), received)
         flush_time = time.monotonic() + FLUSH_SECONDS
-        while not stop.is_set():
-            try:
-                value, log_time = received.get(timeout=POLL_SECONDS)
-            except queue.Empty:
-                pass
-            else:
-                if isinstance(value, Exception):
-                    raise value
-                writer.write(value, log_time)
+        for received in chain((first,), values):
+            if received is not None:
+                writer.write(received.value, received.time)
             if time.monotonic() >= flush_time:
                 files.flush()
                 flush_time = time.monotonic() + FLUSH_SECONDS
             report(writer)
         return writer
+
+
+def _start_sources(options: RecordingOptions) -> queue.Queue[Received]:
+    """Start receiving; return the queue of what is received."""
+    received: queue.Queue[Received] = queue.Queue(QUEUED_ITEMS)
+    scene, camera, imu = options.scene, options.camera, options.imu
+    if scene is not None:
+        Source("scene", lambda: scene_frames(scene, options.credentials), received)
+    if camera is not None:
+        Source("camera", lambda: camera_sets(camera), received)
+    if imu is not None:
+        Source("IMU", lambda: imu_samples(imu, options.credentials, options.pipeline), received)
+    return received
+
+
+def _received(received: queue.Queue[Received], stop: threading.Event) -> Iterator[Received | None]:
+    """Yield what is received until ``stop`` is set, and None whenever ``POLL_SECONDS`` have passed without.
+
+    Raises:
+        Exception: that of a source that has ended.
+    """
+    while not stop.is_set():
+        try:
+            item = received.get(timeout=POLL_SECONDS)
+        except queue.Empty:
+            yield None
+            continue
+        if isinstance(item.value, Exception):
+            raise item.value
+        yield item
 
 
 @contextmanager
