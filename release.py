@@ -43,6 +43,9 @@ def release(version: str, root: Path = ROOT) -> None:
     today = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
     replace(root / "client/scenegate/__init__.py", rf'(__version__: Final = )"{_NUMBER}"', rf'\g<1>"{version}"')
     replace(root / "pyproject.toml", rf"(scenegate-client\[.*\]==){_NUMBER}", rf"\g<1>{version}")
+    ros2 = root / "deploy/ros2/scenegate_ros2"
+    replace(ros2 / "package.xml", rf"(<version>){_NUMBER}<", rf"\g<1>{version}<")
+    replace(ros2 / "setup.py", rf'(version=)"{_NUMBER}"', rf'\g<1>"{version}"')
     replace(root / "CHANGELOG.md", r"^## \[Unreleased\]\n", rf"\g<0>\n## [{version}] - {today}\n")
     replace(root / "CITATION.cff", r"^(date-released: .*\n)?version: .*\n", "")
     replace(root / "CITATION.cff", r"^license: ", rf'version: {version}\ndate-released: "{today}"\n\g<0>')

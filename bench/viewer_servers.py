@@ -75,7 +75,7 @@ def ours(counter: Counter) -> None:
     from gateway.viewer.config import ViewerConfig
     from gateway.viewer.hub import ViewHub
     from gateway.viewer.routes import router
-    from gateway.wiring.context import NO_TELEMETRY
+    from gateway.wiring.telemetry import NO_TELEMETRY
     from renderers.drawlist import Material
 
     tree = LiveTree()

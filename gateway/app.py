@@ -37,8 +37,8 @@ from gateway.server.security import Security
 from gateway.server.start_gate import StartGate
 from gateway.settings import MIB, Settings
 from gateway.viewer.sources import IMAGE_NAMES
-from gateway.wiring import metrics
-from gateway.wiring.context import NO_TELEMETRY, Context
+from gateway.wiring import metrics, telemetry
+from gateway.wiring.context import Context
 from gateway.wiring.interface_names import NAMES, documentation_of, documentation_url
 from gateway.wiring.interfaces import enabled_interfaces
 from gateway.wiring.startup import start
@@ -73,6 +73,7 @@ def create_app(
     Raises:
         SettingsError: a token or certificate file cannot be used.
     """
+    spans = telemetry.start()
     app: FastAPI = FastAPIOffline(
         docs_url=None,  # its page has absolute addresses
         redoc_url=None,
@@ -84,7 +85,7 @@ def create_app(
         license_info={"name": "Apache 2.0", "identifier": "Apache-2.0"},
         lifespan=_lifespan,
         swagger_ui_parameters={"validatorUrl": None},  # no request to an online validator
-        telemetry=NO_TELEMETRY,
+        telemetry=telemetry.config(),
     )
     context = Context(
         settings,
@@ -99,6 +100,8 @@ def create_app(
         log=log,
         tree=LiveTree(arrival_time) if log is None else log.tree,
     )
+    if spans is not None:
+        context.exit_stack.callback(telemetry.close, spans)
     app.state.context = context
     _add_routes(context)
     _add_middleware(context)

@@ -1,4 +1,4 @@
-"""The server's commands: ``scenegate serve | view | render | export | dataset | doctor | warmup``."""
+"""The server's commands: ``scenegate serve | view | render | export | dataset | convert | doctor | warmup``."""
 
 from __future__ import annotations
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from gateway.cli import dataset
+from gateway.cli.convert import convert
 from gateway.cli.export import export
 from gateway.cli.render import render
 from gateway.cli.serve import add_serve
@@ -39,6 +40,6 @@ def doctor() -> None:
 
 
 add_serve(app)
-for command in (view, render, export, doctor, warmup):
+for command in (view, render, export, convert, doctor, warmup):
     app.command()(command)
 app.add_typer(dataset.app, name="dataset")

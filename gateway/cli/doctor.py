@@ -12,7 +12,13 @@ from collections.abc import Iterable, Iterator
 from gateway.runtime.installation import Finding, Verdict, installation_findings
 
 _STYLE = {Verdict.OK: "green", Verdict.NOTE: "yellow", Verdict.ERROR: "red"}
-SERVER_OF_SETTING = {"http_port": "HTTP", "grpc_port": "gRPC", "tcpq_port": "TCPQ hub", "rest_port": "device REST"}
+SERVER_OF_SETTING = {
+    "http_port": "HTTP",
+    "grpc_port": "gRPC",
+    "tcpq_port": "TCPQ hub",
+    "rest_port": "device REST",
+    "foxglove_port": "Foxglove",
+}
 """Name of the server behind each port setting."""
 
 

@@ -19,6 +19,7 @@ from gateway.drakeviewer.viewer import DrakeViewer
 from gateway.drakeviewer.wire import Message
 from gateway.runtime.pool_errors import UnavailableErrors
 from gateway.runtime.scheduling import BACKGROUND_NICENESS
+from gateway.runtime.tracing import lcm_message
 from gateway.runtime.warning_list import WarningList
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
@@ -131,7 +132,8 @@ class DrakeViewerService:
         self.viewer.counters.received += 1
         group = self.viewer.group(channel)
         if group not in self._tasks and not self._needs_thread(channel, message):
-            self._show(channel, message)
+            with lcm_message(channel, len(message)):
+                self._show(channel, message)
             return
         self._enqueue(group, channel, message, is_local)
         if group not in self._tasks:
@@ -185,10 +187,11 @@ class DrakeViewerService:
                 self._waiting_bytes -= len(message)
                 if not self._admit(channel, len(message)):
                     continue
-                if self._needs_thread(channel, message):
-                    await self._read_in_thread(channel, message, self._local_files if is_local else self._files)
-                else:
-                    self._show(channel, message)
+                with lcm_message(channel, len(message)):
+                    if self._needs_thread(channel, message):
+                        await self._read_in_thread(channel, message, self._local_files if is_local else self._files)
+                    else:
+                        self._show(channel, message)
         finally:
             self._waiting.pop(group, None)
             self._oldest.pop(group, None)

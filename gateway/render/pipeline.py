@@ -14,6 +14,7 @@ from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest
 from gateway.render.labels import unlabelled
 from gateway.render.scenes import PreparedScene, SceneStore
+from gateway.runtime.tracing import span
 from gateway.scene.flatten import flatten
 from gateway.scene.tree import Node
 from renderers.depth_range import depth_in_millimetres, limit_depth
@@ -73,17 +74,21 @@ class Pipeline:
         document = posted_document(request)
         try:
             try:
-                return self._render_scene(request, self.scenes.get(document), start_time)
+                return self._render_scene(request, document, start_time)
             except ImageError:  # nearly no document has a broken image, so that this is not checked before
-                return self._render_scene(request, self.scenes.get(document, decode_images=True), start_time)
+                return self._render_scene(request, document, start_time, decode_images=True)
         except (GltfError, ImageError) as error:
             raise RequestError(400, f"scene: {error}") from error
 
-    def _render_scene(self, request: RenderRequest, scene: PreparedScene, start_time: float) -> EncodedImage:
-        if self._config.strict and scene.warnings:
-            raise RequestError(400, f"scene: {strict_refusal(scene.warnings)}")
-        camera = camera_of(request, scene)
-        draw_list = self._with_backdrop(scene.draw_list)
+    def _render_scene(
+        self, request: RenderRequest, document: HashedDocument, start_time: float, *, decode_images: bool = False
+    ) -> EncodedImage:
+        with span("parse"):
+            scene = self.scenes.get(document, decode_images=decode_images)
+            if self._config.strict and scene.warnings:
+                raise RequestError(400, f"scene: {strict_refusal(scene.warnings)}")
+            camera = camera_of(request, scene)
+            draw_list = self._with_backdrop(scene.draw_list)
         parsed_time = time.perf_counter()
         look = Look(
             _look_of(request.look or self._config.look, scene.generator),
@@ -92,9 +97,11 @@ class Pipeline:
             self._config.rig,
             self._config.alpha_threshold,
         )
-        frame = self._renderer.render(draw_list, camera, _OUTPUTS[request.image_type], look)
+        with span("render"):
+            frame = self._renderer.render(draw_list, camera, _OUTPUTS[request.image_type], look)
         rendered_time = time.perf_counter()
-        body, media_type = self._encode(frame, request)
+        with span("encode"):
+            body, media_type = self._encode(frame, request)
         encoded_time = time.perf_counter()
         return EncodedImage(
             body=body,

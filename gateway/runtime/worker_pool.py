@@ -24,6 +24,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, ParamSpec, TypeVar
 
+from gateway.runtime import tracing
 from gateway.runtime.pool_errors import CallerCancelled, DeadlineExceeded, PoolClosed, QueueFull
 from gateway.runtime.scheduling import CAMERA_FIRST_NICENESS, raise_niceness, usable_cpus, yield_to_event_loop
 from renderers.compiler.pending import KernelsPending, is_compiling
@@ -174,7 +175,7 @@ class WorkerPool:
                 self._deferred -= 1
 
     async def _run(self, function: Callable[[], T], nbytes: int) -> T:
-        call = _Call(function, nbytes)
+        call = _Call(tracing.after_queue(function), nbytes)
         with self._lock:
             if self._closing:
                 raise PoolClosed("the server is shutting down")

@@ -61,6 +61,7 @@ class Settings(ProcessSettings, StereoSettings, InterfaceSettings):  # pydantic 
         conflicts = {
             "--state": (self.state is not None, "one process writes that file"),
             "--demo": (self.demo, "the live scene belongs to one process"),
+            "--foxglove-port": (self.foxglove_port is not None, "one process listens there"),
             "--backdrop live": (self.backdrop == "live", "the live scene belongs to one process"),
         }
         for setting, (given, reason) in conflicts.items():

@@ -34,6 +34,12 @@ class InterfaceSettings(BaseSettings):
         "Interfaces",
         "Start only these interfaces, separated by commas: render, scene, treeviewer, stereo, view.",
     )
+    foxglove_port: PortOrOff = option(
+        None,
+        "Interfaces",
+        "Port of Foxglove's WebSocket on 127.0.0.1: live scene and stereo camera for the Foxglove app; 'off': none. 0 "
+        "picks a free port. Needs scenegate[foxglove]; it has no tokens.",
+    )
     demo: bool = option(False, "Interfaces", "Publish a moving demo scene in the live tree, under 'demo'.")
 
     # --- Render endpoint

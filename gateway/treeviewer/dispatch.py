@@ -15,6 +15,7 @@ from typing import Final, Protocol, cast
 import structlog
 
 from gateway.runtime.pool_errors import UnavailableErrors
+from gateway.runtime.tracing import lcm_message
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.treeviewer import responses
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, ClientQueue, Message, Publish, size_of
@@ -150,7 +151,8 @@ class Dispatcher:
         queue = self._queues.get(key)
         storage_full = self._durable is not None and self._durable.full
         if queue is None and not storage_full and not self._is_big(message):
-            self._handle(channel, message, publish, is_local)
+            with lcm_message(channel, len(message)):
+                self._handle(channel, message, publish, is_local)
             return 0
         if storage_full or self.waiting_bytes + size_of(message) > self._config.waiting_bytes:
             self.counters.dropped += 1
@@ -226,10 +228,11 @@ class Dispatcher:
             while len(queue):
                 message = queue.first()
                 set_arrival(queue.first_arrival())
-                if self._is_big(message):
-                    await self._handle_big(queue, message)
-                else:
-                    self._handle(queue.channel, message, queue.publish, queue.is_local)
+                with lcm_message(queue.channel, len(message)):
+                    if self._is_big(message):
+                        await self._handle_big(queue, message)
+                    else:
+                        self._handle(queue.channel, message, queue.publish, queue.is_local)
                 self.waiting_bytes -= queue.pop()
                 if queue.on_drained is not None and queue.size < self._config.client_waiting_bytes // 2:
                     queue.on_drained()

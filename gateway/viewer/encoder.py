@@ -164,7 +164,9 @@ class Encoder:
                 pause_time = time.perf_counter() + MAX_BLOCKING_SECONDS
         if node_update is not None:
             builder.add_node(node_update)
-        header = messages.SceneUpdate(from_=old.revision, revision=target.revision, removed=removed)
+        header = messages.SceneUpdate(
+            from_=old.revision, revision=target.revision, timestamp=target.timestamp, removed=removed
+        )
         transforms.add_to(builder, header)
         yield Update(builder.finish(header), frozenset(meshes))
 

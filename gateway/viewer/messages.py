@@ -125,6 +125,8 @@ class SceneUpdate(Message, tag="update"):
 
     from_: int = field(name="from")
     revision: int
+    timestamp: int
+    """Time from which the revision is valid, nanoseconds since the epoch: for recordings."""
     removed: list[int] = []
     nodes: list[NodeUpdate] = []
     """Encoded one by one, by ``FrameBuilder.add_node``."""

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import structlog
 from fastapi import FastAPI
-from fastapi.telemetry import TelemetryConfig
 
 from gateway.lcm.listener import ChannelListener
 from gateway.runtime import process_tuning
@@ -36,6 +35,7 @@ if TYPE_CHECKING:
     from gateway.runtime.worker_reports import WorkerReports
     from gateway.scene.timeline import Timeline
     from gateway.state.service import PersistentState
+    from gateway.stereo.service import StereoService
     from gateway.viewer.sources import StereoSource
     from gateway.wiring.log import LogService
     from renderers.raster import CpuRenderer
@@ -46,8 +46,6 @@ QUEUE_SHARE: Final = 0.9
 """Fraction of --shutdown-seconds after which calls that still wait for a thread get 503."""
 IDLE_SECONDS: Final = 10.0
 """Time without work after which the memory of earlier frames and scenes is returned to the system."""
-NO_TELEMETRY: TelemetryConfig = {"tracing": False, "metrics": False, "logs": False, "auto_configure": False}
-"""Switches off FastAPI's telemetry, which would configure exporters from the environment."""
 
 
 @dataclass(slots=True, eq=False)
@@ -90,6 +88,8 @@ class Context:
 
     stereo_camera: Callable[[Snapshot], Camera | None] = lambda snapshot: None
     """Returns the left stereo camera in a snapshot of the live tree, if any."""
+    stereo_service: StereoService | None = None
+    """The first stereo camera, if any."""
     stereo_sensor: StereoSource | None = None
     """Source of the stereo camera's images for the browser view, if any."""
     on_render: Callable[[RenderRecord], None] = lambda record: None

@@ -32,11 +32,16 @@ INTERFACES: Final[Mapping[str, Setup]] = {
     "treeviewer": _setup_of("treeviewer"),
     "stereo": _setup_of("stereo"),
     "view": _setup_of("view"),  # after the interfaces that it shows
+    "foxglove": _setup_of("foxglove"),  # after the stereo camera, whose images it shows
     "demo": _setup_of("demo"),
 }
 
 
 def enabled_interfaces(settings: Settings) -> dict[str, Setup]:
-    """Return the interfaces that the settings enable (``--only``, ``--demo``, ``--drake-viewer``)."""
-    enabled = {"demo": settings.demo, "drakeviewer": settings.drake_viewer and settings.is_enabled("treeviewer")}
+    """Return the interfaces that the settings enable (``--only``, ``--demo``, ``--drake-viewer``, …)."""
+    enabled = {
+        "demo": settings.demo,
+        "drakeviewer": settings.drake_viewer and settings.is_enabled("treeviewer"),
+        "foxglove": settings.foxglove_port is not None,
+    }
     return {name: setup for name, setup in INTERFACES.items() if enabled.get(name, settings.is_enabled(name))}

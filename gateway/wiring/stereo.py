@@ -42,9 +42,10 @@ from gateway.stereo.routes.upload_routes import upload_router
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.set_kind import SetKind
 from gateway.viewer.sources import ImageName, StereoImages, StereoRig
-from gateway.wiring.context import NO_TELEMETRY, Context
+from gateway.wiring.context import Context
 from gateway.wiring.metrics import watch_stereo
 from gateway.wiring.scene_setting import read_scene_setting
+from gateway.wiring.telemetry import NO_TELEMETRY
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
@@ -174,6 +175,7 @@ def _start_camera(
         service.wait_until_stored = context.state.commits.wait_until_stored
     if number == 0:
         context.stereo_camera = lambda snapshot: view.camera(config, snapshot) if scene is None else None
+        context.stereo_service = service
         context.stereo_sensor = StereoSensor(service, view, live=scene is None)
     context.run_service(f"stereo {number}" if number else "stereo", service, figures=status)
     return service

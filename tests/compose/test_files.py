@@ -15,7 +15,7 @@ from tests.support.waiting import SECONDS
 ROOT = Path(__file__).parents[2]
 DIGEST = re.compile(r"@sha256:[0-9a-f]{64}$")
 PROFILES = ("demo", "test", "scale", "observe")
-SERVICES = {"gateway", "publisher", "recorder", "test", "render", "haproxy", "prometheus"}
+SERVICES = {"gateway", "publisher", "recorder", "test", "render", "haproxy", "prometheus", "grafana"}
 
 
 def run(*command: str) -> subprocess.CompletedProcess[str]:

@@ -185,6 +185,8 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     ("typed", "completions"),
     [
         ("d", ["dataset", "doctor"]),
+        ("con", ["convert"]),
+        ("convert --pro", ["--profile"]),
         ("e", ["export"]),
         ("serve --worker", ["--workers"]),
         ("v", ["view"]),

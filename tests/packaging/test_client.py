@@ -67,6 +67,13 @@ def camera_python(python: Path) -> Path:
     return python
 
 
+def test_mcap_files_name_their_extra(camera_python: Path, tmp_path: Path) -> None:
+    recorded = run(camera_python, "-m", "scenegate", "record", "--mcap", tmp_path / "a.mcap", cwd=tmp_path)
+    assert recorded.returncode == 1
+    assert "MCAP files need pip install 'scenegate-client[mcap]'" in recorded.stderr
+    assert not (tmp_path / "a.mcap").exists()
+
+
 @pytest.fixture(scope="module")
 def gateway() -> Iterator[str]:
     """The URL of a gateway with the demo scene."""

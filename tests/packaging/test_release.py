@@ -82,6 +82,8 @@ def test_releases_in_a_clone(clone: Path) -> None:
     headings = re.findall(r"^## \[(.*?)\]", (clone / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert headings == ["Unreleased", second, first]
     assert f"version: {second}\ndate-released:" in (clone / "CITATION.cff").read_text()
+    assert f"<version>{second}</version>" in (clone / "deploy/ros2/scenegate_ros2/package.xml").read_text()
+    assert f'version="{second}"' in (clone / "deploy/ros2/scenegate_ros2/setup.py").read_text()
 
 
 @pytest.mark.parametrize("version", ["", "1", "1.2", "v1.2.3", "1.2.3rc1", "1.2.3\n"])

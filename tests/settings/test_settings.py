@@ -176,6 +176,7 @@ def test_certificates_and_keys_come_in_pairs(settings: dict[str, str], message: 
         ({}, "--workers 2 needs --only render: "),
         ({"only": "render,view"}, "--workers 2 needs --only render: "),
         ({"only": "render", "state": "x.db"}, "--workers 2 and --state exclude each other: one process "),
+        ({"only": "render", "foxglove_port": 0}, "--workers 2 and --foxglove-port exclude each other: one process "),
         ({"only": "render", "demo": True}, "--workers 2 and --demo exclude each other: the live scene "),
         ({"only": "render", "backdrop": "live"}, "--workers 2 and --backdrop live exclude each other: the live scene "),
     ],

@@ -23,7 +23,7 @@ COMPOSE = "docker-compose.yml"
 MOUNTED = ("deploy", "examples")
 """Folders that docker-compose.yml mounts."""
 BUILD_SECONDS = 1800.0
-PORTS = ("HTTP_PORT", "TCPQ_PORT", "GRPC_PORT", "SCALE_PORT", "PROMETHEUS_PORT")
+PORTS = ("HTTP_PORT", "TCPQ_PORT", "GRPC_PORT", "SCALE_PORT", "PROMETHEUS_PORT", "GRAFANA_PORT")
 """Port variables of docker-compose.yml."""
 
 

@@ -121,7 +121,7 @@ def test_update_of_transforms_contains_only_ids_and_poses() -> None:
             edit.set_pose(("arm", 3), (x, 0, 0, 1, 0, 0, 0))
         encoder.advance(tree.snapshot)
     header, body = parse_frame(asyncio.run(encoder.update(before))[0].frame)
-    assert set(header) == {"kind", "from", "revision", "poses"}
+    assert set(header) == {"kind", "from", "revision", "timestamp", "poses"}
     assert np.frombuffer(body, "<u4", 1).tolist() == [encoder.node_id(("arm", 3))]
     assert header["poses"]["values"][1] == 7
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import grpc
+import promql_parser
 import pytest
 
 from scenegate.camera import image_interface_pb2 as pb
@@ -135,3 +138,54 @@ def test_each_alert_fires_when_it_should() -> None:
     for command in (("check", "config", "prometheus.yml"), ("test", "rules", "alerts_test.yml")):
         done = subprocess.run([promtool, *command], cwd=ALERTS, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_dashboard_asks_for_metrics_and_labels_that_there_are(figures: dict[str, float]) -> None:
+    labels_of: dict[str, set[str]] = {}
+    for sample in figures:
+        name, _, labels = sample.partition("{")
+        labels_of.setdefault(name, {"instance", "job"}).update(re.findall(r'(\w+)="', labels))
+    asked: set[str] = set()
+    for query, legend in dashboard_queries():
+        metrics, given = metrics_and_labels(promql_parser.parse(query))
+        assert metrics, query
+        assert metrics <= labels_of.keys(), query
+        there = set.intersection(*(labels_of[name] for name in metrics))
+        assert given | set(re.findall(r"{{(\w+)}}", legend)) <= there, (query, legend)
+        asked |= metrics
+    assert len(asked) > 30
+    alerts = set(re.findall(r"\bscenegate_\w+", (ALERTS / "alerts.yml").read_text()))
+    assert alerts <= asked, "who gets an alert finds its metric on the dashboard"
+
+
+def dashboard_queries() -> Iterator[tuple[str, str]]:
+    """Yield the query and the legend of each line of the dashboard, with values for Grafana's variables."""
+    dashboard = json.loads((ALERTS.parent / "grafana/dashboards/scenegate.json").read_text("utf-8"))
+    (variable,) = dashboard["templating"]["list"]
+    metric, label = re.findall(r"\w+", variable["query"]["query"])[1:]
+    yield f"count by ({label}) ({metric})", ""
+    for panel in dashboard["panels"]:
+        assert panel["type"] == "row" or panel["targets"], panel["title"]
+        for target in panel.get("targets", ()):
+            query = target["expr"].replace("$__rate_interval", "5m").replace(f"${variable['name']}", ".*")
+            assert "$" not in query
+            yield query, target["legendFormat"]
+
+
+def metrics_and_labels(expression: Any) -> tuple[set[str], set[str]]:
+    """Return the names of metrics and of labels in a query."""
+    metrics: set[str] = set()
+    labels: set[str] = set()
+    selector = getattr(expression, "vector_selector", expression)
+    if isinstance(selector, promql_parser.VectorSelector):
+        assert selector.name is not None
+        metrics.add(selector.name)
+        labels.update(matcher.name for matcher in selector.matchers.matchers)
+    modifier = getattr(expression, "modifier", None)
+    labels.update(getattr(modifier, "labels", None) or ())
+    parts = [*getattr(expression, "args", ()), *(getattr(expression, name, None) for name in ("expr", "lhs", "rhs"))]
+    for part in filter(None, parts):
+        inner_metrics, inner_labels = metrics_and_labels(part)
+        metrics |= inner_metrics
+        labels |= inner_labels
+    return metrics, labels

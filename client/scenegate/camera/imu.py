@@ -55,7 +55,7 @@ class ImuRecorder:
         """Guards ``samples``, ``lost``, ``_newest``, ``_ended`` and ``_closing``; notified of samples and the end."""
         self._ended = False
         self._closing = False
-        self._socket, self._response = _open(address, credentials, pipeline)
+        self._socket, self._response = open_imu_stream(address, credentials, pipeline)
         self._path.write_text(_HEADER, "ascii")
         self._thread = threading.Thread(target=self._read, name="IMU recorder", daemon=True)
         self._thread.start()
@@ -126,7 +126,9 @@ class ImuRecorder:
             self._changed.notify_all()
 
 
-def _open(address: str, credentials: Credentials, pipeline: int) -> tuple[socket.socket, http.client.HTTPResponse]:
+def open_imu_stream(
+    address: str, credentials: Credentials, pipeline: int
+) -> tuple[socket.socket, http.client.HTTPResponse]:
     """Return the connection and the response of ``GET /stereo/imu``, of which only the headers have been read.
 
     Raises:

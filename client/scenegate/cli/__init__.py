@@ -13,7 +13,7 @@ from typing import Final
 CLIENT_COMMANDS: Final = {
     "publish": ("scenegate.cli.publish", "Publish a file at a path of a viewer's live scene."),
     "stream": ("scenegate.cli.stream", "Receive image sets of a stereo camera, Scenegate's or a real rc_visard."),
-    "record": ("scenegate.cli.record", "Record an LCM network, for lcm-logplayer, lcm-spy and `scenegate play`."),
+    "record": ("scenegate.cli.record", "Record an LCM network, or the live scene and a camera for Foxglove and ROS 2."),
     "play": ("scenegate.cli.play", "Play a log into an LCM network."),
 }
 """Modules with ``add_arguments`` and ``run``, and the first lines of their descriptions."""
@@ -23,6 +23,7 @@ SERVER_COMMANDS: Final = {
     "render": "Render scenes: one image, or a dataset of images, camera parameters and labels.",
     "export": "Write a scene and its motion into one file.",
     "dataset": "Commands for datasets written by `scenegate render`.",
+    "convert": "Write the scene of an LCM log to an MCAP file, for Foxglove and ROS 2.",
     "doctor": "Find what does not work, what that means and what to do.",
     "warmup": "Compile the rendering kernels into the cache, so that the next start is fast.",
 }
@@ -70,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         "scenegate",
         description="Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene.",
-        epilog="serve, view, render, export, dataset, doctor and warmup need the server: pip install scenegate",
+        epilog="serve, view, render, export, dataset, convert, doctor, warmup need the server: pip install scenegate",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"scenegate {__version__}")

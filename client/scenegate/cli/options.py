@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    from scenegate.camera.credentials import Credentials
 
 Number = TypeVar("Number", int, float)
 
@@ -53,3 +57,30 @@ def add_channels(parser: argparse.ArgumentParser) -> None:
     """Add the option ``--channels``."""
     text = "only channels whose whole name matches (default: all)"
     parser.add_argument("--channels", metavar="PATTERN", default=".*", help=text)
+
+
+def add_access(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the access to a gateway or camera: token and certificates."""
+    access = parser.add_argument_group("access").add_argument
+    text = "bearer token (also SCENEGATE_TOKEN). Other users of this machine can read command lines"
+    access("--token", default=os.environ.get("SCENEGATE_TOKEN"), help=text)
+    access("--token-file", type=existing_file, metavar="FILE", help="file with the token")
+    access("--tls", action="store_true", help="encrypt, and trust the system's authorities")
+    text = "encrypt, and trust this PEM authority (also SCENEGATE_CA)"
+    access("--ca", type=existing_file, default=os.environ.get("SCENEGATE_CA"), metavar="FILE", help=text)
+    access("--certificate", type=existing_file, metavar="FILE", help="PEM certificate of this client")
+    access("--key", type=existing_file, metavar="FILE", help="PEM private key of --certificate")
+
+
+def pop_credentials(values: dict[str, Any]) -> Credentials:
+    """Remove the options of ``add_access`` from the values of all options, and return the credentials.
+
+    Raises:
+        ValueError, OSError: a token is invalid or cannot be read, or a certificate has no key.
+    """
+    from scenegate.camera.credentials import Credentials, read_token
+
+    token, token_file = values.pop("token"), values.pop("token_file")
+    if token_file is not None:
+        token = read_token(token_file)
+    return Credentials(token, *(values.pop(name) for name in ("tls", "ca", "certificate", "key")))

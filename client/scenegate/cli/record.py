@@ -1,4 +1,4 @@
-"""``scenegate record``: write an LCM network's messages to a log file, in the format of LCM's own tools."""
+"""``scenegate record``: write an LCM network's messages to a log file. ``record_mcap`` writes MCAP files instead."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, Final
 
+from scenegate.cli import record_mcap
 from scenegate.cli.options import add_channels, add_lcm_url, at_least
 from scenegate.cli.progress_bar import progress_bar
 from scenegate.lcm import replay
@@ -22,15 +23,22 @@ UPDATE_SECONDS: Final = 0.2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments and options."""
-    parser.add_argument("out", metavar="OUT.lcmlog", type=Path, help="the log; an existing file is replaced")
+    text = "the log of an LCM network; an existing file is replaced"
+    parser.add_argument("out", metavar="OUT.lcmlog", type=Path, nargs="?", help=text)
     add_lcm_url(parser)
     add_channels(parser)
     text = "stop after this time; 0: when interrupted (default: 0)"
     parser.add_argument("--seconds", type=at_least(0.0), default=0.0, help=text)
+    record_mcap.add_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Record until the time is over, or the command is interrupted."""
+    if (options.out is None) == (options.mcap is None):
+        raise argparse.ArgumentTypeError("one of OUT.lcmlog and --mcap OUT.mcap is needed, not both")
+    if options.mcap is not None:
+        record_mcap.run(options)
+        return
     logging.basicConfig(format="scenegate: %(message)s")
     progress = replay.Progress()
 

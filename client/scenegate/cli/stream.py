@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import os
 import sys
 from pathlib import Path
 
-from scenegate.cli.options import at_least, existing_file
+from scenegate.cli.options import add_access, at_least, pop_credentials
 from scenegate.cli.progress_bar import progress_bar
 
 
@@ -55,30 +54,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--count", type=at_least(0), default=0, metavar="N", help=text)
     text = "end with an error after this number of seconds; 0: never (default: 0)"
     add("--timeout", type=at_least(0.0), default=0.0, metavar="SECONDS", help=text)
-    access = parser.add_argument_group("access").add_argument
-    text = "bearer token (also SCENEGATE_TOKEN). Other users of this machine can read command lines"
-    access("--token", default=os.environ.get("SCENEGATE_TOKEN"), help=text)
-    access("--token-file", type=existing_file, metavar="FILE", help="file with the token")
-    access("--tls", action="store_true", help="encrypt, and trust the system's authorities")
-    text = "encrypt, and trust this PEM authority (also SCENEGATE_CA)"
-    access("--ca", type=existing_file, default=os.environ.get("SCENEGATE_CA"), metavar="FILE", help=text)
-    access("--certificate", type=existing_file, metavar="FILE", help="PEM certificate of this client")
-    access("--key", type=existing_file, metavar="FILE", help="PEM private key of --certificate")
+    add_access(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Receive image sets."""
-    from scenegate.camera.credentials import Credentials, read_token
     from scenegate.camera.stream import Progress, StreamOptions, receive_all
 
     values = vars(options)
     output = values.pop("out")
     if output is None and (values["exposure"] or values["gpio"] or values["truth"] or values["imu"]):
         raise argparse.ArgumentTypeError("--exposure, --gpio, --truth and --imu need -o FOLDER")
-    token, token_file = values.pop("token"), values.pop("token_file")
-    if token_file is not None:
-        token = read_token(token_file)
-    credentials = Credentials(token, *(values.pop(name) for name in ("tls", "ca", "certificate", "key")))
+    credentials = pop_credentials(values)
     timeout = values.pop("timeout") or None
     stream = StreamOptions(**values, output=output, credentials=credentials, timeout=timeout)
     newest = Progress()

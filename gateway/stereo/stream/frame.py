@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.runtime.tracing import span
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.depth.matched_depth import matched_depth
 from gateway.stereo.depth.rendered_depth import ImagePair
@@ -101,12 +102,11 @@ class Frame:
         """Return the disparity, error and confidence images."""
         is_matched = self._imaging.config.depth_mode == "matched"
         make = self._depth_from_matching if is_matched else self._depth_from_rendering
-        return await self._make_once("depth", make)
+        return await self._make_once("depth", lambda: self._depth(make))
 
     async def metered(self, capture: Capture) -> MeteredExposure:
         """Return the exposure of the images of a capture."""
-        key = ("metered", capture.timestamp, capture.gpio)
-        return await self._make_once(key, lambda: self._workers.run(self._imaging.meter, capture, self.settings))
+        return await self._make_once(("metered", capture.timestamp, capture.gpio), lambda: self._meter(capture))
 
     async def image(self, stream: NoiseStream, color: bool) -> SensorImage:
         """Return the left or right image in colour or grey."""
@@ -182,7 +182,10 @@ class Frame:
         chunks: list[Chunk] = [messages.timestamp_field(capture.timestamp)]
         for (number, _), value in zip(fields, values, strict=True):
             chunks += wire.field(number, value)
-        return await self._workers.run(wire.join, chunks) if fields else wire.join(chunks)
+        if not fields:
+            return wire.join(chunks)
+        with span("serialise"):
+            return await self._workers.run(wire.join, chunks)
 
     async def _image_message(self, stream: NoiseStream, color: bool) -> list[Chunk]:
         image = await self.image(stream, color)
@@ -252,12 +255,21 @@ class Frame:
             out1_reduction=metered.out1_reduction,
         )
 
+    async def _meter(self, capture: Capture) -> MeteredExposure:
+        with span("meter"):
+            return await self._workers.run(self._imaging.meter, capture, self.settings)
+
     async def _expose(
         self, capture: Capture, stream: NoiseStream, colors: frozenset[bool], averaged_images: int = 1
     ) -> dict[bool, SensorImage]:
         exposure = (await self.metered(capture)).exposure
         request = ImageRequest(exposure, stream, colors, averaged_images)
-        return await self._workers.run(self._imaging.expose, capture, request)
+        with span("expose", {"stereo.image": stream.name.lower()}):
+            return await self._workers.run(self._imaging.expose, capture, request)
+
+    async def _depth(self, make: Callable[[], Coroutine[Any, Any, DepthImages]]) -> DepthImages:
+        with span("depth"):
+            return await make()
 
     async def _depth_from_rendering(self) -> DepthImages:
         """Return depth images from rendered depth."""

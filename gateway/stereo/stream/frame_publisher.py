@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import structlog
 
+from gateway.runtime import tracing
 from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.stereo.device.camera_config import Rate
 from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
@@ -96,7 +97,8 @@ class FramePublisher:
         """Make and publish the sets of a frame. If cancelled, cancel the frame."""
         start = asyncio.get_running_loop().time()
         try:
-            await asyncio.gather(*(self._publish(frame, kind) for kind in kinds))
+            with tracing.span("stereo frame", {"stereo.frame": frame.number}):
+                await asyncio.gather(*(self._publish(frame, kind) for kind in kinds))
         except asyncio.CancelledError:
             frame.cancel()
             raise
@@ -126,7 +128,8 @@ class FramePublisher:
 
     async def _publish(self, frame: Frame, kind: SetKind) -> None:
         try:
-            data = await frame.serialised(kind)
+            with tracing.span("stereo set", {"stereo.set": str(kind)}):
+                data = await frame.serialised(kind)
         except QueueFull:
             self.counts.busy += 1
         except Exception as error:  # noqa: BLE001 - otherwise the clients would wait forever

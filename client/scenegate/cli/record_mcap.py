@@ -1,0 +1,114 @@
+"""``scenegate record --mcap``: write the live scene, a camera's images and IMU samples to MCAP files."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from scenegate.cli.options import add_access, at_least, pop_credentials
+from scenegate.cli.progress_bar import progress_bar
+
+if TYPE_CHECKING:
+    from scenegate.recording.recorder import RecordingOptions, SceneWriter
+
+DEFAULT_GATEWAY: Final = "http://127.0.0.1:8000"
+NEEDED: Final = ("mcap", "mcap_protobuf", "mcap_ros2", "foxglove_schemas_protobuf", "websockets", "grpc")
+"""Packages of the extra ``mcap``."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of recordings to MCAP files."""
+    add = parser.add_argument_group("MCAP files", "Live scene, images and IMU, for Foxglove and ROS 2.").add_argument
+    text = "file to write, which is replaced, instead of an LCM log"
+    add("--mcap", type=Path, metavar="OUT.mcap", help=text)
+    text = "messages: Foxglove's schemas, or those of ROS 2 (default: foxglove)"
+    add("--profile", choices=("foxglove", "ros2"), default="foxglove", help=text)
+    text = f"address of the gateway (default: {DEFAULT_GATEWAY})"
+    add("--gateway", metavar="URL", default=DEFAULT_GATEWAY, help=text)
+    text = "record the gateway's live scene, with Drake's channels (default: --scene)"
+    add("--scene", action=argparse.BooleanOptionalAction, default=True, help=text)
+    text = "record left, right, disparity, depth and points of this stereo camera; the default port is 50051"
+    add("--camera", metavar="HOST:PORT", help=text)
+    add("--color", action="store_true", help="with --camera: left and right in colour")
+    add("--imu", action="store_true", help="record IMU samples of the gateway's camera")
+    text = "number of the camera of --imu, if there are several (default: 0)"
+    add("--pipeline", type=at_least(0), default=0, metavar="N", help=text)
+    text = "begin a new file, OUT_1.mcap, OUT_2.mcap, after this many megabytes; 0: never (default: 0)"
+    add("--max-mb", type=at_least(0.0), default=0.0, metavar="MB", help=text)
+    text = "with --max-mb: keep only this number of files, the newest ones; 0: all (default: 0)"
+    add("--keep", type=at_least(0), default=0, metavar="N", help=text)
+    add_access(parser)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Record until the time is over, or the command is interrupted."""
+    check_packages()
+    from scenegate.recording.recorder import record
+
+    recording = _recording(options)
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    if options.seconds:
+        timer = threading.Timer(options.seconds, stop.set)
+        timer.daemon = True
+        timer.start()
+    begin = time.monotonic()
+    shown: set[str] = set()
+    print("Recording ...", file=sys.stderr, flush=True)
+    with progress_bar("Recording", "messages", options.seconds or None) as bar:
+
+        def report(writer: SceneWriter) -> None:
+            seconds = time.monotonic() - begin
+            bar.update(seconds, writer.files.messages, note=f"{writer.files.size / 1e6:.1f} MB")
+            for warning in writer.mirror.warnings.values():
+                if warning not in shown:
+                    shown.add(warning)
+                    print(f"scenegate: {warning}", file=sys.stderr)
+
+        writer = record(recording, stop, report)
+    files = ", ".join(map(str, writer.files.paths))
+    print(f"{files}: {writer.files.messages} messages, {writer.files.bytes} bytes", file=sys.stderr)
+
+
+def check_packages() -> None:
+    """Raise ImportError with a remedy if a package of the extra ``mcap`` is not installed."""
+    for name in NEEDED:
+        try:
+            importlib.import_module(name)
+        except ImportError as error:
+            raise ImportError(f"{error}: MCAP files need pip install 'scenegate-client[mcap]'") from None
+
+
+def _recording(options: argparse.Namespace) -> RecordingOptions:
+    """Return what is recorded; raise ``argparse.ArgumentTypeError`` if that is nothing."""
+    from scenegate.camera.stream import StreamOptions
+    from scenegate.recording.recorder import RecordingOptions
+
+    if not (options.scene or options.camera or options.imu):
+        raise argparse.ArgumentTypeError("nothing is recorded: --no-scene needs --camera or --imu")
+    if options.keep and not options.max_mb:
+        raise argparse.ArgumentTypeError("--keep needs --max-mb")
+    credentials = pop_credentials(vars(options))
+    camera = None
+    if options.camera is not None:
+        camera = StreamOptions(
+            options.camera, left=True, right=True, disparity=True, color=options.color, credentials=credentials
+        )
+    return RecordingOptions(
+        options.mcap,
+        options.profile,
+        scene=options.gateway if options.scene else None,
+        camera=camera,
+        imu=options.gateway if options.imu else None,
+        pipeline=options.pipeline,
+        credentials=credentials,
+        max_bytes=int(options.max_mb * 1e6),
+        keep=options.keep,
+    )

@@ -1,0 +1,7 @@
+"""Record the live scene and a stereo camera to MCAP files, for Foxglove and ROS 2.
+
+- ``view_frames``: frames of the gateway's view; ``scene_mirror``: the live scene from these frames.
+- ``values``: what is recorded, without a format; ``camera_values``: from the camera's image sets.
+- ``foxglove_messages``, ``ros2_messages``: convert values to messages; ``profiles``: their topics and encodings.
+- ``mcap_file``: writes files; ``sources``: threads that receive; ``recorder``: joins all.
+"""

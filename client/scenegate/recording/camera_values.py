@@ -1,0 +1,120 @@
+"""Convert the image sets of the camera's stream to values."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenegate.camera import image_interface_pb2 as pb
+from scenegate.camera.files import pixels
+from scenegate.recording.values import LEFT_FRAME, Calibration, CameraImage, CameraSet, Cloud, Disparity
+
+OPENCV_OFFSET = 0.5
+"""Ours minus OpenCV's image coordinates: OpenCV has the centre of the first pixel at 0."""
+INVALID_DISPARITY = -1.0
+"""Below ``min_disparity``, which is 0: consumers of ``stereo_msgs/DisparityImage`` skip it."""
+
+
+class CameraConverter:
+    """Converts the sets of a stream. It remembers the baseline, which only sets with disparity have."""
+
+    def __init__(self, baseline: float | None = None, *, cloud: bool = True) -> None:
+        """
+        Args:
+            baseline: metres; None: unknown.
+            cloud: compute points.
+        """
+        self._baseline = baseline
+        self._has_cloud = cloud
+
+    def convert(self, image_set: pb.ImageSet) -> list[CameraSet]:
+        """Return the values of a set, one for each time of exposure.
+
+        The right image is left out until a set with disparity has told the baseline.
+
+        Raises:
+            BadImageError: an image is invalid.
+        """
+        left = image_set.left if image_set.HasField("left") else None
+        by_time: dict[int, dict[str, Any]] = {}
+        if image_set.HasField("disparity"):
+            message = image_set.disparity
+            self._baseline = message.baseline
+            contents = by_time.setdefault(_nanoseconds(message.image.timestamp), {})
+            disparity = _disparity(message)
+            depth = _depth(disparity)
+            image = CameraImage(disparity.image.calibration, "32FC1", depth.tobytes())
+            contents.update(disparity=disparity, images={"depth": image})
+            if self._has_cloud:
+                contents["cloud"] = _cloud(depth, disparity, left)
+        for name, image_message in (
+            ("left", left),
+            ("right", image_set.right if image_set.HasField("right") else None),
+        ):
+            if image_message is None or (name == "right" and self._baseline is None):
+                continue
+            contents = by_time.setdefault(_nanoseconds(image_message.timestamp), {})
+            contents.setdefault("images", {})[name] = _image(image_message, self._baseline if name == "right" else None)
+        return [CameraSet(time, **contents) for time, contents in sorted(by_time.items())]
+
+
+def _nanoseconds(time: pb.Time) -> int:
+    nanoseconds: int = time.sec * 10**9 + time.nsec
+    return nanoseconds
+
+
+def _calibration(image: pb.Image, tx: float = 0.0) -> Calibration:
+    cx, cy = image.principal_point_u - OPENCV_OFFSET, image.principal_point_v - OPENCV_OFFSET
+    return Calibration(LEFT_FRAME, image.width, image.height, image.focal_length, cx, cy, tx)
+
+
+def _image(message: pb.Image, baseline: float | None) -> CameraImage:
+    """Return a grey or colour image.
+
+    Args:
+        baseline: metres, for the right camera; else None.
+    """
+    calibration = _calibration(message, 0.0 if baseline is None else -message.focal_length * baseline)
+    array = pixels(message)
+    encoding = "rgb8" if array.ndim == 3 else "mono8" if array.dtype == np.uint8 else "mono16"
+    return CameraImage(calibration, encoding, array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes())
+
+
+def _disparity(message: pb.DisparityImage) -> Disparity:
+    stored = pixels(message.image)
+    valid = stored != message.invalid_data_value
+    values = stored.astype("<f4") * np.float32(message.scale) + np.float32(message.offset)
+    values[~valid] = INVALID_DISPARITY
+    image = CameraImage(_calibration(message.image), "32FC1", values.tobytes())
+    largest = float(values.max()) if valid.any() else 0.0
+    return Disparity(image, message.baseline, largest, message.delta_d)
+
+
+def _depth(disparity: Disparity) -> NDArray[np.float32]:
+    """Return the depth along the optical axis in metres, (H, W); NaN where the disparity is invalid."""
+    calibration = disparity.image.calibration
+    values = np.frombuffer(disparity.image.data, "<f4").reshape(calibration.height, calibration.width)
+    depth = np.full(values.shape, np.nan, "<f4")
+    np.divide(calibration.focal_length * disparity.baseline, values, out=depth, where=values > 0.0)
+    return depth
+
+
+def _cloud(depth: NDArray[np.float32], disparity: Disparity, left: pb.Image | None) -> Cloud:
+    """Return the points of the valid pixels, in the left optical frame; with colours if there is a left image."""
+    calibration = disparity.image.calibration
+    height, width = depth.shape
+    valid = np.isfinite(depth)
+    rows, columns = np.nonzero(valid)
+    z = depth[valid]
+    x = (columns.astype(np.float32) - np.float32(calibration.cx)) * z / np.float32(calibration.focal_length)
+    y = (rows.astype(np.float32) - np.float32(calibration.cy)) * z / np.float32(calibration.focal_length)
+    colors = None
+    if left is not None:
+        image = pixels(left)
+        sampled = image[
+            (rows * 2 + 1) * image.shape[0] // (2 * height), (columns * 2 + 1) * image.shape[1] // (2 * width)
+        ]
+        colors = sampled if sampled.ndim == 2 else np.repeat(sampled[:, None], 3, axis=1)
+    return Cloud(LEFT_FRAME, np.stack((x, y, z), axis=1), colors)

@@ -1,0 +1,205 @@
+"""Record what sources receive to MCAP files."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import chain
+from pathlib import Path
+from typing import Any, Final
+
+from scenegate.camera import image_interface_pb2 as pb
+from scenegate.camera.credentials import Credentials
+from scenegate.camera.stream import StreamOptions
+from scenegate.recording.camera_values import CameraConverter
+from scenegate.recording.joints import JointReader
+from scenegate.recording.mcap_file import McapFiles
+from scenegate.recording.profiles import Messages, Profile, ProfileName, make_profile
+from scenegate.recording.scene_mirror import SceneMirror
+from scenegate.recording.sources import (
+    QUEUED_ITEMS,
+    Received,
+    Source,
+    camera_sets,
+    imu_samples,
+    scene_frames,
+)
+from scenegate.recording.values import ImuSample, SceneChange
+from scenegate.recording.view_frames import ViewFrame
+
+FLUSH_SECONDS: Final = 1.0
+"""Interval at which messages are written to the disk: a killed process loses this much."""
+WHOLE_SCENE_SECONDS: Final = 10.0
+"""Minimum time between two records of the whole scene. Readers that start in the middle of a file need one."""
+WHOLE_SCENE_BYTES: Final = 1_000_000
+"""Maximum bytes a second of records of the whole scene, beyond the first one."""
+POLL_SECONDS: Final = 0.1
+"""Maximum time until a stop is noticed."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingOptions:
+    """What is recorded, and where."""
+
+    path: Path
+    """First MCAP file."""
+    profile: ProfileName = "foxglove"
+    scene: str | None = None
+    """Address of the gateway whose live scene is recorded, ``http://HOST:PORT``; None: none."""
+    camera: StreamOptions | None = None
+    """Camera whose images are recorded; None: none."""
+    imu: str | None = None
+    """Address of the gateway whose IMU samples are recorded; None: none."""
+    pipeline: int = 0
+    """Number of the camera whose IMU samples are recorded."""
+    credentials: Credentials = field(default_factory=Credentials)
+    max_bytes: int = 0
+    """Size of a file after which the next one begins; 0: no limit."""
+    keep: int = 0
+    """Number of files that are kept; 0: all."""
+
+
+class SceneWriter:
+    """Writes scene, images and samples to MCAP files. Each file, and readers that seek, get the whole scene."""
+
+    def __init__(self, files: McapFiles, profile: Profile) -> None:
+        self.files = files
+        self.mirror = SceneMirror()
+        self.image_sets = 0
+        """Number of image sets written."""
+        self._profile = profile
+        self._camera = CameraConverter()
+        self._joints = JointReader()
+        self._has_scene = False
+        self._whole_scene_time = 0
+        """Log time, nanoseconds, from which the whole scene is written again."""
+
+    def write(self, value: Any, log_time: int) -> None:
+        """Write what a source has received.
+
+        Args:
+            value: frame of the view, image set or ``ImuSample``.
+            log_time: nanoseconds since the epoch.
+
+        Raises:
+            ViewFrameError, BadImageError: the value is invalid.
+            OSError: a file cannot be written.
+        """
+        if self.files.is_full:
+            self.files.next_file()
+            if self._has_scene:
+                self._write_whole(log_time)
+        if isinstance(value, bytes):
+            self._write_frame(ViewFrame(value), log_time)
+        elif isinstance(value, pb.ImageSet):
+            self.image_sets += 1
+            for images in self._camera.convert(value):
+                self._write_all(self._profile.camera(images), log_time, images.time)
+        elif isinstance(value, ImuSample):
+            self._write_all(self._profile.imu(value), log_time, value.time)
+
+    def _write_frame(self, frame: ViewFrame, log_time: int) -> None:
+        change = self.mirror.apply(frame)
+        if change is not None:
+            self._has_scene = True
+            if log_time >= self._whole_scene_time:
+                self._write_whole(log_time, change)
+            else:
+                self._write_all(self._profile.scene(change), log_time, change.time)
+        joints = self._joints.read(frame, log_time)
+        if joints is not None:
+            self._write_all(self._profile.joints(joints), log_time, joints.time)
+
+    def _write_whole(self, log_time: int, change: SceneChange | None = None) -> None:
+        """Write the whole scene, and what a change of it has removed."""
+        whole = self.mirror.whole(log_time if change is None else change.time)
+        if change is not None:
+            entities = {each.frame: each for each in (*whole.entities, *change.entities)}
+            clouds = {each.frame: each for each in (*whole.clouds, *change.clouds)}
+            whole = SceneChange(whole.time, whole.transforms, list(entities.values()), list(clouds.values()))
+        size = self._write_all(self._profile.scene(whole), log_time, whole.time)
+        seconds = max(WHOLE_SCENE_SECONDS, size / WHOLE_SCENE_BYTES)
+        self._whole_scene_time = log_time + int(seconds * 1e9)
+
+    def _write_all(self, messages: Messages, log_time: int, publish_time: int) -> int:
+        """Write messages; return their size in bytes."""
+        size = 0
+        for message in messages:
+            self.files.write(message, log_time, publish_time)
+            size += len(message.data)
+        return size
+
+
+def record(
+    options: RecordingOptions,
+    stop: threading.Event,
+    report: Callable[[SceneWriter], None] = lambda writer: None,
+) -> SceneWriter:
+    """Record until ``stop`` is set. The file is opened when the first value arrives, and complete also after an error.
+
+    Args:
+        report: called with the writer after each value, and then at least every ``POLL_SECONDS``.
+
+    Raises:
+        RecordingError, ImuFailure: a source cannot be reached, or has ended.
+        ViewFrameError, BadImageError: a source has sent something invalid.
+        ImportError: packages of the profile are not installed.
+        OSError: a file cannot be written, or a certificate not read.
+    """
+    profile = make_profile(options.profile)
+    values = _received(_start_sources(options), stop)
+    first = next(filter(None, values), None)
+    with _files(options, profile) as files:  # now: a gateway that cannot be reached costs no earlier recording
+        writer = SceneWriter(files, profile)
+        flush_time = time.monotonic() + FLUSH_SECONDS
+        for received in chain((first,), values):
+            if received is not None:
+                writer.write(received.value, received.time)
+            if time.monotonic() >= flush_time:
+                files.flush()
+                flush_time = time.monotonic() + FLUSH_SECONDS
+            report(writer)
+        return writer
+
+
+def _start_sources(options: RecordingOptions) -> queue.Queue[Received]:
+    """Start receiving; return the queue of what is received."""
+    received: queue.Queue[Received] = queue.Queue(QUEUED_ITEMS)
+    scene, camera, imu = options.scene, options.camera, options.imu
+    if scene is not None:
+        Source("scene", lambda: scene_frames(scene, options.credentials), received)
+    if camera is not None:
+        Source("camera", lambda: camera_sets(camera), received)
+    if imu is not None:
+        Source("IMU", lambda: imu_samples(imu, options.credentials, options.pipeline), received)
+    return received
+
+
+def _received(received: queue.Queue[Received], stop: threading.Event) -> Iterator[Received | None]:
+    """Yield what is received until ``stop`` is set, and None whenever ``POLL_SECONDS`` have passed without.
+
+    Raises:
+        Exception: that of a source that has ended.
+    """
+    while not stop.is_set():
+        try:
+            item = received.get(timeout=POLL_SECONDS)
+        except queue.Empty:
+            yield None
+            continue
+        if isinstance(item.value, Exception):
+            raise item.value
+        yield item
+
+
+@contextmanager
+def _files(options: RecordingOptions, profile: Profile) -> Iterator[McapFiles]:
+    files = McapFiles(options.path, profile.name, max_bytes=options.max_bytes, keep=options.keep)
+    try:
+        yield files
+    finally:
+        files.close()

@@ -1,0 +1,369 @@
+"""The live scene of a gateway, from the frames of its view: nodes, their transforms and their triangles.
+
+Frames of transforms are rigid, nodes may be scaled. The scale (any linear part that is no rotation) is therefore in the
+points of the geometry: with the rotation Q and the rest S of a node, X_world_node = X_world_frame S.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenegate.recording.values import (
+    LEFT_FRAME,
+    RIGHT_FRAME,
+    WORLD,
+    Cloud,
+    Color,
+    Entity,
+    FrameTransform,
+    Primitive,
+    SceneChange,
+)
+from scenegate.recording.view_frames import ViewFrame, ViewFrameError
+from scenegate.transforms import from_pose, quaternions_of
+
+ROOT_FRAME: Final = "scene"
+"""Frame of the scene's root. The frames of other nodes are paths: ``scene/robot/head``."""
+MAX_NODE_POINTS: Final = 300_000
+"""Maximum number of points of a node's triangles and lines. Messages have an object for each: more take seconds."""
+_POINTS, _LINES = 1, 2
+"""Topologies of meshes; others are triangles."""
+_IDENTITY: Final = np.eye(3)
+
+
+@dataclass(slots=True, eq=False)
+class _Mesh:
+    positions: NDArray[np.float32]
+    """(N, 3)."""
+    colors: NDArray[np.uint8] | None
+    """(N, 4) sRGB and alpha."""
+    indices: NDArray[np.uint32] | None
+    topology: int
+
+
+@dataclass(slots=True, eq=False)
+class _Node:
+    frame: str
+    parent: _Node | None
+    children: dict[int, _Node] = field(default_factory=dict)
+    matrix: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+    """X_parent_node, (4, 4)."""
+    quaternion: list[float] | None = None
+    """Rotation of ``matrix``, [w, x, y, z], if it is known to be rigid."""
+    visible: bool = True
+    opacity: float = 1.0
+    draws: list[dict[str, Any]] = field(default_factory=list)
+    X_parent_frame: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+    """Rigid, (4, 4): from this node's frame to that of its parent."""
+    frame_quaternion: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0, 0.0])
+    """Rotation of ``X_parent_frame``, [w, x, y, z]."""
+    scale: NDArray[np.float64] = field(default_factory=lambda: _IDENTITY)
+    """S, (3, 3): from the node to its frame."""
+    hidden: bool = False
+    """True if the node or an ancestor is not visible."""
+    alpha: float = 1.0
+    """Product of the opacities of the node and its ancestors."""
+    primitives: tuple[Primitive, ...] = ()
+    """Triangles and lines that were recorded last."""
+    cloud: Cloud | None = None
+    """Points that were recorded last."""
+
+    def walk(self) -> Iterator[_Node]:
+        """Iterate over this node and its descendants, parents first."""
+        stack = [self]
+        while stack:
+            node = stack.pop()
+            yield node
+            stack.extend(node.children.values())
+
+
+class SceneMirror:
+    """A copy of a gateway's scene."""
+
+    def __init__(self) -> None:
+        self._root = _Node(ROOT_FRAME, None)
+        self._nodes: dict[int, _Node] = {0: self._root}
+        self._meshes: dict[int, _Mesh] = {}
+        self._rig: dict[str, Any] | None = None
+        """Header of the newest frame with the stereo camera's pose."""
+        self._rig_changed = False
+        self.warnings: dict[str, str] = {}
+        """Sentences about nodes that are left out, by frame."""
+
+    def apply(self, frame: ViewFrame) -> SceneChange | None:
+        """Apply a frame; return the change of the scene if it is an update, else None.
+
+        Raises:
+            ViewFrameError: the frame is invalid.
+        """
+        header = frame.header
+        try:
+            match header.get("kind"):
+                case "mesh":
+                    self._meshes[header["id"]] = _read_mesh(frame)
+                case "forget":
+                    for mesh_id in header["meshes"]:
+                        self._meshes.pop(mesh_id, None)
+                case "rig":
+                    self._rig, self._rig_changed = header if header["pose"] is not None else None, True
+                case "update":
+                    return self._update(frame)
+        except ViewFrameError:
+            raise
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            raise ViewFrameError(f"a frame {header.get('kind')!r} of the view is invalid: {error!r}") from None
+        return None
+
+    def whole(self, timestamp: int) -> SceneChange:
+        """Return the whole scene."""
+        nodes = list(self._root.walk())
+        return SceneChange(
+            timestamp,
+            [*map(_transform_of, nodes), *self._rig_transforms()],
+            [Entity(node.frame, node.primitives, len(node.primitives)) for node in nodes if node.primitives],
+            [node.cloud for node in nodes if node.cloud is not None],
+        )
+
+    def _update(self, frame: ViewFrame) -> SceneChange:
+        header = frame.header
+        removed: list[_Node] = []
+        if header["from"] == 0:  # the whole scene
+            removed += self._remove_all()
+        for node_id in header.get("removed", ()):
+            removed += self._remove(node_id)
+        moved: dict[_Node, None] = {}
+        redrawn: dict[_Node, None] = {}
+        for fields in header.get("nodes", ()):
+            redrawn[self._edit_node(fields)] = None
+        for node_id, matrix, quaternion in _matrices(frame):
+            node = self._nodes[node_id]
+            node.matrix, node.quaternion = matrix, quaternion
+            moved[node] = None
+        for node in {**redrawn, **moved}:
+            self._derive(node, moved, redrawn)
+        earlier = {node.frame: node for node in removed}
+        entities, clouds = self._redraw(redrawn, earlier)
+        transforms = [_transform_of(node) for node in moved]
+        if self._rig_changed:
+            transforms += self._rig_transforms()
+            self._rig_changed = False
+        return SceneChange(header.get("timestamp") or time.time_ns(), transforms, entities, clouds)
+
+    def _edit_node(self, fields: dict[str, Any]) -> _Node:
+        """Add or change a node."""
+        node_id = fields["id"]
+        if "name" in fields and node_id != 0:
+            old = self._nodes.get(node_id)
+            parent = self._nodes[fields["parent"]]
+            if old is None or old.parent is not parent:
+                node = _Node(f"{parent.frame}/{_frame_element(fields['name'])}", parent)
+                self._nodes[node_id] = parent.children[node_id] = node
+        node = self._nodes[node_id]
+        node.visible = fields.get("visible", node.visible)
+        node.opacity = fields.get("opacity", node.opacity)
+        if "parts" in fields:
+            node.draws = [draw for part in fields["parts"] or () for draw in part["draws"]]
+        return node
+
+    def _remove(self, node_id: int) -> list[_Node]:
+        """Remove a node and its descendants; return them."""
+        top = self._nodes.get(node_id)
+        if top is None or top.parent is None:
+            return []
+        del top.parent.children[node_id]
+        removed = []
+        stack = [(node_id, top)]
+        while stack:
+            number, node = stack.pop()
+            self._nodes.pop(number, None)
+            removed.append(node)
+            stack.extend(node.children.items())
+        return removed
+
+    def _remove_all(self) -> list[_Node]:
+        removed = list(self._root.walk())
+        self._root = _Node(ROOT_FRAME, None)
+        self._nodes = {0: self._root}
+        return removed
+
+    def _derive(self, top: _Node, moved: dict[_Node, None], redrawn: dict[_Node, None]) -> None:
+        """Set what follows from a node and its ancestors; continue with its descendants if that has changed."""
+        stack = [top]
+        while stack:
+            node = stack.pop()
+            parent = node.parent
+            above = _IDENTITY if parent is None else parent.scale
+            if above is _IDENTITY and node.quaternion is not None:  # five times as fast
+                scale, node.X_parent_frame, node.frame_quaternion = _IDENTITY, node.matrix, node.quaternion
+            else:
+                node.X_parent_frame, scale = _split(above, node.matrix)
+                node.frame_quaternion = _quaternion(node.X_parent_frame)
+            hidden = not node.visible or (parent is not None and parent.hidden)
+            alpha = node.opacity * (1.0 if parent is None else parent.alpha)
+            same_scale = scale is node.scale or np.array_equal(scale, node.scale)
+            changed = hidden != node.hidden or alpha != node.alpha or not same_scale
+            moved[node] = None
+            node.scale, node.hidden, node.alpha = scale, hidden, alpha
+            if changed:
+                redrawn[node] = None
+                stack.extend(node.children.values())
+
+    def _redraw(self, redrawn: dict[_Node, None], earlier: dict[str, _Node]) -> tuple[list[Entity], list[Cloud]]:
+        """Return the geometry of nodes that has changed.
+
+        Args:
+            earlier: removed nodes by frame, some of which are there again.
+        """
+        entities: list[Entity] = []
+        clouds: list[Cloud] = []
+        for node in redrawn:
+            old = earlier.pop(node.frame, node)
+            primitives, cloud = self._primitives(node)
+            if primitives or old.primitives:
+                entities.append(Entity(node.frame, primitives, len(old.primitives)))
+            if cloud is not None or old.cloud is not None:
+                clouds.append(cloud or _empty_cloud(node.frame))
+            node.primitives, node.cloud = primitives, cloud
+        for old in earlier.values():
+            if old.primitives:
+                entities.append(Entity(old.frame, (), len(old.primitives)))
+            if old.cloud is not None:
+                clouds.append(_empty_cloud(old.frame))
+        return entities, clouds
+
+    def _primitives(self, node: _Node) -> tuple[tuple[Primitive, ...], Cloud | None]:
+        """Return the triangles and lines of a node, and all its points."""
+        if node.hidden:
+            return (), None
+        primitives: list[Primitive] = []
+        clouds: list[Cloud] = []
+        count = 0
+        for draw in node.draws:
+            mesh = self._meshes.get(draw["mesh"])
+            matrix = _draw_matrix(draw)
+            if mesh is None or matrix is None or not len(mesh.positions):
+                continue
+            linear = node.scale @ matrix[:3, :3]
+            points = np.nan_to_num((mesh.positions @ linear.T + node.scale @ matrix[:3, 3]).astype(np.float32))
+            red, green, blue, alpha = draw["material"]["color"]
+            color: Color = (red, green, blue, min(max(alpha * node.alpha, 0.0), 1.0))
+            if mesh.topology == _POINTS:
+                clouds.append(_cloud(node.frame, points, mesh, color))
+                continue
+            colors = None
+            if mesh.colors is not None:
+                colors = (mesh.colors * (np.asarray(color) / 255.0)).astype(np.float32)
+            if mesh.indices is not None:
+                points, colors = points[mesh.indices], None if colors is None else colors[mesh.indices]
+            count += len(points)
+            primitives.append(Primitive(points, color, colors, is_lines=mesh.topology == _LINES))
+        self.warnings.pop(node.frame, None)
+        if count > MAX_NODE_POINTS:
+            text = f"{node.frame} is left out: its triangles and lines have {count} points, the limit is"
+            self.warnings[node.frame] = f"{text} {MAX_NODE_POINTS}"
+            primitives = []
+        return tuple(primitives), _joined(clouds)
+
+    def _rig_transforms(self) -> list[FrameTransform]:
+        """Return the transforms of the stereo camera."""
+        if self._rig is None:
+            return []
+        X_world_left = np.asarray(self._rig["pose"], np.float64).reshape(4, 4).T
+        left = FrameTransform(WORLD, LEFT_FRAME, X_world_left[:3, 3].tolist(), _quaternion(X_world_left))
+        right = FrameTransform(LEFT_FRAME, RIGHT_FRAME, (self._rig["baseline"], 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+        return [left, right]
+
+
+def _read_mesh(frame: ViewFrame) -> _Mesh:
+    header = frame.header
+    positions = frame.array(header["position"], "<f4").reshape(-1, 3)
+    colors = frame.array(header["color"], np.uint8).reshape(len(positions), 4) if "color" in header else None
+    indices = frame.array(header["index"], "<u4") if "index" in header else None
+    if indices is not None and len(indices) and int(indices.max()) >= len(positions):
+        raise ViewFrameError(f"a mesh of {len(positions)} points has the index {int(indices.max())}")
+    return _Mesh(positions, colors, indices, header["topology"])
+
+
+def _matrices(frame: ViewFrame) -> Iterator[tuple[int, NDArray[np.float64], list[float] | None]]:
+    """Yield ids of nodes, their new transforms X_parent_node, (4, 4), and their quaternions if they are poses.
+
+    Transforms that are not finite are left out.
+    """
+    poses, matrices = frame.header.get("poses"), frame.header.get("matrices")
+    if poses is not None:
+        ids, values = frame.array(poses["ids"], "<u4").tolist(), frame.array(poses["values"], "<f4").reshape(-1, 7)
+        for node_id, row in zip(ids, values.tolist(), strict=True):
+            norm = math.hypot(*row[3:])
+            quaternion = [value / norm for value in row[3:]] if norm > 0.0 else [1.0, 0.0, 0.0, 0.0]
+            if math.isfinite(sum(row)):
+                yield node_id, from_pose(row[:3], quaternion), quaternion
+    if matrices is not None:
+        ids = frame.array(matrices["ids"], "<u4").tolist()
+        columns = frame.array(matrices["values"], "<f8").reshape(-1, 4, 4)
+        for node_id, matrix in zip(ids, columns.transpose(0, 2, 1), strict=True):
+            if np.isfinite(matrix).all():
+                yield node_id, matrix, None
+
+
+def _split(scale: NDArray[np.float64], X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Split ``scale X`` into a rigid transform, (4, 4), and the rest, (3, 3), which has no translation."""
+    matrix = X.copy()
+    if scale is not _IDENTITY:
+        matrix[:3] = scale @ X[:3]
+    linear = matrix[:3, :3]
+    if np.abs(linear.T @ linear - _IDENTITY).max() < 1e-6 and np.linalg.det(linear) > 0.0:
+        return matrix, _IDENTITY
+    U, _, Vt = np.linalg.svd(linear)
+    rotation = U @ np.diag((1.0, 1.0, np.sign(np.linalg.det(U @ Vt)) or 1.0)) @ Vt
+    rest = rotation.T @ linear
+    matrix[:3, :3] = rotation
+    return matrix, rest
+
+
+def _draw_matrix(draw: dict[str, Any]) -> NDArray[np.float64] | None:
+    """Return X_node_mesh, (4, 4); None if it is not finite."""
+    if "matrix" not in draw:
+        return np.eye(4)
+    return None if draw["matrix"] is None else np.asarray(draw["matrix"], np.float64).reshape(4, 4).T
+
+
+def _transform_of(node: _Node) -> FrameTransform:
+    parent = WORLD if node.parent is None else node.parent.frame
+    return FrameTransform(parent, node.frame, node.X_parent_frame[:3, 3].tolist(), node.frame_quaternion)
+
+
+def _quaternion(X: NDArray[np.float64]) -> list[float]:
+    quaternion: list[float] = quaternions_of(X[None, :3, :3])[0].tolist()
+    return quaternion
+
+
+def _cloud(frame: str, points: NDArray[np.float32], mesh: _Mesh, color: Color) -> Cloud:
+    rgb = np.asarray(color[:3]) * (255.0 if mesh.colors is None else mesh.colors[:, :3])
+    colors = np.broadcast_to(np.asarray(rgb + 0.5, np.uint8), (len(points), 3))
+    return Cloud(frame, points, colors)
+
+
+def _joined(clouds: list[Cloud]) -> Cloud | None:
+    """Return one cloud of all points."""
+    if len(clouds) < 2:
+        return clouds[0] if clouds else None
+    colors = [cloud.colors for cloud in clouds if cloud.colors is not None]
+    return Cloud(clouds[0].frame, np.concatenate([cloud.points for cloud in clouds]), np.concatenate(colors))
+
+
+def _empty_cloud(frame: str) -> Cloud:
+    return Cloud(frame, np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8))
+
+
+def _frame_element(name: str | int) -> str:
+    """Return a path's element as it is in the names of frames: different paths have different names."""
+    if isinstance(name, int):
+        return f"#{name}"
+    return name.replace("%", "%25").replace("/", "%2F").replace("#", "%23")

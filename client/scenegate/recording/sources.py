@@ -1,0 +1,151 @@
+"""Threads that receive the scene, images and IMU samples, and put them into a queue. A full queue makes them wait.
+
+Their servers skip what a slow client has no time for, so nothing else is bounded.
+"""
+
+from __future__ import annotations
+
+import http.client
+import json
+import queue
+import ssl
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, Final, NamedTuple
+from urllib.parse import urlsplit, urlunsplit
+
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import connect
+
+from scenegate.camera.credentials import Credentials
+from scenegate.camera.imu import open_imu_stream
+from scenegate.camera.stream import StreamFailure, StreamOptions, receive
+from scenegate.recording.values import ImuSample
+
+QUEUED_ITEMS: Final = 32
+"""Maximum number of received items that wait: image sets have megabytes."""
+CONNECT_SECONDS: Final = 10.0
+"""Timeout of the connection to the gateway's view."""
+
+
+class RecordingError(RuntimeError):
+    """A source cannot be reached, or has ended; the message is one sentence."""
+
+
+class Received(NamedTuple):
+    """Something that a source has received, or the error that has ended it."""
+
+    value: Any
+    """A frame of the view (bytes), an image set, an ``ImuSample`` or an exception."""
+    time: int
+    """Time of reception, nanoseconds since the epoch."""
+
+
+class Source:
+    """A thread that puts what an iterator yields into a queue."""
+
+    def __init__(self, name: str, receive: Callable[[], Iterator[Any]], received: queue.Queue[Received]) -> None:
+        self._receive = receive
+        self._received = received
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        try:
+            for value in self._receive():
+                self._received.put(Received(value, time.time_ns()))
+        except Exception as error:  # noqa: BLE001 - the recorder raises it
+            self._received.put(Received(error, time.time_ns()))
+
+
+def scene_frames(address: str, credentials: Credentials) -> Iterator[bytes]:
+    """Yield the frames of a gateway's view.
+
+    Args:
+        address: of the gateway's HTTP port, ``http://HOST:PORT``.
+
+    Raises:
+        RecordingError: the gateway does not respond, or has closed the connection.
+        OSError: a certificate cannot be read.
+    """
+    url = urlsplit(address)
+    if url.scheme not in ("http", "https") or not url.hostname:
+        raise RecordingError(f"the address of the gateway is {address!r}; it must be like http://HOST:PORT")
+    is_tls = url.scheme == "https"
+    target = urlunsplit(("wss" if is_tls else "ws", url.netloc, f"{url.path.rstrip('/')}/view/ws", "", ""))
+    context = ssl.create_default_context(cafile=credentials.ca) if is_tls else None
+    if context is not None and credentials.certificate is not None:
+        context.load_cert_chain(credentials.certificate, credentials.key)
+    headers = dict(credentials.metadata)
+    try:
+        with connect(
+            target,
+            additional_headers=headers,
+            ssl=context,
+            open_timeout=CONNECT_SECONDS,
+            max_size=None,  # meshes
+            compression=None,
+            proxy=None,
+        ) as socket:
+            for frame in socket:
+                if isinstance(frame, str):
+                    continue
+                yield frame
+                kind = _kind(frame)
+                if kind in ("update", "controls"):
+                    socket.send("k" if kind == "update" else "c")
+    except (OSError, WebSocketException) as error:
+        raise RecordingError(f"{address} gives no scene: {error or type(error).__name__}") from None
+    raise RecordingError(f"{address} has closed the connection")
+
+
+def camera_sets(options: StreamOptions) -> Iterator[Any]:
+    """Yield the image sets of a camera.
+
+    Raises:
+        RecordingError: the camera cannot be reached, refuses the request, or ends the stream.
+        OSError: a certificate cannot be read.
+    """
+    try:
+        for image_set, _ in receive(options):
+            yield image_set
+    except StreamFailure as error:
+        raise RecordingError(str(error)) from None
+
+
+def imu_samples(address: str, credentials: Credentials, pipeline: int) -> Iterator[ImuSample]:
+    """Yield the samples of a camera's IMU.
+
+    Raises:
+        ImuFailure: the gateway does not respond, or the camera has no IMU.
+        RecordingError: the gateway has ended the stream.
+        OSError: a certificate cannot be read.
+    """
+    connection, response = open_imu_stream(address, credentials, pipeline)
+    try:
+        for line in response:
+            message = json.loads(line)
+            if "lost" in message:
+                continue
+            stamp, force, rate = message["timestamp"], message["linear_acceleration"], message["angular_velocity"]
+            yield ImuSample(
+                stamp["sec"] * 10**9 + stamp["nsec"],
+                (force["x"], force["y"], force["z"]),
+                (rate["x"], rate["y"], rate["z"]),
+            )
+    except (OSError, ValueError, http.client.HTTPException):
+        pass  # the connection has ended, perhaps in the middle of a line
+    finally:
+        response.close()
+        connection.close()
+    raise RecordingError(f"{address} has ended the stream of IMU samples")
+
+
+def _kind(frame: bytes) -> str:
+    """Return ``update`` or ``controls`` for the frames that the gateway wants acknowledged; else an empty text.
+
+    The gateway writes ``kind`` first: parsing the header takes longer than this search.
+    """
+    start = frame[8:40]
+    return next((kind for kind in ("update", "controls") if f'"kind":"{kind}"'.encode() in start), "")

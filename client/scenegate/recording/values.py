@@ -1,0 +1,169 @@
+"""What is recorded, in no format of messages. Metres, radians, seconds; times are nanoseconds since the epoch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+WORLD: Final = "world"
+"""Name of the fixed frame, Z up."""
+LEFT_FRAME: Final = "stereo_left_optical_frame"
+"""Name of the left camera's optical frame: +Z forward, +X right, +Y down."""
+RIGHT_FRAME: Final = "stereo_right_optical_frame"
+"""Name of the right camera's optical frame."""
+IMU_FRAME: Final = LEFT_FRAME
+"""Name of the frame of IMU samples: the transform between camera and IMU is the identity."""
+
+Color = tuple[float, float, float, float]
+"""sRGB and alpha, 0 to 1."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameTransform:
+    """A rigid transform X_parent_child."""
+
+    parent: str
+    child: str
+    translation: Sequence[float]
+    """(3,) metres."""
+    quaternion: Sequence[float]
+    """(4,) unit quaternion [w, x, y, z]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Primitive:
+    """Triangles or lines of one colour, or with a colour for each point."""
+
+    points: NDArray[np.float32]
+    """(N, 3): three for each triangle, two for each line."""
+    color: Color
+    colors: NDArray[np.float32] | None = None
+    """(N, 4) sRGB and alpha of the points, 0 to 1, instead of ``color``."""
+    is_lines: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entity:
+    """The geometry of a node, in its frame."""
+
+    frame: str
+    primitives: Sequence[Primitive]
+    earlier_count: int = 0
+    """Number of primitives that the node had before."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cloud:
+    """A point cloud."""
+
+    frame: str
+    points: NDArray[np.float32]
+    """(N, 3) metres."""
+    colors: NDArray[np.uint8] | None = None
+    """(N, 3) sRGB."""
+
+
+@dataclass(frozen=True, slots=True)
+class SceneChange:
+    """What has changed in the scene, or the whole scene."""
+
+    time: int
+    """Time from which it is valid."""
+    transforms: Sequence[FrameTransform] = ()
+    entities: Sequence[Entity] = ()
+    """Changed nodes with geometry; one without primitives has none any more."""
+    clouds: Sequence[Cloud] = ()
+    """Changed point clouds of the scene, of which each frame has at most one; an empty one was removed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Intrinsics of a rectified image by OpenCV's convention: the centre of the first pixel is at (0, 0)."""
+
+    frame: str
+    """Frame of the projection: the left optical frame also for the right camera, whose ``tx`` has the baseline."""
+    width: int
+    height: int
+    focal_length: float
+    """Pixels."""
+    cx: float
+    """Principal point, pixels: 0.5 less than Scenegate's and rc_visard's."""
+    cy: float
+    tx: float = 0.0
+    """P[0, 3] in pixels times metres: minus focal length times baseline for the right camera, 0 for others."""
+
+    @property
+    def K(self) -> list[float]:
+        """Camera matrix, 9 numbers, row-major."""
+        return [self.focal_length, 0.0, self.cx, 0.0, self.focal_length, self.cy, 0.0, 0.0, 1.0]
+
+    @property
+    def P(self) -> list[float]:
+        """Projection matrix, 12 numbers, row-major."""
+        return [self.focal_length, 0.0, self.cx, self.tx, 0.0, self.focal_length, self.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraImage:
+    """A rectified image with its intrinsics."""
+
+    calibration: Calibration
+    encoding: str
+    """``mono8``, ``rgb8``, or ``32FC1``: little-endian float32."""
+    data: bytes
+    """Rows without padding."""
+
+    @property
+    def step(self) -> int:
+        """Bytes of a row."""
+        return len(self.data) // max(self.calibration.height, 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Disparity:
+    """A disparity image."""
+
+    image: CameraImage
+    """``32FC1``, pixels; -1 where it is invalid."""
+    baseline: float
+    """Metres."""
+    max_disparity: float
+    """Largest valid disparity, pixels."""
+    delta_d: float
+    """Smallest difference of two disparities, pixels."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraSet:
+    """The images of one exposure."""
+
+    time: int
+    """Time of the exposure."""
+    images: Mapping[str, CameraImage] = field(default_factory=dict)
+    """By name: ``left``, ``right``, ``depth`` (metres along the optical axis, NaN where it is invalid)."""
+    disparity: Disparity | None = None
+    cloud: Cloud | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSample:
+    """A sample of an IMU."""
+
+    time: int
+    acceleration: tuple[float, float, float]
+    """Specific force, m/s²."""
+    angular_velocity: tuple[float, float, float]
+    """rad/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointValues:
+    """Values of the joints of robots that the page shows sliders for."""
+
+    time: int
+    values: Mapping[str, float]
+    """Radians or metres by the names of the joints."""

@@ -1,0 +1,82 @@
+"""The node on rclpy."""
+
+from __future__ import annotations
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosidl_runtime_py.utilities import get_message
+
+from scenegate_ros2.feeds import PARAMETERS, Feeds, check
+from scenegate_ros2.topics import CLOCK_TOPIC, CLOCK_TYPE, GLOBAL_TOPICS, TYPES, queue_length
+
+
+class NodeTopics:
+    """The publishers of a node."""
+
+    def __init__(self, node: Node, reliability: str) -> None:
+        """
+        Args:
+            reliability: ``reliable``, which every subscriber accepts (REP 2003), or ``best_effort``.
+        """
+        self._node = node
+        self._reliability = ReliabilityPolicy[reliability.upper()]
+        self._publishers: dict[str, Publisher] = {}
+        for topic, message_type in TYPES.items():
+            self.publisher(topic, message_type)
+
+    def publisher(self, topic: str, message_type: str) -> Publisher:
+        """Return the publisher of a topic."""
+        publisher = self._publishers.get(topic)
+        if publisher is None:
+            is_global = topic in GLOBAL_TOPICS
+            qos = QoSProfile(
+                depth=queue_length(topic),
+                reliability=ReliabilityPolicy.RELIABLE if is_global else self._reliability,
+                durability=DurabilityPolicy.VOLATILE,
+            )
+            name = topic if is_global else topic[1:]
+            publisher = self._node.create_publisher(get_message(message_type), name, qos)
+            self._publishers[topic] = publisher
+        return publisher
+
+    def publish(self, topic: str, message_type: str, data: bytes) -> None:
+        """See ``Topics``."""
+        self.publisher(topic, message_type).publish(data)
+
+    def subscribers(self, *topics: str) -> int:
+        """See ``Topics``."""
+        return sum(self._publishers[topic].get_subscription_count() for topic in topics)
+
+
+class ScenegateNode(Node):
+    """Publishes a stereo camera and the live scene of a gateway."""
+
+    def __init__(self) -> None:
+        super().__init__("scenegate")
+        for name, default in PARAMETERS.items():
+            self.declare_parameter(name, default)
+        values = {name: self.get_parameter(name).value for name in PARAMETERS}
+        check(values)
+        topics = NodeTopics(self, values["reliability"])
+        if values["publish_clock"]:
+            topics.publisher(CLOCK_TOPIC, CLOCK_TYPE)
+        self.feeds = Feeds(values, topics, self.get_logger().warning)
+        self.create_timer(1.0 / values["tf_rate"], self.feeds.repeat_scene)
+
+
+def main() -> None:
+    """Run the node until it is interrupted."""
+    rclpy.init()
+    node = ScenegateNode()
+    node.feeds.start()
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        node.feeds.stop()
+        node.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,1 @@
+"""Recordings in other formats: LCM logs as MCAP files."""

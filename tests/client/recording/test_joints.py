@@ -1,0 +1,44 @@
+"""Joint values, from the sliders of robots in the page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.scene.controls import ControlStore
+from gateway.scene.live import LiveTree
+from gateway.viewer.control_frames import ControlFrames
+from scenegate.messages.controls import Slider
+from scenegate.recording.profiles import ProfileName
+from tests.client.recording.conftest import write_values
+from tests.client.recording.readers import foxglove_messages, ros2_messages
+
+
+@pytest.mark.parametrize("profile", ["foxglove", "ros2"])
+def test_sliders_of_joints(tmp_path: Path, profile: ProfileName) -> None:
+    """Sliders in radians and metres are joints; others are not."""
+    store = ControlStore()
+    frames = ControlFrames(store, LiveTree())
+    store.set_controls(
+        "client",
+        [
+            Slider(("arm", "shoulder"), -1.0, 1.0, value=0.25, unit="rad"),
+            Slider(("arm", "lift"), 0.0, 2.0, value=1.5, unit="m"),
+            Slider(("speed",), 0.0, 9.0, value=3.0),
+        ],
+        lambda *_: None,
+        1,
+    )
+    first, revision = frames.since(0), store.revision
+    shoulder = next(each["id"] for each in store.controls_since(0) or () if each["path"][-1] == "shoulder")
+    store.change(shoulder, 0.75)
+    write_values(tmp_path / "a.mcap", profile, [first, frames.since(revision)])
+    read = foxglove_messages if profile == "foxglove" else ros2_messages
+    found = [message.value for message in read(tmp_path / "a.mcap") if message.topic == "/joint_states"]
+    if profile == "foxglove":
+        positions = [{joint.name: joint.position for joint in each.joints} for each in found]
+    else:
+        positions = [dict(zip(each.name, np.asarray(each.position).tolist(), strict=True)) for each in found]
+    assert positions == [{"shoulder": 0.25, "lift": 1.5}, {"shoulder": 0.75, "lift": 1.5}]

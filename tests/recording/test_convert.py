@@ -1,0 +1,55 @@
+"""``scenegate convert``: the scene of LCM logs in MCAP files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from gateway.cli.commands import app
+from tests.client.recording.readers import foxglove_messages, foxglove_scene, ros2_messages, ros2_scene
+from tests.datasets.test_log_track import log_of, moved
+from tests.support.corpus import corpus_dir
+from tests.treeviewer.conversation import BOX
+
+pytest.importorskip("mcap_ros2", reason="needs the extra mcap")
+
+
+@pytest.mark.parametrize("profile", ["foxglove", "ros2"])
+def test_messages_of_tree_viewer_clients(tmp_path: Path, profile: str) -> None:
+    log = log_of(
+        tmp_path / "run.lcm",
+        (0.0, {"setgeometry": [{"path": ["arm", "hand"], "geometry": BOX}]}),
+        (1.5, moved(["arm"], [1, 2, 3], [1, 0, 0, 0])),
+    )
+    out = tmp_path / "run.mcap"
+    result = CliRunner().invoke(app, ["convert", str(log), str(out), "--profile", profile])
+    assert result.exit_code == 0, result.stderr
+    assert f"{out}: 2 messages of the scene, 3 written, " in result.stderr
+    read, scene = (foxglove_messages, foxglove_scene) if profile == "foxglove" else (ros2_messages, ros2_scene)
+    messages = list(read(out))
+    assert [message.log_time for message in messages] == [9_000_000_000, 9_000_000_000, 10_500_000_000]
+    np.testing.assert_allclose(scene(out).world("scene/arm/hand")[:3, 3], (1, 2, 3))
+    assert list(scene(out).geometry) == ["scene/arm/hand"]
+
+
+def test_a_log_of_drake(tmp_path: Path) -> None:
+    """Robots, contacts, frames and point clouds move as they do in the live scene."""
+    log, out = corpus_dir() / "drakeviewer" / "drake_default.lcmlog", tmp_path / "drake.mcap"
+    if not log.is_file():
+        pytest.skip("SCENEGATE_CORPUS has no log of Drake's channels")
+    result = CliRunner().invoke(app, ["convert", str(log), str(out)])
+    assert result.exit_code == 0, result.stderr
+    assert "no load message was received" in result.stderr
+    topics = {message.topic for message in foxglove_messages(out)}
+    assert {"/tf", "/scene"} <= topics
+    assert any(frame.startswith("scene/drake/") for frame in foxglove_scene(out).geometry)
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.lcm").write_bytes(b"no log at all" * 100)
+    result = CliRunner().invoke(app, ["convert", str(tmp_path / "a.lcm"), str(tmp_path / "a.mcap")])
+    assert result.exit_code == 1
+    assert "this is not an LCM log" in str(result.exception)
