@@ -26,6 +26,7 @@ from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.scheduling import usable_cpus
 from gateway.runtime.service_registry import ServiceRegistry
 from gateway.runtime.worker_pool import WorkerPool
+from gateway.scene.live import LiveTree
 from gateway.server import error_handlers, health, openapi
 from gateway.server.docs_page import docs_page
 from gateway.server.early_response import EarlyResponse
@@ -44,10 +45,12 @@ from gateway.wiring.startup import start
 from gateway.wiring.state import open_state
 from gateway.wiring.worker_processes import write_worker_reports
 from renderers.cache import SHARED
+from scenegate.lcm.arrival import arrival_time
 
 if TYPE_CHECKING:
     from gateway.runtime.worker_reports import WorkerReports
     from gateway.state.service import PersistentState
+    from gateway.wiring.log import LogService
 
 DESCRIPTION = "Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene."
 POLLED_PATHS = frozenset({"/view/sensor", "/view/renders", *(f"/view/sensor/{name}.jpg" for name in IMAGE_NAMES)})
@@ -55,13 +58,17 @@ POLLED_PATHS = frozenset({"/view/sensor", "/view/renders", *(f"/view/sensor/{nam
 
 
 def create_app(
-    settings: Settings, state: PersistentState | None = None, reports: WorkerReports | None = None
+    settings: Settings,
+    state: PersistentState | None = None,
+    reports: WorkerReports | None = None,
+    log: LogService | None = None,
 ) -> FastAPI:
     """Create a gateway as an ASGI application. Nothing runs before its lifespan starts.
 
     Args:
         state: opened state; None: the lifespan opens it, if the settings name one.
         reports: reports of all processes, if there are several (``--workers``).
+        log: log to show in place of the live tree.
 
     Raises:
         SettingsError: a token or certificate file cannot be used.
@@ -89,6 +96,8 @@ def create_app(
         security=Security.from_settings(settings),
         state=state,
         reports=reports,
+        log=log,
+        tree=LiveTree(arrival_time) if log is None else log.tree,
     )
     app.state.context = context
     _add_routes(context)
@@ -109,6 +118,7 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     context.security.log_exposure()
     if context.state is None:
         context.state = await asyncio.to_thread(open_state, context.settings)
+    context.start_history()
     context.startup = asyncio.create_task(start(context), name="start")
     idle = asyncio.create_task(context.return_memory_when_idle(), name="memory")
     try:

@@ -1,4 +1,4 @@
-"""The server's commands: ``scenegate serve | render | dataset | convert | doctor | warmup``."""
+"""The server's commands: ``scenegate serve | view | render | dataset | convert | doctor | warmup``."""
 
 from __future__ import annotations
 

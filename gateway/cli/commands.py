@@ -8,6 +8,7 @@ from gateway.cli import dataset
 from gateway.cli.convert import convert
 from gateway.cli.render import render
 from gateway.cli.serve import add_serve
+from gateway.cli.view import view
 
 app = typer.Typer(
     name="scenegate",
@@ -38,6 +39,6 @@ def doctor() -> None:
 
 
 add_serve(app)
-for command in (render, convert, doctor, warmup):
+for command in (view, render, convert, doctor, warmup):
     app.command()(command)
 app.add_typer(dataset.app, name="dataset")

@@ -13,7 +13,7 @@ MAX_BYTES: Final = 512 << 20
 MAX_COUNT: Final = 4096
 """Limit of the number of checkpoints."""
 MIN_INTERVAL: Final = 500.0
-"""Cost of the events between two checkpoints (``cost_of``): a seek replays them in about 50 ms."""
+"""Default cost of the events between two checkpoints (``cost_of``): a seek replays them in about 50 ms."""
 LINK_BYTES: Final = 100
 """Memory of the state of one of Drake's links, frames or bodies."""
 
@@ -21,12 +21,12 @@ LINK_BYTES: Final = 100
 class Checkpoints:
     """Checkpoints in the order of the log. If they need too much memory, every second one is dropped."""
 
-    def __init__(self, max_bytes: int = MAX_BYTES, max_count: int = MAX_COUNT) -> None:
+    def __init__(self, max_bytes: int = MAX_BYTES, max_count: int = MAX_COUNT, interval: float = MIN_INTERVAL) -> None:
         self._max_bytes, self._max_count = max_bytes, max_count
         self._states = [ReplayState()]
         self._bytes = [0]
         """Bytes that each checkpoint needs besides the one before."""
-        self.interval = MIN_INTERVAL
+        self.interval = interval
         """Cost of the events between two checkpoints."""
 
     def __len__(self) -> int:

@@ -22,12 +22,12 @@ class Problems:
         """Count a message with the reasons why it is not shown completely."""
         self.count += 1
         if channel in self._reasons or len(self._reasons) < MAX_CHANNELS:
+            self._counts[channel] = self._counts.get(channel, 0) + 1  # first: ``listed`` reads what both have
             self._reasons.setdefault(channel, reasons[0])
-            self._counts[channel] = self._counts.get(channel, 0) + 1
 
     def listed(self) -> list[str]:
         """Return a sentence for each channel."""
         return [
-            f"{channel}: {self._counts[channel]} messages are not shown completely, the first one: {reason}"
-            for channel, reason in self._reasons.items()
+            f"{channel}: messages that are not shown completely: {self._counts[channel]}; the first one: {reason}"
+            for channel, reason in tuple(self._reasons.items())  # another thread adds to it
         ]

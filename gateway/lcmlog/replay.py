@@ -12,6 +12,7 @@ from typing import Final
 import structlog
 
 from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.messages import MessageError
 from gateway.drakeviewer.viewer import DrakeState, DrakeViewer
 from gateway.lcmlog.clock import LogClock
@@ -26,6 +27,8 @@ from scenegate.regular_files import open_regular
 
 _log = structlog.get_logger("gateway.lcmlog")
 
+MAX_CHANNELS: Final = DrakeViewerConfig().channels
+"""Maximum number of channels of Drake's clouds and frames, as while a simulation runs."""
 MIN_DATA_COST: Final = 16 * 1024
 """Bytes of a message that take about as long as the message itself: 0.1 ms."""
 SKIPPED_COST: Final = 0.02
@@ -168,6 +171,13 @@ class LogReplay:
 
     def _apply(self, event: Event) -> Sequence[str]:
         if not event.channel.startswith(wire.REQUEST):
+            shown = self._drake.state.shown_at
+            if (
+                len(shown) >= MAX_CHANNELS
+                and event.channel not in shown
+                and not self._drake.has_fixed_name(event.channel)
+            ):
+                return (f"{len(shown)} channels of clouds and frames are shown, which is the limit",)
             return self._drake.handle(event.channel, event.data)
         response = self._tree.handle(event.data)
         if isinstance(response, FormatResponse):

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 import time as clocks
 from array import array
 from bisect import bisect_right
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import TracebackType
 from typing import Final, TypeVar
 
 from gateway.assets.mesh_files import MeshFiles
-from gateway.lcmlog.checkpoints import MAX_BYTES, Checkpoints
+from gateway.lcmlog.checkpoints import Checkpoints
 from gateway.lcmlog.problems import Problems
 from gateway.lcmlog.replay import LogReplay, cost_of
 from gateway.lcmlog.scan import LogSummary, scan
@@ -37,11 +38,10 @@ def open_log(
     once: times in order decode each message once, and need no index. Only seeks beyond the part that was decoded so far
     take as long as that part. ``build_index`` decodes the log in the background; afterwards each seek is quick::
 
-        timeline = open_log(Path("run.lcmlog"))
-        begin, end = timeline.span
-        for time in range(begin, end, 40_000_000):
-            snapshot = await timeline.snapshot_at(time)
-        timeline.close()
+        with open_log(Path("run.lcmlog")) as timeline:
+            begin, end = timeline.span
+            for time in range(begin, end, 40_000_000):
+                snapshot = await timeline.snapshot_at(time)
 
     Args:
         path: LCM log of requests of the tree viewer's clients, or of Drake's messages.
@@ -61,10 +61,12 @@ class LogTimeline:
     Used in one event loop, except ``problems`` and ``progress``.
     """
 
-    def __init__(self, path: Path, files: MeshFiles, summary: LogSummary, max_bytes: int = MAX_BYTES) -> None:
+    def __init__(
+        self, path: Path, files: MeshFiles, summary: LogSummary, checkpoints: Checkpoints | None = None
+    ) -> None:
         """
         Args:
-            max_bytes: limit of the memory of the index, besides the newest state.
+            checkpoints: those of the index, without any yet; None: with the default limits.
 
         Raises:
             OSError: the log cannot be read.
@@ -72,8 +74,8 @@ class LogTimeline:
         self.summary = summary
         self.problems = Problems()
         """Messages that could not be shown completely, of the part that was indexed."""
-        self._path, self._files = path, files
-        self._checkpoints = Checkpoints(max_bytes)
+        self.path, self._files = path, files
+        self._checkpoints = checkpoints or Checkpoints()
         self._indexer = LogReplay(path, files)
         """Decodes the log once, and adds checkpoints."""
         self._cost = 0.0
@@ -82,9 +84,8 @@ class LogTimeline:
         """Replays at recent positions, the last used one at the end."""
         self._simulation_times, self._simulation_seconds = array("q"), array("d")
         """Table of simulation times: time of the log in nanoseconds, and that of the simulation in seconds."""
-        self._lock = asyncio.Lock()
-        """Serves seeks and slices of the index in the order of their calls."""
-        self._thread_lock = threading.Lock()
+        self._thread = ThreadPoolExecutor(1, "log")
+        """The thread that replays. Seeks and slices of the index take turns in it."""
 
     @property
     def span(self) -> tuple[int, int]:
@@ -130,20 +131,23 @@ class LogTimeline:
         index = bisect_right(self._simulation_times, time) - 1
         return self._simulation_seconds[index] if index >= 0 else None
 
+    def __enter__(self) -> LogTimeline:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
     def close(self) -> None:
-        """Close the log's files."""
+        """End the thread, and close the log's files."""
+        self._thread.shutdown(cancel_futures=True)
         for replay in (self._indexer, *self._replays):
             replay.close()
 
     async def _in_thread(self, work: Callable[[], Result]) -> Result:
-        """Call a function in a thread, after those of earlier calls."""
-
-        def locked() -> Result:
-            with self._thread_lock:  # a cancelled call releases the other lock before its thread ends
-                return work()
-
-        async with self._lock:
-            return await asyncio.to_thread(locked)
+        """Call a function in the timeline's thread, after those of earlier calls."""
+        return await asyncio.get_running_loop().run_in_executor(self._thread, work)
 
     def _is_beyond_index(self, time: int) -> bool:
         next_time = self._indexer.next_time
@@ -171,8 +175,8 @@ class LogTimeline:
             return
         time = self._indexer.clock.time_ns
         if not times or time - times[-1] >= LABEL_NS or seconds < self._simulation_seconds[-1]:
+            self._simulation_seconds.append(seconds)  # first: another thread reads what both have
             times.append(time)
-            self._simulation_seconds.append(seconds)
 
     def _seek(self, time: int) -> Snapshot:
         """Return the state at a time that is indexed."""
@@ -180,7 +184,7 @@ class LogTimeline:
         usable = (each for each in self._replays if each.clock.time_ns <= time and each.position >= checkpoint.position)
         replay = max(usable, key=lambda each: each.position, default=None)
         if replay is None:
-            replay = LogReplay(self._path, self._files, checkpoint)
+            replay = LogReplay(self.path, self._files, checkpoint)
         else:
             self._replays.remove(replay)
         self._replays.append(replay)

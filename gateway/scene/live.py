@@ -96,6 +96,13 @@ class LiveTree:
         with self._lock:
             self._commit(edit)
 
+    def replace(self, snapshot: Snapshot) -> None:
+        """Make a state of another tree, with its revision, the latest one."""
+        with self._lock:
+            self._kept_bytes, self._recent = 0, (snapshot,)
+            for listener in tuple(self._listeners):
+                listener(snapshot)
+
     def _commit(self, edit: TreeEdit) -> None:
         """Append the result of an edit, and call the listeners."""
         base, root = edit.base, edit.commit()

@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from datetime import UTC, datetime
+from typing import Final, Protocol, runtime_checkable
 
 from gateway.scene.live import Snapshot
+
+FIRST_STEP: Final = 1_000_000
+"""Time after which the next change is first looked for, nanoseconds. It is doubled until there is one."""
+
+
+MAX_SECONDS: Final = 1e10
+"""Maximum of a time that a client names, either sign."""
+TIME_DESCRIPTION: Final = (
+    "Time of the scene: seconds since the epoch, or before now if negative, as far as --history-seconds goes back."
+)
+"""Description for OpenAPI."""
 
 
 class Timeline(Protocol):
@@ -19,3 +31,63 @@ class Timeline(Protocol):
 
         A call with a time at which the same state was valid returns a snapshot of the same revision.
         """
+
+
+@runtime_checkable
+class SimulationTimes(Protocol):
+    """A timeline that may know times of a simulation."""
+
+    def simulation_seconds_at(self, time: int) -> float | None:
+        """Return the time of the simulation, seconds, at a time of the timeline; None if it is not known."""
+
+
+class TimeError(ValueError):
+    """A time has no state. The message has the time and the span."""
+
+
+async def next_state(timeline: Timeline, snapshot: Snapshot, steps: int) -> Snapshot:
+    """Return the state that came a number of changes after another one, or before it if negative; the last or first one
+    if there are fewer.
+    """
+    first, last = timeline.span
+    for _ in range(-steps):
+        snapshot = await timeline.snapshot_at(max(first, snapshot.timestamp - 1))
+    for _ in range(steps):
+        revision, start, step = snapshot.revision, max(first, snapshot.timestamp), FIRST_STEP
+        found = snapshot
+        while found.revision == revision and start + step // 2 < last:
+            found = await timeline.snapshot_at(min(start + step, last))
+            step *= 2
+        while found.revision != revision:  # there may be another one before it
+            snapshot = found
+            if found.timestamp <= start:
+                break
+            found = await timeline.snapshot_at(found.timestamp - 1)
+    return snapshot
+
+
+async def state_at(timeline: Timeline | None, seconds: float) -> Snapshot:
+    """Return the state at a time that a client names.
+
+    Args:
+        timeline: None: no states are kept.
+        seconds: seconds since the epoch; if negative, before the end of the span.
+
+    Raises:
+        TimeError: there is no state of this time.
+    """
+    if timeline is None:
+        raise TimeError(f"time={seconds:g}: this gateway keeps no history (--history-seconds 0)")
+    first, last = timeline.span
+    time = round(seconds * 1e9) + (last if seconds < 0 else 0)
+    if not first <= time <= last:
+        raise TimeError(
+            f"time={seconds:.15g} is {_text(time)}; the history has {_text(first)} to {_text(last)}, "
+            f"the last {(last - first) / 1e9:.1f} seconds"
+        )
+    return await timeline.snapshot_at(time)
+
+
+def _text(time: int) -> str:
+    """Return a time of day, UTC, with its seconds since the epoch."""
+    return f"{time / 1e9:.3f}" + (f" ({datetime.fromtimestamp(time / 1e9, UTC):%H:%M:%S} UTC)" if time >= 0 else "")

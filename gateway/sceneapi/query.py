@@ -20,6 +20,7 @@ from gateway.scene.cameras import (
     quoted,
 )
 from gateway.scene.shown import COLOR_PATTERN, ShownError, parse_color, parse_paths
+from gateway.scene.timeline import MAX_SECONDS, TIME_DESCRIPTION
 from gateway.scene.tree import Path
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.server.openapi import example
@@ -28,7 +29,7 @@ from renderers.interface import LookName, SampleCount
 ImageType = Literal["color", "depth", "label"]
 DepthFormat = Literal["tiff", "png"]
 
-FILE_PARAMETERS: Final = ("camera", "width", "height", "fovy", "near", "far", "hide", "show")
+FILE_PARAMETERS: Final = ("camera", "width", "height", "fovy", "near", "far", "hide", "show", "time")
 """Parameters of ``/scene.glb``."""
 
 
@@ -141,6 +142,25 @@ class Parameter:
         }
 
 
+TIME_PARAMETER: Final = Parameter(
+    "time",
+    f"{TIME_DESCRIPTION} Default: now.",
+    {"type": "number", "minimum": -MAX_SECONDS, "maximum": MAX_SECONDS},
+    -2.5,
+    "seconds",
+)
+
+
+def parse_time(query: Mapping[str, str]) -> float | None:
+    """Return ``time`` of a query; None if there is none.
+
+    Raises:
+        QueryError: It is not a time.
+    """
+    text = query.get(TIME_PARAMETER.name)
+    return None if text is None else TIME_PARAMETER.parse(text)
+
+
 def image_parameters(config: SceneApiConfig) -> tuple[Parameter, ...]:
     """Return the parameters of ``GET /scene/render``."""
     side = {"type": "integer", "minimum": 1, "maximum": config.max_side}
@@ -189,6 +209,7 @@ def image_parameters(config: SceneApiConfig) -> tuple[Parameter, ...]:
             {"type": "string", "pattern": COLOR_PATTERN},
             "ffffff",
         ),
+        TIME_PARAMETER,
     )
 
 
@@ -197,13 +218,13 @@ def _choice_schema(choices: tuple[str, ...], default: str) -> dict[str, Any]:
 
 
 def parse_file_query(query: Mapping[str, str], config: SceneApiConfig) -> ImageQuery | None:
-    """Parse the query of ``GET /scene.glb``; return None if it has no parameters.
+    """Parse the query of ``GET /scene.glb``; return None if it has no parameters besides ``time``.
 
     Raises:
         QueryError: A parameter is unknown or invalid.
     """
     _check_names(query, FILE_PARAMETERS)
-    return parse_query(query, config) if query else None
+    return parse_query(query, config) if query.keys() - {TIME_PARAMETER.name} else None
 
 
 def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> ImageQuery:
@@ -227,6 +248,7 @@ def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> ImageQuery:
         raise QueryError(f"near={quoted(query['near'])} must be less than far={quoted(query['far'])}")
     if values["samples"] is None:
         values["samples"] = config.samples if values["look"] == "studio" else 1
+    del values[TIME_PARAMETER.name]  # of the scene, not of its image
     return ImageQuery(**values)
 
 

@@ -9,13 +9,17 @@ from fastapi import APIRouter, Request, Response
 from starlette.requests import ClientDisconnect
 
 from gateway.gltf.export import ExportError
+from gateway.scene.live import Snapshot
+from gateway.scene.timeline import TimeError
 from gateway.sceneapi.query import (
+    TIME_PARAMETER,
     CameraNotFoundError,
     QueryError,
     openapi_file_parameters,
     openapi_parameters,
     parse_file_query,
     parse_query,
+    parse_time,
 )
 from gateway.sceneapi.service import SceneApi, SceneResponse
 from gateway.server.disconnect import CLIENT_GONE, while_connected
@@ -25,7 +29,7 @@ from renderers.drawlist import ImageError
 _TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
 _INVALID_PARAMETER: Final = {"description": "A parameter is invalid; the text says why.", "content": _TEXT}
 _CAMERA_NOT_FOUND: Final = {
-    "description": "The camera's node is not in the scene, or there is no stereo camera.",
+    "description": "The camera's node is not in the scene, there is no stereo camera, or no state of this time.",
     "content": _TEXT,
 }
 _LISTING_EXAMPLE: Final = {
@@ -54,25 +58,31 @@ def router(service: SceneApi) -> APIRouter:
 
     async def listing(request: Request) -> Response:
         """Every node with its kinds of geometry, world transform, bounds and label. Parents come before children."""
-        return await _cacheable(service, request, service.listing)
+        try:
+            snapshot = await service.snapshot_at(parse_time(request.query_params))
+        except (QueryError, TimeError) as error:
+            return _invalid(error)
+        return await _cacheable(service, request, service.listing, snapshot)
 
     async def file(request: Request) -> Response:
         """The scene as one binary glTF file: Y up, textures embedded, hidden nodes left out."""
         try:
             query = parse_file_query(dict(request.query_params), service.config)
-        except QueryError as error:
-            return _text_response(400, str(error))
+            snapshot = await service.snapshot_at(parse_time(request.query_params))
+        except (QueryError, TimeError) as error:
+            return _invalid(error)
         if query is None:
-            return await _cacheable(service, request, service.file)
-        return await _uncacheable(service, request, lambda: service.file(query))
+            return await _cacheable(service, request, lambda snapshot: service.file(None, snapshot), snapshot)
+        return await _uncacheable(service, request, lambda: service.file(query, snapshot))
 
     async def image(request: Request) -> Response:
-        """An image of the newest scene."""
+        """An image of the newest scene, or of an earlier one."""
         try:
             query = parse_query(dict(request.query_params), service.config)
-        except QueryError as error:
-            return _text_response(400, str(error))
-        return await _uncacheable(service, request, lambda: service.image(query))
+            snapshot = await service.snapshot_at(parse_time(request.query_params))
+        except (QueryError, TimeError) as error:
+            return _invalid(error)
+        return await _uncacheable(service, request, lambda: service.image(query, snapshot))
 
     routes.add_api_route(
         "/scene",
@@ -80,7 +90,12 @@ def router(service: SceneApi) -> APIRouter:
         methods=["GET"],
         summary="List the scene",
         response_class=Response,
-        responses=_responses({"application/json": {"example": _LISTING_EXAMPLE}}, cached=True),
+        responses={
+            **_responses({"application/json": {"example": _LISTING_EXAMPLE}}, cached=True),
+            400: _INVALID_PARAMETER,
+            404: {"description": "There is no state of this time.", "content": _TEXT},
+        },
+        openapi_extra={"parameters": [TIME_PARAMETER.openapi()]},
     )
     routes.add_api_route(
         "/scene.glb",
@@ -130,15 +145,20 @@ def _responses(content: dict[str, Any], *, cached: bool) -> dict[int | str, dict
     return responses
 
 
-async def _cacheable(service: SceneApi, request: Request, make: Callable[[], SceneResponse]) -> Response:
-    """Return the result of ``make``, which depends only on the scene; 304 if the client has the newest revision."""
+async def _cacheable(
+    service: SceneApi,
+    request: Request,
+    make: Callable[[Snapshot | None], SceneResponse],
+    snapshot: Snapshot | None,
+) -> Response:
+    """Return the result of ``make``, which depends only on the scene; 304 if the client has its revision."""
     headers = {"Cache-Control": "no-cache"}
-    revision = service.snapshot.revision
+    revision = (snapshot or service.snapshot).revision
     etag = service.etag(revision)
     client_etags = [tag.strip().removeprefix("W/") for tag in request.headers.get("if-none-match", "").split(",")]
     if etag in client_etags or "*" in client_etags:
         return Response(status_code=304, headers={**headers, "ETag": etag, "X-Scene-Revision": str(revision)})
-    result = await _run(service, request, make)
+    result = await _run(service, request, lambda: make(snapshot))
     if not isinstance(result, SceneResponse):
         return result
     return _response(result, {**headers, "ETag": service.etag(result.revision)})
@@ -171,6 +191,10 @@ async def _run(service: SceneApi, request: Request, make: Callable[[], SceneResp
 def _response(result: SceneResponse, headers: dict[str, str]) -> Response:
     headers["X-Scene-Revision"] = str(result.revision)
     return Response(result.body, media_type=result.media_type, headers=headers)
+
+
+def _invalid(error: QueryError | TimeError) -> Response:
+    return _text_response(404 if isinstance(error, TimeError) else 400, str(error))
 
 
 def _text_response(status: int, message: str) -> Response:

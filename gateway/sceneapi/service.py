@@ -19,6 +19,7 @@ from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.shown import with_visibility
+from gateway.scene.timeline import Timeline, state_at
 from gateway.scene.viewpoints import resolve_camera
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.listing import list_scene
@@ -44,7 +45,7 @@ class SceneResponse:
 
 
 class SceneApi:
-    """Makes the bodies of responses from the newest snapshot. Thread-safe."""
+    """Makes the bodies of responses from the newest snapshot, or another one of a timeline. Thread-safe."""
 
     def __init__(
         self,
@@ -55,13 +56,15 @@ class SceneApi:
         *,
         labels: LabelTable | None = None,
         flattener: Flattener | None = None,
-        stereo_camera: Callable[[], Camera | None] | None = None,
+        stereo_camera: Callable[[Snapshot], Camera | None] = lambda snapshot: None,
+        timeline: Timeline | None = None,
     ) -> None:
         """
         Args:
             labels: Labels of the live tree, shared with other interfaces.
             flattener: Flattener that uses ``labels``, shared with other interfaces.
-            stereo_camera: Returns the left camera of the stereo sensor, for ``camera=stereo``.
+            stereo_camera: Returns the left camera of the stereo sensor in a snapshot, for ``camera=stereo``.
+            timeline: Earlier states of the tree; None: there are none.
         """
         if flattener is not None and labels is None:
             raise ValueError("a flattener needs its labels")
@@ -72,6 +75,7 @@ class SceneApi:
         self._labels = LabelTable() if labels is None else labels
         self._flattener = Flattener(self._labels) if flattener is None else flattener
         self._stereo_camera = stereo_camera
+        self._timeline = timeline
         self._process_id = uuid.uuid4().hex[:12]
         self._listing_lock = threading.Lock()
         self._bounds = BoundsCache()
@@ -83,6 +87,14 @@ class SceneApi:
     def snapshot(self) -> Snapshot:
         """The newest snapshot of the scene."""
         return self._tree.snapshot
+
+    async def snapshot_at(self, time: float | None) -> Snapshot | None:
+        """Return the snapshot of a time as for ``state_at``; None for None, which is the newest one later.
+
+        Raises:
+            TimeError: There is no state of this time.
+        """
+        return None if time is None else await state_at(self._timeline, time)
 
     def etag(self, revision: int) -> str:
         """Return the ETag of a revision. It contains a process id, because revisions start at 0 in each process."""
@@ -97,43 +109,50 @@ class SceneApi:
             "pictures": self._image_count,
         }
 
-    def listing(self) -> SceneResponse:
-        """Return the response of ``GET /scene``, computed once per revision."""
+    def listing(self, snapshot: Snapshot | None = None) -> SceneResponse:
+        """Return the response of ``GET /scene``; that of the newest snapshot is computed once per revision."""
+        if snapshot is not None and snapshot is not self._tree.snapshot:
+            return self._list(snapshot, Flattener(self._labels), BoundsCache())
         with self._listing_lock:
             snapshot = self._tree.snapshot
-            listing = self._listing
-            if listing is None or listing.revision != snapshot.revision:
-                draw_list = self._flattener.flatten(snapshot)
-                boxes = self._bounds.bounds_of(draw_list)
-                body = list_scene(snapshot, draw_list, boxes, self._labels, self.config.max_nodes)
-                listing = self._listing = SceneResponse(body, "application/json", snapshot.revision)
-            return listing
+            if self._listing is None or self._listing.revision != snapshot.revision:
+                self._listing = self._list(snapshot, self._flattener, self._bounds)
+            return self._listing
 
-    def file(self, query: ImageQuery | None = None) -> SceneResponse:
+    def _list(self, snapshot: Snapshot, flattener: Flattener, bounds: BoundsCache) -> SceneResponse:
+        draw_list = flattener.flatten(snapshot)
+        body = list_scene(snapshot, draw_list, bounds.bounds_of(draw_list), self._labels, self.config.max_nodes)
+        return SceneResponse(body, "application/json", snapshot.revision)
+
+    def file(self, query: ImageQuery | None = None, snapshot: Snapshot | None = None) -> SceneResponse:
         """Return the response of ``GET /scene.glb``.
 
         Args:
             query: The camera to write into the file; None: the file has no camera.
+            snapshot: The scene; None: the newest.
 
         Raises:
             ExportError: The file would be too large.
             QueryError: The camera cannot be resolved in the scene.
         """
-        snapshot, flattener = self._shown(query)
+        snapshot, flattener = self._shown(query, snapshot)
         camera = None
         if query is not None:
             camera = self._camera(query, snapshot, flattener.flatten(snapshot))
         body = export_glb(snapshot.root, camera=camera, max_bytes=self.config.max_export_bytes)
         return SceneResponse(body, "model/gltf-binary", snapshot.revision)
 
-    def image(self, query: ImageQuery) -> SceneResponse:
+    def image(self, query: ImageQuery, snapshot: Snapshot | None = None) -> SceneResponse:
         """Return the response of ``GET /scene/render``.
+
+        Args:
+            snapshot: The scene; None: the newest.
 
         Raises:
             QueryError: The camera cannot be resolved in the scene.
             ImageError: A texture of the scene cannot be decoded.
         """
-        snapshot, flattener = self._shown(query)
+        snapshot, flattener = self._shown(query, snapshot)
         draw_list = flattener.flatten(snapshot)
         camera = self._camera(query, snapshot, draw_list)
         config = self.config
@@ -150,12 +169,13 @@ class SceneApi:
             self._image_count += 1
         return SceneResponse(body, media_type, snapshot.revision)
 
-    def _shown(self, query: ImageQuery | None) -> tuple[Snapshot, Flattener]:
-        """Return the newest snapshot with the visibility of the query, and a flattener for it."""
-        snapshot = self._tree.snapshot
-        if query is None or not (query.hide or query.show):
-            return snapshot, self._flattener
-        return with_visibility(snapshot, query.hide, query.show), Flattener(self._labels)
+    def _shown(self, query: ImageQuery | None, snapshot: Snapshot | None) -> tuple[Snapshot, Flattener]:
+        """Return the snapshot, by default the newest, with the visibility of the query, and a flattener for it."""
+        newest = self._tree.snapshot
+        shown = snapshot or newest
+        if query is not None:
+            shown = with_visibility(shown, query.hide, query.show)
+        return shown, self._flattener if shown is newest else Flattener(self._labels)
 
     def _camera(self, query: ImageQuery, snapshot: Snapshot, draw_list: DrawList) -> Camera:
         try:
@@ -167,7 +187,7 @@ class SceneApi:
                 fovy=query.fovy,
                 near=query.near,
                 far=query.far,
-                stereo=self._stereo_camera() if self._stereo_camera is not None else None,
+                stereo=self._stereo_camera(snapshot),
                 draw_list=draw_list,
             )
         except NoSuchCameraError as error:

@@ -69,6 +69,22 @@ class ProcessSettings(BaseSettings):
         "File that stores the live tree and the stereo camera's parameters. A confirmed change survives any end of the "
         "process. The file is created if missing; without this setting, every start is empty.",
     )
+    history_seconds: float = option(
+        60.0,
+        "State",
+        "Time for which earlier states of the live tree are kept: for the time bar of the browser view, and for "
+        "'time' of GET /scene, /scene/render, /view/frame.jpg and /cameras/NAME/…. 0: none.",
+        ge=0,
+        le=86400,
+    )
+    history_mb: int = option(
+        256,
+        "State",
+        "Maximum memory of these states, in MiB; the oldest go first. A minute of 1000 nodes that move at 60 Hz needs "
+        "245.",
+        ge=1,
+        le=1 << 16,
+    )
 
     # --- Speed and limits
     workers: ProcessCount = option(

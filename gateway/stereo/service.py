@@ -10,6 +10,7 @@ from typing import Any
 import structlog
 
 from gateway.runtime.worker_pool import WorkerPool
+from gateway.scene.timeline import TimeError
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.clock import Clock, SystemClock
 from gateway.stereo.device.parameters import Parameters
@@ -18,6 +19,7 @@ from gateway.stereo.imaging.other_projector import lit_projectors
 from gateway.stereo.imaging.realistic_images import make_imaging
 from gateway.stereo.imaging.recorded_pairs import PairImaging
 from gateway.stereo.imaging.rendered_images import Capture, Imaging, MeteredExposure
+from gateway.stereo.imaging.scene_motion import SceneState
 from gateway.stereo.imu.imu_service import Imu, PoseLog
 from gateway.stereo.stream import grpc_server as server
 from gateway.stereo.stream.faults import FaultInjector
@@ -62,6 +64,8 @@ class StereoService:
         self.wait_until_stored: Callable[[], Awaitable[str]] | None = None
         """Waits until the parameters are stored (--state); returns an error message, empty on success. None: no state
         file."""
+        self.earlier_state: Callable[[float], Awaitable[SceneState]] | None = None
+        """Returns the scene at an earlier time, as ``gateway.scene.timeline.state_at``; None: the scene is a file."""
         self.scene_imaging = make_imaging(config, renderer)
         """Source of rendered images, also while recorded pairs are shown."""
         self.workers = workers
@@ -163,16 +167,26 @@ class StereoService:
             await asyncio.gather(imu, return_exceptions=True)
             await server.stop(grpc_server, shut_down_health)
 
-    async def capture(self, kind: SetKind) -> Frame:
-        """Capture the scene as it is now, apart from the stream, and return a frame for sets of a kind.
+    async def capture(self, kind: SetKind, earlier: float | None = None) -> Frame:
+        """Capture the scene apart from the stream, with the current parameters, and return a frame for sets of a kind.
 
         Nothing in the frame is blurred by motion.
 
+        Args:
+            earlier: time of the scene, as for ``gateway.scene.timeline.state_at``; None: now.
+
         Raises:
             QueueFull: the worker queue is full.
+            TimeError: there is no state of this time, or the camera does not see the live scene.
         """
         settings, timestamp = self.settings, time.time_ns()
-        state, _ = await self._scheduler.read_scene(timestamp)
+        if earlier is None:
+            state, _ = await self._scheduler.read_scene(timestamp)
+        elif self.earlier_state is None or isinstance(self.imaging, PairImaging):
+            raise TimeError(f"time={earlier:g}: the camera {self.config.name!r} does not see the live scene")
+        else:
+            state = await self.earlier_state(earlier)
+            timestamp = state.timestamp
         self._captures += 1
         camera, depth = (
             Capture(

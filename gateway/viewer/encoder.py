@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Final
+from weakref import ref
 
 import numpy as np
 
@@ -47,11 +48,28 @@ class Update:
     """Ids of the meshes that the frame refers to."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _CachedUpdate:
+    """An update between two trees.
+
+    A log has several trees of one revision, each decoded for a seek: they are equal, but their meshes are different
+    objects with different ids.
+    """
+
+    update: Update
+    old: ref[Node]
+    new: ref[Node]
+
+    def is_between(self, old: Snapshot, new: Snapshot) -> bool:
+        """Return True if the update is between these two trees."""
+        return self.old() is old.root and self.new() is new.root
+
+
 _INVALID_UPDATE: Final = Update(b"", frozenset())
 
 
 class Encoder:
-    """Encodes updates to the newest snapshot. Not thread-safe: it is used in the event loop only.
+    """Encodes updates. Not thread-safe: it is used in the event loop only.
 
     When more than ``max_node_ids`` paths have an id, all ids are dropped and ``epoch`` is incremented. Pages of an
     earlier epoch must then be updated from ``EMPTY_SNAPSHOT``.
@@ -62,7 +80,7 @@ class Encoder:
         self._max_node_ids = max_node_ids
         self._ids: dict[Path, int] = {(): 0}
         """Id of each path."""
-        self._updates: Cache[tuple[int, int], Update] = Cache("browser_updates", MAX_UPDATES)
+        self._updates: Cache[tuple[int, int], _CachedUpdate] = Cache("browser_updates", MAX_UPDATES)
         """Encoded updates by their old and new revision."""
         self._encode_lock = asyncio.Lock()
         """Held while an update is encoded, so that two browsers do not encode the same update."""
@@ -73,9 +91,12 @@ class Encoder:
 
     def advance(self, snapshot: Snapshot) -> None:
         """Set the newest snapshot, to which later updates lead."""
-        if snapshot.revision == self.current.revision:
-            return
-        self.current = snapshot
+        if snapshot.revision != self.current.revision:
+            self.current = snapshot
+            self.limit_ids()
+
+    def limit_ids(self) -> None:
+        """Drop all ids if there are too many. Called before a page gets another snapshot."""
         if len(self._ids) > self._max_node_ids:
             self.epoch += 1
             self._ids = {(): 0}
@@ -89,15 +110,16 @@ class Encoder:
         """Return the path of an id, or None if there is no such id."""
         return next(islice(self._ids, node_id, None), None) if node_id >= 0 else None
 
-    async def update(self, old: Snapshot) -> tuple[Update, Snapshot]:
-        """Return the update from ``old`` to the current snapshot, and that snapshot.
+    async def update(self, old: Snapshot, target: Snapshot | None = None) -> tuple[Update, Snapshot]:
+        """Return the update from ``old`` to ``target``, and that snapshot. None: the newest one.
 
         Another task may call ``advance`` while the update is encoded. The update is invalid if ``epoch`` has changed.
         """
         async with self._encode_lock:
-            target, epoch = self.current, self.epoch
+            target, epoch = target or self.current, self.epoch
             key = (old.revision, target.revision)
-            update = self._updates.get(key)
+            cached = self._updates.get(key)
+            update = cached.update if cached is not None and cached.is_between(old, target) else None
             if update is None:
                 for update in self._encode(old, target):
                     if update is None:
@@ -105,7 +127,7 @@ class Encoder:
                     if self.epoch != epoch:
                         return _INVALID_UPDATE, target
                 assert update is not None
-                self._updates.put(key, update, len(update.frame))
+                self._updates.put(key, _CachedUpdate(update, ref(old.root), ref(target.root)), len(update.frame))
             return update, target
 
     def _encode(self, old: Snapshot, target: Snapshot) -> Iterator[Update | None]:

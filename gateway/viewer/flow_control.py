@@ -1,7 +1,8 @@
 """Flow control of one page: which snapshot and meshes it has, and when its next update is due. It does no I/O.
 
 The page acknowledges each update after processing it. Only then does it receive the next update, which leads to the
-newest revision. A slow page therefore skips revisions, and no queue builds up. ``hub`` has one object per browser.
+newest revision, or to the state of another time. A slow page therefore skips revisions, and no queue builds up. ``hub``
+has one object per browser.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ class BrowserState(Enum):
     """The page has acknowledged its last update."""
     BUSY = auto()
     """The page has not acknowledged its last update. No further update is sent until it does."""
+    RELEASED = auto()
+    """The page shows a state that the gateway has no more. It gets no update until it shows another one."""
     CLOSED = auto()
     """The connection is closed."""
 
@@ -32,6 +35,8 @@ class FlowControl:
     def __init__(self, encoder: Encoder) -> None:
         self.state = BrowserState.NEW
         self._encoder = encoder
+        self._target: Snapshot | None = None
+        """The state that the page is to show; None: the newest."""
         self._page_snapshot: Snapshot = EMPTY_SNAPSHOT
         """The snapshot that the page has, or will have after it has processed its last update."""
         self._epoch = encoder.epoch
@@ -46,15 +51,38 @@ class FlowControl:
         """True if an update should be sent to the page now."""
         if self.state is not BrowserState.READY:
             return self.state is BrowserState.NEW
-        return self._epoch != self._encoder.epoch or self._page_snapshot.revision != self._encoder.current.revision
+        return self._epoch != self._encoder.epoch or self._page_snapshot.revision != self.target.revision
+
+    @property
+    def follows_live(self) -> bool:
+        """True if the page is to show the newest snapshot."""
+        return self._target is None
+
+    @property
+    def target(self) -> Snapshot:
+        """The snapshot that the page is to show."""
+        return self._target or self._encoder.current
+
+    def show(self, snapshot: Snapshot | None) -> None:
+        """Make a snapshot the target of the next updates; None: always the newest one."""
+        self._encoder.limit_ids()
+        self._target = snapshot
+        if self.state is BrowserState.RELEASED:
+            self.state = BrowserState.NEW
+
+    def release(self) -> None:
+        """Drop the snapshot if the page shows the target. The next update, after ``show``, is the whole scene."""
+        if self.state is BrowserState.READY and not self.update_due:
+            self._target = self._page_snapshot = EMPTY_SNAPSHOT
+            self.state = BrowserState.RELEASED
 
     async def next_update(self) -> Update:
-        """Return the update to the newest snapshot, and set the state to ``BUSY``."""
+        """Return the update to the target, and set the state to ``BUSY``."""
         self.state = BrowserState.BUSY
         while True:
             if self._epoch != self._encoder.epoch:
                 self._page_snapshot, self._epoch = EMPTY_SNAPSHOT, self._encoder.epoch
-            update, self._page_snapshot = await self._encoder.update(self._page_snapshot)
+            update, self._page_snapshot = await self._encoder.update(self._page_snapshot, self._target)
             if self._epoch == self._encoder.epoch:
                 return update
 
@@ -80,9 +108,16 @@ class FlowControl:
         self._page_meshes -= outdated
         self._outdated_meshes |= outdated
 
+    def forgot(self, mesh_ids: list[int]) -> None:
+        """Record that the page has dropped meshes. It says so before an acknowledgement: no update is on its way."""
+        self._page_meshes.difference_update(mesh_ids)
+
     def take_forget_frame(self) -> bytes | None:
-        """Return a frame by which the page drops its outdated meshes, or None if it has none."""
-        if not self._outdated_meshes:
+        """Return a frame by which the page drops its outdated meshes, or None if it has none.
+
+        A page that shows a released state still needs them.
+        """
+        if not self._outdated_meshes or self.state is BrowserState.RELEASED:
             return None
         outdated, self._outdated_meshes = self._outdated_meshes, set()
         return FrameBuilder().finish({"kind": "forget", "meshes": sorted(outdated)})

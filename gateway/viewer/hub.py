@@ -1,4 +1,4 @@
-"""The connected browsers, and the loop that sends them updates of the live tree.
+"""The connected browsers, and the loop that sends them updates of the live tree, or of another time.
 
 ``routes`` connects a WebSocket to a ``Browser``; ``gateway.wiring`` runs the ``ViewHub``.
 """
@@ -12,10 +12,12 @@ from typing import Any, Final
 from gateway.scene.clicks import Button, Click
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
+from gateway.scene.timeline import Timeline
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.control_frames import ControlChange, ControlFrames, received_frame
 from gateway.viewer.encoder import Encoder, encode_page, encode_status, encode_stereo_rig
 from gateway.viewer.flow_control import BrowserState, FlowControl
+from gateway.viewer.playback import Playback, TimeCommand
 from gateway.viewer.recent_renders import RecentRenders
 from gateway.viewer.resources import Resources
 from gateway.viewer.sources import StereoSource
@@ -25,7 +27,13 @@ LARGE_MESH_BYTES: Final = 1 << 20
 
 
 class ViewHub:
-    """Sends the live tree to browsers while ``run`` runs. Not thread-safe: it is used in one event loop only."""
+    """Sends the live tree to browsers while ``run`` runs. Not thread-safe: it is used in one event loop only.
+
+    With a timeline, each page has a time bar. For a log, whose end is not live, give the hub its timeline, an empty
+    tree and ``has_live=False``: ``ViewHub(config, LiveTree(), timeline=log, has_live=False)``. Its pages then play from
+    the first state, and pause at the last. A log that cannot be read raises OSError, ValueError or RuntimeError in
+    ``snapshot_at``, and the page shows the sentence.
+    """
 
     def __init__(
         self,
@@ -35,6 +43,8 @@ class ViewHub:
         status: Callable[[], Mapping[str, Any]] = dict,
         stereo: StereoSource | None = None,
         page: LivePage | None = None,
+        timeline: Timeline | None = None,
+        has_live: bool = True,
     ) -> None:
         """Create a hub without browsers.
 
@@ -46,6 +56,8 @@ class ViewHub:
                 ``status_seconds`` while browsers are connected.
             stereo: the stereo camera; None if there is none.
             page: view settings, clickable paths and controls, which clients of the tree viewer set.
+            timeline: states of the scene that pages can go to; None: pages are always live.
+            has_live: True if the end of the timeline is the live tree.
         """
         self.config = config
         self.resources = Resources()
@@ -53,8 +65,8 @@ class ViewHub:
         self._tree = tree
         self._status_source = status
         self._stereo = stereo
-        self._rig_frame = encode_stereo_rig(None)
-        """The frame with the stereo camera's pose that was sent last."""
+        self._timeline = timeline
+        self._has_live = has_live
         self._page = page or LivePage()
         self._page.listen(self._send_page)
         self._page_frame = encode_page(self._page)
@@ -108,13 +120,15 @@ class ViewHub:
 
     def _take_snapshot(self) -> None:
         """Pass the tree's newest snapshot to the encoder; send the stereo camera's pose if it has changed."""
-        snapshot = self._tree.snapshot
-        self._encoder.advance(snapshot)
-        frame = encode_stereo_rig(self._stereo.rig(snapshot) if self._stereo is not None else None)
-        if frame != self._rig_frame:
-            self._rig_frame = frame
-            for browser in self._browsers:
-                browser.send_latest("rig", frame)
+        self._encoder.advance(self._tree.snapshot)
+        frame = self._rig_frame(self._encoder.current)
+        for browser in self._browsers:
+            if browser.flow.follows_live:
+                browser.send_rig(frame)
+
+    def _rig_frame(self, snapshot: Snapshot) -> bytes:
+        """Return the frame with the stereo camera's pose in a snapshot."""
+        return encode_stereo_rig(self._stereo.rig(snapshot) if self._stereo is not None else None)
 
     def _send_page(self) -> None:
         """Send view settings and clickable paths to all browsers if they have changed."""
@@ -124,10 +138,14 @@ class ViewHub:
             for browser in self._browsers:
                 browser.send_latest("page", frame)
 
-    def click(self, node_id: int, point: tuple[float, float, float], button: Button) -> None:
-        """Pass a click in a page to the clients that want it. Clicks on nodes that were removed are dropped."""
+    def click(self, browser: Browser, node_id: int, point: tuple[float, float, float], button: Button) -> None:
+        """Pass a click in a page to the clients that want it. Clicks on nodes that were removed are dropped.
+
+        In a page that shows another time, it is a click on the path of the node that was there then.
+        """
         path = self._encoder.path_of(node_id)
-        if path is not None and self._tree.snapshot.root.find(path) is not None:
+        shown = self._tree.snapshot if browser.flow.follows_live else browser.flow.target
+        if path is not None and shown.root.find(path) is not None:
             self._page.clicks.click(Click(path, point, button))
 
     def change_control(self, browser: Browser, change: ControlChange) -> None:
@@ -154,6 +172,8 @@ class ViewHub:
                 for browser in self._browsers:
                     browser.send_latest("status", frame)
                     browser.drop_snapshot_if_sent_before(now - self.config.ack_timeout_seconds)
+                    if browser.playback is not None:
+                        browser.playback.tick()
             await asyncio.sleep(self.config.status_seconds)
 
     def _status_frame(self) -> bytes:
@@ -174,7 +194,9 @@ class ViewHub:
             )
         self._take_snapshot()
         browser = Browser(FlowControl(self._encoder), self.resources, self._controls, self._browsers.discard)
-        browser.send_latest("rig", self._rig_frame)
+        browser.send_rig(self._rig_frame(self._encoder.current))
+        if self._timeline is not None:
+            browser.follow(self._timeline, has_live=self._has_live, rig_frame=self._rig_frame)
         self._send_page()
         browser.send_latest("page", self._page_frame)
         browser.send_latest("status", self._status_frame())
@@ -188,7 +210,12 @@ class Browser:
     def __init__(
         self, flow: FlowControl, resources: Resources, controls: ControlFrames, on_close: Callable[[Browser], None]
     ) -> None:
-        self._flow = flow
+        self.flow = flow
+        self.playback: Playback | None = None
+        """Time that the page shows; None: always the live scene."""
+        self._playing: asyncio.Task[None] | None = None
+        self._rig_frame = b""
+        """The frame with the stereo camera's pose that was sent last."""
         self._resources = resources
         self._controls = controls
         self._controls_revision = 0
@@ -210,7 +237,7 @@ class Browser:
 
     def acknowledge(self) -> None:
         """Record that the page has processed the last update."""
-        self._flow.acknowledge()
+        self.flow.acknowledge()
         self.wake()
 
     def acknowledge_controls(self) -> None:
@@ -220,7 +247,7 @@ class Browser:
 
     def remove_meshes(self, mesh_ids: set[int]) -> None:
         """Make the page drop meshes that no longer exist, if it has them."""
-        self._flow.remove_meshes(mesh_ids)
+        self.flow.remove_meshes(mesh_ids)
         self.wake()
 
     def drop_snapshot_if_sent_before(self, time: float) -> None:
@@ -230,16 +257,54 @@ class Browser:
             time: seconds of the event loop's clock.
         """
         if self._update_time < time:
-            self._flow.drop_snapshot()
+            self.flow.drop_snapshot()
 
     def send_latest(self, kind: str, frame: bytes) -> None:
         """Send a frame of a kind such as ``status``. It replaces an unsent frame of the same kind."""
         self._pending_frames[kind] = frame
         self.wake()
 
+    def send_rig(self, frame: bytes) -> None:
+        """Send a frame with the stereo camera's pose if it is another one than the last."""
+        if frame != self._rig_frame:
+            self._rig_frame = frame
+            self.send_latest("rig", frame)
+
+    def follow(self, timeline: Timeline, *, has_live: bool, rig_frame: Callable[[Snapshot], bytes]) -> None:
+        """Give the page a time bar.
+
+        Args:
+            has_live: True if the end of the timeline is the live tree.
+            rig_frame: returns the frame with the stereo camera's pose in a snapshot.
+        """
+
+        def show(snapshot: Snapshot | None) -> None:
+            self.flow.show(snapshot)
+            self.send_rig(rig_frame(self.flow.target))
+            self.wake()
+
+        if not has_live:
+            self.flow.state = BrowserState.RELEASED  # no update before there is a state
+        self.playback = Playback(
+            timeline,
+            has_live=has_live,
+            show=show,
+            release=self.flow.release,
+            send=lambda frame: self.send_latest("time", frame),
+        )
+        self.playback.tick()
+        self._playing = asyncio.get_running_loop().create_task(self.playback.run(), name="view time")
+
+    def execute(self, command: TimeCommand) -> None:
+        """Execute a command of the page's time bar."""
+        if self.playback is not None:
+            self.playback.execute(command)
+
     def close(self) -> None:
         """Disconnect the browser: ``frames`` ends."""
-        self._flow.state = BrowserState.CLOSED
+        if self._playing is not None:
+            self._playing.cancel()
+        self.flow.state = BrowserState.CLOSED
         self.wake()
         self._on_close(self)
 
@@ -248,7 +313,7 @@ class Browser:
         while True:
             await self._wake_event.wait()
             self._wake_event.clear()
-            if self._flow.state is BrowserState.CLOSED:
+            if self.flow.state is BrowserState.CLOSED:
                 return
             while self._pending_frames:
                 yield self._pending_frames.pop(next(iter(self._pending_frames)))
@@ -257,13 +322,13 @@ class Browser:
                 controls = self._controls.since(self._controls_revision)
                 self._controls_revision = self._controls.store.revision
                 yield controls
-            forget = self._flow.take_forget_frame()
+            forget = self.flow.take_forget_frame()
             if forget is not None:
                 yield forget
-            if self._flow.update_due:
-                update = await self._flow.next_update()
+            if self.flow.update_due:
+                update = await self.flow.next_update()
                 self._update_time = asyncio.get_running_loop().time()
-                for mesh_id in self._flow.take_missing_meshes(update):
+                for mesh_id in self.flow.take_missing_meshes(update):
                     frame = await self._mesh_frame(mesh_id)
                     if frame is not None:
                         yield frame

@@ -17,6 +17,7 @@ from starlette.requests import ClientDisconnect
 
 from gateway.scene.cameras import CAMERA_PATTERN, PATHS_PATTERN, CameraError, NoSuchCameraError, parse_camera
 from gateway.scene.shown import COLOR_PATTERN, ShownError, parse_color, parse_paths
+from gateway.scene.timeline import MAX_SECONDS, TIME_DESCRIPTION, TimeError
 from gateway.server.disconnect import CLIENT_GONE, while_connected
 from gateway.server.openapi import example
 from gateway.server.unavailable import UnavailableErrors, unavailable
@@ -88,6 +89,12 @@ Background = Annotated[
         openapi_examples=example("ffffff"),
     ),
 ]
+Time = Annotated[
+    float | None,
+    Query(
+        ge=-MAX_SECONDS, le=MAX_SECONDS, description=f"{TIME_DESCRIPTION} Default: now.", openapi_examples=example(-2.5)
+    ),
+]
 StereoImage = Annotated[
     str,
     Path(
@@ -101,7 +108,7 @@ _PLAIN_TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
 _ERROR_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
     400: {"description": "A parameter is invalid; the text says why.", "content": _PLAIN_TEXT},
     404: {
-        "description": "The camera's node is not in the scene, or there is no stereo camera.",
+        "description": "The camera's node is not in the scene, there is no stereo camera, or no state of this time.",
         "content": _PLAIN_TEXT,
     },
     422: {
@@ -145,7 +152,7 @@ class _PlainErrorRoute(APIRoute):
                 return await handle(request)
             except ClientDisconnect:
                 return Response(status_code=CLIENT_GONE)
-            except NoSuchCameraError as error:
+            except (NoSuchCameraError, TimeError) as error:
                 return PlainTextResponse(str(error), 404)
             except (CameraError, ShownError, _SizeError) as error:
                 return PlainTextResponse(str(error), 400)
@@ -205,10 +212,11 @@ def _add_scene_routes(routes: APIRouter, images: SceneImages) -> None:
         new_request: Callable[..., ImageRequest] = requested,
         quality: Quality = 85,
         look: LookChoice = None,
+        time: Time = None,
     ) -> Response:
         """The gateway renders it on request."""
         image_request = new_request(quality=quality, look=look or config.look)
-        data, revision = await while_connected(request, images.jpeg(image_request))
+        data, revision = await while_connected(request, images.jpeg(image_request, time))
         return Response(data, media_type="image/jpeg", headers={**NO_STORE, "X-Scene-Revision": str(revision)})
 
     @routes.get(

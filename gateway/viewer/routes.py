@@ -23,6 +23,7 @@ from gateway.scene.geometry import PointCloud
 from gateway.server.access import same_origin
 from gateway.viewer.control_frames import ControlChange
 from gateway.viewer.hub import Browser, ViewHub
+from gateway.viewer.playback import TimeCommand
 from gateway.viewer.resources import channel_values
 from renderers.drawlist import Image, ImageError
 from renderers.encode import png_rgba
@@ -120,7 +121,10 @@ async def _send(socket: WebSocket, browser: Browser) -> None:
 
 
 async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
-    """Receive acknowledgements, clicks and changes of controls until the page disconnects or sends binary messages."""
+    """Receive the page's messages until it disconnects or sends a binary one.
+
+    They are acknowledgements, clicks, changes of controls, commands of the time bar, and meshes that it has dropped.
+    """
     clock = asyncio.get_running_loop().time
     second, clicks, changes = clock(), 0, 0
     try:
@@ -140,10 +144,14 @@ async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
                 changes += 1
                 if changes >= MAX_CHANGES:
                     await asyncio.sleep(max(0.0, second + 1.0 - clock()))
+            elif isinstance(message, TimeCommand):
+                browser.execute(message)
+            elif isinstance(message, _Forgot):
+                browser.flow.forgot(message.forgot)
             elif message is not None:
                 clicks += 1
                 if clicks <= MAX_CLICKS:
-                    hub.click(message.node, message.point, message.button)
+                    hub.click(browser, message.node, message.point, message.button)
     except (WebSocketDisconnect, KeyError):
         return  # KeyError: a binary message
 
@@ -158,13 +166,26 @@ class _Click(msgspec.Struct):
     button: Button
 
 
+class _Forgot(msgspec.Struct):
+    """Meshes that the page has dropped, as the page sends them in JSON."""
+
+    forgot: list[int]
+    """Ids."""
+
+
 _click_decoder: Final = msgspec.json.Decoder(_Click)
 _change_decoder: Final = msgspec.json.Decoder(ControlChange)
+_time_decoder: Final = msgspec.json.Decoder(TimeCommand)
+_forgot_decoder: Final = msgspec.json.Decoder(_Forgot)
 
 
-def _read_message(text: str) -> _Click | ControlChange | None:
-    """Return the click or the change in a message, or None if the message is something else."""
+def _read_message(text: str) -> _Click | ControlChange | TimeCommand | _Forgot | None:
+    """Return the value of a message, or None if it is none of these."""
     try:
+        if text.startswith('{"time"'):
+            return _time_decoder.decode(text)
+        if text.startswith('{"forgot"'):
+            return _forgot_decoder.decode(text)
         return (_change_decoder if text.startswith('{"control"') else _click_decoder).decode(text)
     except (msgspec.DecodeError, UnicodeEncodeError):
         return None

@@ -1,4 +1,4 @@
-"""Render the live scene as JPEG and MJPEG, for ``image_routes``."""
+"""Render the live scene and its history as JPEG, and the live scene as MJPEG, for ``image_routes``."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.shown import with_visibility
+from gateway.scene.timeline import Timeline, state_at
 from gateway.scene.tree import Path
 from gateway.scene.viewpoints import resolve_camera
 from gateway.viewer.config import ViewerConfig
@@ -71,7 +72,8 @@ class SceneImages:
         flattener: Flattener,
         renderer: Renderer,
         workers: WorkerPool,
-        stereo_camera: Callable[[], Camera | None] = lambda: None,
+        stereo_camera: Callable[[Snapshot], Camera | None] = lambda snapshot: None,
+        timeline: Timeline | None = None,
     ) -> None:
         """Create an object without images.
 
@@ -81,7 +83,9 @@ class SceneImages:
             flattener: converts the tree's snapshots to draw lists.
             renderer: renders the draw lists.
             workers: pool of worker threads for rendering.
-            stereo_camera: returns the left camera of the stereo sensor for ``camera=stereo``; None if there is none.
+            stereo_camera: returns the left camera of the stereo sensor in a snapshot for ``camera=stereo``; None if
+                there is none.
+            timeline: earlier states of the tree; None: there are none.
         """
         self.config = config
         self._tree = tree
@@ -89,21 +93,26 @@ class SceneImages:
         self._renderer = renderer
         self._workers = workers
         self._stereo_camera = stereo_camera
+        self._timeline = timeline
         self._images: SharedResults[tuple[ImageRequest, int], bytes] = SharedResults(MAX_IMAGES)
         self.streams = 0
         """Number of open MJPEG streams."""
 
-    async def jpeg(self, request: ImageRequest) -> tuple[bytes, int]:
-        """Return the newest scene as JPEG, and its revision.
+    async def jpeg(self, request: ImageRequest, time: float | None = None) -> tuple[bytes, int]:
+        """Return the scene as JPEG, and its revision.
+
+        Args:
+            time: seconds since the epoch, or before now if negative; None: the newest scene.
 
         Raises:
+            TimeError: there is no state of this time.
             CameraError: the scene does not have the camera's node, or there is no stereo camera.
             ImageError: a texture cannot be decoded.
             QueueFull: the queue for worker threads is full.
             DeadlineExceeded: rendering took too long.
             PoolClosed: the gateway shuts down.
         """
-        snapshot = self._tree.snapshot
+        snapshot = self._tree.snapshot if time is None else await state_at(self._timeline, time)
         key = (request, snapshot.revision)
         data = await self._images.get(key, lambda: self._workers.run(self._render, request, snapshot))
         return data, snapshot.revision
@@ -115,13 +124,14 @@ class SceneImages:
     def _render(self, request: ImageRequest, snapshot: Snapshot) -> bytes:
         """Return a snapshot as JPEG. Called in a worker thread."""
         shown = with_visibility(snapshot, request.hide, request.show)
-        draw_list = (self._flattener if shown is snapshot else Flattener(LabelTable())).flatten(shown)
+        is_newest = shown is self._tree.snapshot
+        draw_list = (self._flattener if is_newest else Flattener(LabelTable())).flatten(shown)
         camera = resolve_camera(
             request.camera,
             shown.root,
             request.width,
             request.height,
-            stereo=self._stereo_camera(),
+            stereo=self._stereo_camera(snapshot),
             draw_list=draw_list,
         )
         frame = self._renderer.render(draw_list, camera, Output.COLOR, self._look(request))

@@ -19,24 +19,26 @@ from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.service_registry import Service, ServiceRegistry, one_line
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.flatten import Flattener
+from gateway.scene.history import TreeHistory
 from gateway.scene.labels import LabelTable
-from gateway.scene.live import LiveTree
+from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
 from gateway.server.security import Security
-from gateway.settings import Settings
+from gateway.settings import MIB, Settings
 from gateway.wiring.interface_names import title_of
 from renderers.camera import Camera
 from renderers.interface import Renderer
-from scenegate.lcm.arrival import arrival_time
 
 if TYPE_CHECKING:
     from gateway.assets.mesh_files import MeshFiles
     from gateway.render.events import RenderRecord
     from gateway.runtime.supervised_process import Heartbeat
     from gateway.runtime.worker_reports import WorkerReports
+    from gateway.scene.timeline import Timeline
     from gateway.state.service import PersistentState
     from gateway.stereo.service import StereoService
     from gateway.viewer.sources import StereoSource
+    from gateway.wiring.log import LogService
     from renderers.raster import CpuRenderer
 
 _log = structlog.get_logger("gateway")
@@ -64,7 +66,7 @@ class Context:
     """Threads for the cameras, which the other workers give way to."""
     security: Security
     """Tokens, TLS and trusted hosts of every interface."""
-    tree: LiveTree = field(default_factory=lambda: LiveTree(arrival_time))
+    tree: LiveTree
     page: LivePage = field(default_factory=LivePage)
     """View settings of the live tree's page, as set by clients: background, grid and so on."""
     labels: LabelTable = field(default_factory=LabelTable)
@@ -76,15 +78,19 @@ class Context:
     """Functions that return the arrival of the oldest message that is not applied to the tree yet."""
     lcm_listeners: list[ChannelListener] = field(default_factory=list)
     """Receivers of channels besides those of the tree viewer; filled before it starts."""
+    history: TreeHistory | None = None
+    """Earlier states of the live tree (``--history-seconds``)."""
     state: PersistentState | None = None
     """Storage of the live tree and of parameters (``--state``)."""
     reports: WorkerReports | None = None
     """Reports of all processes, if there are several (``--workers``)."""
+    log: LogService | None = None
+    """Log that is shown in place of the live tree."""
     heartbeat: Heartbeat | None = None
     """Connection to their supervisor."""
 
-    stereo_camera: Callable[[], Camera | None] = lambda: None
-    """Returns the left stereo camera in the live tree, if any."""
+    stereo_camera: Callable[[Snapshot], Camera | None] = lambda snapshot: None
+    """Returns the left stereo camera in a snapshot of the live tree, if any."""
     stereo_service: StereoService | None = None
     """The first stereo camera, if any."""
     stereo_sensor: StereoSource | None = None
@@ -153,6 +159,20 @@ class Context:
 
             self._local_mesh_files = MeshFiles(self.settings.mesh_folders, any_folder=True)
         return self._local_mesh_files
+
+    def start_history(self) -> None:
+        """Record the live tree until ``close``, if an interface shows it."""
+        settings = self.settings
+        if settings.history_seconds and (settings.is_enabled("scene") or settings.is_enabled("view")):
+            max_bytes = settings.history_mb * MIB
+            self.history = TreeHistory(self.tree, settings.history_seconds, max_bytes, asyncio.to_thread)
+            self.history.start()
+            self.exit_stack.callback(self.history.close)
+
+    @property
+    def timeline(self) -> Timeline | None:
+        """States of the scene over time: the log that is shown, or the history of the live tree."""
+        return self.log.timeline if self.log is not None else self.history
 
     def has_messages_before(self, timestamp: int) -> bool:
         """Return True if a message that arrived before a time, nanoseconds, is not applied to the tree yet."""

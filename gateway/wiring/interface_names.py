@@ -28,6 +28,7 @@ NAMES: Final = {
     "rest": InterfaceName("Stereo camera's REST port", "stereo-camera"),
     "view": InterfaceName("Browser view", "view"),
     "foxglove": InterfaceName("Foxglove", "foxglove"),
+    "log": InterfaceName("Log", "logs"),
     "demo": InterfaceName("Demo"),
 }
 """Names by that in ``/healthz``. Further stereo cameras are ``stereo 1``, ``stereo 2`` and so on."""

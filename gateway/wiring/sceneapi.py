@@ -25,7 +25,8 @@ async def setup(context: Context) -> None:
         config,
         labels=context.labels,
         flattener=context.flattener,
-        stereo_camera=lambda: context.stereo_camera(),  # set later, when the stereo camera starts
+        stereo_camera=lambda snapshot: context.stereo_camera(snapshot),  # set later, when the stereo camera starts
+        timeline=context.timeline,
     )
     context.app.include_router(router(service))
     context.registry.ready("scene", where="/scene", figures=service.status)

@@ -16,6 +16,7 @@ from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.mount import CameraSpec, Mount, parse_camera_spec, parse_mount_path, parse_mount_pose
+from gateway.scene.timeline import state_at
 from gateway.server.early_response import EarlyResponse
 from gateway.server.error_handlers import HeadAsGet, invalid_parameters
 from gateway.server.http_server import PortService
@@ -49,8 +50,8 @@ from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
 from renderers.stereo.sensor.noise import NoiseStream
 
-ProjectorSource = Callable[[int | None], OtherProjector]
-"""Returns a camera's projector at a time as for ``SceneView.state``."""
+ProjectorSource = Callable[[Snapshot], OtherProjector]
+"""Returns a camera's projector in a snapshot of the scene."""
 
 _VIEW_IMAGES: Final = SetKind(left=True, right=True, disparity=True, confidence=True, color=True)
 _CAPTION_PERCENTILES: Final = (1.0, 99.0)
@@ -129,12 +130,19 @@ def _start_camera(
         view.tree.keep_recent(number, active=streaming)
         context.workers.give_way(number, active=streaming)
 
-    def projector(timestamp: int | None) -> OtherProjector:
-        return OtherProjector(view.pose_at(timestamp), config.model, config.dot_light, service.settings)
+    def projector(snapshot: Snapshot) -> OtherProjector:
+        return OtherProjector(view.pose_in(snapshot), config.model, config.dot_light, service.settings)
+
+    def others(snapshot: Snapshot) -> tuple[OtherProjector, ...]:
+        return tuple([other(snapshot) for other in projectors if other is not projector])
 
     def state(timestamp: int | None) -> SceneState:
-        others = tuple([other(timestamp) for other in projectors if other is not projector])
-        return replace(view.state(timestamp), projectors=others)
+        return replace(view.state(timestamp), projectors=others(view.snapshot_at(timestamp)))
+
+    async def earlier_state(time: float) -> SceneState:
+        snapshot = await state_at(context.history, time)
+        found = await context.camera_workers.run(view.state_in, snapshot, Flattener(context.labels))
+        return replace(found, projectors=others(snapshot))
 
     simulated = settings.clock == "simulated"
     service = StereoService(
@@ -147,6 +155,8 @@ def _start_camera(
         on_streaming,
         context.has_messages_before if scene is None else lambda timestamp: False,
     )
+    if scene is None:
+        service.earlier_state = earlier_state
     if settings.stereo_projectors == "shared" and config.projector and config.dot_light > 0.0:
         projectors.append(projector)
     if settings.stereo_images is not None:
@@ -163,7 +173,7 @@ def _start_camera(
         context.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
         service.wait_until_stored = context.state.commits.wait_until_stored
     if number == 0:
-        context.stereo_camera = lambda: view.camera(config) if scene is None else None
+        context.stereo_camera = lambda snapshot: view.camera(config, snapshot) if scene is None else None
         context.stereo_service = service
         context.stereo_sensor = StereoSensor(service, view, live=scene is None)
     context.run_service(f"stereo {number}" if number else "stereo", service, figures=status)

@@ -23,9 +23,23 @@ async def setup(context: Context) -> None:
     """Add ``/view`` to the application."""
     config = ViewerConfig(background=context.settings.background, rig=rig_of(context.settings.rig))
     stereo = context.stereo_sensor
-    hub = ViewHub(config, context.tree, status=lambda: gateway_status(context), stereo=stereo, page=context.page)
+    hub = ViewHub(
+        config,
+        context.tree,
+        status=lambda: gateway_status(context),
+        stereo=stereo,
+        page=context.page,
+        timeline=context.timeline,
+        has_live=context.log is None,
+    )
     images = SceneImages(
-        config, context.tree, context.flattener, context.renderer, context.workers, lambda: context.stereo_camera()
+        config,
+        context.tree,
+        context.flattener,
+        context.renderer,
+        context.workers,
+        lambda snapshot: context.stereo_camera(snapshot),
+        context.timeline,
     )
     sensor = SensorImages(stereo.capture, config.capture_seconds) if stereo is not None else None
     context.on_render = lambda record: hub.renders.add(render_summary(record))
@@ -33,6 +47,8 @@ async def setup(context: Context) -> None:
     context.app.include_router(router(hub))
     context.app.include_router(image_router(images, sensor, hub.renders))
     context.run_service("view", hub, where="/view")
+    if context.log is not None:
+        context.run_service("log", context.log, where=str(context.log.timeline.path))
 
 
 def gateway_status(context: Context) -> dict[str, Any]:
@@ -58,6 +74,9 @@ def gateway_status(context: Context) -> dict[str, Any]:
     seconds = details.get("drakeviewer", {}).get("simulation_seconds")
     if seconds is not None:
         facts.append({"name": "simulation", "value": f"{seconds:.2f} s"})
+    indexed = details.get("log", {}).get("indexed", 1.0)
+    if indexed < 1.0:
+        facts.append({"name": "indexed", "value": f"{100 * indexed:.0f} %"})
     facts.append({"name": "queue", "value": stats.waiting, "warn": stats.rejected > 0})
     lost = lost_lcm_messages(details.get("treeviewer", {}))
     if lost is not None:

@@ -19,9 +19,11 @@ from gateway.datasets import check as dataset_check
 from gateway.runtime import logs
 from gateway.runtime.kernels import cache
 from scenegate.cli import SERVER_COMMANDS
+from scenegate.cli.play import STATE_CHANNELS
 from scenegate.datasets.manifest import FailureRecord
 from scenegate.lcm import replay
 from scenegate.lcm.event_log import EventLogError
+from scenegate.lcm.log_section import Section
 from tests.support.command import scenegate
 from tests.support.waiting import SECONDS
 
@@ -74,19 +76,23 @@ def test_recording_ends_after_its_time(seconds: str, tmp_path: Path, monkeypatch
 
 @pytest.mark.parametrize(
     ("arguments", "expected"),
-    [([], (None, 1.0, False, ".*")), (["--speed", "0", "--loop", "--channels", "A"], (None, 0.0, True, "A"))],
+    [
+        ([], replay.Playback(section=Section(before=STATE_CHANNELS))),
+        (
+            ["--rate", "0", "--loop", "--channels", "A", "--start", "2.5", "--duration", "3"],
+            replay.Playback(0.0, Section(2.5, 3.0, STATE_CHANNELS), True, "A"),
+        ),
+    ],
 )
 def test_playing_a_log(
-    arguments: list[str], expected: tuple[Any, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    arguments: list[str], expected: replay.Playback, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calls: list[tuple[Any, ...]] = []
+    calls: list[replay.Playback] = []
 
-    async def play(
-        log: Path, url: str | None, speed: float, loop: bool, channels: str, progress: replay.Progress
-    ) -> None:
-        calls.append((url, speed, loop, channels))
+    async def play(log: Path, url: str | None, playback: replay.Playback, progress: replay.Progress) -> None:
+        calls.append(playback)
         progress.events, progress.data_bytes = 3, 70
-        if loop:
+        if playback.loop:
             raise KeyboardInterrupt
 
     monkeypatch.setattr(replay, "play", play)
@@ -105,7 +111,7 @@ def test_a_file_that_is_no_log_is_named(tmp_path: Path, monkeypatch: pytest.Monk
     log = tmp_path / "x.lcmlog"
     log.write_bytes(b"")
     assert invoke("play", str(log)).stderr == f"scenegate: {log}: it has no events\n"
-    assert invoke("play", str(log), "--speed", "-1").exit_code == 2
+    assert invoke("play", str(log), "--rate", "-1").exit_code == 2
     assert invoke("play", str(tmp_path / "none")).exit_code == 2
 
 

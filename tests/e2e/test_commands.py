@@ -188,6 +188,8 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
         ("con", ["convert"]),
         ("convert --pro", ["--profile"]),
         ("serve --worker", ["--workers"]),
+        ("v", ["view"]),
+        ("view --mesh", ["--mesh-root"]),
         ("dataset ", ["check", "export", "schema", "show", "track"]),
     ],
 )

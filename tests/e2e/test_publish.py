@@ -204,7 +204,7 @@ async def test_plays_a_recorded_log(tmp_path: Path) -> None:
             assert await recorder.wait() == 0
     async with serving(live=live) as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
-        done = await scenegate("play", log, "--lcm-url", url, "--speed", "0", "--channels", ".*REQUEST.*")
+        done = await scenegate("play", log, "--lcm-url", url, "--rate", "0", "--channels", ".*REQUEST.*")
         assert done.exit_code == 0, done.stderr
         assert "messages played" in done.stderr
         await until(lambda: set(live.snapshot.root.children) == {"a", "b"})

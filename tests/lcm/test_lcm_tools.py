@@ -138,7 +138,7 @@ async def test_a_log_of_lcm_logger_is_played(tmp_path: Path) -> None:
     assert [entry for entry in events if entry in SENT] == SENT
     async with serving(live=live) as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
-        play = [sys.executable, "-m", "scenegate", "play", str(out), "--lcm-url", url, "--speed", "0"]
+        play = [sys.executable, "-m", "scenegate", "play", str(out), "--lcm-url", url, "--rate", "0"]
         async with running(*play) as ours:
             await wait_until_ended(ours)
             assert ours.returncode == 0

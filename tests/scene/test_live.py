@@ -112,3 +112,18 @@ def test_a_slow_listener_catches_up_by_comparing_snapshots() -> None:
     assert [(change.kind, change.path) for change in found] == [("added", ("moving",))]
     assert found[0].node is not None
     assert found[0].node.pose == (4.0, 0, 0, 1, 0, 0, 0)
+
+
+def test_a_state_of_another_tree() -> None:
+    """It replaces the latest state with its revision; edits go on from there."""
+    other, tree = LiveTree(), LiveTree()
+    for name in "abc":
+        with other.edit() as edit:
+            edit.set_visible((name,), True)
+    heard: list[Snapshot] = []
+    tree.listen(heard.append)
+    tree.replace(other.snapshot)
+    assert heard == [other.snapshot] == [tree.snapshot]
+    with tree.edit() as edit:
+        edit.delete(("a",))
+    assert (tree.snapshot.revision, set(tree.snapshot.root.children)) == (4, {"b", "c"})

@@ -22,7 +22,7 @@ from gateway.scene.geometry import Box, Part, PointCloud
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import look_at
 from gateway.sceneapi.config import SceneApiConfig
-from gateway.sceneapi.query import QueryError, openapi_parameters, parse_query
+from gateway.sceneapi.query import QueryError, openapi_parameters, parse_query, parse_time
 from gateway.sceneapi.routes import router
 from gateway.sceneapi.service import SceneApi
 from renderers.camera import Camera
@@ -260,7 +260,7 @@ async def test_stereo_camera_if_there_is_one(world: World) -> None:
     response = await world.client.get("/scene/render?camera=stereo")
     assert (response.status_code, response.text) == (404, "camera 'stereo': this gateway runs no stereo camera")
     sensor = Camera(1280, 960, 1000, 1000, 640, 480, 0.1, 10, np.eye(4))
-    service = SceneApi(world.tree, world.renderer, world.workers, stereo_camera=lambda: sensor)
+    service = SceneApi(world.tree, world.renderer, world.workers, stereo_camera=lambda snapshot: sensor)
     service.image(parse_query({"camera": "stereo", "width": "64", "height": "48"}, service.config))
     assert world.renderer.calls[-1][1].fx == pytest.approx(50.0)
 
@@ -407,6 +407,7 @@ async def test_all_parameters_are_documented(world: World) -> None:
         "hide",
         "show",
         "background",
+        "time",
     ]
 
 
@@ -419,6 +420,8 @@ def test_documented_defaults_and_examples_are_valid() -> None:
         assert not parameter["required"]
         if name in ("hide", "show"):
             assert [list(path) for path in getattr(query, name)] == json.loads(value)
+        elif name == "time":
+            assert parse_time({name: str(value)}) == value
         elif name not in ("camera", "background"):
             assert getattr(query, name) == value
             assert getattr(defaults, name) == schema.get("default", getattr(defaults, name))
@@ -445,7 +448,7 @@ async def test_documented_responses_are_those_of_each_route(world: World) -> Non
     paths = (await world.client.get("/openapi.json")).json()["paths"]
     statuses = {path: set(paths[path]["get"]["responses"]) for path in ("/scene", "/scene.glb", "/scene/render")}
     assert statuses == {
-        "/scene": {"200", "304", "500", "503"},
+        "/scene": {"200", "304", "400", "404", "500", "503"},
         "/scene.glb": {"200", "304", "400", "404", "413", "500", "503"},
         "/scene/render": {"200", "400", "404", "500", "503"},
     }

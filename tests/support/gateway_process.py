@@ -20,9 +20,10 @@ class GatewayProcess:
     """A running process and its log.
 
     Args:
-        flags: of ``scenegate serve``.
+        flags: of ``scenegate serve``, or of another command that serves.
         env: environment variables to add.
         command: the command ``scenegate``; by default that of this interpreter.
+        name: name of the subcommand.
     """
 
     def __init__(
@@ -30,12 +31,13 @@ class GatewayProcess:
         *flags: str,
         env: dict[str, str] | None = None,
         command: Sequence[str | Path] = (sys.executable, "-m", "scenegate"),
+        name: str = "serve",
     ) -> None:
         # Here, since tests/compose/Dockerfile has this module without the package.
         from scenegate.testing.gateway import clean_environment
 
         self.process = subprocess.Popen(
-            [*command, "serve", *flags],
+            [*command, name, *flags],
             env={**clean_environment(), "SCENEGATE_LOG_FORMAT": "json", **(env or {})},
             stderr=subprocess.PIPE,
             text=True,

@@ -414,3 +414,33 @@ def test_text_faces_the_camera() -> None:
     part = part_json(Part(Box((1, 1, 1)), Material(), kind="text"), Resources())
     assert part["facesCamera"] is True
     assert "facesCamera" not in part_json(Part(Box((1, 1, 1)), Material()), Resources())
+
+
+async def test_trees_of_the_same_revision_that_were_decoded_apart() -> None:
+    """The page's meshes are those of its own trees, also if an update between equal ones was encoded before."""
+
+    def snapshots() -> tuple[Snapshot, Snapshot]:
+        surface = Surface(Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.uint32)))
+        edit = TreeEdit(Node())
+        edit.set_parts(("a",), (Part(surface, MATERIAL),))
+        first = edit.commit()
+        edit = TreeEdit(first)
+        edit.set_pose(("a",), (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+        return Snapshot(first, 1), Snapshot(edit.commit(), 2)
+
+    resources = Resources()
+    encoder = Encoder(resources)
+    for _ in range(2):
+        old, new = snapshots()
+        update, _ = await encoder.update(EMPTY_SNAPSHOT, old)
+        assert all(resources.mesh_frame(mesh_id) for mesh_id in update.meshes)
+        assert len(update.meshes) == 1
+        moved, _ = await encoder.update(old, new)
+        assert not moved.meshes
+        again, _ = await encoder.update(old, new)
+        assert again is moved
+        (other, _), (_, last) = snapshots(), (old, new)
+        changed, _ = await encoder.update(other, last)
+        assert changed.meshes == update.meshes
+        del old, new, other, last
+        gc.collect()

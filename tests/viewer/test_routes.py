@@ -20,7 +20,8 @@ from gateway.scene.cameras import parse_camera
 from gateway.scene.flatten import Flattener
 from gateway.scene.geometry import Box, Part, PointCloud
 from gateway.scene.labels import LabelTable
-from gateway.scene.live import LiveTree
+from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.tree import Node
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import ViewHub
@@ -55,6 +56,9 @@ class CountingRenderer:
         self.looks.append(look)
         self.instance_counts.append(len(scene.instances))
         return Frame(color=np.full((camera.height, camera.width, 3), 90, np.uint8))
+
+
+SECOND = 1_000_000_000
 
 
 class World:
@@ -121,6 +125,37 @@ async def test_page_and_assets_are_served_with_caching_headers(world: World) -> 
     assert again.status_code == 304
     for path in ("nothing.js", "..%2Findex.html", "%2e%2e"):
         assert (await world.http.get(f"/view/assets/{path}")).status_code == 404
+
+
+class Past:
+    """A timeline with one state."""
+
+    span = (1000 * SECOND, 1010 * SECOND)
+
+    def __init__(self) -> None:
+        self.times: list[int] = []
+
+    async def snapshot_at(self, time: int) -> Snapshot:
+        self.times.append(time)
+        return Snapshot(Node(), 77, 1000 * SECOND)
+
+
+async def test_images_of_an_earlier_time(world: World) -> None:
+    past = Past()
+    images = SceneImages(
+        world.config, world.tree, Flattener(LabelTable()), world.renderer, WorkerPool(1), timeline=past
+    )
+    app = FastAPI()
+    app.include_router(image_router(images, None, world.hub.renders))
+    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://view") as http:
+        for time in ("1002.5", "-7.5"):
+            response = await http.get(f"/view/frame.jpg?width=64&height=48&time={time}")
+            assert (response.status_code, response.headers["x-scene-revision"]) == (200, "77")
+        assert past.times == [1_002_500_000_000] * 2
+        response = await http.get("/view/frame.jpg?time=-500")
+        assert (response.status_code, response.text[:16]) == (404, "time=-500 is 510")
+        assert (await http.get("/view/frame.jpg?time=1e11")).status_code == 422
+        assert (await http.get("/view/frame.jpg?width=64&height=48")).headers["x-scene-revision"] != "77"
 
 
 async def test_concurrent_requests_share_one_rendering_per_revision(world: World) -> None:
@@ -483,7 +518,7 @@ async def test_default_and_requested_quality(
 ) -> None:
     requests: list[ImageRequest] = []
 
-    async def jpeg(request: ImageRequest) -> tuple[bytes, int]:
+    async def jpeg(request: ImageRequest, time: float | None = None) -> tuple[bytes, int]:
         requests.append(request)
         return b"", 1
 

@@ -131,6 +131,22 @@ async def test_the_next_update_follows_the_acknowledgement(view: View) -> None:
     assert view.browsers == 0
 
 
+async def test_meshes_that_a_page_has_dropped_are_sent_again(view: View) -> None:
+    view.edit("box")
+    socket = Socket(view.app)
+    header, _ = await socket.frame("mesh")
+    socket.send(f'{{"forgot": [{header["id"]}, 99]}}')
+    socket.send('{"forgot": ["x"]}')
+    await socket.update()
+    socket.send(ACKNOWLEDGE)
+    with view.tree.edit() as edit:
+        edit.set_parts(("other",), view.tree.snapshot.root.children["box"].parts or ())
+    again, _ = await socket.frame("mesh")
+    assert again["id"] == header["id"]
+    socket.disconnect()
+    await socket.task
+
+
 @pytest.mark.parametrize("origin", ["http://gateway.example:8000", None])
 async def test_pages_of_the_gateway_and_other_clients_are_accepted(view: View, origin: str | None) -> None:
     socket = Socket(view.app, origin)

@@ -120,8 +120,24 @@ async def test_settings_of_the_scene_api(contexts: Any, monkeypatch: pytest.Monk
     config = made.positional[3]
     assert (config.background, config.max_pixels) == ((1, 2, 3), 7777)
     camera: Any = object()
-    context.stereo_camera = lambda: camera
-    assert made.named["stereo_camera"]() is camera, "the camera starts later"
+    context.stereo_camera = lambda snapshot: camera
+    assert made.named["stereo_camera"](context.tree.snapshot) is camera, "the camera starts later"
+
+
+@pytest.mark.parametrize(
+    ("settings", "is_kept"),
+    [
+        ({}, True),
+        ({"history_seconds": 0}, False),
+        ({"only": ("render", "stereo")}, False),
+        ({"only": ("scene",)}, True),
+        ({"only": ("view",)}, True),
+    ],
+)
+async def test_a_history_is_kept_where_it_can_be_seen(contexts: Any, settings: dict[str, Any], is_kept: bool) -> None:
+    context = contexts(**settings)
+    context.start_history()
+    assert (context.history is not None) == is_kept
 
 
 @pytest.mark.parametrize(
@@ -217,7 +233,7 @@ async def test_further_cameras_have_ports_seeds_and_mounts_of_their_own(
     assert [service.config.port for service in services.values()] == ports
     assert [service.config.seed for service in services.values()] == [7, 8, 9]
     assert poses == [[4, 5, 6], [1, 2, 3], [7, 8, 9]]
-    camera = context.stereo_camera()
+    camera = context.stereo_camera(context.tree.snapshot)
     assert camera is not None
     assert camera.X_world_camera[:3, 3].tolist() == [4, 5, 6]
 

@@ -19,6 +19,7 @@ CLIENT_COMMANDS: Final = {
 """Modules with ``add_arguments`` and ``run``, and the first lines of their descriptions."""
 SERVER_COMMANDS: Final = {
     "serve": "Serve all protocols until SIGTERM or Ctrl+C.",
+    "view": "Show an LCM log in the browser, at any time of it.",
     "render": "Render scenes: one image, or a dataset of images, camera parameters and labels.",
     "dataset": "Commands for datasets written by `scenegate render`.",
     "convert": "Write the scene of an LCM log to an MCAP file, for Foxglove and ROS 2.",
@@ -69,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         "scenegate",
         description="Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene.",
-        epilog="serve, render, dataset, convert, doctor and warmup need the server: pip install scenegate",
+        epilog="serve, view, render, dataset, convert, doctor and warmup need the server: pip install scenegate",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"scenegate {__version__}")

@@ -6,20 +6,31 @@ import argparse
 import asyncio
 import logging
 import sys
+from typing import Final
 
 from scenegate.cli.options import add_channels, add_lcm_url, at_least, existing_file
 from scenegate.cli.progress_bar import progress_bar
 from scenegate.cli.record import run_with_bar
 from scenegate.lcm import replay
 from scenegate.lcm.event_log import EventLogError
+from scenegate.lcm.log_section import EmptySectionError, Section, StateChannels
+from scenegate.messages import wire
+
+STATE_CHANNELS: Final = StateChannels(edits=(wire.REQUEST,), values=("DRAKE_", "CONTACT_RESULTS"))
+"""Channels of a viewer: requests build on each other, and each message of Drake's replaces the one before."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments and options."""
     parser.add_argument("log", metavar="IN.lcmlog", type=existing_file, help="the log")
     add_lcm_url(parser)
+    text = "begin this long after the log's first message. Earlier requests to the tree viewer, and the last message "
+    text += "of each channel of Drake's, are played first, at once (default: 0)"
+    parser.add_argument("--start", type=at_least(0.0), metavar="SECONDS", default=0.0, help=text)
+    text = "end this long after the start, by the recorded times (default: the log's end)"
+    parser.add_argument("--duration", type=at_least(0.0), metavar="SECONDS", help=text)
     text = "2: twice as fast; 0: as fast as possible (default: 1)"
-    parser.add_argument("--speed", type=at_least(0.0), default=1.0, help=text)
+    parser.add_argument("--rate", type=at_least(0.0), default=1.0, help=text)
     parser.add_argument("--loop", action="store_true", help="repeat until interrupted")
     add_channels(parser)
 
@@ -28,15 +39,17 @@ def run(options: argparse.Namespace) -> None:
     """Play the log."""
     logging.basicConfig(format="scenegate: %(message)s")
     log, progress = options.log, replay.Progress()
+    section = Section(options.start, options.duration, STATE_CHANNELS)
+    playback = replay.Playback(options.rate, section, options.loop, options.channels)
 
     async def play() -> None:
         with progress_bar("Playing", "messages", log.stat().st_size) as bar:
-            playing = replay.play(log, options.lcm_url, options.speed, options.loop, options.channels, progress)
+            playing = replay.play(log, options.lcm_url, playback, progress)
             await run_with_bar(playing, lambda: bar.update(progress.position, progress.events))
 
     try:
         asyncio.run(play())
-    except EventLogError as error:
+    except (EventLogError, EmptySectionError) as error:
         raise ValueError(f"{log}: {error}") from None
     except KeyboardInterrupt:
         pass

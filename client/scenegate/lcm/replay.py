@@ -6,12 +6,13 @@ import asyncio
 import re
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from scenegate.lcm.event_log import pack_event, read_events
+from scenegate.lcm.event_log import pack_event
 from scenegate.lcm.limits import TransportLimits
+from scenegate.lcm.log_section import Section, section_events
 from scenegate.lcm.network import open_transport, resolve_url
 from scenegate.lcm.transport import OnMessage, Transport
 from scenegate.regular_files import open_regular
@@ -83,29 +84,39 @@ async def record(
             await transport.close()
 
 
-async def play(path: Path, url: str | None, speed: float, loop: bool, channels: str, progress: Progress) -> None:
+@dataclass(frozen=True, slots=True)
+class Playback:
+    """Part of a log to play, and how."""
+
+    rate: float = 1.0
+    """2: twice as fast as recorded; 0: as fast as possible."""
+    section: Section = field(default_factory=Section)
+    loop: bool = False
+    """True: repeat until cancelled."""
+    channels: str = ".*"
+    """Regular expression that must match the whole channel name."""
+
+
+async def play(path: Path, url: str | None, playback: Playback, progress: Progress) -> None:
     """Publish a log's messages, with the time between them as recorded.
 
     Args:
         path: log file.
         url: LCM URL; None: the environment variable LCM_DEFAULT_URL, or else LCM's default.
-        speed: 2: twice as fast as recorded; 0: as fast as possible.
-        loop: True: repeat until cancelled.
-        channels: regular expression that must match the whole channel name.
         progress: counts the played events.
     Raises:
         LcmUnavailableError, ConnectionError: the network cannot be joined.
         EventLogError: the file is not an LCM log.
         OSError: the file cannot be read, or the connection is lost.
-        ValueError: a channel name or message does not fit into the network.
+        ValueError: a channel name or message does not fit into the network, or the log ends before the section.
     """
-    pattern = re.compile(channels)
+    pattern = re.compile(playback.channels)
     transport = await _connect(url, UNUSED_PREFIX, lambda *message: None)
     try:
         while True:
             events_before = progress.events
-            await _play_once(path, transport, speed, pattern, progress)
-            if not loop or progress.events == events_before:
+            await _play_once(path, transport, playback, pattern, progress)
+            if not playback.loop or progress.events == events_before:
                 break
         await transport.finish()
     finally:
@@ -113,26 +124,22 @@ async def play(path: Path, url: str | None, speed: float, loop: bool, channels: 
 
 
 async def _play_once(
-    path: Path, transport: Transport, speed: float, pattern: re.Pattern[str], progress: Progress
+    path: Path, transport: Transport, playback: Playback, pattern: re.Pattern[str], progress: Progress
 ) -> None:
-    """Publish the log's messages once."""
-    start: float | None = None  # of playing, by time.monotonic()
-    recorded_start_us = 0
+    """Publish the section's messages once."""
+    begin: float | None = None  # of the section, by time.monotonic(); its first message is sent at once
     with open_regular(path) as file:
-        for event in read_events(file):
-            if not pattern.fullmatch(event.channel):
-                continue
-            if start is None:
-                start, recorded_start_us = time.monotonic(), event.time_us
-            if speed > 0.0:
-                delay = start + (event.time_us - recorded_start_us) / 1e6 / speed - time.monotonic()
+        for seconds, event in section_events(file, playback.section, lambda channel: bool(pattern.fullmatch(channel))):
+            if seconds is not None and playback.rate > 0.0:
+                begin = time.monotonic() - seconds / playback.rate if begin is None else begin
+                delay = begin + seconds / playback.rate - time.monotonic()
                 if delay > MIN_SLEEP_SECONDS:
                     await asyncio.sleep(delay)
             await transport.drain(MAX_UNSENT_BYTES)
             transport.publish(event.channel, event.data)
             progress.events += 1
             progress.data_bytes += len(event.data)
-            progress.position = file.tell()
+            progress.position = event.position
             if progress.events % YIELD_EVENTS == 0:
                 await asyncio.sleep(0)
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.flatten import Flattener
-from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.live import KEPT_NANOSECONDS, LiveTree, Snapshot
 from gateway.scene.mount import Mount
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.imaging.scene_motion import SceneState
@@ -29,26 +32,30 @@ class SceneView:
 
     def state(self, timestamp: int | None = None) -> SceneState:
         """Return scene and pose that were valid at a time, nanoseconds since the epoch; None: the current ones."""
-        snapshot = self.tree.snapshot if timestamp is None else self.tree.snapshot_at(timestamp)
-        scene, pose = self._flattener.flatten(snapshot), self.pose_in(snapshot)
-        time = snapshot.timestamp if timestamp is None else timestamp
-        return SceneState(time, scene, pose, snapshot.revision, snapshot.timestamp)
+        state = self.state_in(self.snapshot_at(timestamp), self._flattener)
+        return state if timestamp is None else replace(state, timestamp=timestamp)
 
-    def pose_at(self, timestamp: int | None = None) -> NDArray[np.float64]:
-        """Return X_world_left, (4, 4) float64, at a time as for ``state``."""
-        return self.pose_in(self.tree.snapshot if timestamp is None else self.tree.snapshot_at(timestamp))
+    def state_in(self, snapshot: Snapshot, flattener: Flattener) -> SceneState:
+        """Return scene and pose in a snapshot."""
+        scene, time = flattener.flatten(snapshot), snapshot.timestamp
+        return SceneState(time, scene, self.pose_in(snapshot), snapshot.revision, time)
+
+    def snapshot_at(self, timestamp: int | None) -> Snapshot:
+        """Return the snapshot that was valid at a time as for ``state``."""
+        return self.tree.snapshot if timestamp is None else self.tree.snapshot_at(timestamp)
 
     def pose_in(self, snapshot: Snapshot) -> NDArray[np.float64]:
-        """Return X_world_left, (4, 4) float64, in a snapshot."""
-        return self._mount.pose(snapshot.root)
+        """Return X_world_left, (4, 4) float64, in a snapshot. An earlier one is not kept as the last."""
+        is_earlier = snapshot.timestamp < self.tree.snapshot.timestamp - KEPT_NANOSECONDS
+        return (copy(self._mount) if is_earlier else self._mount).pose(snapshot.root)
 
     def warning(self) -> str:
         """Return a sentence if the camera's node is missing in the current snapshot, else an empty string."""
         self._mount.pose(self.tree.snapshot.root)
         return self._mount.warning
 
-    def camera(self, config: StereoConfig) -> Camera:
-        """Return the left camera in the current snapshot."""
+    def camera(self, config: StereoConfig, snapshot: Snapshot) -> Camera:
+        """Return the left camera in a snapshot."""
         k = config.model.intrinsics()
-        pose = self.pose_in(self.tree.snapshot)
+        pose = self.pose_in(snapshot)
         return Camera(k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, config.near, config.far, pose)

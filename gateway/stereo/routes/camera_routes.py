@@ -10,6 +10,7 @@ from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 from numpy.typing import NDArray
 
+from gateway.scene.timeline import MAX_SECONDS, TIME_DESCRIPTION, TimeError
 from gateway.server.openapi import Responses, example, json_example
 from gateway.stereo.device.clock import timestamp_text
 from gateway.stereo.imaging.recorded_pairs import PairImaging
@@ -52,7 +53,7 @@ _CAMERA_EXAMPLE: Final = {
     "X_left_color": [[1.0, 0.0, 0.0, 0.015], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
 }
 _ERRORS: Final = {
-    404: "There is no such camera, or it has no such image.",
+    404: "There is no such camera, no such image of it, or no state of this time.",
     500: "A texture of the scene cannot be decoded.",
     503: "Too many requests wait already; see Retry-After.",
 }
@@ -60,6 +61,15 @@ _IMAGE_DESCRIPTION: Final = "The header X-Timestamp has the time of the image, s
 
 Aligned = Annotated[
     bool, Query(description="Depth as seen by the colour camera, with its size", openapi_examples=example(False))
+]
+Time = Annotated[
+    float | None,
+    Query(
+        ge=-MAX_SECONDS,
+        le=MAX_SECONDS,
+        description=f"{TIME_DESCRIPTION} The parameters are those of now. Default: now.",
+        openapi_examples=example(-2.5),
+    ),
 ]
 
 
@@ -89,9 +99,9 @@ def camera_router(*services: StereoService) -> APIRouter:
         responses=_responses("application/zip"),
     )
     @with_error_responses
-    async def rgbd(name: str = camera_name, aligned: Aligned = False) -> Response:
+    async def rgbd(name: str = camera_name, aligned: Aligned = False, time: Time = None) -> Response:
         service = _find_with_color(services, name)
-        frame = await service.capture(_RGBD)
+        frame = await _capture(service, _RGBD, time)
         data = await _compute(frame, lambda: rgbd_npz(frame, service.config, service.workers, aligned=aligned))
         return _response(data, "application/zip", frame)
 
@@ -114,11 +124,12 @@ def camera_router(*services: StereoService) -> APIRouter:
         ],
         name: str = camera_name,
         aligned: Aligned = False,
+        time: Time = None,
     ) -> Response:
         service = _find_with_color(services, name) if image == "color" else _find(services, name)[1]
         if image in ("raw_left", "raw_right") and isinstance(service.imaging, PairImaging):
             raise RestError(404, "the camera shows recorded pairs, which are rectified")
-        frame = await service.capture(_SETS_BY_IMAGE[image])
+        frame = await _capture(service, _SETS_BY_IMAGE[image], time)
         pixels = await _compute(frame, lambda: _pixels(frame, image, aligned=aligned))
         return _response(await service.workers.run(_png, pixels), "image/png", frame)
 
@@ -177,6 +188,14 @@ def _intrinsics(k: Intrinsics) -> dict[str, Any]:
     """Return size and camera matrices: ``K`` as in docs/conventions.md, and that of OpenCV, half a pixel less."""
     matrices = {"K": k.matrix, "K_opencv": k.opencv_matrix}
     return {"width": k.width, "height": k.height, **{name: k.round(6).tolist() for name, k in matrices.items()}}
+
+
+async def _capture(service: StereoService, kind: SetKind, time: float | None) -> Frame:
+    """Return a frame of a time. Raises RestError if there is no state of it."""
+    try:
+        return await service.capture(kind, time)
+    except TimeError as error:
+        raise RestError(404, str(error)) from None
 
 
 async def _compute(frame: Frame, compute: Callable[[], Any]) -> Any:

@@ -38,7 +38,7 @@ def test_scene_and_pose_are_of_one_time() -> None:
     assert (len(after.scene.instances), after.revision, after.timestamp, after.changed) == (0, 2, 20, 20)
     assert after.X_world_left[:3, 3].tolist() == [4, 5, 6]
     assert (current.revision, current.timestamp) == (2, 20)
-    assert view.camera(StereoConfig(model=SMALL)).X_world_camera[:3, 3].tolist() == [4, 5, 6]
+    assert view.camera(StereoConfig(model=SMALL), tree.snapshot).X_world_camera[:3, 3].tolist() == [4, 5, 6]
 
 
 def test_a_missing_node_is_a_warning_and_the_last_pose_is_kept() -> None:
@@ -55,9 +55,26 @@ def test_a_missing_node_is_a_warning_and_the_last_pose_is_kept() -> None:
     assert "no such node" in view.warning()
 
 
+def test_the_pose_of_an_earlier_time_is_not_the_last_one() -> None:
+    now = 0
+    tree = LiveTree(lambda: now)
+    with tree.edit() as edit:
+        edit.set_matrix(("head",), tf.translation(1, 2, 3))
+    view, earlier, now = view_of(tree), tree.snapshot, 5_000_000_000
+    with tree.edit() as edit:
+        edit.set_matrix(("head",), tf.translation(4, 5, 6))
+    assert view.state().X_world_left[:3, 3].tolist() == [4, 5, 6]
+    with tree.edit() as edit:
+        edit.delete(("head",))
+    past = view.state_in(earlier, Flattener(LabelTable()))
+    assert (past.X_world_left[:3, 3].tolist(), past.timestamp, past.revision) == ([1, 2, 3], 0, 1)
+    assert view.state().X_world_left[:3, 3].tolist() == [4, 5, 6]
+    assert "no such node" in view.warning()
+
+
 def test_the_left_camera_has_the_models_intrinsics() -> None:
     tree = LiveTree()
-    camera = view_of(tree).camera(StereoConfig(model=SMALL, near=0.5, far=20.0))
+    camera = view_of(tree).camera(StereoConfig(model=SMALL, near=0.5, far=20.0), tree.snapshot)
     k = SMALL.intrinsics()
     assert (camera.width, camera.height) == (320, 240)
     assert (camera.fx, camera.fy, camera.cx, camera.cy) == (k.focal_length, k.focal_length, k.cx, k.cy)

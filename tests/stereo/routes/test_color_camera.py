@@ -16,15 +16,18 @@ from numpy.typing import NDArray
 
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Box, Part
+from gateway.scene.timeline import TimeError
 from gateway.scene.transforms import translation
 from gateway.scene.tree import Node, TreeEdit
 from gateway.stereo.device.clock import SimulatedClock
 from gateway.stereo.device.parameter_specs import DeviceLimits
+from gateway.stereo.imaging.scene_motion import SceneState
 from gateway.stereo.routes.camera_routes import camera_router
 from renderers.drawlist import DrawList, Material
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.model import Intrinsics, Quality
 from tests.stereo.conftest import SMALL, Camera, Start, pixels
+from tests.stereo.scenes import pose
 
 WIDE = Intrinsics(400, 300, 300.0, 200.0, 150.0)
 COLOR_CAMERA = ColorCamera(WIDE, (0.02, 0.0, 0.0))
@@ -172,6 +175,31 @@ async def test_rgbd_file(start: Start, aligned: bool) -> None:
     assert (arrays["K_depth"] == arrays["K_color"]).all() == aligned
     offset = np.linalg.inv(arrays["X_world_depth"]) @ arrays["X_world_color"]
     assert offset[:3, 3] == pytest.approx([0.0 if aligned else 0.02, 0.0, 0.0])
+
+
+async def test_images_of_an_earlier_time(start: Start) -> None:
+    camera = await start(noise=False)
+    asked = []
+
+    async def earlier(time: float) -> SceneState:
+        asked.append(time)
+        if time < -60.0:
+            raise TimeError(f"time={time:g} is gone")
+        return SceneState(7_500_000_000, DrawList(), pose(), 3, 7_500_000_000)
+
+    response = await get(camera, "/cameras/stereo/left?time=-5")
+    assert (response.status_code, response.json()["message"]) == (
+        404,
+        "time=-5: the camera 'stereo' does not see the live scene",
+    )
+    camera.service.earlier_state = earlier
+    response = await get(camera, "/cameras/stereo/left?time=-5")
+    assert response.headers["x-timestamp"] == "7.500000000"
+    assert not (decoded(response) == decoded(await get(camera, "/cameras/stereo/left"))).all()
+    gone = await get(camera, "/cameras/stereo/rgbd.npz?time=-100")
+    assert (gone.status_code, gone.json()["message"]) == (404, "time=-100 is gone")
+    assert (await get(camera, "/cameras/stereo/left?time=1e11")).status_code == 422
+    assert asked == [-5.0, -100.0]
 
 
 async def test_unknown_cameras_and_images(start: Start) -> None:

@@ -17,6 +17,7 @@ import type { ProgramControls } from "./programs/programcontrols";
 import { FollowBar } from "./tools/follow";
 import { MeasureBar } from "./tools/measure";
 import { SideViews } from "./tools/sideviews";
+import { TimeBar } from "./tools/timebar";
 import { ViewAxes } from "./tools/viewaxes";
 import type { Viewer } from "./view/viewer";
 
@@ -120,6 +121,7 @@ export function App({ viewer, programControls, attach }: AppProps) {
         </aside>
         <div class="shade" onClick={() => panels.closeDrawers()} />
       </div>
+      <TimeBar timeline={viewer.timeline} />
       <StatusBar session={session} />
       <Lightbox full={panels.full} />
     </>

@@ -3,8 +3,9 @@
 
 import type { ControlChange, ControlsMessage, Received } from "./programs/controlmessages";
 import type { Click, Forget, MeshPayload, PageSettings, Rig, SceneUpdate, Status } from "./protocol";
+import type { TimeCommand, TimeState } from "./tools/timeline";
 
-export type Message = SceneUpdate | MeshPayload | Forget | Status | Rig | PageSettings | ControlsMessage | Received;
+export type Message = SceneUpdate | MeshPayload | Forget | Status | Rig | PageSettings | ControlsMessage | Received | TimeState;
 
 const MAGIC = 0x31564753;
 /** [offset in bytes, number of values] */
@@ -70,8 +71,8 @@ export class Connection {
     this.send(text);
   }
 
-  /** Report a click that a client wants, or a change of a control. */
-  report(message: Click | ControlChange): void {
+  /** Report a click that a client wants, a change of a control, a command of the time bar, or meshes that were dropped. */
+  report(message: Click | ControlChange | TimeCommand | { forgot: number[] }): void {
     this.send(JSON.stringify(message));
   }
 

@@ -16,21 +16,27 @@ const session = new Session();
 const programControls = new ProgramControls((change) => connection.report(change));
 const panels = new Panels(session, programControls);
 const holder = document.createElement("div");
-const viewer = new Viewer(session, panels, holder, (click) => connection.report(click));
+const viewer = new Viewer(session, panels, holder, (message) => connection.report(message));
 const { stage } = viewer;
 const gizmos = new Gizmos(stage, session.model, programControls);
 const attach = (element: Element | null) => element?.append(holder);
 render(h(App, { viewer, programControls, attach }), document.querySelector("#app") as Element);
 viewer.followAddress();
 
+let hasNewMeshes = false;
+
 type Handlers = { [K in Message["kind"]]: (message: Extract<Message, { kind: K }>) => void };
 const handlers: Handlers = {
   update: (message) => {
     viewer.apply(message);
     gizmos.follow();
+    if (hasNewMeshes) dropUnusedMeshes();
     connection.acknowledge("k");
   },
-  mesh: (message) => session.model.meshes.set(message.id, message),
+  mesh: (message) => {
+    session.model.meshes.set(message.id, message);
+    hasNewMeshes = true;
+  },
   forget: ({ meshes }) => viewer.drawing.forget(meshes),
   rig: (message) => viewer.frustum.show(message),
   page: (message) => viewer.configure(message),
@@ -40,6 +46,7 @@ const handlers: Handlers = {
   },
   received: ({ number }) => programControls.received(number),
   status: (message) => (session.status.value = message),
+  time: (message) => viewer.timeline.receive(message),
 };
 const receive = (message: Message) => (handlers[message.kind] as (message: Message) => void)(message);
 
@@ -47,9 +54,18 @@ const connection = new Connection(receive, (state, reason) => {
   if (state === "open") {
     viewer.drawing.reset();
     programControls.reset();
+    viewer.timeline.restore();
   }
   session.setConnection(state, reason);
 });
+
+/** Drop meshes of earlier states. Between an update and its acknowledgement, no other update is on its way. */
+function dropUnusedMeshes(): void {
+  hasNewMeshes = false;
+  const unused = session.model.unusedMeshes();
+  viewer.drawing.forget(unused);
+  for (let first = 0; first < unused.length; first += 500) connection.report({ forgot: unused.slice(first, first + 500) });
+}
 
 /** Open a panel when it has content for the first time. */
 function openFor(tab: Tab, hasContent: () => boolean): void {
@@ -72,6 +88,10 @@ const KEYS: Record<string, () => unknown> = {
   "+": () => stage.rig.zoom(0.8),
   "=": () => stage.rig.zoom(0.8),
   "-": () => stage.rig.zoom(1.25),
+  p: () => viewer.timeline.toggle(),
+  l: () => viewer.timeline.live(),
+  ",": () => viewer.timeline.step(-1),
+  ".": () => viewer.timeline.step(1),
   m: () => viewer.measurement.toggle(),
   t: () => panels.toggle("left"),
   s: () => panels.toggle("right"),

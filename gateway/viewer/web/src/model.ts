@@ -6,6 +6,8 @@ import type { Mark } from "./tools/marks";
 import type { CloudLook, Range } from "./view/clouds";
 
 const MAX_REMEMBERED_NODES = 10_000;
+/** Bytes of meshes that no node uses: the gateway has those of its history, too. */
+const MAX_UNUSED_BYTES = 64 << 20;
 
 export class TreeNode {
   readonly children = new Set<TreeNode>();
@@ -78,6 +80,8 @@ export class Model {
   readonly nodes = new Map<number, TreeNode>([[0, this.root]]);
   readonly meshes = new Map<number, MeshPayload>();
   revision = 0;
+  /** Bytes of meshes from which unused ones are dropped. */
+  private maxMeshBytes = MAX_UNUSED_BYTES;
   /** This page's settings of removed nodes by path: a node that is published again gets them back. */
   private readonly removedPageState = new Map<string, Partial<TreeNode>>();
 
@@ -141,6 +145,16 @@ export class Model {
     return node;
   }
 
+  /** Return the ids of meshes that no node uses, if they are too large together. */
+  unusedMeshes(): number[] {
+    const sizes = new Map([...this.meshes].map(([id, mesh]) => [id, bytesOf(mesh)]));
+    const total = (ids: Iterable<number>) => [...ids].reduce((sum, id) => sum + (sizes.get(id) ?? 0), 0);
+    if (total(sizes.keys()) <= this.maxMeshBytes) return [];
+    const used = new Set([...this.nodes.values()].flatMap(({ parts }) => parts ?? []).flatMap(({ draws }) => draws.map(({ mesh }) => mesh)));
+    this.maxMeshBytes = total(used) + MAX_UNUSED_BYTES;
+    return [...sizes.keys()].filter((id) => !used.has(id));
+  }
+
   /** Return the node at a path. */
   find(path: Path): TreeNode | null {
     let node: TreeNode | undefined = this.root;
@@ -178,4 +192,8 @@ export class Model {
       }
     }
   }
+}
+
+function bytesOf(mesh: MeshPayload): number {
+  return Object.values(mesh).reduce((sum, value) => sum + (ArrayBuffer.isView(value) ? value.byteLength : 0), 0);
 }

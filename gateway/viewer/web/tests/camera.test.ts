@@ -30,9 +30,9 @@ it("writes and reads an address with the node that the camera follows", () => {
   const camera = "eye=1,2,3;target=0,0,0;up=0,0,1;fovy=45";
   const followed = { path: ["a&b", 3, "#"], mode: "ride" } as const;
   const text = addressText(camera, { ...followed, path: [...followed.path] });
-  expect(parseAddress(text, 1)).toEqual({ camera: parseCamera(camera, 1), followed });
+  expect(parseAddress(text, 1)).toEqual({ camera: parseCamera(camera, 1), followed, time: null });
   expect(addressText(camera, null)).toBe(camera);
-  expect(parseAddress(camera.replaceAll(";", "%3B"), 1)).toEqual({ camera: parseCamera(camera, 1), followed: null });
+  expect(parseAddress(camera.replaceAll(";", "%3B"), 1)).toEqual({ camera: parseCamera(camera, 1), followed: null, time: null });
 });
 
 it.each(["follow=", "follow=robot", 'follow={"a":1}', "follow=[null]", "ride=[["])("follows nothing with %s", (text) =>

@@ -17,6 +17,11 @@ const PATHS = {
   panel: "M2 2.5h12v11H2zM10 2.5v11",
   follow: "M2 4.5h7.5v7H2zM9.5 7.2L14 5v6L9.5 8.8",
   measure: "M1.5 10.5l9-9 4 4-9 9zM4.2 7.8l1.7 1.7M6.9 5.1l2.3 2.3M9.6 2.4l1.7 1.7",
+  play: "M4.5 3l8 5-8 5z",
+  pause: "M5 3v10M11 3v10",
+  step: "M4 3l6 5-6 5zM12 3v10",
+  stepback: "M12 3L6 8l6 5zM4 3v10",
+  loop: "M3 8V5h9M10 3l2 2-2 2M13 8v3H4M6 13l-2-2 2-2",
   copy: "M5.5 5.5h8v8h-8zM3.5 10.5h-1v-8h8v1",
 } as const;
 

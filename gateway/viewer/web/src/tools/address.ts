@@ -1,9 +1,10 @@
-// What follows `#` in the page's address: the camera. A link to it, and a page that is loaded again, show the same view.
+// What follows `#` in the page's address: the camera, and the moment that is shown. A link to it, and a page that is loaded again, show the same view.
 
 import type { Path, Vector } from "../protocol";
 import { type CameraView, cameraText } from "../view/camera";
 import type { CameraRig } from "../view/camerarig";
 import type { Follow, Followed } from "./follow";
+import type { Timeline } from "./timeline";
 
 /** Shortest time between two changes of the address, ms: browsers limit them. */
 const PERIOD_MS = 500;
@@ -15,14 +16,17 @@ export class CameraAddress {
   constructor(
     private readonly rig: CameraRig,
     private readonly follow: Follow,
+    private readonly timeline: Timeline,
     private readonly isHome: () => boolean,
   ) {}
 
   private text(): string {
     const followed = this.follow.followed.peek();
-    if (this.isHome() && !followed) return "";
+    const moment = this.timeline.moment.peek();
+    const time = moment === null ? "" : `&time=${moment.toFixed(6)}`;
+    if (this.isHome() && !followed) return time && `#${time}`;
     const { view, perspective } = this.rig;
-    return `#${addressText(cameraText(this.follow.relative(view), perspective.fov, perspective.aspect), followed)}`;
+    return `#${addressText(cameraText(this.follow.relative(view), perspective.fov, perspective.aspect), followed)}${time}`;
   }
 
   /** Write the camera into the address soon. */
@@ -59,6 +63,8 @@ export function parseCamera(text: string, aspect: number): CameraView | null {
 export interface Address {
   camera: CameraView | null;
   followed: Followed | null;
+  /** Seconds since the epoch; null: now. */
+  time: number | null;
 }
 
 /** Return the text of a camera and a followed node for the address, after `#`. */
@@ -72,7 +78,8 @@ export function parseAddress(text: string, aspect: number): Address {
   const modes = ["follow", "ride"] as const;
   const mode = modes.find((name) => parts.has(name));
   const path = mode && parsePath(parts.get(mode) ?? "");
-  return { camera: parseCamera(parts.get("camera") ?? "", aspect), followed: mode && path ? { path, mode } : null };
+  const time = Number(parts.get("time"));
+  return { camera: parseCamera(parts.get("camera") ?? "", aspect), followed: mode && path ? { path, mode } : null, time: time > 0 ? time : null };
 }
 
 /** Parse a path as JSON; return null if it is none. */

@@ -59,8 +59,10 @@ function cameraName(camera: string): string {
   return camera.startsWith("path:") ? pathText(JSON.parse(camera.slice(5)) as Path) : "Stereo camera";
 }
 
-export function SideViews({ viewer: { topView, sideCamera, session, stage } }: { viewer: Viewer }) {
+export function SideViews({ viewer: { topView, sideCamera, session, stage, timeline } }: { viewer: Viewer }) {
   const camera = sideCamera.value;
+  const { value: moment } = timeline.moment;
+  const image = moment === null ? "stream.mjpg?" : `frame.jpg?look=plain&time=${moment}&`;
   if (!topView.isShown.value && !camera) return null;
   const attach = (element: Element | null) => {
     element?.append(topView.canvas);
@@ -75,8 +77,8 @@ export function SideViews({ viewer: { topView, sideCamera, session, stage } }: {
         </figure>
       )}
       {camera && (
-        <figure key={camera + session.connection.value.state}>
-          <img src={`view/stream.mjpg?camera=${encodeURIComponent(camera)}&${SIZE}`} alt={`No image of ${cameraName(camera)} now`} />
+        <figure key={camera + image + session.connection.value.state}>
+          <img src={`view/${image}camera=${encodeURIComponent(camera)}&${SIZE}`} alt={`No image of ${cameraName(camera)} now`} />
           <figcaption>{cameraName(camera)}</figcaption>
         </figure>
       )}

@@ -3,6 +3,7 @@
 import type { Color } from "three";
 import type { Model } from "../model";
 import type { Marks } from "../tools/marks";
+import type { Timeline } from "../tools/timeline";
 import { cameraText } from "./camera";
 import type { Stage } from "./stage";
 
@@ -11,6 +12,7 @@ export class Downloads {
     private readonly stage: Stage,
     private readonly model: Model,
     private readonly marks: Marks,
+    private readonly timeline: Timeline,
     private readonly holder: HTMLElement,
   ) {}
 
@@ -21,7 +23,9 @@ export class Downloads {
     const changed = [...this.model.nodes.values()].filter((node) => node.isShown !== node.visible);
     const paths = (on: boolean) => JSON.stringify(changed.filter((node) => node.isShown === on).map((node) => node.path));
     const camera = cameraText(view, perspective.fov, perspective.aspect);
-    return new URLSearchParams({ camera, width: `${width}`, height: `${height}`, hide: paths(false), show: paths(true) });
+    const { value: moment } = this.timeline.moment;
+    const time: Record<string, string> = moment === null ? {} : { time: `${moment}` };
+    return new URLSearchParams({ camera, width: `${width}`, height: `${height}`, hide: paths(false), show: paths(true), ...time });
   }
 
   /** Return the parameters of the gateway's image of this view. */

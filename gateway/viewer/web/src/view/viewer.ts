@@ -12,6 +12,7 @@ import { Follow } from "../tools/follow";
 import { Marks } from "../tools/marks";
 import { Measurement } from "../tools/measure";
 import { TopView } from "../tools/sideviews";
+import { type TimeCommand, Timeline } from "../tools/timeline";
 import type { Direction } from "./camera";
 import { Downloads } from "./downloads";
 import { Drawing } from "./drawing";
@@ -33,6 +34,7 @@ export class Viewer {
   readonly follow: Follow;
   readonly measurement: Measurement;
   readonly topView = new TopView();
+  readonly timeline: Timeline;
   /** Camera whose image is beside the view, in the gateway's syntax; empty: none. */
   readonly sideCamera = signal("");
   /** Rotation of the camera in the world, as a quaternion x, y, z, w. */
@@ -48,7 +50,7 @@ export class Viewer {
     readonly session: Session,
     readonly panels: Panels,
     private readonly holder: HTMLElement,
-    report: (click: Click) => void,
+    report: (message: Click | TimeCommand) => void,
   ) {
     const { model } = session;
     this.stage = new Stage(holder, {
@@ -67,11 +69,12 @@ export class Viewer {
       rig.placements += 1; // it is not the home view any more
       this.address.write();
     });
-    this.address = new CameraAddress(rig, this.follow, () => this.home.isShown);
+    this.timeline = new Timeline(report, () => this.address?.write());
+    this.address = new CameraAddress(rig, this.follow, this.timeline, () => this.home.isShown);
     this.materials = new Materials(redraw, () => stage.lights.environmentMap);
     this.drawing = new Drawing(model, this.materials, stage.clouds, rig.origin, redraw);
     this.marks = new Marks(model, rig.origin, holder);
-    this.downloads = new Downloads(stage, model, this.marks, holder);
+    this.downloads = new Downloads(stage, model, this.marks, this.timeline, holder);
     this.frustum = new Frustum(redraw);
     this.measurement = new Measurement(redraw);
     stage.content.add(this.drawing.root);
@@ -129,7 +132,8 @@ export class Viewer {
   followAddress(): void {
     const { stage, follow } = this;
     stage.resize(); // the text of an orthographic camera has a width
-    this.address.read(({ camera, followed }) => {
+    this.address.read(({ camera, followed, time }) => {
+      this.timeline.open(time);
       if (!camera) return;
       this.home.leave();
       if (camera.orthographic) options.orthographic.shown.value = "on";

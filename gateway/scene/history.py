@@ -1,0 +1,203 @@
+"""The states of the live tree in the last minute, as a ``Timeline``."""
+
+from __future__ import annotations
+
+import threading
+import time
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.packed_changes import PackedChange, PathIds, pack, unpack
+from gateway.scene.tree import CHILD_BYTES, NODE_BYTES
+
+STATES_PER_SECOND: Final = 90
+"""Maximum number of recorded states: as many as a page gets. A tree that changes more often is recorded in between."""
+ROOT_NANOSECONDS: Final = 1_000_000_000
+"""Time between roots. Each takes ``NODE_BYTES`` for every node that moved since the one before."""
+MAX_SEGMENT_SHARE: Final = 0.1
+"""Maximum share of ``max_bytes`` after which there is another root, so that a part of the history can go."""
+REBUILT_STATES: Final = 4
+"""Number of states that were rebuilt last and are kept: playing rebuilds each from the one before."""
+
+
+class _Recorded(NamedTuple):
+    timestamp: int
+    """Time from which the state was valid, nanoseconds since the epoch."""
+    revision: int
+    change: PackedChange
+    """Difference from the state before."""
+
+
+@dataclass(slots=True, eq=False)
+class _Segment:
+    """A root and the changes up to the next segment's root."""
+
+    start: Snapshot
+    changes: list[_Recorded] = field(default_factory=list)
+    ids: PathIds = field(default_factory=PathIds)
+    change_bytes: int = 0
+
+    @property
+    def nbytes(self) -> int:
+        """Estimate of the memory that only this segment needs."""
+        return self.change_bytes + self.ids.nbytes + (NODE_BYTES + CHILD_BYTES) * len(self.ids.paths)
+
+    def count_at(self, timestamp: int) -> int:
+        """Return the number of changes up to a time."""
+        return bisect_right(self.changes, timestamp, key=lambda each: each.timestamp)
+
+
+class _Rebuilt(NamedTuple):
+    segment: _Segment
+    length: int
+    """Number of the segment's changes that it contains."""
+    snapshot: Snapshot
+
+
+class TreeHistory:
+    """States of a live tree over the last seconds: a ``Timeline``. Thread-safe.
+
+    A thread records them while ``start`` … ``close``: edits wait for nothing, and the event loop has nothing to do.
+    ``LiveTree.keep_recent`` is another thing: it has every state for an exposure, as roots, for a second.
+    """
+
+    def __init__(
+        self,
+        tree: LiveTree,
+        seconds: float,
+        max_bytes: int,
+        to_thread: Callable[[Callable[[], Snapshot]], Awaitable[Snapshot]],
+        clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        """Create a history that begins now.
+
+        Args:
+            seconds: Time for which states are kept.
+            max_bytes: Maximum memory, estimated. The oldest states are dropped first.
+            to_thread: Calls a function in another thread, as ``asyncio.to_thread``.
+            clock: Returns nanoseconds since the epoch.
+        """
+        self._tree = tree
+        self._kept_nanoseconds = round(seconds * 1e9)
+        self._max_bytes = max_bytes
+        self._to_thread = to_thread
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._begin(tree.snapshot)
+        self._changed = threading.Event()
+        self._closing = threading.Event()
+        self._stop_listening: Callable[[], None] = lambda: None
+        self._thread = threading.Thread(target=self._run, name="history", daemon=True)
+
+    def start(self) -> None:
+        """Start to record."""
+        self._stop_listening = self._tree.listen(lambda _: self._changed.set())
+        self._changed.set()
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop recording."""
+        self._stop_listening()
+        self._closing.set()
+        self._changed.set()
+        self._thread.join()
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """First and last time that have a state, nanoseconds since the epoch. The last one is now."""
+        now = max(self._clock(), self._tree.snapshot.timestamp)
+        with self._lock:
+            first = max(self._segments[0].start.timestamp, self._began)
+        return min(max(first, now - self._kept_nanoseconds), now), now
+
+    @property
+    def nbytes(self) -> int:
+        """Estimate of the memory."""
+        with self._lock:
+            return sum(segment.nbytes for segment in self._segments)
+
+    async def snapshot_at(self, time: int) -> Snapshot:
+        """Return the state that was valid at a time; times outside the span are clamped."""
+        live = self._tree.snapshot
+        if time >= live.timestamp:
+            return live
+        with self._lock:
+            index = bisect_right(self._segments, time, key=lambda each: each.start.timestamp)
+            segment = self._segments[max(0, index - 1)]
+            count = segment.count_at(time)
+            if count and segment.changes[count - 1].revision == self._last.revision:
+                return self._last
+        return await self._to_thread(lambda: self._rebuild(segment, count)) if count else segment.start
+
+    def record(self) -> None:
+        """Record the newest state, and drop old ones."""
+        snapshot = self._tree.snapshot
+        with self._lock:
+            last, segment = self._last, self._segments[-1]
+        if snapshot.timestamp < last.timestamp:  # the clock was set back
+            with self._lock:
+                self._begin(snapshot)
+        elif snapshot is not last:
+            change = pack(last.root, snapshot.root, segment.ids)
+            with self._lock:
+                self._append(segment, snapshot, change)
+        with self._lock:
+            self._drop_old()
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            self._changed.wait(1.0)  # old states go even if there are no new ones
+            self._changed.clear()
+            self.record()
+            self._closing.wait(1.0 / STATES_PER_SECOND)
+
+    def _begin(self, snapshot: Snapshot) -> None:
+        """Start anew with a state."""
+        self._segments: deque[_Segment] = deque([_Segment(snapshot)])
+        """Oldest first."""
+        self._last = snapshot
+        """The state that was recorded last."""
+        self._rebuilt: deque[_Rebuilt] = deque(maxlen=REBUILT_STATES)
+        self._began = self._clock()
+
+    def _append(self, segment: _Segment, snapshot: Snapshot, change: PackedChange) -> None:
+        """Append a state to the last segment, or make it the root of another one."""
+        self._last = snapshot
+        segment.change_bytes += change.nbytes
+        is_long = snapshot.timestamp - segment.start.timestamp >= ROOT_NANOSECONDS
+        if is_long or segment.nbytes > MAX_SEGMENT_SHARE * self._max_bytes:
+            self._segments.append(_Segment(snapshot))
+        else:
+            segment.changes.append(_Recorded(snapshot.timestamp, snapshot.revision, change))
+
+    def _drop_old(self) -> None:
+        """Drop segments that ended too long ago, and the oldest ones if all need too much memory."""
+        oldest = self._clock() - self._kept_nanoseconds
+        if self._segments[-1].changes and self._last.timestamp <= oldest:
+            self._segments.append(_Segment(self._last))
+        nbytes = sum(segment.nbytes for segment in self._segments)
+        while len(self._segments) > 1 and (nbytes > self._max_bytes or self._segments[1].start.timestamp <= oldest):
+            dropped = self._segments.popleft()
+            nbytes -= dropped.nbytes
+            self._rebuilt = deque((each for each in self._rebuilt if each.segment is not dropped), REBUILT_STATES)
+
+    def _rebuild(self, segment: _Segment, length: int) -> Snapshot:
+        """Return the state after a number of changes of a segment."""
+        base = _Rebuilt(segment, 0, segment.start)
+        with self._lock:
+            for each in self._rebuilt:
+                if each.segment is segment and base.length < each.length <= length:
+                    base = each
+        if base.length == length:
+            return base.snapshot
+        changes = segment.changes[base.length : length]
+        root = unpack(base.snapshot.root, (each.change for each in changes), segment.ids)
+        snapshot = Snapshot(root, changes[-1].revision, changes[-1].timestamp)
+        with self._lock:
+            if segment in self._segments:
+                self._rebuilt.append(_Rebuilt(segment, length, snapshot))
+        return snapshot

@@ -1,0 +1,210 @@
+"""The time that a page shows: the live scene, or a moment of a timeline, at rest or playing.
+
+The page sends a ``TimeCommand``; the gateway moves the page's target. The page learns the result by frames of the kind
+``time``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Annotated, Final, Literal
+
+import msgspec
+
+from gateway.scene.live import Snapshot
+from gateway.scene.timeline import SimulationTimes, Timeline, next_state
+from gateway.viewer.frames import FrameBuilder
+
+PLAY_PERIOD: Final = 1.0 / 60.0
+"""Seconds between two states of a page that plays or whose time is dragged."""
+WORKING_SECONDS: Final = 0.15
+"""Time after which a page says that a state is being looked for."""
+AFTER_CHANGE: Final = 1000
+"""Nanoseconds after a change at which a step stops: seconds as float64 are exact to 240 nanoseconds."""
+MAX_STEPS: Final = 10
+"""Maximum number of steps that wait; each may take a second in a log."""
+
+
+class TimeCommand(msgspec.Struct):
+    """A command of the page's time bar, as the page sends it in JSON. It sets ``rate`` and ``loop``, if it has them."""
+
+    time: Literal["live", "play", "pause", "seek", "step", "set"]
+    at: Annotated[float, msgspec.Meta(ge=0, le=1e10)] = 0.0
+    """Time to seek, seconds since the epoch."""
+    steps: Literal[-1, 1] = 1
+    """Direction of a step."""
+    rate: Annotated[float, msgspec.Meta(ge=0.1, le=10)] | None = None
+    """Seconds of the timeline in a second."""
+    loop: bool | None = None
+
+
+class Mode(StrEnum):
+    """What the time of a page does."""
+
+    LIVE = "live"
+    PLAYING = "playing"
+    PAUSED = "paused"
+
+
+class Playback:
+    """Time of one page. Not thread-safe: it is used in the event loop only, and works while ``run`` runs."""
+
+    def __init__(
+        self,
+        timeline: Timeline,
+        *,
+        has_live: bool,
+        show: Callable[[Snapshot | None], None],
+        release: Callable[[], None],
+        send: Callable[[bytes], None],
+    ) -> None:
+        """
+        Args:
+            timeline: states of the scene.
+            has_live: True if the timeline's end is the live scene. Otherwise the page plays from the start.
+            show: makes a state the target of the page; None: the live scene.
+            release: lets the page show its state without the gateway, which does not keep it any more.
+            send: sends a frame to the page.
+        """
+        self.mode = Mode.LIVE if has_live else Mode.PLAYING
+        self._timeline = timeline
+        self._simulation = timeline if isinstance(timeline, SimulationTimes) else None
+        self._has_live = has_live
+        self._show = show
+        self._release = release
+        self._send = send
+        self._rate = 1.0
+        self._loop_end: int | None = None
+        """Time at which playing starts again at the first state; None: it does not. A live scene's end moves."""
+        self._snapshot: Snapshot | None = None
+        """The state that the page shows; None: the live one, or one that was released."""
+        self._steps = 0
+        """Number of changes to go forward, or back if negative."""
+        self._is_working = False
+        self._problem = ""
+        self._changed = asyncio.Event()
+        """Set after a command."""
+        self._move(timeline.span[0])
+
+    def execute(self, command: TimeCommand) -> None:
+        """Execute a command of the page."""
+        first, last = self._timeline.span
+        position = self._position()
+        self._rate = self._rate if command.rate is None else command.rate
+        if command.loop is not None:
+            self._loop_end = last if command.loop else None
+        match command.time:
+            case "live" if self._has_live:
+                self.mode, self._snapshot = Mode.LIVE, None
+                self._show(None)
+            case "play" if self.mode is not Mode.LIVE:
+                position = first if position >= last else position
+                self.mode = Mode.PLAYING
+            case "pause":
+                self.mode = Mode.PAUSED
+            case "seek":
+                position = min(max(round(command.at * 1e9), first), last)
+                self.mode = Mode.PLAYING if self.mode is Mode.PLAYING else Mode.PAUSED
+            case "step":
+                self.mode = Mode.PAUSED
+                self._steps = max(-MAX_STEPS, min(self._steps + command.steps, MAX_STEPS))
+            case _:
+                pass
+        self._move(position)
+        self._problem = ""
+        self._changed.set()
+
+    def tick(self) -> None:
+        """Send the span to the page, and release a state that is older than the timeline. Called once a second."""
+        if self.mode is Mode.PAUSED and self._position() < self._timeline.span[0]:
+            self._snapshot = None
+            self._release()
+        self._send(self.frame())
+
+    def frame(self) -> bytes:
+        """Return the frame with mode, position and span, seconds since the epoch, and the time of the simulation."""
+        first, last = self._timeline.span
+        position = self._position()
+        times = {"position": position, "first": first, "last": last}
+        simulation = self._simulation.simulation_seconds_at(position) if self._simulation is not None else None
+        return FrameBuilder().finish(
+            {
+                "kind": "time",
+                "mode": self.mode,
+                "live": self._has_live,
+                "rate": self._rate,
+                "loop": self._loop_end is not None,
+                "working": self._is_working,
+                "problem": self._problem,
+                "simulation": simulation,
+                **{name: time / 1e9 for name, time in times.items()},
+            }
+        )
+
+    async def run(self) -> None:
+        """Show what the commands say, until cancelled. Of the seeks that come while one takes time, the last counts."""
+        while True:
+            if self.mode is not Mode.PLAYING:
+                await self._changed.wait()
+            self._changed.clear()
+            if self.mode is Mode.PLAYING:
+                self._pass_end()
+            if self.mode is not Mode.LIVE:
+                await self._follow()
+            self._send(self.frame())
+            await asyncio.sleep(PLAY_PERIOD)
+
+    async def _follow(self) -> None:
+        """Find the state of the position, and show it unless the page has gone live since."""
+        steps, self._steps = self._steps, 0
+        slow = asyncio.get_running_loop().call_later(WORKING_SECONDS, self._say_working)
+        try:
+            snapshot = await self._timeline.snapshot_at(self._position())
+            if steps:
+                snapshot = await next_state(self._timeline, self._snapshot or snapshot, steps)
+        except (OSError, ValueError, RuntimeError) as error:
+            self.mode, self._problem = Mode.PAUSED, str(error)
+            return
+        finally:
+            slow.cancel()
+            self._is_working = False
+        if self.mode is Mode.LIVE:
+            return
+        if steps and not self._changed.is_set():
+            self._move(snapshot.timestamp + AFTER_CHANGE)
+        self._snapshot = snapshot
+        self._show(snapshot)
+
+    def _say_working(self) -> None:
+        self._is_working = True
+        self._send(self.frame())
+
+    def _position(self) -> int:
+        """Return the time that the page shows now, nanoseconds since the epoch."""
+        if self.mode is Mode.LIVE:
+            return self._timeline.span[1]
+        if self.mode is Mode.PAUSED:
+            return self._start
+        passed = asyncio.get_running_loop().time() - self._start_time
+        return self._start + round(passed * self._rate * 1e9)
+
+    def _move(self, position: int) -> None:
+        """Go to a time, from which a page that plays goes on."""
+        self._start, self._start_time = position, asyncio.get_running_loop().time()
+
+    def _pass_end(self) -> None:
+        """Start again, go live or pause when playing is at the end; go on at the first state that is kept."""
+        first, last = self._timeline.span
+        position = self._position()
+        if position < first:
+            self._move(first)
+        elif self._loop_end is not None and position >= self._loop_end:
+            self._loop_end = last
+            self._move(first)
+        elif position >= last:
+            self.mode, self._snapshot = (Mode.LIVE if self._has_live else Mode.PAUSED), None
+            self._move(last)
+            if self._has_live:
+                self._show(None)
