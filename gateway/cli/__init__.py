@@ -1,4 +1,8 @@
+<<<<<<< HEAD
 """The server's commands: ``scenegate serve | view | render | export | dataset | convert | doctor | warmup``."""
+=======
+"""The server's commands: ``scenegate serve | view | render | dataset | convert | doctor | warmup``."""
+>>>>>>> mcap
 
 from __future__ import annotations
 

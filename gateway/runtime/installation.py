@@ -26,6 +26,7 @@ IMPORTS: Final = {
     "DracoPy": "DracoPy.decode",
     "fastapi": "fastapi.FastAPI",
     "fastapi-offline": "fastapi_offline.FastAPIOffline",
+    "foxglove-sdk": "foxglove.start_server",
     "grpcio": "grpc.aio.server",
     "grpcio-health-checking": "grpc_health.v1.health.HealthServicer",
     "grpcio-reflection": "grpc_reflection.v1alpha.reflection.SERVICE_NAME",

@@ -9,5 +9,5 @@ type Pose = [number, number, number, number, number, number, number];
 export function update(revision: number, nodes: NodeUpdate[], poses: Record<number, Pose> = {}, removed: number[] = []): SceneUpdate {
   const ids = Uint32Array.from(Object.keys(poses).map(Number));
   const values = Float32Array.from(Object.values(poses).flat());
-  return { kind: "update", from: revision - 1, revision, removed, nodes, poses: { ids, values } };
+  return { kind: "update", from: revision - 1, revision, timestamp: 0, removed, nodes, poses: { ids, values } };
 }
