@@ -121,7 +121,7 @@ export function App({ viewer, programControls, attach }: AppProps) {
         </aside>
         <div class="shade" onClick={() => panels.closeDrawers()} />
       </div>
-      <TimeBar timeline={viewer.timeline} />
+      <TimeBar timeline={viewer.timeline} session={session} />
       <StatusBar session={session} />
       <Lightbox full={panels.full} />
     </>
