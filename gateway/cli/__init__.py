@@ -1,8 +1,4 @@
-<<<<<<< HEAD
 """The server's commands: ``scenegate serve | view | render | export | dataset | convert | doctor | warmup``."""
-=======
-"""The server's commands: ``scenegate serve | view | render | dataset | convert | doctor | warmup``."""
->>>>>>> mcap
 
 from __future__ import annotations
 

@@ -40,10 +40,6 @@ def doctor() -> None:
 
 
 add_serve(app)
-<<<<<<< HEAD
 for command in (view, render, export, convert, doctor, warmup):
-=======
-for command in (view, render, convert, doctor, warmup):
->>>>>>> mcap
     app.command()(command)
 app.add_typer(dataset.app, name="dataset")

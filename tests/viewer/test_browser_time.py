@@ -53,7 +53,7 @@ def x_of(view: View) -> float:
 
 
 def bar(view: View) -> Any:
-    return view.page.get_by_role("group", name="Time of the scene")
+    return view.page.get_by_role("region", name="Time of the scene")
 
 
 def moment(view: View) -> str:

@@ -71,11 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         "scenegate",
         description="Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene.",
-<<<<<<< HEAD
         epilog="serve, view, render, export, dataset, convert, doctor, warmup need the server: pip install scenegate",
-=======
-        epilog="serve, view, render, dataset, convert, doctor and warmup need the server: pip install scenegate",
->>>>>>> mcap
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"scenegate {__version__}")

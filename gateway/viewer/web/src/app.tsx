@@ -109,7 +109,7 @@ export function App({ viewer, programControls }: { viewer: Viewer; programContro
         </aside>
         <div class="shade" onClick={() => panels.closeDrawers()} />
       </div>
-      <TimeBar timeline={viewer.timeline} />
+      <TimeBar timeline={viewer.timeline} session={session} />
       <StatusBar session={session} />
       <Lightbox panels={panels} />
     </>

@@ -2,6 +2,7 @@
 
 import { Button, Select } from "../panels/controls";
 import type { TimeState } from "../protocol";
+import type { Session } from "../session";
 import { clockText, duration, momentText, type Timeline } from "./timeline";
 
 const RATES = ["0.1", "0.25", "0.5", "1", "2", "5", "10"].map((rate) => [rate, `${rate}×`] as [string, string]);
@@ -33,13 +34,15 @@ function Position({ state, timeline }: { state: TimeState; timeline: Timeline })
   );
 }
 
-export function TimeBar({ timeline }: { timeline: Timeline }) {
+export function TimeBar({ timeline, session }: { timeline: Timeline; session: Session }) {
   const state = timeline.state.value;
-  if (!state) return null;
+  // The view has its final size before the gateway says whether there is a timeline.
+  const isKnown = session.status.value !== null || session.connection.value.state === "closed";
+  if (!state) return isKnown ? null : <div class="timebar" />;
   const { mode, live, rate, loop, working, problem } = state;
   const isLive = mode === "live";
   return (
-    <div class={`timebar ${mode}`} role="group" aria-label="Time of the scene">
+    <section class={`timebar ${mode}`} aria-label="Time of the scene">
       <Button
         icon={mode === "paused" ? "play" : "pause"}
         title={mode === "paused" ? "Play (P)" : "Pause: the scene goes on, this page stays (P)"}
@@ -55,13 +58,13 @@ export function TimeBar({ timeline }: { timeline: Timeline }) {
       </span>
       <span class="steps" hidden={isLive}>
         <Select label="Rate" value={`${rate}`} choices={RATES} onChange={(text) => timeline.set({ rate: Number(text) })} />
-        <Button icon="loop" title="Play again from the start" pressed={loop} onClick={() => timeline.set({ loop: !loop })} />
+        <Button icon="loop" title="Loop: from the end to the start" pressed={loop} onClick={() => timeline.set({ loop: !loop })} />
       </span>
       {live && (
         <button type="button" class="golive" aria-pressed={isLive} title="The scene as it is now (L)" onClick={timeline.live}>
           Live
         </button>
       )}
-    </div>
+    </section>
   );
 }
