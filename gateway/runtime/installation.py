@@ -26,7 +26,6 @@ IMPORTS: Final = {
     "DracoPy": "DracoPy.decode",
     "fastapi": "fastapi.FastAPI",
     "fastapi-offline": "fastapi_offline.FastAPIOffline",
-    "foxglove-sdk": "foxglove.start_server",
     "grpcio": "grpc.aio.server",
     "grpcio-health-checking": "grpc_health.v1.health.HealthServicer",
     "grpcio-reflection": "grpc_reflection.v1alpha.reflection.SERVICE_NAME",
@@ -37,6 +36,7 @@ IMPORTS: Final = {
     "numba": "numba.njit",
     "numpy": "numpy.ndarray",
     "opencv-python-headless": "cv2.imdecode",
+    "opentelemetry-api": "opentelemetry.trace.get_tracer",
     "pillow": "PIL.Image.open",
     "prometheus-client": "prometheus_client.CollectorRegistry",
     "protobuf": "google.protobuf.message.Message",
@@ -53,7 +53,10 @@ IMPORTS: Final = {
     "uvloop": "uvloop.new_event_loop",
     "websockets": "websockets.connect",
     # Extras: checked where they are installed.
+    "foxglove-sdk": "foxglove.start_server",
     "mujoco": "mujoco.MjSpec",
+    "opentelemetry-exporter-otlp-proto-http": "opentelemetry.exporter.otlp.proto.http.trace_exporter.OTLPSpanExporter",
+    "opentelemetry-sdk": "opentelemetry.sdk.trace.TracerProvider",
     "ray": "ray.init",
 }
 """A name that Scenegate imports from each required library."""
@@ -97,7 +100,8 @@ def installation_findings() -> Iterator[Finding]:
         yield Finding("scenegate", Verdict.NOTE, "used without being installed", meaning, "pip install scenegate")
         requirements = list(IMPORTS)
     for requirement in requirements:
-        yield from _library(requirement)
+        if not (requirement.startswith("scenegate-client[") and "extra ==" in requirement):  # it is required anyway
+            yield from _library(requirement)
     yield from _generated_messages()
 
 
