@@ -67,13 +67,6 @@ def camera_python(python: Path) -> Path:
     return python
 
 
-def test_mcap_files_name_their_extra(camera_python: Path, tmp_path: Path) -> None:
-    recorded = run(camera_python, "-m", "scenegate", "record", "--mcap", tmp_path / "a.mcap", cwd=tmp_path)
-    assert recorded.returncode == 1
-    assert "MCAP files need pip install 'scenegate-client[mcap]'" in recorded.stderr
-    assert not (tmp_path / "a.mcap").exists()
-
-
 @pytest.fixture(scope="module")
 def gateway() -> Iterator[str]:
     """The URL of a gateway with the demo scene."""
@@ -145,3 +138,10 @@ def test_examples_of_the_readme(camera_python: Path, gateway: str, tmp_path: Pat
         replaced = replaced.replace("tcpq://127.0.0.1:7700", hub_of(gateway))
         ran = run(camera_python, "-c", replaced, cwd=tmp_path)
         assert ran.returncode == 0, ran.stderr + replaced
+
+
+def test_mcap_files_name_their_extra(camera_python: Path, tmp_path: Path) -> None:
+    recorded = run(camera_python, "-m", "scenegate", "record", "--mcap", tmp_path / "a.mcap", cwd=tmp_path)
+    assert recorded.returncode == 1
+    assert "MCAP files need pip install 'scenegate-client[mcap]'" in recorded.stderr
+    assert not (tmp_path / "a.mcap").exists()
