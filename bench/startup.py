@@ -28,7 +28,7 @@ from bench.gateways import gateway, post
 from bench.table import Row, at_most, show
 
 STARTS = 7
-MESH_CACHE_MB, SCENE_CACHE_MB = 64, 32
+CACHE_BYTES = 32 << 20
 
 
 def cpu_seconds(pid: int) -> tuple[float, float]:
@@ -104,7 +104,7 @@ def different_scenes(count: int) -> Iterator[bytes]:
 
 def memory(count: int, plot: Path | None) -> list[Row]:
     """Measure resident memory of a gateway over ``count`` different scenes."""
-    flags = ("--only", "render", "--mesh-cache-mb", str(MESH_CACHE_MB), "--scene-cache-mb", str(SCENE_CACHE_MB))
+    flags = ("--only", "render", "--cache-bytes", str(CACHE_BYTES))
     seen: list[tuple[int, float]] = []
     with gateway(*flags) as running:
         begin = time.perf_counter()
