@@ -12,7 +12,7 @@ from enum import StrEnum
 from typing import Final
 
 from gateway.scene.live import Snapshot
-from gateway.scene.timeline import SimulationTimes, Timeline, next_state
+from gateway.scene.timeline import Timeline, next_state
 from gateway.viewer.frames import encode
 from gateway.viewer.messages import TimeCommand, TimeState
 
@@ -20,8 +20,8 @@ PLAY_PERIOD: Final = 1.0 / 60.0
 """Seconds between two states of a page that plays or whose time is dragged."""
 WORKING_SECONDS: Final = 0.15
 """Time after which a page says that a state is being looked for."""
-AFTER_CHANGE: Final = 1000
-"""Nanoseconds after a change at which a step stops: seconds as float64 are exact to 240 nanoseconds."""
+AFTER_CHANGE_NS: Final = 1000
+"""Time after a change at which a step stops: seconds as float64 are exact to 240 nanoseconds."""
 MAX_STEPS: Final = 10
 """Maximum number of steps that wait; each may take a second in a log."""
 
@@ -56,7 +56,6 @@ class Playback:
         """
         self.mode = Mode.LIVE if has_live else Mode.PLAYING
         self._timeline = timeline
-        self._simulation = timeline if isinstance(timeline, SimulationTimes) else None
         self._has_live = has_live
         self._show = show
         self._release = release
@@ -113,7 +112,6 @@ class Playback:
         """Return the frame with mode, position and span, seconds since the epoch, and the time of the simulation."""
         first, last = self._timeline.span
         position = self._position()
-        simulation = self._simulation.simulation_seconds_at(position) if self._simulation is not None else None
         return encode(
             TimeState(
                 mode=self.mode.value,
@@ -122,7 +120,7 @@ class Playback:
                 loop=self._loop_end is not None,
                 working=self._is_working,
                 problem=self._problem,
-                simulation=simulation,
+                simulation=self._timeline.simulation_seconds_at(position),
                 position=position / 1e9,
                 first=first / 1e9,
                 last=last / 1e9,
@@ -159,7 +157,7 @@ class Playback:
         if self.mode is Mode.LIVE:
             return
         if steps and not self._changed.is_set():
-            self._move(snapshot.timestamp + AFTER_CHANGE)
+            self._move(snapshot.timestamp + AFTER_CHANGE_NS)
         self._snapshot = snapshot
         self._show(snapshot)
 

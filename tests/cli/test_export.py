@@ -13,7 +13,8 @@ from typer.testing import CliRunner, Result
 
 from gateway.cli.commands import app
 from gateway.gltf import AnimationTime, read_gltf
-from gateway.gltf.export import Motion, export_motion_glb
+from gateway.gltf.export import MotionWriter
+from gateway.scene.live import Snapshot
 from gateway.scene.tree import Node
 from scenegate.lcm.event_log import pack_event
 from tests.treeviewer.conversation import BOX, message
@@ -22,9 +23,9 @@ from tests.viewer.test_scene_file import recording_of
 
 REQUEST = "DIRECTOR_TREE_VIEWER_REQUEST_<a>"
 CYLINDER = {"type": "cylinder", "radius": 1, "length": 1}
-MOTION = Motion()
-MOTION.add(0.0, Node())
-GLB = export_motion_glb(MOTION)
+MOTION = MotionWriter()
+MOTION.add(0, Snapshot(Node(), 0))
+GLB = MOTION.finish(0)
 TURNED = {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}
 
 

@@ -87,6 +87,12 @@ class Log:
         await self.gate.wait()
         return Snapshot(self.roots[index], index + 1, self.first + index * SECOND)
 
+    def simulation_seconds_at(self, time: int) -> float | None:
+        return None
+
+    def held(self) -> Log:
+        return self
+
 
 class Stereo(StereoOnBox):
     """A stereo camera on the box, if there is one."""
