@@ -102,6 +102,11 @@ class LogTimeline:
         """True if seeks to all times are quick."""
         return self._indexer.next_event is None
 
+    @property
+    def newest(self) -> Snapshot:
+        """The last state of the part that is indexed."""
+        return self._indexer.snapshot
+
     async def snapshot_at(self, time: int) -> Snapshot:
         """Return the state that was valid at a time, nanoseconds since the epoch; times outside are clamped.
 

@@ -27,7 +27,7 @@ MAX_STEPS: Final = 10
 
 
 class Mode(StrEnum):
-    """What the time of a page does."""
+    """State of a page's time."""
 
     LIVE = "live"
     PLAYING = "playing"
@@ -82,16 +82,19 @@ class Playback:
             self._loop_end = last if command.loop else None
         match command.time:
             case "live" if self._has_live:
-                self.mode, self._snapshot = Mode.LIVE, None
-                self._show(None)
+                self._go_live()
             case "play" if self.mode is not Mode.LIVE:
                 position = first if position >= last else position
                 self.mode = Mode.PLAYING
             case "pause":
                 self.mode = Mode.PAUSED
             case "seek":
-                position = min(max(round(command.at * 1e9), first), last)
-                self.mode = Mode.PLAYING if self.mode is Mode.PLAYING else Mode.PAUSED
+                wanted = round(command.at * 1e9) if command.by is None else position + round(command.by * 1e9)
+                position = min(max(wanted, first), last)
+                if self._has_live and command.by is not None and wanted >= last:
+                    self._go_live()
+                else:
+                    self.mode = Mode.PLAYING if self.mode is Mode.PLAYING else Mode.PAUSED
             case "step":
                 self.mode = Mode.PAUSED
                 self._steps = max(-MAX_STEPS, min(self._steps + command.steps, MAX_STEPS))
@@ -188,7 +191,12 @@ class Playback:
             self._loop_end = last
             self._move(first)
         elif position >= last:
-            self.mode, self._snapshot = (Mode.LIVE if self._has_live else Mode.PAUSED), None
             self._move(last)
             if self._has_live:
-                self._show(None)
+                self._go_live()
+            else:
+                self.mode, self._snapshot = Mode.PAUSED, None
+
+    def _go_live(self) -> None:
+        self.mode, self._snapshot = Mode.LIVE, None
+        self._show(None)

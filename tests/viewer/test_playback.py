@@ -178,6 +178,23 @@ async def test_seeking_shows_each_moment_with_its_camera(scene: Scene) -> None:
     assert page.time["mode"] == "paused"
 
 
+async def test_seeks_by_seconds_add_up(scene: Scene) -> None:
+    for x in range(1, 9):
+        scene.move(float(x))
+    page = Page(scene.hub.connect())
+    await page.until(lambda: "update" in page.kinds)
+    for _ in range(3):
+        page.send("seek", by=-1.0)
+    await page.until(lambda: page.time["mode"] == "paused" and page.x == 5.0)
+    assert page.time["position"] == scene.seconds(3.0)
+    page.send("seek", by=2.0)
+    await page.until(lambda: page.x == 7.0)
+    page.send("seek", by=1.0)
+    await page.until(lambda: page.time["mode"] == "live" and page.x == 8.0)
+    page.send("seek", by=-1e10)
+    await page.until(lambda: page.x == 0.0 and page.time["position"] == page.time["first"])
+
+
 async def test_steps_stop_at_each_change(scene: Scene) -> None:
     for x in range(1, 6):
         scene.move(float(x), seconds=0.004 * x)

@@ -46,8 +46,12 @@ export function Opacity({ node, label, viewer }: { node: TreeNode; label: string
 type SelectProps<T extends string> = { label?: string; id?: string; value: T; choices: [T, string][]; onChange: (value: T) => void };
 
 export function Select<T extends string>({ label, id, value, choices, onChange }: SelectProps<T>) {
+  const change = ({ currentTarget: menu }: { currentTarget: HTMLSelectElement }) => {
+    onChange(menu.value as T);
+    if (!menu.matches(":focus-visible")) menu.blur(); // chosen with the mouse: keys are shortcuts again
+  };
   return (
-    <select id={id} aria-label={label} value={value} onChange={({ currentTarget }) => onChange(currentTarget.value as T)}>
+    <select id={id} aria-label={label} value={value} onChange={change}>
       {choices.map(([each, text]) => (
         <option key={each} value={each}>
           {text}
