@@ -1,7 +1,7 @@
 """Messages between the gateway and the page, in one definition: ``tools.page_types`` writes the page's types from it.
 
-A message of the gateway is the JSON header of a frame (``frames``); ``kind`` is the type of a message. Fields with their
-default are left out. To add a message: a class here, its name in ``MESSAGES``, and its handler in ``web/src/main.ts``.
+A message of the gateway is the JSON header of a frame (``frames``); ``kind`` is its type. Fields with their default are
+left out. To add a message: a class here, its name in ``MESSAGES``, and its handler in ``web/src/main.ts``.
 """
 
 from __future__ import annotations

@@ -42,7 +42,9 @@ class LogService:
         }
         warnings = timeline.problems.listed()
         if timeline.summary.clock_sets:
-            warnings.append(f"the recorder's clock was set during the recording, number of times: {timeline.summary.clock_sets}")
+            warnings.append(
+                f"the recorder's clock was set during the recording, number of times: {timeline.summary.clock_sets}"
+            )
         return {**figures, "warnings": warnings} if warnings else figures
 
     async def run(self) -> None:

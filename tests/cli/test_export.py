@@ -133,7 +133,7 @@ def test_the_scene_of_a_gateway(gateway: tuple[str, list[tuple[str, str | None]]
     out = tmp_path / "scene.html"
     assert export(url, out, "--duration", "5", "--token", "secret").exit_code == 0
     assert out.read_bytes() == b"file"
-    assert export(f"{url}/", tmp_path / "scene.glb").exit_code == 0
+    assert export(f"{url}/view?theme=dark#eye=1,2,3", tmp_path / "scene.glb").exit_code == 0
     assert requests == [
         ("/view/scene.html?seconds=5.0&rate=30.0", "Bearer secret"),
         ("/scene/motion.glb?rate=30.0", None),
@@ -146,4 +146,4 @@ def test_the_scene_of_a_gateway(gateway: tuple[str, list[tuple[str, str | None]]
 def test_a_gateway_that_does_not_respond(tmp_path: Path) -> None:
     refused = export("http://127.0.0.1:1", tmp_path / "scene.html")
     assert isinstance(refused.exception, ConnectionError)
-    assert "http://127.0.0.1:1 gives no view/scene.html" in str(refused.exception)
+    assert "http://127.0.0.1:1 gives no view/scene.html: [Errno" in str(refused.exception)

@@ -13,9 +13,10 @@ from gateway.scene.geometry import Box, Part
 from gateway.scene.history import TreeHistory
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node, TreeEdit
+from gateway.viewer.browser import Browser
 from gateway.viewer.flow_control import BrowserState
 from gateway.viewer.frames import parse_frame
-from gateway.viewer.hub import Browser, ViewHub
+from gateway.viewer.hub import ViewHub
 from gateway.viewer.messages import TimeCommand
 from gateway.viewer.sources import StereoRig
 from renderers.drawlist import Material
