@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from math import copysign
 from typing import Final, Protocol
 
 from gateway.scene.live import Snapshot
@@ -67,7 +68,7 @@ async def state_at(timeline: Timeline | None, seconds: float) -> Snapshot:
 
     Args:
         timeline: None: no states are kept.
-        seconds: seconds since the epoch; if negative, before the end of the span.
+        seconds: seconds since the epoch; if negative, or -0, before the end of the span.
 
     Raises:
         TimeError: there is no state of this time.
@@ -75,7 +76,7 @@ async def state_at(timeline: Timeline | None, seconds: float) -> Snapshot:
     if timeline is None:
         raise TimeError(f"time={seconds:g}: this gateway keeps no history (--history-seconds 0)")
     first, last = timeline.span
-    time = round(seconds * 1e9) + (last if seconds < 0 else 0)
+    time = round(seconds * 1e9) + (last if copysign(1.0, seconds) < 0 else 0)
     if not first <= time <= last:
         raise TimeError(
             f"time={seconds:.15g} is {_text(time)}; the history has {_text(first)} to {_text(last)}, "

@@ -68,7 +68,7 @@ class Playback:
         self._steps = 0
         """Number of changes to go forward, or back if negative."""
         self._is_working = False
-        self._problem = ""
+        self._error = ""
         self._changed = asyncio.Event()
         """Set after a command."""
         self._move(timeline.span[0])
@@ -101,7 +101,7 @@ class Playback:
             case _:
                 pass
         self._move(position)
-        self._problem = ""
+        self._error = ""
         self._changed.set()
 
     def tick(self) -> None:
@@ -122,7 +122,7 @@ class Playback:
                 rate=self._rate,
                 loop=self._loop_end is not None,
                 working=self._is_working,
-                problem=self._problem,
+                problem=self._error,
                 simulation=self._timeline.simulation_seconds_at(position),
                 position=position / 1e9,
                 first=first / 1e9,
@@ -152,7 +152,7 @@ class Playback:
             if steps:
                 snapshot = await next_state(self._timeline, self._snapshot or snapshot, steps)
         except (OSError, ValueError, RuntimeError) as error:
-            self.mode, self._problem = Mode.PAUSED, str(error)
+            self.mode, self._error = Mode.PAUSED, str(error)
             return
         finally:
             slow.cancel()
