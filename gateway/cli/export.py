@@ -11,8 +11,6 @@ import msgspec
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from gateway.scene.timeline import Timeline
 
 SUFFIXES: Final = (".html", ".glb")
@@ -84,32 +82,25 @@ async def _export_log(
 ) -> bytes:
     """Return the file of a section of a log. What the file does not have is named on stderr."""
     from gateway.assets.mesh_files import MeshFiles
+    from gateway.gltf.export import MotionWriter
     from gateway.lcmlog.timeline import open_log
-    from gateway.sceneapi.motion import motion_glb
+    from gateway.scene.live_page import LivePage
+    from gateway.scene.sampling import write_section
     from gateway.settings import load
+    from gateway.viewer.scene_file import SceneFileWriter
     from scenegate.cli.progress_bar import progress_bar
 
-    write = motion_glb if is_gltf else _html
+    writer = MotionWriter() if is_gltf else SceneFileWriter(LivePage())
     settings = load({"host": "127.0.0.1", "mesh_root": mesh_root})
     files = MeshFiles(settings.mesh_folders, any_folder=settings.local_clients_read_all_folders)
     with closing(open_log(log, files)) as timeline, progress_bar("Exporting", "%", 1.0) as bar:
         first, last = _section(timeline, log, start, duration)
-        data = await write(timeline, first, last, rate, on_progress=lambda done: bar.update(done, round(100 * done)))
+        data = await write_section(
+            writer, timeline, first, last, rate, asyncio.to_thread, lambda done: bar.update(done, round(100 * done))
+        )
     for sentence in timeline.problems.listed():
         typer.echo(f"{log}: {sentence}", err=True)
     return data
-
-
-async def _html(
-    timeline: Timeline, first: int, last: int, rate: float, *, on_progress: Callable[[float], None]
-) -> bytes:
-    from gateway.scene.live_page import LivePage
-    from gateway.viewer.recording import record
-    from gateway.viewer.scene_file import scene_html
-    from gateway.viewer.share_routes import page_settings
-
-    recording = await record(timeline, page_settings(LivePage()), first, last, rate, on_progress=on_progress)
-    return scene_html(recording)
 
 
 def _warnings(glb: bytes) -> list[str]:

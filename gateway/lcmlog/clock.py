@@ -1,4 +1,4 @@
-"""Time of a log's events on the time bar: that of the recorder's clock, as long as nobody sets that clock."""
+"""Time of a log's events on the time bar: that of the recorder's clock, as long as that clock is not set."""
 
 from __future__ import annotations
 

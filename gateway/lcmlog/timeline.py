@@ -89,7 +89,7 @@ class LogTimeline:
 
     @property
     def span(self) -> tuple[int, int]:
-        """First and last time of the log, nanoseconds since the epoch."""
+        """First and last time of the log."""
         return self.summary.span
 
     @property
@@ -101,6 +101,11 @@ class LogTimeline:
     def is_indexed(self) -> bool:
         """True if seeks to all times are quick."""
         return self._indexer.next_event is None
+
+    @property
+    def newest(self) -> Snapshot:
+        """The last state of the part that is indexed."""
+        return self._indexer.snapshot
 
     async def snapshot_at(self, time: int) -> Snapshot:
         """Return the state that was valid at a time, nanoseconds since the epoch; times outside are clamped.
@@ -125,6 +130,10 @@ class LogTimeline:
         while not self.is_indexed:
             await self._in_thread(self._index_slice)
             on_progress(self.progress)
+
+    def held(self) -> LogTimeline:
+        """Return this timeline: the states of a log stay."""
+        return self
 
     def simulation_seconds_at(self, time: int) -> float | None:
         """Return the time of Drake's simulation, seconds, at a time of the log; None if none is known."""

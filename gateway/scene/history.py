@@ -8,18 +8,20 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Final, NamedTuple
 
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.packed_changes import PackedChange, PathIds, pack, unpack
+from gateway.scene.timeline import Timeline
 from gateway.scene.tree import CHILD_BYTES, NODE_BYTES
 
 STATES_PER_SECOND: Final = 90
 """Maximum number of recorded states: as many as a page gets. A tree that changes more often is recorded in between."""
-ROOT_NANOSECONDS: Final = 1_000_000_000
-"""Time between roots. Each takes ``NODE_BYTES`` for every node that moved since the one before."""
+KEYFRAME_NS: Final = 1_000_000_000
+"""Time between keyframes. Each takes ``NODE_BYTES`` for every node that moved since the one before."""
 MAX_SEGMENT_SHARE: Final = 0.1
-"""Maximum share of ``max_bytes`` after which there is another root, so that a part of the history can go."""
+"""Maximum share of ``max_bytes`` after which there is another keyframe, so that a part of the history can go."""
 REBUILT_STATES: Final = 4
 """Number of states that were rebuilt last and are kept: playing rebuilds each from the one before."""
 
@@ -34,9 +36,9 @@ class _Recorded(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Segment:
-    """A root and the changes up to the next segment's root."""
+    """A keyframe and the changes up to the next segment's keyframe."""
 
-    start: Snapshot
+    keyframe: Snapshot
     changes: list[_Recorded] = field(default_factory=list)
     ids: PathIds = field(default_factory=PathIds)
     change_bytes: int = 0
@@ -58,11 +60,30 @@ class _Rebuilt(NamedTuple):
     snapshot: Snapshot
 
 
+@dataclass(frozen=True, slots=True)
+class _HeldHistory:
+    """The states of a history at some time: a ``Timeline``."""
+
+    span: tuple[int, int]
+    state_at: Callable[[int], Awaitable[Snapshot]]
+
+    async def snapshot_at(self, time: int) -> Snapshot:
+        """Return the state that was valid at a time; times outside the span are clamped."""
+        return await self.state_at(time)
+
+    def simulation_seconds_at(self, time: int) -> None:
+        """Return None: the live tree has no time of a simulation."""
+
+    def held(self) -> Timeline:
+        """Return this timeline."""
+        return self
+
+
 class TreeHistory:
     """States of a live tree over the last seconds: a ``Timeline``. Thread-safe.
 
     A thread records them while ``start`` … ``close``: edits wait for nothing, and the event loop has nothing to do.
-    ``LiveTree.keep_recent`` is another thing: it has every state for an exposure, as roots, for a second.
+    ``LiveTree.keep_recent`` is another thing: it has every state for an exposure, as trees, for a second.
     """
 
     def __init__(
@@ -108,10 +129,10 @@ class TreeHistory:
 
     @property
     def span(self) -> tuple[int, int]:
-        """First and last time that have a state, nanoseconds since the epoch. The last one is now."""
+        """First and last time that have a state. The last one is now."""
         now = max(self._clock(), self._tree.snapshot.timestamp)
         with self._lock:
-            first = max(self._segments[0].start.timestamp, self._began)
+            first = max(self._segments[0].keyframe.timestamp, self._began)
         return min(max(first, now - self._kept_nanoseconds), now), now
 
     @property
@@ -122,16 +143,39 @@ class TreeHistory:
 
     async def snapshot_at(self, time: int) -> Snapshot:
         """Return the state that was valid at a time; times outside the span are clamped."""
-        live = self._tree.snapshot
+        return await self._state_at(time, self._tree.snapshot, self._segments, self._rebuilt)
+
+    def simulation_seconds_at(self, time: int) -> None:
+        """Return None: the live tree has no time of a simulation."""
+
+    def held(self) -> Timeline:
+        """Return the states of the present span, which stay as long as the result is used."""
+        span, live = self.span, self._tree.snapshot
+        with self._lock:
+            segments, rebuilt = deque(self._segments), deque[_Rebuilt](maxlen=REBUILT_STATES)
+        return _HeldHistory(span, partial(self._state_at, live=live, segments=segments, rebuilt=rebuilt))
+
+    async def _state_at(
+        self, time: int, live: Snapshot, segments: deque[_Segment], rebuilt: deque[_Rebuilt]
+    ) -> Snapshot:
+        """Return the state that was valid at a time.
+
+        Args:
+            live: State after those of the segments.
+            segments: Segments in the order of time.
+            rebuilt: States of these segments that were rebuilt last.
+        """
         if time >= live.timestamp:
             return live
         with self._lock:
-            index = bisect_right(self._segments, time, key=lambda each: each.start.timestamp)
-            segment = self._segments[max(0, index - 1)]
+            index = bisect_right(segments, time, key=lambda each: each.keyframe.timestamp)
+            segment = segments[max(0, index - 1)]
             count = segment.count_at(time)
             if count and segment.changes[count - 1].revision == self._last.revision:
                 return self._last
-        return await self._to_thread(lambda: self._rebuild(segment, count)) if count else segment.start
+        if not count:
+            return segment.keyframe
+        return await self._to_thread(lambda: self._rebuild(segment, count, segments, rebuilt))
 
     def record(self) -> None:
         """Record the newest state, and drop old ones."""
@@ -165,10 +209,10 @@ class TreeHistory:
         self._began = self._clock()
 
     def _append(self, segment: _Segment, snapshot: Snapshot, change: PackedChange) -> None:
-        """Append a state to the last segment, or make it the root of another one."""
+        """Append a state to the last segment, or make it the keyframe of another one."""
         self._last = snapshot
         segment.change_bytes += change.nbytes
-        is_long = snapshot.timestamp - segment.start.timestamp >= ROOT_NANOSECONDS
+        is_long = snapshot.timestamp - segment.keyframe.timestamp >= KEYFRAME_NS
         if is_long or segment.nbytes > MAX_SEGMENT_SHARE * self._max_bytes:
             self._segments.append(_Segment(snapshot))
         else:
@@ -180,16 +224,16 @@ class TreeHistory:
         if self._segments[-1].changes and self._last.timestamp <= oldest:
             self._segments.append(_Segment(self._last))
         nbytes = sum(segment.nbytes for segment in self._segments)
-        while len(self._segments) > 1 and (nbytes > self._max_bytes or self._segments[1].start.timestamp <= oldest):
+        while len(self._segments) > 1 and (nbytes > self._max_bytes or self._segments[1].keyframe.timestamp <= oldest):
             dropped = self._segments.popleft()
             nbytes -= dropped.nbytes
             self._rebuilt = deque((each for each in self._rebuilt if each.segment is not dropped), REBUILT_STATES)
 
-    def _rebuild(self, segment: _Segment, length: int) -> Snapshot:
-        """Return the state after a number of changes of a segment."""
-        base = _Rebuilt(segment, 0, segment.start)
+    def _rebuild(self, segment: _Segment, length: int, segments: deque[_Segment], rebuilt: deque[_Rebuilt]) -> Snapshot:
+        """Return the state after a number of changes of a segment. Further arguments as for ``_state_at``."""
+        base = _Rebuilt(segment, 0, segment.keyframe)
         with self._lock:
-            for each in self._rebuilt:
+            for each in rebuilt:
                 if each.segment is segment and base.length < each.length <= length:
                     base = each
         if base.length == length:
@@ -198,6 +242,6 @@ class TreeHistory:
         root = unpack(base.snapshot.root, (each.change for each in changes), segment.ids)
         snapshot = Snapshot(root, changes[-1].revision, changes[-1].timestamp)
         with self._lock:
-            if segment in self._segments:
-                self._rebuilt.append(_Rebuilt(segment, length, snapshot))
+            if segment in segments:
+                rebuilt.append(_Rebuilt(segment, length, snapshot))
         return snapshot

@@ -1,9 +1,9 @@
-"""Samples of a timeline at a rate, for files with motion."""
+"""Files with the motion of a section of a timeline, which is sampled at a rate."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
-from typing import Final, NamedTuple
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any, Final, NamedTuple, Protocol
 
 from gateway.scene.live import Snapshot
 from gateway.scene.timeline import Timeline
@@ -12,8 +12,26 @@ MAX_SAMPLES: Final = 200_000
 """Default limit of the number of samples: an hour at 50 Hz."""
 
 
-class SamplingError(ValueError):
-    """There are too many samples; the message is one sentence."""
+class FileTooLargeError(ValueError):
+    """A file of the scene, or the number of its samples, is above the limit; the message is one sentence."""
+
+
+class SectionWriter(Protocol):
+    """Writes the states of a section as a file. Times are nanoseconds since the epoch."""
+
+    def add(self, time: int, snapshot: Snapshot) -> None:
+        """Append a state.
+
+        Raises:
+            FileTooLargeError: The file would be too large.
+        """
+
+    def finish(self, end: int) -> bytes:
+        """Return the file.
+
+        Args:
+            end: Time until which the last state is valid.
+        """
 
 
 class Sample(NamedTuple):
@@ -37,12 +55,12 @@ async def samples(
         rate: samples per second.
 
     Raises:
-        SamplingError: there are more samples than the limit.
+        FileTooLargeError: there are more samples than the limit.
     """
     seconds = (end - start) / 1e9
     count = int(seconds * rate) + 1
     if count > max_samples:
-        raise SamplingError(
+        raise FileTooLargeError(
             f"{seconds:.1f} s at {rate:g} Hz are {count} samples of the scene; the limit is {max_samples}: take a "
             "shorter time, or a lower rate"
         )
@@ -54,3 +72,31 @@ async def samples(
         if snapshot.revision != last_revision and (not is_empty or number == count):
             last_revision = snapshot.revision
             yield Sample(time, snapshot, number / count)
+
+
+async def write_section(
+    writer: SectionWriter,
+    timeline: Timeline,
+    start: int,
+    end: int,
+    rate: float,
+    to_thread: Callable[..., Awaitable[Any]],
+    on_progress: Callable[[float], None] = lambda done: None,
+) -> bytes:
+    """Return the file of a section of a timeline.
+
+    Args:
+        start: First time, nanoseconds since the epoch.
+        end: Last time. Equal to ``start``: one state.
+        rate: Samples per second.
+        to_thread: Calls a function with arguments in another thread, as ``asyncio.to_thread``.
+        on_progress: Called now and then with the fraction that is done.
+
+    Raises:
+        FileTooLargeError: The file would be too large, or has too many samples.
+    """
+    async for sample in samples(timeline, start, end, rate):
+        await to_thread(writer.add, sample.time, sample.snapshot)
+        on_progress(sample.done)
+    data: bytes = await to_thread(writer.finish, end)
+    return data

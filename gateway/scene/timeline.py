@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Final, Protocol, runtime_checkable
+from math import copysign
+from typing import Final, Protocol
 
 from gateway.scene.live import Snapshot
 
-FIRST_STEP: Final = 1_000_000
-"""Time after which the next change is first looked for, nanoseconds. It is doubled until there is one."""
-
-
+FIRST_STEP_NS: Final = 1_000_000
+"""Time after which the next change is first looked for. It is doubled until there is one."""
 MAX_SECONDS: Final = 1e10
 """Maximum of a time that a client names, either sign."""
 TIME_DESCRIPTION: Final = (
@@ -20,11 +19,11 @@ TIME_DESCRIPTION: Final = (
 
 
 class Timeline(Protocol):
-    """States of the tree over time."""
+    """States of the tree over time. Times are nanoseconds since the epoch."""
 
     @property
     def span(self) -> tuple[int, int]:
-        """First and last time that have a state, nanoseconds since the epoch. The last one of a live tree advances."""
+        """First and last time that have a state. Those of a live tree advance."""
 
     async def snapshot_at(self, time: int) -> Snapshot:
         """Return the state that was valid at a time; times outside the span are clamped.
@@ -32,13 +31,11 @@ class Timeline(Protocol):
         A call with a time at which the same state was valid returns a snapshot of the same revision.
         """
 
-
-@runtime_checkable
-class SimulationTimes(Protocol):
-    """A timeline that may know times of a simulation."""
-
     def simulation_seconds_at(self, time: int) -> float | None:
         """Return the time of the simulation, seconds, at a time of the timeline; None if it is not known."""
+
+    def held(self) -> Timeline:
+        """Return the states of the present span, which stay as long as the result is used."""
 
 
 class TimeError(ValueError):
@@ -53,7 +50,7 @@ async def next_state(timeline: Timeline, snapshot: Snapshot, steps: int) -> Snap
     for _ in range(-steps):
         snapshot = await timeline.snapshot_at(max(first, snapshot.timestamp - 1))
     for _ in range(steps):
-        revision, start, step = snapshot.revision, max(first, snapshot.timestamp), FIRST_STEP
+        revision, start, step = snapshot.revision, max(first, snapshot.timestamp), FIRST_STEP_NS
         found = snapshot
         while found.revision == revision and start + step // 2 < last:
             found = await timeline.snapshot_at(min(start + step, last))
@@ -71,7 +68,7 @@ async def state_at(timeline: Timeline | None, seconds: float) -> Snapshot:
 
     Args:
         timeline: None: no states are kept.
-        seconds: seconds since the epoch; if negative, before the end of the span.
+        seconds: seconds since the epoch; if negative, or -0, before the end of the span.
 
     Raises:
         TimeError: there is no state of this time.
@@ -79,7 +76,7 @@ async def state_at(timeline: Timeline | None, seconds: float) -> Snapshot:
     if timeline is None:
         raise TimeError(f"time={seconds:g}: this gateway keeps no history (--history-seconds 0)")
     first, last = timeline.span
-    time = round(seconds * 1e9) + (last if seconds < 0 else 0)
+    time = round(seconds * 1e9) + (last if copysign(1.0, seconds) < 0 else 0)
     if not first <= time <= last:
         raise TimeError(
             f"time={seconds:.15g} is {_text(time)}; the history has {_text(first)} to {_text(last)}, "
@@ -89,5 +86,5 @@ async def state_at(timeline: Timeline | None, seconds: float) -> Snapshot:
 
 
 def _text(time: int) -> str:
-    """Return a time of day, UTC, with its seconds since the epoch."""
+    """Return a time in nanoseconds since the epoch as seconds, with the time of day, UTC."""
     return f"{time / 1e9:.3f}" + (f" ({datetime.fromtimestamp(time / 1e9, UTC):%H:%M:%S} UTC)" if time >= 0 else "")

@@ -8,8 +8,8 @@ from typing import Any, Final
 from fastapi import APIRouter, Request, Response
 from starlette.requests import ClientDisconnect
 
-from gateway.gltf.export import ExportError
 from gateway.scene.live import Snapshot
+from gateway.scene.sampling import FileTooLargeError
 from gateway.scene.timeline import TimeError
 from gateway.sceneapi.query import (
     TIME_PARAMETER,
@@ -180,7 +180,7 @@ async def _run(service: SceneApi, request: Request, make: Callable[[], SceneResp
         return _text_response(404, str(error))
     except QueryError as error:
         return _text_response(400, str(error))
-    except ExportError as error:
+    except FileTooLargeError as error:
         return _text_response(413, str(error))
     except ImageError as error:
         return _text_response(500, f"a texture of the scene cannot be decoded: {error}")

@@ -132,7 +132,7 @@ class SceneApi:
             snapshot: The scene; None: the newest.
 
         Raises:
-            ExportError: The file would be too large.
+            FileTooLargeError: The file would be too large.
             QueryError: The camera cannot be resolved in the scene.
         """
         snapshot, flattener = self._shown(query, snapshot)

@@ -7,6 +7,7 @@ From the connection inwards:
 - ``middleware``: request ids, log lines, metrics.
 - ``security``, with ``access``, ``tokens`` and ``grpc_tokens``: access control.
 - ``error_handlers``, ``disconnect``: responses without a route, and clients that disconnect.
-- ``health``, ``index_page``: routes. ``openapi``: the part of the description that all routes share.
+- ``health``, ``index_page``: routes. ``section_files``: responses with the recent motion in a file.
+- ``openapi``: the part of the description that all routes share.
 - ``healthcheck``: the container's health check, a program.
 """

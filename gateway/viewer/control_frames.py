@@ -52,5 +52,5 @@ class ControlFrames:
 
 
 def received_frame(number: int) -> bytes:
-    """Return the frame that tells a page the number of its last change that was executed."""
+    """Return the frame with the number of a page's last change that was executed."""
     return encode(messages.Received(number=number))

@@ -1,7 +1,7 @@
 """Messages between the gateway and the page, in one definition: ``tools.page_types`` writes the page's types from it.
 
-A message of the gateway is the JSON header of a frame (``frames``); ``kind`` tells messages apart. Fields with their
-default are left out. To add a message: a class here, its name in ``MESSAGES``, and its handler in ``web/src/main.ts``.
+A message of the gateway is the JSON header of a frame (``frames``); ``kind`` is its type. Fields with their default are
+left out. To add a message: a class here, its name in ``MESSAGES``, and its handler in ``web/src/main.ts``.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class Part(Fields):
 
 
 class NodeUpdate(Fields):
-    """A node that was added, or what of it has changed."""
+    """A node that was added, or the properties of it that have changed."""
 
     id: int
     parent: int | UnsetType = UNSET
@@ -175,7 +175,7 @@ class Fact(Fields):
 
 
 class Status(Message, tag="status"):
-    """What the status bar shows."""
+    """The content of the status bar."""
 
     interfaces: dict[str, InterfaceState] = {}
     facts: list[Fact] = []
@@ -223,7 +223,7 @@ class PageSettings(Message, tag="page"):
 
 
 class ControlsMessage(Message, tag="controls"):
-    """What has changed of the controls of programs."""
+    """Changes of the controls of programs."""
 
     controls: Annotated[list[dict[str, Any]], Meta(extra_json_schema={"typescript": "ControlDefinition[]"})] | None
     """All controls, ``scenegate.messages.controls.AnyControl`` with ``id``. None: as before."""
@@ -340,6 +340,8 @@ class TimeCommand(Struct):
     time: Literal["live", "play", "pause", "seek", "step", "set"]
     at: Annotated[float, Meta(ge=0, le=1e10)] = 0.0
     """Time to seek, seconds since the epoch."""
+    by: Annotated[float, Meta(ge=-1e10, le=1e10)] | None = None
+    """Seconds to seek from the present position, in place of ``at``. At the end of a live scene, the page goes live."""
     steps: Literal[-1, 1] = 1
     """Direction of a step."""
     rate: Annotated[float, Meta(ge=0.1, le=10)] | None = None

@@ -12,7 +12,7 @@ from enum import StrEnum
 from typing import Final
 
 from gateway.scene.live import Snapshot
-from gateway.scene.timeline import SimulationTimes, Timeline, next_state
+from gateway.scene.timeline import Timeline, next_state
 from gateway.viewer.frames import encode
 from gateway.viewer.messages import TimeCommand, TimeState
 
@@ -20,14 +20,14 @@ PLAY_PERIOD: Final = 1.0 / 60.0
 """Seconds between two states of a page that plays or whose time is dragged."""
 WORKING_SECONDS: Final = 0.15
 """Time after which a page says that a state is being looked for."""
-AFTER_CHANGE: Final = 1000
-"""Nanoseconds after a change at which a step stops: seconds as float64 are exact to 240 nanoseconds."""
+AFTER_CHANGE_NS: Final = 1000
+"""Time after a change at which a step stops: seconds as float64 are exact to 240 nanoseconds."""
 MAX_STEPS: Final = 10
 """Maximum number of steps that wait; each may take a second in a log."""
 
 
 class Mode(StrEnum):
-    """What the time of a page does."""
+    """State of a page's time."""
 
     LIVE = "live"
     PLAYING = "playing"
@@ -56,7 +56,6 @@ class Playback:
         """
         self.mode = Mode.LIVE if has_live else Mode.PLAYING
         self._timeline = timeline
-        self._simulation = timeline if isinstance(timeline, SimulationTimes) else None
         self._has_live = has_live
         self._show = show
         self._release = release
@@ -69,7 +68,7 @@ class Playback:
         self._steps = 0
         """Number of changes to go forward, or back if negative."""
         self._is_working = False
-        self._problem = ""
+        self._error = ""
         self._changed = asyncio.Event()
         """Set after a command."""
         self._move(timeline.span[0])
@@ -83,23 +82,26 @@ class Playback:
             self._loop_end = last if command.loop else None
         match command.time:
             case "live" if self._has_live:
-                self.mode, self._snapshot = Mode.LIVE, None
-                self._show(None)
+                self._go_live()
             case "play" if self.mode is not Mode.LIVE:
                 position = first if position >= last else position
                 self.mode = Mode.PLAYING
             case "pause":
                 self.mode = Mode.PAUSED
             case "seek":
-                position = min(max(round(command.at * 1e9), first), last)
-                self.mode = Mode.PLAYING if self.mode is Mode.PLAYING else Mode.PAUSED
+                wanted = round(command.at * 1e9) if command.by is None else position + round(command.by * 1e9)
+                position = min(max(wanted, first), last)
+                if self._has_live and command.by is not None and wanted >= last:
+                    self._go_live()
+                else:
+                    self.mode = Mode.PLAYING if self.mode is Mode.PLAYING else Mode.PAUSED
             case "step":
                 self.mode = Mode.PAUSED
                 self._steps = max(-MAX_STEPS, min(self._steps + command.steps, MAX_STEPS))
             case _:
                 pass
         self._move(position)
-        self._problem = ""
+        self._error = ""
         self._changed.set()
 
     def tick(self) -> None:
@@ -113,7 +115,6 @@ class Playback:
         """Return the frame with mode, position and span, seconds since the epoch, and the time of the simulation."""
         first, last = self._timeline.span
         position = self._position()
-        simulation = self._simulation.simulation_seconds_at(position) if self._simulation is not None else None
         return encode(
             TimeState(
                 mode=self.mode.value,
@@ -121,8 +122,8 @@ class Playback:
                 rate=self._rate,
                 loop=self._loop_end is not None,
                 working=self._is_working,
-                problem=self._problem,
-                simulation=simulation,
+                problem=self._error,
+                simulation=self._timeline.simulation_seconds_at(position),
                 position=position / 1e9,
                 first=first / 1e9,
                 last=last / 1e9,
@@ -151,7 +152,7 @@ class Playback:
             if steps:
                 snapshot = await next_state(self._timeline, self._snapshot or snapshot, steps)
         except (OSError, ValueError, RuntimeError) as error:
-            self.mode, self._problem = Mode.PAUSED, str(error)
+            self.mode, self._error = Mode.PAUSED, str(error)
             return
         finally:
             slow.cancel()
@@ -159,7 +160,7 @@ class Playback:
         if self.mode is Mode.LIVE:
             return
         if steps and not self._changed.is_set():
-            self._move(snapshot.timestamp + AFTER_CHANGE)
+            self._move(snapshot.timestamp + AFTER_CHANGE_NS)
         self._snapshot = snapshot
         self._show(snapshot)
 
@@ -190,7 +191,12 @@ class Playback:
             self._loop_end = last
             self._move(first)
         elif position >= last:
-            self.mode, self._snapshot = (Mode.LIVE if self._has_live else Mode.PAUSED), None
             self._move(last)
             if self._has_live:
-                self._show(None)
+                self._go_live()
+            else:
+                self.mode, self._snapshot = Mode.PAUSED, None
+
+    def _go_live(self) -> None:
+        self.mode, self._snapshot = Mode.LIVE, None
+        self._show(None)

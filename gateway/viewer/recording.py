@@ -13,19 +13,17 @@ same revision, so that a page can start there.
 
 from __future__ import annotations
 
-import asyncio
 import struct
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
 import numpy as np
 
 from gateway.scene.live import Snapshot
-from gateway.scene.sampling import MAX_SAMPLES, samples
-from gateway.scene.timeline import Timeline
+from gateway.scene.sampling import FileTooLargeError
 from gateway.viewer.encoder import EMPTY_SNAPSHOT, Encoder, Update
 from gateway.viewer.frames import ALIGNMENT, FrameBuilder, encode
 from gateway.viewer.messages import Message, RecordedChannel, RecordedImage, RecordingEnd
@@ -34,6 +32,8 @@ from renderers.drawlist import ImageError
 from renderers.encode import png_rgba
 
 _RECORD: Final = struct.Struct("<dII")
+MAX_BYTES: Final = 256 << 20
+"""Maximum bytes of the frames of a recording. A page that shows it keeps all of them in memory."""
 KEYFRAME_SHARE: Final = 0.5
 """Bytes of keyframes, which are updates with the whole scene, as a fraction of those of the updates between them. To
 show another time, a page applies a keyframe and the updates after it."""
@@ -41,56 +41,15 @@ COMPRESSION_LEVEL: Final = 6
 _GZIP: Final = 16 + zlib.MAX_WBITS
 
 
-class RecordingTooLargeError(ValueError):
-    """The recording has more bytes than its limit."""
-
-
-@dataclass(frozen=True, slots=True)
-class RecordingLimits:
-    """Limits of a recording."""
-
-    max_bytes: int = 256 << 20
-    """Maximum bytes of the frames. A page that shows the recording keeps all of them in memory."""
-    max_samples: int = MAX_SAMPLES
-    """Maximum number of times at which the scene is sampled: an hour at 50 Hz."""
-
-
-async def record(
-    timeline: Timeline,
-    page_frame: bytes,
-    start: int,
-    end: int,
-    rate: float,
-    limits: RecordingLimits | None = None,
-    on_progress: Callable[[float], None] = lambda done: None,
-) -> bytes:
-    """Return a recording of the states of a timeline, sampled at a rate. Encoding takes place in threads.
-
-    Args:
-        timeline: states of the scene.
-        page_frame: frame with the page's settings.
-        start: first time, nanoseconds since the epoch.
-        end: last time. Equal to ``start``: one state.
-        rate: samples per second.
-        on_progress: called now and then with the fraction that is done.
-
-    Raises:
-        RecordingTooLargeError: there are too many bytes.
-        SamplingError: there are too many samples.
-    """
-    limits = limits or RecordingLimits()
-    recorder = Recorder(limits.max_bytes)
-    recorder.add_frame(start, page_frame)
-    async for sample in samples(timeline, start, end, rate, limits.max_samples):
-        await asyncio.to_thread(recorder.add, sample.time, sample.snapshot)
-        on_progress(sample.done)
-    return await asyncio.to_thread(recorder.finish, end)
-
-
 class Recorder:
-    """Encodes snapshots as a recording. Not thread-safe."""
+    """Encodes snapshots as a recording: a ``SectionWriter``. Not thread-safe."""
 
-    def __init__(self, max_bytes: int) -> None:
+    def __init__(self, page_frame: bytes, max_bytes: int = MAX_BYTES) -> None:
+        """
+        Args:
+            page_frame: Frame with the page's settings.
+        """
+        self._page_frame = page_frame
         self._max_bytes = max_bytes
         self._resources = Resources()
         self._encoder = Encoder(self._resources)
@@ -111,8 +70,10 @@ class Recorder:
         """Append the differences to the last snapshot.
 
         Raises:
-            RecordingTooLargeError: the recording has more bytes than its limit.
+            FileTooLargeError: the recording has more bytes than its limit.
         """
+        if self._snapshot is EMPTY_SNAPSHOT:
+            self.add_frame(time, self._page_frame)
         old, self._snapshot = self._snapshot, replace(snapshot, revision=self._snapshot.revision + 1)
         update = self._encoder.encode(old, self._snapshot)
         self._add_resources(time, update)
@@ -134,7 +95,7 @@ class Recorder:
         """
         self._nbytes += len(frame)
         if self._nbytes > self._max_bytes:
-            raise RecordingTooLargeError(
+            raise FileTooLargeError(
                 f"the recording has more than {self._max_bytes} bytes, which is the limit: record a shorter time, or "
                 "at a lower rate"
             )

@@ -19,7 +19,8 @@ from fastapi.websockets import WebSocketState
 
 from gateway.scene.geometry import PointCloud
 from gateway.server.access import same_origin
-from gateway.viewer.hub import Browser, ViewHub
+from gateway.viewer.browser import Browser
+from gateway.viewer.hub import ViewHub
 from gateway.viewer.messages import Click, ControlChange, Forgot, TimeCommand
 from gateway.viewer.resources import channel_values
 from gateway.viewer.scene_file import STATIC

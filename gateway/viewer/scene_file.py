@@ -10,6 +10,10 @@ from functools import cache
 from importlib.resources import files
 from typing import Final
 
+from gateway.scene.live_page import LivePage
+from gateway.viewer.encoder import encode_page
+from gateway.viewer.recording import MAX_BYTES, Recorder
+
 STATIC: Final = files("gateway.viewer") / "static"
 """Folder with the files of the page, built from ``web``."""
 RECORDING_ID: Final = "recording"
@@ -18,7 +22,27 @@ _SCRIPT_TAG: Final = re.compile(r"<script [^>]*></script>")
 _STYLE_TAG: Final = re.compile(r'<link rel="stylesheet"[^>]*>')
 _ASSET: Final = re.compile(r'/assets/([^/"]+)"')
 _SCRIPT_END: Final = re.compile(r"<(/script|!--)", re.IGNORECASE)
-"""What ends a script in HTML."""
+"""Texts that end a script in HTML."""
+
+
+class SceneFileWriter(Recorder):
+    """Writes states of the scene as one HTML file: a ``SectionWriter``. Not thread-safe."""
+
+    def __init__(self, page: LivePage, view: str = "", max_bytes: int = MAX_BYTES) -> None:
+        """
+        Args:
+            page: page whose view settings the file has. Nothing is clickable: clicks in a file have no receiver.
+            view: as for ``scene_html``.
+            max_bytes: limit of the recording.
+        """
+        recorded = LivePage()
+        recorded.view = page.view
+        super().__init__(encode_page(recorded), max_bytes)
+        self._view = view
+
+    def finish(self, end: int) -> bytes:
+        """Return the file. Arguments as for ``Recorder``."""
+        return scene_html(super().finish(end), self._view)
 
 
 def scene_html(recording: bytes, view: str = "") -> bytes:

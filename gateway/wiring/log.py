@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Final
 
 from gateway.lcmlog.timeline import LogTimeline
 from gateway.scene.live import LiveTree
+
+SHOW_SECONDS: Final = 1.0
+"""Time between two states in the live tree while the log is indexed."""
 
 
 class LogService:
@@ -20,7 +23,9 @@ class LogService:
         """
         self.timeline = timeline
         self.tree = LiveTree()
-        """The live tree of the application: the last state of the log, when it is indexed."""
+        """The live tree of the application: the last state of the part of the log that is indexed."""
+        self._shown_time = -SHOW_SECONDS
+        """Time of the last replacement of the live tree, in seconds of the event loop's clock."""
         self._on_progress = on_progress
         self.ready = False
 
@@ -37,16 +42,25 @@ class LogService:
         }
         warnings = timeline.problems.listed()
         if timeline.summary.clock_sets:
-            warnings.append(f"the recorder's clock was set {timeline.summary.clock_sets} times during the recording")
+            warnings.append(
+                f"the recorder's clock was set during the recording, number of times: {timeline.summary.clock_sets}"
+            )
         return {**figures, "warnings": warnings} if warnings else figures
 
     async def run(self) -> None:
-        """Index the log, show its last state in the live tree, then wait until cancelled, and close the log."""
+        """Index the log into the live tree, then wait until cancelled, and close the log."""
         self.ready = True
         try:
-            await self.timeline.build_index(self._on_progress)
-            self.tree.replace(await self.timeline.snapshot_at(self.timeline.span[1]))
+            await self.timeline.build_index(self._show)
+            self.tree.replace(self.timeline.newest)
             await asyncio.Event().wait()
         finally:
             self.ready = False
             self.timeline.close()
+
+    def _show(self, progress: float) -> None:
+        self._on_progress(progress)
+        now = asyncio.get_running_loop().time()
+        if now >= self._shown_time + SHOW_SECONDS:
+            self._shown_time = now
+            self.tree.replace(self.timeline.newest)

@@ -31,5 +31,5 @@ async def setup(context: Context) -> None:
     )
     context.app.include_router(router(service))
     if context.timeline is not None:
-        context.app.include_router(motion_router(context.timeline, config.max_export_bytes))
+        context.app.include_router(motion_router(context.tree, context.timeline, config.max_export_bytes))
     context.registry.ready("scene", where="/scene", figures=service.status)

@@ -77,19 +77,19 @@ def test_recording_ends_after_its_time(seconds: str, tmp_path: Path, monkeypatch
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ([], replay.Playback(section=Section(before=STATE_CHANNELS))),
+        ([], replay.PlayOptions(section=Section(before=STATE_CHANNELS))),
         (
             ["--rate", "0", "--loop", "--channels", "A", "--start", "2.5", "--duration", "3"],
-            replay.Playback(0.0, Section(2.5, 3.0, STATE_CHANNELS), True, "A"),
+            replay.PlayOptions(0.0, Section(2.5, 3.0, STATE_CHANNELS), True, "A"),
         ),
     ],
 )
 def test_playing_a_log(
-    arguments: list[str], expected: replay.Playback, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    arguments: list[str], expected: replay.PlayOptions, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calls: list[replay.Playback] = []
+    calls: list[replay.PlayOptions] = []
 
-    async def play(log: Path, url: str | None, playback: replay.Playback, progress: replay.Progress) -> None:
+    async def play(log: Path, url: str | None, playback: replay.PlayOptions, progress: replay.Progress) -> None:
         calls.append(playback)
         progress.events, progress.data_bytes = 3, 70
         if playback.loop:

@@ -13,7 +13,8 @@ from typer.testing import CliRunner, Result
 
 from gateway.cli.commands import app
 from gateway.gltf import AnimationTime, read_gltf
-from gateway.gltf.export import Motion, export_motion_glb
+from gateway.gltf.export import MotionWriter
+from gateway.scene.live import Snapshot
 from gateway.scene.tree import Node
 from scenegate.lcm.event_log import pack_event
 from tests.treeviewer.conversation import BOX, message
@@ -22,9 +23,9 @@ from tests.viewer.test_scene_file import recording_of
 
 REQUEST = "DIRECTOR_TREE_VIEWER_REQUEST_<a>"
 CYLINDER = {"type": "cylinder", "radius": 1, "length": 1}
-MOTION = Motion()
-MOTION.add(0.0, Node())
-GLB = export_motion_glb(MOTION)
+MOTION = MotionWriter()
+MOTION.add(0, Snapshot(Node(), 0))
+GLB = MOTION.finish(0)
 TURNED = {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}
 
 
@@ -132,7 +133,7 @@ def test_the_scene_of_a_gateway(gateway: tuple[str, list[tuple[str, str | None]]
     out = tmp_path / "scene.html"
     assert export(url, out, "--duration", "5", "--token", "secret").exit_code == 0
     assert out.read_bytes() == b"file"
-    assert export(f"{url}/", tmp_path / "scene.glb").exit_code == 0
+    assert export(f"{url}/view?theme=dark#eye=1,2,3", tmp_path / "scene.glb").exit_code == 0
     assert requests == [
         ("/view/scene.html?seconds=5.0&rate=30.0", "Bearer secret"),
         ("/scene/motion.glb?rate=30.0", None),
@@ -145,4 +146,4 @@ def test_the_scene_of_a_gateway(gateway: tuple[str, list[tuple[str, str | None]]
 def test_a_gateway_that_does_not_respond(tmp_path: Path) -> None:
     refused = export("http://127.0.0.1:1", tmp_path / "scene.html")
     assert isinstance(refused.exception, ConnectionError)
-    assert "http://127.0.0.1:1 gives no view/scene.html" in str(refused.exception)
+    assert "http://127.0.0.1:1 gives no view/scene.html: [Errno" in str(refused.exception)

@@ -32,6 +32,15 @@ def test_expected_errors_are_one_sentence(monkeypatch: pytest.MonkeyPatch, error
     assert (ran.exit_code, ran.stderr) == (1, f"scenegate: {text}\n")
 
 
+def test_an_interrupt_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(options: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(play, "run", interrupt)
+    ran = scenegate("play", __file__)
+    assert (ran.exit_code, ran.stderr) == (130, "")
+
+
 def test_other_errors_keep_their_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(options: object) -> NoReturn:
         raise KeyError("a fault")

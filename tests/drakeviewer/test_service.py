@@ -262,7 +262,7 @@ async def test_recordings_are_shown_again(tmp_path: Path) -> None:
         stop.set()
         await recording
     async with running() as found, hub_of(found) as url:
-        await replay.play(log, url, replay.Playback(), replay.Progress())
+        await replay.play(log, url, replay.PlayOptions(), replay.Progress())
         await until(lambda: found.x() == 4.0)
         assert found.service.status()["simulation_seconds"] == 1.0
 

@@ -14,11 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.gltf import read_gltf
-from gateway.gltf.export import ExportError, export_glb
+from gateway.gltf.export import export_glb
 from gateway.scene import transforms as tf
 from gateway.scene.bounds import scene_bounds
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Box, Capsule, Cylinder, Line, Part, PointCloud, Sphere, Surface, Triad
+from gateway.scene.sampling import FileTooLargeError
 from gateway.scene.tree import Node, TreeEdit
 from renderers.camera import Camera
 from renderers.drawlist import (
@@ -241,7 +242,7 @@ def test_an_empty_tree_is_a_valid_file() -> None:
 
 
 def test_files_beyond_the_limit_are_refused() -> None:
-    with pytest.raises(ExportError, match="larger than 100 bytes"):
+    with pytest.raises(FileTooLargeError, match="larger than 100 bytes"):
         export_glb(Node((Part(Sphere(1.0), RED),)), max_bytes=100)
 
 
@@ -356,7 +357,7 @@ def test_a_file_of_exactly_the_limit_is_written() -> None:
     root = Node((Part(Box((1, 1, 1)), RED),))
     size = document(export_glb(root))["buffers"][0]["byteLength"]
     assert export_glb(root, max_bytes=size)
-    with pytest.raises(ExportError, match=f"larger than {size - 1} bytes"):
+    with pytest.raises(FileTooLargeError, match=f"larger than {size - 1} bytes"):
         export_glb(root, max_bytes=size - 1)
 
 

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from gateway.gltf import AnimationTime, GltfScene, read_gltf
-from gateway.gltf.export import ExportError, Motion, export_motion_glb
+from gateway.gltf.export import MotionWriter
 from gateway.scene.geometry import Box, Part, Sphere
+from gateway.scene.live import Snapshot
+from gateway.scene.sampling import FileTooLargeError
 from gateway.scene.transforms import Y_UP_TO_Z_UP, Matrix
 from gateway.scene.tree import Node, Path, TreeEdit
 from renderers.drawlist import Material
@@ -31,10 +33,10 @@ def states(*edits: Any) -> list[Node]:
 
 
 def exported(roots: list[Node], step: float = 1.0) -> tuple[bytes, list[str]]:
-    motion = Motion()
+    writer = MotionWriter()
     for number, root in enumerate(roots):
-        motion.add(number * step, root)
-    data = export_motion_glb(motion)
+        writer.add(round(number * step * 1e9), Snapshot(root, number))
+    data = writer.finish(0)
     return data, warnings_of(data)
 
 
@@ -177,9 +179,9 @@ def test_other_readers_accept_the_file() -> None:
 
 
 def test_the_size_of_the_motion_is_limited() -> None:
-    motion = Motion(max_bytes=1000)
+    writer = MotionWriter(max_bytes=1000)
     roots = states(*(lambda edit, x=x: edit.set_pose(("box",), (x, 0, 0, 1, 0, 0, 0)) for x in range(20)))
-    for time, root in enumerate(roots[:9]):
-        motion.add(time, root)
-    with pytest.raises(ExportError, match=r"needs more than 1000 bytes: take a shorter time"):
-        motion.add(9.0, roots[9])
+    for number, root in enumerate(roots[:9]):
+        writer.add(number, Snapshot(root, number))
+    with pytest.raises(FileTooLargeError, match=r"needs more than 1000 bytes: take a shorter time"):
+        writer.add(9, Snapshot(roots[9], 9))

@@ -109,7 +109,7 @@ async def test_records_and_plays_over_tcpq(tmp_path: Path) -> None:
     live = LiveTree()
     async with serving(live=live) as service:
         progress = replay.Progress()
-        await replay.play(out, f"tcpq://127.0.0.1:{service.tcpq_port}", replay.Playback(), progress)
+        await replay.play(out, f"tcpq://127.0.0.1:{service.tcpq_port}", replay.PlayOptions(), progress)
         await until(lambda: set(live.snapshot.root.children) == {"a", "b"})
         assert (progress.events, progress.data_bytes) == (2, len(EVENTS[0].data) + len(EVENTS[2].data))
 
@@ -127,9 +127,9 @@ async def test_records_and_plays_over_udp(tmp_path: Path) -> None:
         serving(TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=None)), live=live),
         recording(out, url, "IMU|DIR.*") as received,
     ):
-        await replay.play(log, url, replay.Playback(rate=0.0, channels=".*_<a>"), replay.Progress())
+        await replay.play(log, url, replay.PlayOptions(rate=0.0, channels=".*_<a>"), replay.Progress())
         await until(lambda: set(live.snapshot.root.children) == {"a", "b"})
-        await replay.play(log, url, replay.Playback(rate=100.0, channels="IMU"), replay.Progress())
+        await replay.play(log, url, replay.PlayOptions(rate=100.0, channels="IMU"), replay.Progress())
         await until(lambda: received.events == 5)  # and two responses
     channels = [event.channel for event in read_events(io.BytesIO(out.read_bytes()))]
     assert sorted(channels) == sorted(
@@ -143,12 +143,12 @@ async def test_loops_until_cancelled(tmp_path: Path) -> None:
     async with serving() as service:
         progress = replay.Progress()
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
-        playing = asyncio.create_task(replay.play(log, url, replay.Playback(rate=0.0, loop=True), progress))
+        playing = asyncio.create_task(replay.play(log, url, replay.PlayOptions(rate=0.0, loop=True), progress))
         await until(lambda: service.status()["received"] >= 10)
         playing.cancel()
         await asyncio.gather(playing, return_exceptions=True)
         # a loop without events must end, too
-        await replay.play(log, url, replay.Playback(rate=0.0, loop=True, channels="nothing"), progress)
+        await replay.play(log, url, replay.PlayOptions(rate=0.0, loop=True, channels="nothing"), progress)
 
 
 async def test_finish_loses_nothing_when_the_hub_sends(tmp_path: Path) -> None:
@@ -172,7 +172,7 @@ async def test_finish_loses_nothing_when_the_hub_sends(tmp_path: Path) -> None:
 
     server = await asyncio.start_server(hub, "127.0.0.1", 0)
     url = f"tcpq://127.0.0.1:{server.sockets[0].getsockname()[1]}"
-    await replay.play(log, url, replay.Playback(rate=0.0), replay.Progress())
+    await replay.play(log, url, replay.PlayOptions(rate=0.0), replay.Progress())
     assert await received > sum(len(event.data) for event in EVENTS) * 500
     server.close()
     await server.wait_closed()
@@ -191,7 +191,7 @@ async def test_keeps_recorded_times(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     async with serving() as service:
         monkeypatch.setattr(asyncio, "sleep", note)
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
-        await replay.play(log, url, replay.Playback(rate=0.001), replay.Progress())
+        await replay.play(log, url, replay.PlayOptions(rate=0.001), replay.Progress())
         monkeypatch.undo()
     waits = [seconds for seconds in slept if seconds > 0.1]
     assert waits == [pytest.approx(0.5, abs=0.4), pytest.approx(20.0, abs=0.5)]
@@ -209,6 +209,8 @@ async def test_reports_missing_network(url: str, reason: str, tmp_path: Path, mo
 async def test_rejects_invalid_pattern(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="is not a pattern"):
         await replay.record(tmp_path / "x", "memq://", "(", replay.Progress(), asyncio.Event())
+    with pytest.raises(ValueError, match=r"--channels '\[' is not a pattern"):
+        await replay.play(tmp_path / "x", "memq://", replay.PlayOptions(channels="["), replay.Progress())
 
 
 def test_damaged_lengths_do_not_read_the_rest_each_time() -> None:

@@ -14,9 +14,10 @@ from gateway.lcmlog.checkpoints import Checkpoints
 from gateway.lcmlog.scan import scan
 from gateway.lcmlog.timeline import LogTimeline
 from gateway.scene.live import LiveTree
+from gateway.viewer.browser import Browser
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.frames import parse_frame
-from gateway.viewer.hub import Browser, ViewHub
+from gateway.viewer.hub import ViewHub
 from gateway.viewer.messages import TimeCommand
 from tests.lcmlog.logs import BEGIN, write_log
 from tests.lcmlog.test_timeline import cloud_of, moving

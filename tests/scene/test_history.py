@@ -69,6 +69,10 @@ def content(root: Node) -> list[tuple[Path, tuple[Any, ...]]]:
     ]
 
 
+def x_of(snapshot: Snapshot) -> float:
+    return float(snapshot.root.children["body"].children[0].matrix[0, 3])
+
+
 @given(st.lists(st.tuples(commands, st.integers(0, SECOND)), max_size=12), st.randoms())
 def test_each_recorded_state_is_found_again(steps: list[tuple[list[Command], int]], random: Any) -> None:
     recorder = Recorder()
@@ -110,6 +114,27 @@ def test_times_outside_the_span_are_clamped() -> None:
     assert recorder.at(recorder.now + SECOND) is snapshots[-1]
 
 
+def test_held_states_stay() -> None:
+    recorder = Recorder(seconds=2.0)
+    for step in range(40):
+        recorder.now += SECOND // 10
+        recorder.move(1, step)
+    recorder.now += 1
+    first, last = recorder.history.span
+    held = recorder.history.held()
+    expected = {time: recorder.at(time) for time in range(first, last, SECOND // 10)}
+    for step in range(40, 100):
+        recorder.now += SECOND // 10
+        recorder.move(1, step)
+    assert recorder.at(first).revision > recorder.at(last).revision - 25 > expected[first].revision
+    assert held.span == held.held().span == (first, last)
+    for time, snapshot in expected.items():
+        found = asyncio.run(held.snapshot_at(time))
+        assert found.revision == snapshot.revision
+        assert content(found.root) == content(snapshot.root)
+    assert x_of(asyncio.run(held.snapshot_at(last))) == 39
+
+
 def test_old_states_go_even_if_nothing_changes() -> None:
     recorder = Recorder(seconds=60.0)
     cloud = recorder.cloud(1000)
@@ -145,7 +170,7 @@ def test_the_oldest_states_go_first() -> None:
         recorder.move(100, step)
         assert recorder.history.nbytes <= 4 * MIB
     first, last = recorder.history.span
-    assert 5 < (last - first) / SECOND < 20, "60 Hz × 100 × 60 bytes, and roots"
+    assert 5 < (last - first) / SECOND < 20, "60 Hz × 100 × 60 bytes, and keyframes"
     assert recorder.at(first).root.children["body"].children[0].matrix[0, 3] > 1000
 
 

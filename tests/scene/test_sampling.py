@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gateway.scene.live import Snapshot
-from gateway.scene.sampling import SamplingError, samples
+from gateway.scene.sampling import FileTooLargeError, samples
 from gateway.scene.tree import Node
 from tests.viewer.recordings import SECOND, States
 
@@ -41,5 +41,5 @@ async def test_the_fraction_that_is_done_ascends_to_one() -> None:
 
 async def test_the_number_of_samples_is_limited() -> None:
     section = samples(STATES, 0, 10 * SECOND, 10, max_samples=100)
-    with pytest.raises(SamplingError, match=r"10\.0 s at 10 Hz are 101 samples of the scene; the limit is 100"):
+    with pytest.raises(FileTooLargeError, match=r"10\.0 s at 10 Hz are 101 samples of the scene; the limit is 100"):
         await anext(section)

@@ -7,13 +7,14 @@ import pytest
 from fastapi import FastAPI
 
 from gateway.gltf import AnimationTime, read_gltf
+from gateway.scene.live import LiveTree
 from gateway.sceneapi.motion import motion_router
 from tests.viewer.test_recording import moving_scene
 
 
 def client(max_bytes: int = 1 << 20) -> httpx2.AsyncClient:
     app = FastAPI()
-    app.include_router(motion_router(moving_scene(9), max_bytes))
+    app.include_router(motion_router(LiveTree(), moving_scene(9), max_bytes))
     return httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://scene")
 
 

@@ -27,6 +27,12 @@ class States:
     async def snapshot_at(self, time: int) -> Snapshot:
         return self.snapshots[max(0, bisect_right(self.snapshots, time, key=lambda each: each.timestamp) - 1)]
 
+    def simulation_seconds_at(self, time: int) -> float | None:
+        return None
+
+    def held(self) -> States:
+        return self
+
 
 def frames_of(recording: bytes) -> list[tuple[float, bytes]]:
     """Return the frames of a recording with their times, seconds since the epoch."""

@@ -663,7 +663,7 @@ def test_keyboard_shortcuts_and_focus(view: tuple[View, Publisher]) -> None:
     keyboard.press("1")
     assert camera() == pytest.approx(home), "shortcuts are off"
     shown.page.locator(".stage canvas").focus()
-    moved_by("1")
+    moved_by("3")
     shown.open_display_menu()
     shown.page.get_by_label("Single-key shortcuts").check()
     keyboard.press("Escape")

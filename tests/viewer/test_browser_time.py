@@ -92,6 +92,16 @@ def test_the_slider_is_dragged_and_has_keys(shown: tuple[View, TreeViewer]) -> N
     assert "s ago" in slider.get_attribute("aria-valuetext")
     slider.press("End")
     view.until(lambda: view.page.evaluate("scenegate.model.find(['cart'])") and x_of(view) == 1.0, "live")
+    view.page.evaluate("new Promise((done) => setTimeout(done, 3500))")  # so long a history
+    for _ in range(3):
+        slider.press("ArrowLeft")
+    view.until(lambda: re.match(r"[3-9]\.\d s ago", moment(view)), "each key counts")
+    rate = bar(view).get_by_role("combobox", name="Rate")
+    rate.focus()
+    rate.dispatch_event("pointerdown")  # a click would open a menu of the system
+    rate.select_option("2")
+    view.page.keyboard.press("l")
+    view.until(lambda: not bar(view).get_by_role("status").is_visible(), "live by key after a rate was chosen")
     box = slider.bounding_box()
     view.page.mouse.click(box["x"] + 0.25 * box["width"], box["y"] + 0.5 * box["height"])
     view.until(lambda: bar(view).get_by_role("button", name="Play (P)").is_visible(), "paused by the mouse")
@@ -120,3 +130,15 @@ def test_the_address_has_the_moment(shown: tuple[View, TreeViewer], gateway: tup
     other.until(lambda: x_of(other) == 2.0 and "time=" not in other.page.url, "live again")
     other.page.close()
     assert other.faults == []
+
+
+def test_a_page_is_live_if_the_gateway_comes_back_without_history(gateway: tuple[Any, str]) -> None:
+    arguments = ("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0")
+    with gateway_process(*arguments) as (_, url):
+        view = View(gateway[0], url)
+        view.until(lambda: bar(view).is_visible(), "a time bar")
+        view.page.keyboard.press("p")
+        view.until(lambda: "time=" in view.page.url, "paused")
+    with gateway_process(*arguments, "--port", url.rsplit(":", 1)[1], "--history-seconds", "0"):
+        view.until(lambda: bar(view).count() == 0 and "time=" not in view.page.url, "live, without a time bar")
+    view.page.close()

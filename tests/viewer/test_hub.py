@@ -17,9 +17,10 @@ from gateway.scene.clicks import ClickSubscriptions
 from gateway.scene.geometry import Box, Part, Sphere, Surface
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
+from gateway.viewer.browser import Browser
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.frames import parse_frame
-from gateway.viewer.hub import Browser, ViewHub
+from gateway.viewer.hub import ViewHub
 from gateway.viewer.messages import Fact, Status
 from gateway.viewer.sources import RenderSummary, StereoImages, StereoRig
 from renderers.drawlist import Material, Mesh
@@ -263,7 +264,7 @@ async def test_settings_of_the_page_are_sent_when_they_change_and_to_later_pages
 async def test_large_meshes_are_encoded_in_a_thread(
     hub: Any, limit: int, threads: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gateway.viewer.hub.LARGE_MESH_BYTES", limit)
+    monkeypatch.setattr("gateway.viewer.browser.LARGE_MESH_BYTES", limit)
     view, _ = hub
     used: list[object] = []
     encode = view.resources.mesh_frame

@@ -13,9 +13,10 @@ from gateway.scene.geometry import Box, Part
 from gateway.scene.history import TreeHistory
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node, TreeEdit
+from gateway.viewer.browser import Browser
 from gateway.viewer.flow_control import BrowserState
 from gateway.viewer.frames import parse_frame
-from gateway.viewer.hub import Browser, ViewHub
+from gateway.viewer.hub import ViewHub
 from gateway.viewer.messages import TimeCommand
 from gateway.viewer.sources import StereoRig
 from renderers.drawlist import Material
@@ -86,6 +87,12 @@ class Log:
         self.looked_for.append(index)
         await self.gate.wait()
         return Snapshot(self.roots[index], index + 1, self.first + index * SECOND)
+
+    def simulation_seconds_at(self, time: int) -> float | None:
+        return None
+
+    def held(self) -> Log:
+        return self
 
 
 class Stereo(StereoOnBox):
@@ -170,6 +177,23 @@ async def test_seeking_shows_each_moment_with_its_camera(scene: Scene) -> None:
         await page.until(lambda x=expected: page.x == x)
         assert "rig" in page.kinds, "the stereo camera is on the box"
     assert page.time["mode"] == "paused"
+
+
+async def test_seeks_by_seconds_add_up(scene: Scene) -> None:
+    for x in range(1, 9):
+        scene.move(float(x))
+    page = Page(scene.hub.connect())
+    await page.until(lambda: "update" in page.kinds)
+    for _ in range(3):
+        page.send("seek", by=-1.0)
+    await page.until(lambda: page.time["mode"] == "paused" and page.x == 5.0)
+    assert page.time["position"] == scene.seconds(3.0)
+    page.send("seek", by=2.0)
+    await page.until(lambda: page.x == 7.0)
+    page.send("seek", by=1.0)
+    await page.until(lambda: page.time["mode"] == "live" and page.x == 8.0)
+    page.send("seek", by=-1e10)
+    await page.until(lambda: page.x == 0.0 and page.time["position"] == page.time["first"])
 
 
 async def test_steps_stop_at_each_change(scene: Scene) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 from typing import Any
 
@@ -12,10 +13,10 @@ from PIL import Image as Pillow
 from gateway.scene.geometry import Box, Part, PointCloud, Sphere
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
-from gateway.scene.sampling import SamplingError
+from gateway.scene.sampling import FileTooLargeError, write_section
 from gateway.viewer.encoder import encode_page
 from gateway.viewer.frames import parse_frame
-from gateway.viewer.recording import Recorder, RecordingLimits, RecordingTooLargeError, record
+from gateway.viewer.recording import MAX_BYTES, Recorder
 from gateway.viewer.resources import sample_order
 from renderers.drawlist import Material, Texture
 from renderers.images import image_from_bytes
@@ -45,9 +46,14 @@ def moving_scene(count: int) -> States:
     return States(snapshots)
 
 
+async def record(states: States, start: int, end: int, rate: float, max_bytes: int = MAX_BYTES) -> bytes:
+    """Return the recording of a section."""
+    return await write_section(Recorder(PAGE, max_bytes), states, start, end, rate, asyncio.to_thread)
+
+
 async def test_each_update_and_each_keyframe_leads_to_the_state_of_its_time() -> None:
     states = moving_scene(40)
-    recording = await record(states, PAGE, *states.span, rate=1.0)
+    recording = await record(states, *states.span, rate=1.0)
     page = Model()
     shown: list[float] = []
     keyframes = 0
@@ -76,11 +82,11 @@ async def test_each_update_and_each_keyframe_leads_to_the_state_of_its_time() ->
 
 async def test_states_between_the_samples_and_unchanged_ones_are_left_out() -> None:
     states = moving_scene(9)
-    half = await record(states, PAGE, *states.span, rate=0.5)
+    half = await record(states, *states.span, rate=0.5)
     assert [time for time, frame in frames_of(half) if parse_frame(frame)[0]["kind"] == "update"] == [1, 3, 5, 7, 9]
-    still = await record(states, PAGE, SECOND, SECOND, rate=30.0)
+    still = await record(states, SECOND, SECOND, rate=30.0)
     assert [parse_frame(frame)[0]["kind"] for _, frame in frames_of(still)] == ["page", "mesh", "update", "end"]
-    twice = await record(states, PAGE, *states.span, rate=2.0)
+    twice = await record(states, *states.span, rate=2.0)
     assert len(headers_of(twice, "update")) >= 9
     assert frames_of(twice)[-1][0] == 9.0
 
@@ -97,7 +103,7 @@ def test_textures_and_channels_are_in_the_recording() -> None:
         edit.set_parts(("broken",), (Part(Box((1, 1, 1)), broken),))
         edit.set_parts(("box",), (Part(Box((1, 1, 1)), material),))
         edit.set_parts(("cloud",), (Part(PointCloud(points, channels), Material()),))
-    recorder = Recorder(1 << 20)
+    recorder = Recorder(PAGE)
     recorder.add(0, tree.snapshot)
     recording = recorder.finish(0)
     data: dict[tuple[Any, ...], bytes] = {}
@@ -120,7 +126,5 @@ def test_textures_and_channels_are_in_the_recording() -> None:
 
 async def test_limits_name_what_to_do() -> None:
     states = moving_scene(9)
-    with pytest.raises(RecordingTooLargeError, match="more than 4000 bytes, which is the limit: record a shorter time"):
-        await record(states, PAGE, *states.span, rate=1.0, limits=RecordingLimits(max_bytes=4000))
-    with pytest.raises(SamplingError, match=r"8\.0 s at 30 Hz are 241 samples of the scene; the limit is 240"):
-        await record(states, PAGE, *states.span, rate=30.0, limits=RecordingLimits(max_samples=240))
+    with pytest.raises(FileTooLargeError, match="more than 4000 bytes, which is the limit: record a shorter time"):
+        await record(states, *states.span, rate=1.0, max_bytes=4000)

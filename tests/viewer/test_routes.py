@@ -139,6 +139,12 @@ class Past:
         self.times.append(time)
         return Snapshot(Node(), 77, 1000 * SECOND)
 
+    def simulation_seconds_at(self, time: int) -> float | None:
+        return None
+
+    def held(self) -> Past:
+        return self
+
 
 async def test_images_of_an_earlier_time(world: World) -> None:
     past = Past()

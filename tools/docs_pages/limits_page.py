@@ -39,7 +39,6 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Stereo camera", "gateway.stereo.device.camera_config", "StereoConfig"),
     ("Scene over HTTP", "gateway.sceneapi.config", "SceneApiConfig"),
     ("Browser view", "gateway.viewer.config", "ViewerConfig"),
-    ("Browser view: a scene in one file", "gateway.viewer.recording", "RecordingLimits"),
     ("State", "gateway.state.config", "StateConfig"),
 )
 """Heading, module and class of each group of limits that are fields."""
@@ -107,6 +106,8 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Errors of the render endpoint", "gateway.render.errors", ("MAX_MESSAGE_BYTES", "_MAX_ECHO")),
     ("Browser view: messages", "gateway.viewer.routes", ("MAX_MESSAGE_CHARS", "MAX_CHANGES", "MAX_CLICKS")),
     ("Browser view: images of the stereo camera", "gateway.viewer.sensor_images", ("MAX_ENCODED_IMAGES",)),
+    ("Browser view: a scene in one file", "gateway.viewer.recording", ("MAX_BYTES",)),
+    ("Files with motion", "gateway.scene.sampling", ("MAX_SAMPLES",)),
     (
         "Images",
         "renderers.images",

@@ -28,6 +28,8 @@ SERVER_COMMANDS: Final = {
     "warmup": "Compile the rendering kernels into the cache, so that the next start is fast.",
 }
 """Commands of the server's distribution, which it has entry points for."""
+INTERRUPTED: Final = 130
+"""Exit status of shells after SIGINT."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -48,6 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 parser.error(str(error))
         else:
             _parser().parse_args([name])
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
     except (OSError, ValueError, RuntimeError, ImportError) as error:
         message = str(error)
         if isinstance(error, OSError) and error.filename is not None:

@@ -40,11 +40,11 @@ def run(options: argparse.Namespace) -> None:
     logging.basicConfig(format="scenegate: %(message)s")
     log, progress = options.log, replay.Progress()
     section = Section(options.start, options.duration, STATE_CHANNELS)
-    playback = replay.Playback(options.rate, section, options.loop, options.channels)
+    play_options = replay.PlayOptions(options.rate, section, options.loop, options.channels)
 
     async def play() -> None:
         with progress_bar("Playing", "messages", log.stat().st_size) as bar:
-            playing = replay.play(log, options.lcm_url, playback, progress)
+            playing = replay.play(log, options.lcm_url, play_options, progress)
             await run_with_bar(playing, lambda: bar.update(progress.position, progress.events))
 
     try:

@@ -63,10 +63,7 @@ async def record(
         OSError: the file cannot be written.
         ValueError: ``channels`` is not a regular expression.
     """
-    try:
-        pattern = re.compile(channels)
-    except re.error as error:
-        raise ValueError(f"--channels {channels!r} is not a pattern: {error}") from None
+    pattern = _pattern(channels)
     with path.open("wb") as file:
 
         def on_message(channel: str, data: bytes | memoryview, is_local: bool) -> None:
@@ -85,8 +82,8 @@ async def record(
 
 
 @dataclass(frozen=True, slots=True)
-class Playback:
-    """Part of a log to play, and how."""
+class PlayOptions:
+    """Section of a log to play, its speed and its channels."""
 
     rate: float = 1.0
     """2: twice as fast as recorded; 0: as fast as possible."""
@@ -97,7 +94,7 @@ class Playback:
     """Regular expression that must match the whole channel name."""
 
 
-async def play(path: Path, url: str | None, playback: Playback, progress: Progress) -> None:
+async def play(path: Path, url: str | None, options: PlayOptions, progress: Progress) -> None:
     """Publish a log's messages, with the time between them as recorded.
 
     Args:
@@ -108,15 +105,16 @@ async def play(path: Path, url: str | None, playback: Playback, progress: Progre
         LcmUnavailableError, ConnectionError: the network cannot be joined.
         EventLogError: the file is not an LCM log.
         OSError: the file cannot be read, or the connection is lost.
-        ValueError: a channel name or message does not fit into the network, or the log ends before the section.
+        ValueError: ``options.channels`` is not a regular expression, a channel name or message does not fit into the
+            network, or the log ends before the section.
     """
-    pattern = re.compile(playback.channels)
+    pattern = _pattern(options.channels)
     transport = await _connect(url, UNUSED_PREFIX, lambda *message: None)
     try:
         while True:
             events_before = progress.events
-            await _play_once(path, transport, playback, pattern, progress)
-            if not playback.loop or progress.events == events_before:
+            await _play_once(path, transport, options, pattern, progress)
+            if not options.loop or progress.events == events_before:
                 break
         await transport.finish()
     finally:
@@ -124,15 +122,15 @@ async def play(path: Path, url: str | None, playback: Playback, progress: Progre
 
 
 async def _play_once(
-    path: Path, transport: Transport, playback: Playback, pattern: re.Pattern[str], progress: Progress
+    path: Path, transport: Transport, options: PlayOptions, pattern: re.Pattern[str], progress: Progress
 ) -> None:
     """Publish the section's messages once."""
     begin: float | None = None  # of the section, by time.monotonic(); its first message is sent at once
     with open_regular(path) as file:
-        for seconds, event in section_events(file, playback.section, lambda channel: bool(pattern.fullmatch(channel))):
-            if seconds is not None and playback.rate > 0.0:
-                begin = time.monotonic() - seconds / playback.rate if begin is None else begin
-                delay = begin + seconds / playback.rate - time.monotonic()
+        for seconds, event in section_events(file, options.section, lambda channel: bool(pattern.fullmatch(channel))):
+            if seconds is not None and options.rate > 0.0:
+                begin = time.monotonic() - seconds / options.rate if begin is None else begin
+                delay = begin + seconds / options.rate - time.monotonic()
                 if delay > MIN_SLEEP_SECONDS:
                     await asyncio.sleep(delay)
             await transport.drain(MAX_UNSENT_BYTES)
@@ -144,6 +142,18 @@ async def _play_once(
                 await asyncio.sleep(0)
 
 
+def _pattern(channels: str) -> re.Pattern[str]:
+    """Return the pattern of ``--channels``.
+
+    Raises:
+        ValueError: it is not a regular expression.
+    """
+    try:
+        return re.compile(channels)
+    except re.error as error:
+        raise ValueError(f"--channels {channels!r} is not a pattern: {error}") from None
+
+
 async def _connect(url: str | None, prefix: str, on_message: OnMessage) -> Transport:
     """Return a connected transport that receives the channels with ``prefix``."""
     transport = open_transport(resolve_url(url), (prefix,), TransportLimits())
@@ -152,7 +162,7 @@ async def _connect(url: str | None, prefix: str, on_message: OnMessage) -> Trans
     try:
         await asyncio.wait_for(connected.wait(), CONNECT_SECONDS)
     except asyncio.TimeoutError:
-        problem = transport.status().get("warning", "")
+        reason = transport.status().get("warning", "")
         await transport.close()
-        raise ConnectionError(f"LCM cannot join {transport.url}: {problem}") from None
+        raise ConnectionError(f"LCM cannot join {transport.url}: {reason}") from None
     return transport

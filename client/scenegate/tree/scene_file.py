@@ -16,7 +16,7 @@ def fetch_scene_file(gateway: str, name: str, *, token: str | None = None, **que
     """Return a file of the live scene.
 
     Args:
-        gateway: Address of the gateway's HTTP port, ``http://HOST:PORT``.
+        gateway: Address of the gateway's HTTP port, ``http://HOST:PORT``, or of its page.
         name: Path of the file: ``view/scene.html``, ``scene.glb``.
         token: Bearer token of the gateway.
         query: Parameters of the request. None: left out.
@@ -27,9 +27,10 @@ def fetch_scene_file(gateway: str, name: str, *, token: str | None = None, **que
     """
     if not gateway.startswith(("http://", "https://")):
         raise ValueError(f"{gateway!r}: the address of a gateway begins with http:// or https://")
+    address = gateway.partition("#")[0].partition("?")[0].rstrip("/").removesuffix("/view")
     parameters = urlencode({key: value for key, value in query.items() if value is not None})
     headers = {"Authorization": f"Bearer {token}"} if token else {}
-    request = urllib.request.Request(f"{gateway.rstrip('/')}/{name}?{parameters}", headers=headers)  # noqa: S310
+    request = urllib.request.Request(f"{address}/{name}?{parameters}", headers=headers)  # noqa: S310
     try:
         with urllib.request.urlopen(request, timeout=TIMEOUT_SECONDS) as response:  # noqa: S310 - http or https
             data: bytes = response.read()
@@ -41,4 +42,5 @@ def fetch_scene_file(gateway: str, name: str, *, token: str | None = None, **que
     except http.client.HTTPException:
         raise ConnectionError(f"{gateway} gives no {name}: it does not speak HTTP") from None
     except (OSError, ValueError) as error:
-        raise ConnectionError(f"{gateway} gives no {name}: {error}") from None
+        reason = error.reason if isinstance(error, urllib.error.URLError) else error
+        raise ConnectionError(f"{gateway} gives no {name}: {reason}") from None

@@ -1,7 +1,6 @@
-"""Scenes as binary glTF 2.0 files: ``export_glb``."""
+"""Scenes as binary glTF 2.0 files: ``export_glb``, with motion ``MotionWriter``."""
 
-from gateway.gltf.export.exporter import GENERATOR, export_glb, export_motion_glb
-from gateway.gltf.export.glb_document import MAX_BYTES, ExportError
-from gateway.gltf.export.motion import Motion
+from gateway.gltf.export.exporter import GENERATOR, MotionWriter, export_glb
+from gateway.gltf.export.glb_document import MAX_BYTES
 
-__all__ = ["GENERATOR", "MAX_BYTES", "ExportError", "Motion", "export_glb", "export_motion_glb"]
+__all__ = ["GENERATOR", "MAX_BYTES", "MotionWriter", "export_glb"]

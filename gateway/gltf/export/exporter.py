@@ -9,6 +9,7 @@ the tree. Hidden subtrees are left out, and so are nodes whose transform is not 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -24,6 +25,7 @@ from gateway.gltf.export.glb_document import (
 )
 from gateway.gltf.export.material_writer import MaterialWriter
 from gateway.gltf.export.motion import AnimatedNode, Motion
+from gateway.scene.live import Snapshot
 from gateway.scene.materials import faded
 from gateway.scene.meshing import meshes_of
 from gateway.scene.names import json_element
@@ -48,51 +50,65 @@ def export_glb(root: Node, *, camera: Camera | None = None, max_bytes: int = MAX
         max_bytes: Maximum size of the file's binary part.
 
     Raises:
-        ExportError: The file would be larger than ``max_bytes``.
+        FileTooLargeError: The file would be larger than ``max_bytes``.
     """
     return _Writer(max_bytes).write(root, camera)
 
 
-def export_motion_glb(motion: Motion, *, max_bytes: int = MAX_BYTES) -> bytes:
-    """Return a scene with its motion as a ``.glb`` file with one animation.
+class MotionWriter:
+    """Writes states of a scene as a ``.glb`` file with one animation: a ``SectionWriter``.
 
     The nodes are stored as they are when they are first shown. ``asset.extras.warnings`` has sentences about changes
     that the file does not have.
-
-    Args:
-        motion: At least one state.
-        max_bytes: Maximum size of the file's binary part.
-
-    Raises:
-        ExportError: The file would be larger than ``max_bytes``.
     """
-    return _Writer(max_bytes).write_motion(motion)
+
+    def __init__(self, max_bytes: int = MAX_BYTES) -> None:
+        """
+        Args:
+            max_bytes: Maximum size of the file's binary part.
+        """
+        self._max_bytes = max_bytes
+        self._motion = Motion(max_bytes)
+        self._start: int | None = None
+
+    def add(self, time: int, snapshot: Snapshot) -> None:
+        """Append a state. The animation begins at the time of the first one, nanoseconds since the epoch.
+
+        Raises:
+            FileTooLargeError: The file would be larger than ``max_bytes``.
+        """
+        self._start = time if self._start is None else self._start
+        self._motion.add((time - self._start) / 1e9, snapshot.root)
+
+    def finish(self, end: int) -> bytes:
+        """Return the file. It needs at least one state.
+
+        Raises:
+            FileTooLargeError: The file would be larger than ``max_bytes``.
+            ImageError: A texture cannot be decoded.
+        """
+        root, animated, warnings = self._motion.finish()
+        return _Writer(self._max_bytes, warnings).write(root, None, animated)
 
 
 class _Writer:
     """Writes one file."""
 
-    def __init__(self, max_bytes: int) -> None:
+    def __init__(self, max_bytes: int, warnings: Sequence[str] = ()) -> None:
         self._document = GltfDocument(GENERATOR, max_bytes)
+        self._document.warnings = list(warnings)
         self._materials = MaterialWriter(self._document)
         self._primitives: list[dict[str, Any]] = []
         """JSON of the primitives, one for each ``Mesh``, without materials."""
         self._json_nodes: dict[int, tuple[int, dict[str, Any]]] = {}
         """Index and JSON of the nodes by ``id``."""
 
-    def write(self, root: Node, camera: Camera | None) -> bytes:
+    def write(self, root: Node, camera: Camera | None, animated: Sequence[AnimatedNode] = ()) -> bytes:
         json_root: dict[str, Any] = {"name": "Z up to Y up", "matrix": column_major(Y_UP_TO_Z_UP.T)}
         root_index = self._document.add("nodes", json_root)
         self._add_nodes(root, json_root)
         if camera is not None:
             self._add_camera(camera, json_root)
-        return self._document.glb(root_index)
-
-    def write_motion(self, motion: Motion) -> bytes:
-        root, animated, self._document.warnings = motion.finish()
-        json_root: dict[str, Any] = {"name": "Z up to Y up", "matrix": column_major(Y_UP_TO_Z_UP.T)}
-        root_index = self._document.add("nodes", json_root)
-        self._add_nodes(root, json_root)
         animation: dict[str, list[Any]] = {"channels": [], "samplers": []}
         for each in animated:
             if id(each.node) in self._json_nodes:  # not below a node that is never shown

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.scene.sampling import FileTooLargeError
 from gateway.scene.transforms import Matrix
 
 MAX_BYTES: Final = 1 << 30
@@ -23,10 +24,6 @@ _UINT32: Final = 5125
 """Values of ``componentType``."""
 _ACCESSOR_TYPES: Final = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 """``type`` by number of components."""
-
-
-class ExportError(ValueError):
-    """A tree that cannot be written. The message names the limit."""
 
 
 class GltfDocument:
@@ -93,13 +90,13 @@ class GltfDocument:
         """Append bytes to the buffer, and return the index of their buffer view.
 
         Raises:
-            ExportError: The buffer would be larger than its limit.
+            FileTooLargeError: The buffer would be larger than its limit.
         """
         offset = self._nbytes
         padding = -len(data) % 4
         self._nbytes += len(data) + padding
         if self._nbytes > self._max_bytes:
-            raise ExportError(f"the scene as .glb is larger than {self._max_bytes} bytes")
+            raise FileTooLargeError(f"the scene as .glb is larger than {self._max_bytes} bytes")
         self._buffer_pieces.append(data)
         if padding:
             self._buffer_pieces.append(b"\0" * padding)

@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.gltf.export.glb_document import MAX_BYTES, ExportError, is_writable
+from gateway.gltf.export.glb_document import MAX_BYTES, is_writable
+from gateway.scene.sampling import FileTooLargeError
 from gateway.scene.transforms import IDENTITY, Matrix, quaternions_of
 from gateway.scene.tree import Node, Path, changes
 
@@ -96,7 +97,7 @@ class Motion:
         """Append the state of the scene at a time.
 
         Raises:
-            ExportError: There are too many keys.
+            FileTooLargeError: There are too many keys.
         """
         sample = len(self.times)
         self.times.append(seconds)
@@ -112,7 +113,7 @@ class Motion:
                 self._set(sample, change.path, change.node)
         self._last = root
         if KEY_BYTES * self._key_count > self._max_bytes:
-            raise ExportError(
+            raise FileTooLargeError(
                 f"the motion as .glb needs more than {self._max_bytes} bytes: take a shorter time, or a lower rate"
             )
 

@@ -45,7 +45,10 @@ const handlers: Handlers = {
     connection.acknowledge("c");
   },
   received: ({ number }) => programControls.received(number),
-  status: (message) => (session.status.value = message),
+  status: (message) => {
+    session.status.value = message;
+    viewer.timeline.settle();
+  },
   time: (message) => viewer.timeline.receive(message),
 };
 const receive = (message: Message) => (handlers[message.kind] as (message: Message) => void)(message);

@@ -153,6 +153,9 @@ it("plays, seeks, steps and loops as the gateway does", () => {
   playback.execute({ time: "step", steps: -1 }, 60);
   playback.execute({ time: "step", steps: -1 }, 60);
   expect([x(), last().position]).toEqual([1, 101]);
+  playback.execute({ time: "seek", by: 3 }, 60);
+  playback.execute({ time: "seek", by: -1.5 }, 60);
+  expect([x(), last().position]).toEqual([2, 102.5]);
   playback.execute({ time: "seek", at: 1e9 }, 61);
   expect([x(), last().mode, last().position]).toEqual([9, "paused", 110]);
   playback.execute({ time: "play" }, 61);

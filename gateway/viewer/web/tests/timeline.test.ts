@@ -58,11 +58,39 @@ it("goes on where it was after a lost connection", () => {
   ] as const) {
     const [timeline, sent] = connected({ ...STATE, mode });
     timeline.restore();
+    expect(sent).toEqual([]);
+    timeline.receive({ ...STATE, mode: "live" });
+    timeline.settle();
     expect(sent).toEqual([{ time: "pause" }, { time: "seek", at: STATE.position }, { time, rate: 2, loop: true }]);
   }
   const [timeline, sent] = connected({ ...STATE, mode: "live" });
   timeline.restore();
+  timeline.receive({ ...STATE, mode: "live" });
   expect(sent).toEqual([]);
+});
+
+it("is live if the gateway comes back with another history, or without one", () => {
+  const [timeline, sent] = connected(STATE);
+  timeline.restore();
+  timeline.receive({ ...STATE, mode: "live", first: STATE.position + 1, last: STATE.position + 2 });
+  timeline.settle();
+  expect([sent, timeline.isLive.value]).toEqual([[], true]);
+  timeline.receive(STATE);
+  timeline.restore();
+  timeline.settle();
+  expect([timeline.state.value, timeline.moment.value, timeline.isLive.value]).toEqual([null, null, true]);
+});
+
+it("has no moment of the address if the gateway keeps no earlier states", () => {
+  let moved = 0;
+  const timeline = new Timeline(
+    () => undefined,
+    () => (moved += 1),
+  );
+  timeline.open(12);
+  const before = moved;
+  timeline.settle();
+  expect(moved).toBe(before + 1);
 });
 
 it("has a moment only while it is paused", () => {

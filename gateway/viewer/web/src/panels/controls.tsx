@@ -45,9 +45,17 @@ export function Opacity({ node, label, viewer }: { node: TreeNode; label: string
 /** `label`: name for assistive programs; without it, an element `label` has the `id`. `choices`: values and their texts. */
 type SelectProps<T extends string> = { label?: string; id?: string; value: T; choices: [T, string][]; onChange: (value: T) => void };
 
+/** True if the menu that was used last was opened with the pointer; false: with a key. */
+let usesPointer = false;
+
 export function Select<T extends string>({ label, id, value, choices, onChange }: SelectProps<T>) {
+  const change = ({ currentTarget: menu }: { currentTarget: HTMLSelectElement }) => {
+    onChange(menu.value as T);
+    if (usesPointer) menu.blur(); // keys are shortcuts again
+  };
+  const use = ({ type }: Event) => (usesPointer = type === "pointerdown");
   return (
-    <select id={id} aria-label={label} value={value} onChange={({ currentTarget }) => onChange(currentTarget.value as T)}>
+    <select id={id} aria-label={label} value={value} onChange={change} onPointerDown={use} onKeyDown={use}>
       {choices.map(([each, text]) => (
         <option key={each} value={each}>
           {text}

@@ -32,7 +32,7 @@ export class Playback {
     this.player.show(this.first);
   }
 
-  execute({ time, at = 0, steps = 1, rate, loop }: TimeCommand, now: number): void {
+  execute({ time, at = 0, by, steps = 1, rate, loop }: TimeCommand, now: number): void {
     let position = this.position(now);
     this.rate = rate ?? this.rate;
     this.loop = loop ?? this.loop;
@@ -40,7 +40,7 @@ export class Playback {
       this.mode = "playing";
       if (position >= this.last) position = this.first;
     } else if (time === "pause") this.mode = "paused";
-    else if (time === "seek") position = at;
+    else if (time === "seek") position = by === undefined ? at : position + by;
     else if (time === "step") {
       this.mode = "paused";
       position = this.player.timeOf(position, steps);

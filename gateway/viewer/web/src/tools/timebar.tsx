@@ -13,9 +13,11 @@ function Position({ state, timeline }: { state: TimeState; timeline: Timeline })
   const { first, last, position, mode, live } = state;
   const goTo = (at: number) => (live && at >= last ? timeline.live() : timeline.seek(Math.max(at, first)));
   const onKeyDown = (event: KeyboardEvent) => {
-    const seconds = KEY_SECONDS[event.key] ?? { Home: -Infinity, End: Infinity }[event.key];
-    if (seconds === undefined) return;
-    goTo(Math.min(position + seconds, last));
+    const seconds = KEY_SECONDS[event.key];
+    if (seconds) timeline.shift(seconds);
+    else if (event.key === "Home") goTo(first);
+    else if (event.key === "End") goTo(last);
+    else return;
     event.preventDefault();
   };
   return (

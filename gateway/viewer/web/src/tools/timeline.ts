@@ -12,39 +12,51 @@ export class Timeline {
   readonly isLive = computed(() => (this.state.value?.mode ?? "live") === "live");
   /** Moment that the page shows; null: it is live or plays. */
   readonly moment = computed(() => (this.state.value?.mode === "paused" ? this.state.value.position : null));
-  /** Moment of the address, until the gateway shows it. */
-  private wanted: number | null = null;
+  /** Moment to show when the gateway has sent its span: that of the address, or the state before a lost connection. */
+  private wanted: Pick<TimeState, "position"> | TimeState | null = null;
+  /** True when the gateway has sent its span on this connection. */
+  private hasSpan = false;
 
   /** @param moved called when the page shows another moment, or none */
   constructor(
     private readonly send: (command: TimeCommand) => void,
-    moved: () => void,
+    private readonly moved: () => void,
   ) {
     this.moment.subscribe(moved);
   }
 
   receive(state: TimeState): void {
+    const { wanted } = this;
     this.state.value = state;
-    if (this.wanted === null) return;
-    const at = this.wanted;
     this.wanted = null;
-    this.pause(at);
+    this.hasSpan = true;
+    if (!wanted) return;
+    if (!("mode" in wanted)) this.pause(wanted.position);
+    else if (wanted.position >= state.first) {
+      this.pause(wanted.position);
+      this.send({ time: wanted.mode === "playing" ? "play" : "set", rate: wanted.rate, loop: wanted.loop });
+    } // or else the gateway has begun another history, and the page is live
   }
 
-  /** After a lost connection, go on where the page was. */
+  /** When connected again, go on where the page was. */
   restore(): void {
     const { value } = this.state;
-    if (!value || value.mode === "live") return;
-    const { position: at, rate, loop } = value;
-    this.pause(at);
-    this.send({ time: value.mode === "playing" ? "play" : "set", rate, loop });
+    this.hasSpan = false;
+    if (value && value.mode !== "live") this.wanted = value;
+  }
+
+  /** Called with each status. The gateway has sent its span before the first one, if it keeps earlier states. */
+  settle(): void {
+    if (this.hasSpan) return;
+    this.state.value = this.wanted = null;
+    this.moved();
   }
 
   /** Show the moment of the address. */
   open(at: number | null): void {
     if (at === null) return;
     if (this.state.peek()) this.pause(at);
-    else this.wanted = at;
+    else this.wanted = { position: at };
   }
 
   pause(at: number): void {
@@ -53,6 +65,8 @@ export class Timeline {
   }
 
   seek = (at: number): void => this.send({ time: "seek", at });
+  /** Go some seconds on, or back, from where the gateway is: it may be ahead of the last message. */
+  shift = (by: number): void => this.send({ time: "seek", by });
   live = (): void => this.send({ time: "live" });
   step = (steps: -1 | 1): void => this.send({ time: "step", steps });
   set = (settings: Pick<TimeCommand, "rate" | "loop">): void => this.send({ time: "set", ...settings });

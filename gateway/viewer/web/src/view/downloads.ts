@@ -11,8 +11,8 @@ function viewQuery({ stage, session, holder, timeline }: Viewer): URLSearchParam
   const changed = [...session.model.nodes.values()].filter((node) => node.isShown !== node.visible);
   const paths = (on: boolean) => JSON.stringify(changed.filter((node) => node.isShown === on).map((node) => node.path));
   const camera = cameraText(view, perspective.fov, perspective.aspect);
-  const { value: moment } = timeline.moment;
-  const time: Record<string, string> = moment === null ? {} : { time: `${moment}` };
+  const state = timeline.state.peek();
+  const time: Record<string, string> = !state || state.mode === "live" ? {} : { time: `${state.position}` };
   return new URLSearchParams({ camera, width: `${width}`, height: `${height}`, hide: paths(false), show: paths(true), ...time });
 }
 

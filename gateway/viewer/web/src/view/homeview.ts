@@ -15,7 +15,7 @@ export class HomeView {
 
   constructor(private readonly viewer: Viewer) {}
 
-  /** True while nobody has moved the camera. */
+  /** True until the camera is moved. */
   get isShown(): boolean {
     return this.viewer.stage.rig.placements === this.framed;
   }

@@ -1,0 +1,34 @@
+"""A log in place of the live tree, while it is indexed."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from gateway.lcmlog import timeline
+from gateway.lcmlog.timeline import open_log
+from gateway.wiring import log
+from gateway.wiring.log import LogService
+from tests.lcmlog.logs import write_log
+from tests.lcmlog.test_timeline import moving, x_of
+from tests.support.waiting import until
+
+
+async def test_the_live_tree_has_the_last_state_of_the_part_that_is_indexed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(timeline, "SLICE_SECONDS", 0.0)  # one message
+    monkeypatch.setattr(log, "SHOW_SECONDS", 0.0)
+    shown: list[float] = []
+    service = LogService(
+        open_log(write_log(tmp_path / "run.lcmlog", moving(5))),
+        lambda progress: shown.append(x_of(service.tree.snapshot)) if progress > 0.3 else None,
+    )
+    running = asyncio.create_task(service.run())
+    await until(lambda: service.timeline.is_indexed and x_of(service.tree.snapshot) == 4.0)
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    assert shown == sorted(shown)
+    assert {1.0, 2.0, 3.0} & set(shown)
