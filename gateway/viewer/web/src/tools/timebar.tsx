@@ -2,6 +2,7 @@
 
 import { Button, Select } from "../panels/controls";
 import type { TimeState } from "../protocol";
+import { isRecorded } from "../recorded/resources";
 import type { Session } from "../session";
 import { clockText, duration, momentText, type Timeline } from "./timeline";
 
@@ -39,7 +40,7 @@ function Position({ state, timeline }: { state: TimeState; timeline: Timeline })
 export function TimeBar({ timeline, session }: { timeline: Timeline; session: Session }) {
   const state = timeline.state.value;
   // The view has its final size before the gateway says whether there is a timeline.
-  const isKnown = session.status.value !== null || session.connection.value.state === "closed";
+  const isKnown = isRecorded() || session.status.value !== null || session.connection.value.state === "closed";
   if (!state) return isKnown ? null : <div class="timebar" />;
   const { mode, live, rate, loop, working, problem } = state;
   const isLive = mode === "live";
