@@ -28,6 +28,8 @@ def convert(
     from gateway.runtime.kernels.loading import ensure_compiled
     from scenegate.cli.progress_bar import progress_bar
 
+    if out.exists() and out.samefile(log):
+        raise ValueError(f"{out} is the log itself; the MCAP file needs another name")
     with open_log_file(log, mesh_root) as timeline:
         ensure_compiled(show=True)
         with progress_bar("Converting", "messages", timeline.summary.file_bytes) as bar:

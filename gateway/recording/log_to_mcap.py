@@ -12,7 +12,7 @@ from gateway.lcmlog.replay import is_shown
 from gateway.lcmlog.timeline import LogTimeline
 from gateway.recording.snapshot_frames import SnapshotFrames
 from scenegate.recording.mcap_file import McapFiles
-from scenegate.recording.profiles import ProfileName, make_profile
+from scenegate.recording.profiles import Profile, ProfileName
 from scenegate.recording.recorder import SceneWriter
 
 
@@ -37,21 +37,18 @@ async def convert_log(
 
     Args:
         timeline: the log, opened.
-        out: file to write, which is replaced.
+        out: file to write, which is replaced; not the log.
         report: called after each message with the bytes of the log that were read, and the number of messages.
 
     Raises:
-        ValueError: ``out`` is the log.
         ImportError: packages of the profile are not installed.
         OSError: a file cannot be read or written.
     """
-    if out.exists() and out.samefile(timeline.path):
-        raise ValueError(f"{out} is the log itself; the MCAP file needs another name")
-    converter = make_profile(profile)
+    converter = Profile(profile)
     frames = SnapshotFrames()
     problems = Problems()
     read = 0
-    with timeline.replay() as replay, closing(McapFiles(out, converter.name)) as mcap:
+    with timeline.replay() as replay, closing(McapFiles(out, converter.mcap_profile)) as mcap:
         writer = SceneWriter(mcap, converter)
         while (event := replay.next_event) is not None:
             reasons = replay.step()
@@ -61,4 +58,4 @@ async def convert_log(
             for frame in await frames.advance(replay.snapshot):
                 writer.write(frame, replay.clock.time_ns)
             report(replay.position, read)
-    return Converted(read, mcap.messages, mcap.bytes, [*problems.listed(), *writer.mirror.warnings.values()])
+    return Converted(read, mcap.messages, mcap.bytes, [*problems.listed(), *writer.warnings])

@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> None:
         def report(writer: SceneWriter) -> None:
             seconds = time.monotonic() - begin
             bar.update(seconds, writer.files.messages, note=f"{writer.files.size / 1e6:.1f} MB")
-            for warning in writer.mirror.warnings.values():
+            for warning in writer.warnings:
                 if warning not in shown:
                     shown.add(warning)
                     print(f"scenegate: {warning}", file=sys.stderr)

@@ -25,6 +25,7 @@ from scenegate.recording.values import (
     FrameTransform,
     Primitive,
     SceneChange,
+    empty_cloud,
 )
 from scenegate.recording.view_frames import ViewFrame, ViewFrameError
 from scenegate.transforms import from_pose, quaternions_of
@@ -33,6 +34,8 @@ ROOT_FRAME: Final = "scene"
 """Frame of the scene's root. The frames of other nodes are paths: ``scene/robot/head``."""
 MAX_NODE_POINTS: Final = 300_000
 """Maximum number of points of a node's triangles and lines. Messages have an object for each: more take seconds."""
+MAX_WARNINGS: Final = 100
+"""Maximum number of nodes that warnings name."""
 _POINTS, _LINES = 1, 2
 """Topologies of meshes; others are triangles."""
 _IDENTITY: Final = np.eye(3)
@@ -96,6 +99,10 @@ class SceneMirror:
         self._rig_changed = False
         self.warnings: dict[str, str] = {}
         """Sentences about nodes that are left out, by frame."""
+
+    def reconnect(self) -> None:
+        """Prepare for the frames of a new connection. Its first update removes all nodes that it does not have."""
+        self._meshes.clear()
 
     def apply(self, frame: ViewFrame) -> SceneChange | None:
         """Apply a frame; return the change of the scene if it is an update, else None.
@@ -229,13 +236,13 @@ class SceneMirror:
             if primitives or old.primitives:
                 entities.append(Entity(node.frame, primitives, len(old.primitives)))
             if cloud is not None or old.cloud is not None:
-                clouds.append(cloud or _empty_cloud(node.frame))
+                clouds.append(cloud or empty_cloud(node.frame))
             node.primitives, node.cloud = primitives, cloud
         for old in earlier.values():
             if old.primitives:
                 entities.append(Entity(old.frame, (), len(old.primitives)))
             if old.cloud is not None:
-                clouds.append(_empty_cloud(old.frame))
+                clouds.append(empty_cloud(old.frame))
         return entities, clouds
 
     def _primitives(self, node: _Node) -> tuple[tuple[Primitive, ...], Cloud | None]:
@@ -266,9 +273,10 @@ class SceneMirror:
             primitives.append(Primitive(points, color, colors, is_lines=mesh.topology == _LINES))
         self.warnings.pop(node.frame, None)
         if count > MAX_NODE_POINTS:
-            text = f"{node.frame} is left out: its triangles and lines have {count} points, the limit is"
-            self.warnings[node.frame] = f"{text} {MAX_NODE_POINTS}"
             primitives = []
+            if len(self.warnings) < MAX_WARNINGS:
+                text = f"{node.frame} is left out: its triangles and lines have {count} points, the limit is"
+                self.warnings[node.frame] = f"{text} {MAX_NODE_POINTS}"
         return tuple(primitives), _joined(clouds)
 
     def _rig_transforms(self) -> list[FrameTransform]:
@@ -356,10 +364,6 @@ def _joined(clouds: list[Cloud]) -> Cloud | None:
         return clouds[0] if clouds else None
     colors = [cloud.colors for cloud in clouds if cloud.colors is not None]
     return Cloud(clouds[0].frame, np.concatenate([cloud.points for cloud in clouds]), np.concatenate(colors))
-
-
-def _empty_cloud(frame: str) -> Cloud:
-    return Cloud(frame, np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8))
 
 
 def _frame_element(name: str | int) -> str:
