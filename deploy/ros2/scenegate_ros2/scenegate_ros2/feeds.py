@@ -17,9 +17,11 @@ from scenegate.camera import BadImageError, Credentials, ImuFailure, StreamOptio
 from scenegate.recording.camera_values import CameraConverter
 from scenegate.recording.joints import JointReader
 from scenegate.recording.mcap_file import EncodedMessage
-from scenegate.recording.profiles import CLOUD_TOPIC, DISPARITY_TOPIC, IMU_TOPIC, SCENE_TOPIC, Ros2Profile
+from scenegate.recording.profiles import Profile
 from scenegate.recording.scene_mirror import SceneMirror
 from scenegate.recording.sources import RecordingError, camera_sets, imu_samples, scene_frames
+from scenegate.recording.topics import CLOUD_TOPIC, DISPARITY_TOPIC, IMU_TOPIC, SCENE_TOPIC
+from scenegate.recording.values import JointValues, SceneChange
 from scenegate.recording.view_frames import ViewFrame, ViewFrameError
 from scenegate_ros2.topics import CLOCK_DEFINITION, CLOCK_TOPIC, CLOCK_TYPE, DEPTH, LEFT, RIGHT, Topics
 
@@ -68,7 +70,7 @@ class Feeds:
         self._values = values
         self._topics = topics
         self._warn = warn
-        self._profile = Ros2Profile()
+        self._profile = Profile("ros2")
         self._credentials = Credentials(values["token"] or None)
         self._converter = CameraConverter()
         self._encode_clock = serialize_dynamic(CLOCK_TYPE, CLOCK_DEFINITION)[CLOCK_TYPE]
@@ -77,8 +79,11 @@ class Feeds:
         self._mirror = SceneMirror()
         self._scene_lock = threading.Lock()
         self._changed: dict[str, float] = {}
-        """Monotonic time of the newest change of each transform, by its child frame, seconds."""
-        self._marker_subscribers = 0
+        """Monotonic time of recent changes of transforms, by child frame, seconds. ``_scene_lock`` guards it."""
+        self._joints: JointValues | None = None
+        """Newest values of joints."""
+        self._subscribers: dict[str, int] = {}
+        """Number of subscribers of the topics of the scene's geometry when it was last repeated."""
         self._stopping = threading.Event()
 
     def start(self) -> None:
@@ -161,20 +166,21 @@ class Feeds:
         """Publish changes of the scene until the connection ends."""
         joints = JointReader()
         with self._scene_lock:
-            self._mirror = SceneMirror()
+            self._mirror.reconnect()
         for data in scene_frames(self._values["url"], self._credentials):
             if self._stopping.is_set():
                 return
             frame, now = ViewFrame(data), self._now()
             with self._scene_lock:
                 change = self._mirror.apply(frame)
+                if change is not None:
+                    self._changed.update(dict.fromkeys((each.child for each in change.transforms), time.monotonic()))
             values = joints.read(frame, now) if now is not None else None
             if values is not None:
+                self._joints = values
                 self._send(self._profile.joints(values))
             if change is None or now is None:
                 continue
-            for each in change.transforms:
-                self._changed[each.child] = time.monotonic()
             if self._values["publish_clock"]:
                 change = replace(change, time=now)
             if not self._topics.subscribers(SCENE_TOPIC):
@@ -182,21 +188,35 @@ class Feeds:
             self._send(self._profile.scene(change))
 
     def repeat_scene(self) -> None:
-        """Publish transforms that have not changed for a while, and all markers if somebody is new to them.
+        """Publish what late subscribers need: transforms that have not changed for a while, joints, and geometry.
 
-        A transform is valid until its newest time only, and who listens later needs it, too.
+        A transform is valid until its newest time only. Geometry is published if its topic has more subscribers.
         """
-        now, earlier = self._now(), self._marker_subscribers
+        now = self._now()
         if now is None or not self._values["scene"]:
             return
+        settled = time.monotonic() - SETTLED_SECONDS
         with self._scene_lock:
             whole = self._mirror.whole(now)
-        settled = time.monotonic() - SETTLED_SECONDS
-        transforms = [each for each in whole.transforms if self._changed.get(each.child, settled) <= settled]
-        self._marker_subscribers = self._topics.subscribers(SCENE_TOPIC)
-        is_new = self._marker_subscribers > earlier
-        geometry = {} if is_new else {"entities": (), "clouds": ()}
-        self._send(self._profile.scene(replace(whole, transforms=transforms, **geometry)))
+            self._changed = {child: changed for child, changed in self._changed.items() if changed > settled}
+            transforms = [each for each in whole.transforms if each.child not in self._changed]
+        clouds = {self._profile.clouds.topic(cloud.frame): cloud for cloud in whole.clouds}
+        clouds = {topic: cloud for topic, cloud in clouds.items() if topic is not None}
+        earlier = self._subscribers
+        self._subscribers = {topic: self._topics.subscribers(topic) for topic in (SCENE_TOPIC, *clouds)}
+        new = {topic for topic, count in self._subscribers.items() if count > earlier.get(topic, 0)}
+        self._send(
+            self._profile.scene(
+                SceneChange(
+                    now,
+                    transforms,
+                    whole.entities if SCENE_TOPIC in new else (),
+                    [cloud for topic, cloud in clouds.items() if topic in new],
+                )
+            )
+        )
+        if self._joints is not None:
+            self._send(self._profile.joints(replace(self._joints, time=now)))
 
     def _now(self) -> int | None:
         """Return the time of what is true now, nanoseconds; None if ``/clock`` has not begun."""

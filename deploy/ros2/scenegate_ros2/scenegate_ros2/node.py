@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -23,24 +25,25 @@ class NodeTopics:
         """
         self._node = node
         self._reliability = ReliabilityPolicy[reliability.upper()]
+        self._lock = threading.Lock()
         self._publishers: dict[str, Publisher] = {}
+        """Publishers by topic. ``_lock`` guards it."""
         for topic, message_type in TYPES.items():
             self.publisher(topic, message_type)
 
     def publisher(self, topic: str, message_type: str) -> Publisher:
         """Return the publisher of a topic."""
-        publisher = self._publishers.get(topic)
-        if publisher is None:
-            is_global = topic in GLOBAL_TOPICS
-            qos = QoSProfile(
-                depth=queue_length(topic),
-                reliability=ReliabilityPolicy.RELIABLE if is_global else self._reliability,
-                durability=DurabilityPolicy.VOLATILE,
-            )
-            name = topic if is_global else topic[1:]
-            publisher = self._node.create_publisher(get_message(message_type), name, qos)
-            self._publishers[topic] = publisher
-        return publisher
+        with self._lock:
+            if topic not in self._publishers:
+                is_global = topic in GLOBAL_TOPICS
+                qos = QoSProfile(
+                    depth=queue_length(topic),
+                    reliability=ReliabilityPolicy.RELIABLE if is_global else self._reliability,
+                    durability=DurabilityPolicy.VOLATILE,
+                )
+                name = topic if is_global else topic[1:]
+                self._publishers[topic] = self._node.create_publisher(get_message(message_type), name, qos)
+            return self._publishers[topic]
 
     def publish(self, topic: str, message_type: str, data: bytes) -> None:
         """See ``Topics``."""
@@ -48,7 +51,9 @@ class NodeTopics:
 
     def subscribers(self, *topics: str) -> int:
         """See ``Topics``."""
-        return sum(self._publishers[topic].get_subscription_count() for topic in topics)
+        with self._lock:
+            publishers = [self._publishers[topic] for topic in topics if topic in self._publishers]
+        return sum(publisher.get_subscription_count() for publisher in publishers)
 
 
 class ScenegateNode(Node):

@@ -12,7 +12,7 @@ import threading
 from rosbags.typesys import Stores, get_typestore
 from zenoh_ros2_sdk import ROS2Publisher
 
-from scenegate.recording.profiles import ros2_definition
+from scenegate.recording.ros2_messages import definition
 from scenegate_ros2.feeds import PARAMETERS, Feeds, check
 from scenegate_ros2.topics import CLOCK_DEFINITION, CLOCK_TYPE, TYPES
 
@@ -42,17 +42,19 @@ class ZenohTopics:
 
     def subscribers(self, *topics: str) -> int:
         """Return the number of topics with subscribers."""
-        return sum(bool(self._publishers[topic].pub.matching_status.matching) for topic in topics)
+        with self._lock:
+            publishers = [self._publishers[topic] for topic in topics if topic in self._publishers]
+        return sum(bool(publisher.pub.matching_status.matching) for publisher in publishers)
 
     def _publisher(self, topic: str, message_type: str) -> ROS2Publisher:
         with self._lock:
             if topic not in self._publishers:
                 # With definition and hash, the package downloads nothing.
-                definition = CLOCK_DEFINITION if message_type == CLOCK_TYPE else ros2_definition(message_type)
+                text = CLOCK_DEFINITION if message_type == CLOCK_TYPE else definition(message_type)
                 self._publishers[topic] = ROS2Publisher(
                     topic,
                     message_type,
-                    msg_definition=definition,
+                    msg_definition=text,
                     type_hash=self._store.hash_rihs01(message_type),
                     node_name="scenegate",
                     router_ip=self._host,
