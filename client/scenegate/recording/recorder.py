@@ -23,6 +23,7 @@ from scenegate.recording.scene_mirror import SceneMirror
 from scenegate.recording.sources import (
     QUEUED_ITEMS,
     Received,
+    RecordingError,
     Source,
     camera_sets,
     imu_samples,
@@ -147,7 +148,7 @@ def record(
         report: called with the writer after each value, and then at least every ``POLL_SECONDS``.
 
     Raises:
-        RecordingError, ImuFailure: a source cannot be reached, or has ended.
+        RecordingError, ImuFailure: a source cannot be reached, or has ended, or nothing was received.
         ViewFrameError, BadImageError: a source has sent something invalid.
         ImportError: packages of the profile are not installed.
         OSError: a file cannot be written, or a certificate not read.
@@ -155,6 +156,8 @@ def record(
     profile = Profile(options.profile)
     values = _received(_start_sources(options), stop)
     first = next(filter(None, values), None)
+    if first is None:
+        raise RecordingError("nothing was received, and no file is written")
     with _files(options, profile) as files:  # now: a gateway that cannot be reached costs no earlier recording
         writer = SceneWriter(files, profile)
         flush_time = time.monotonic() + FLUSH_SECONDS
