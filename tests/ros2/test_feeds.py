@@ -1,4 +1,4 @@
-"""What the threads of the ROS 2 node publish of the scene, from frames of given trees."""
+"""Messages of the scene that the ROS 2 node publishes, from frames of given trees."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def topics() -> RecordedTopics:
 def feeds(monkeypatch: pytest.MonkeyPatch, topics: RecordedTopics) -> Any:
     stand_in.install(monkeypatch)
     module = importlib.import_module("scenegate_ros2.feeds")
-    return module.Feeds(module.PARAMETERS, topics, lambda text: None)
+    return module.Feeds(module.NodeParameters(), topics, lambda text: None)
 
 
 @pytest.fixture

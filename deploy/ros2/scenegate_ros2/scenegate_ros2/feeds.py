@@ -1,15 +1,14 @@
 """A thread for each of camera, scene and IMU publishes what it receives.
 
-The camera's images are requested while somebody subscribes to them. A connection that is lost is made again.
+The camera's images are requested while they have subscribers. A connection that is lost is made again.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Any
 
 from mcap_ros2.writer import serialize_dynamic
 
@@ -23,55 +22,32 @@ from scenegate.recording.sources import RecordingError, camera_sets, imu_samples
 from scenegate.recording.topics import CLOUD_TOPIC, DISPARITY_TOPIC, IMU_TOPIC, SCENE_TOPIC
 from scenegate.recording.values import JointValues, SceneChange
 from scenegate.recording.view_frames import ViewFrame, ViewFrameError
+from scenegate_ros2.parameters import NodeParameters
 from scenegate_ros2.topics import CLOCK_DEFINITION, CLOCK_TOPIC, CLOCK_TYPE, DEPTH, LEFT, RIGHT, Topics
 
-PARAMETERS = {
-    "camera": "127.0.0.1:50051",
-    "url": "http://127.0.0.1:8000",
-    "token": "",
-    "pipeline": 0,
-    "color": False,
-    "scene": True,
-    "reliability": "reliable",
-    "tf_rate": 10.0,
-    "publish_clock": False,
-}
-"""Parameters of the node and their defaults; docs/ros2.md explains them."""
 RETRY_SECONDS = 1.0
 """Time after which a lost connection is made again."""
 SETTLED_SECONDS = 0.5
 """Time after which a transform that does not change is repeated."""
 POLL_SECONDS = 0.2
-"""Time between two looks at the number of subscribers."""
-
-
-def check(values: Mapping[str, Any]) -> None:
-    """Check parameters.
-
-    Raises:
-        ValueError: one is out of range.
-    """
-    if values["reliability"] not in ("reliable", "best_effort"):
-        raise ValueError(f"reliability is {values['reliability']!r}; it must be reliable or best_effort")
-    if not 0.0 < values["tf_rate"] <= 1000.0:
-        raise ValueError(f"tf_rate is {values['tf_rate']} Hz; it must be above 0 and at most 1000")
+"""Interval at which the number of subscribers is checked."""
 
 
 class Feeds:
     """Publishes a stereo camera and the live scene of a gateway."""
 
-    def __init__(self, values: Mapping[str, Any], topics: Topics, warn: Callable[[str], object]) -> None:
+    def __init__(self, parameters: NodeParameters, topics: Topics, warn: Callable[[str], object]) -> None:
         """
         Args:
-            values: ``PARAMETERS``, checked.
+            parameters: addresses and choices.
             topics: publishers.
             warn: logs a sentence about a lost connection.
         """
-        self._values = values
+        self._parameters = parameters
         self._topics = topics
         self._warn = warn
         self._profile = Profile("ros2")
-        self._credentials = Credentials(values["token"] or None)
+        self._credentials = Credentials(parameters.token or None)
         self._converter = CameraConverter()
         self._encode_clock = serialize_dynamic(CLOCK_TYPE, CLOCK_DEFINITION)[CLOCK_TYPE]
         self._simulated_time: int | None = None
@@ -89,16 +65,16 @@ class Feeds:
     def start(self) -> None:
         """Start the threads. The caller calls ``repeat_scene`` at ``tf_rate``."""
         feeds = {
-            "camera": (self._publish_camera, self._values["camera"]),
-            "scene": (self._publish_scene, self._values["url"] if self._values["scene"] else ""),
-            "imu": (self._publish_imu, self._values["url"]),
+            "camera": (self._publish_camera, self._parameters.camera),
+            "scene": (self._publish_scene, self._parameters.url if self._parameters.scene else ""),
+            "imu": (self._publish_imu, self._parameters.url),
         }
         for name, (publish, address) in feeds.items():
             if address:
                 threading.Thread(target=self._repeat, args=(publish,), name=name, daemon=True).start()
 
     def stop(self) -> None:
-        """Tell the threads to end; they do so with the next message that they receive."""
+        """Stop the threads; each ends with the next message that it receives."""
         self._stopping.set()
 
     def _repeat(self, publish: Callable[[], None]) -> None:
@@ -126,16 +102,16 @@ class Feeds:
         With ``publish_clock``, the left image is always received: its timestamps are the clock.
         """
         count = self._topics.subscribers
-        left, right = count(*LEFT) > 0 or self._values["publish_clock"], count(*RIGHT) > 0
+        left, right = count(*LEFT) > 0 or self._parameters.publish_clock, count(*RIGHT) > 0
         depth = count(*DEPTH, DISPARITY_TOPIC, CLOUD_TOPIC) > 0
         if not (left or right or depth):
             return None
         return StreamOptions(
-            self._values["camera"],
+            self._parameters.camera,
             left=left or depth,  # for the colours of the points
             right=right,
             disparity=depth,
-            color=self._values["color"],
+            color=self._parameters.color,
             credentials=self._credentials,
         )
 
@@ -145,7 +121,7 @@ class Feeds:
         if options is None:
             self._stopping.wait(POLL_SECONDS)
             return
-        if options.right and not options.disparity:  # only a set with disparity tells the baseline
+        if options.right and not options.disparity:  # only a set with disparity has the baseline
             for image_set in camera_sets(replace(options, left=False, right=False, disparity=True, count=1)):
                 self._converter.convert(image_set)
                 break
@@ -157,7 +133,7 @@ class Feeds:
                 return
 
     def _advance_clock(self, timestamp: int) -> None:
-        if self._values["publish_clock"] and timestamp > (self._simulated_time or 0):
+        if self._parameters.publish_clock and timestamp > (self._simulated_time or 0):
             self._simulated_time = timestamp
             clock = {"sec": timestamp // 10**9, "nanosec": timestamp % 10**9}
             self._topics.publish(CLOCK_TOPIC, CLOCK_TYPE, self._encode_clock({"clock": clock}))
@@ -167,7 +143,7 @@ class Feeds:
         joints = JointReader()
         with self._scene_lock:
             self._mirror.reconnect()
-        for data in scene_frames(self._values["url"], self._credentials):
+        for data in scene_frames(self._parameters.url, self._credentials):
             if self._stopping.is_set():
                 return
             frame, now = ViewFrame(data), self._now()
@@ -181,7 +157,7 @@ class Feeds:
                 self._send(self._profile.joints(values))
             if change is None or now is None:
                 continue
-            if self._values["publish_clock"]:
+            if self._parameters.publish_clock:
                 change = replace(change, time=now)
             if not self._topics.subscribers(SCENE_TOPIC):
                 change = replace(change, entities=())
@@ -193,7 +169,7 @@ class Feeds:
         A transform is valid until its newest time only. Geometry is published if its topic has more subscribers.
         """
         now = self._now()
-        if now is None or not self._values["scene"]:
+        if now is None or not self._parameters.scene:
             return
         settled = time.monotonic() - SETTLED_SECONDS
         with self._scene_lock:
@@ -219,15 +195,15 @@ class Feeds:
             self._send(self._profile.joints(replace(self._joints, time=now)))
 
     def _now(self) -> int | None:
-        """Return the time of what is true now, nanoseconds; None if ``/clock`` has not begun."""
-        return self._simulated_time if self._values["publish_clock"] else time.time_ns()
+        """Return the current time, nanoseconds since the epoch; None if ``/clock`` has not begun."""
+        return self._simulated_time if self._parameters.publish_clock else time.time_ns()
 
     def _publish_imu(self) -> None:
-        """Publish samples of the IMU while somebody subscribes to them."""
+        """Publish samples of the IMU while they have subscribers."""
         if not self._topics.subscribers(IMU_TOPIC):
             self._stopping.wait(POLL_SECONDS)
             return
-        for sample in imu_samples(self._values["url"], self._credentials, self._values["pipeline"]):
+        for sample in imu_samples(self._parameters.url, self._credentials, self._parameters.pipeline):
             self._send(self._profile.imu(sample))
             if self._stopping.is_set() or not self._topics.subscribers(IMU_TOPIC):
                 return

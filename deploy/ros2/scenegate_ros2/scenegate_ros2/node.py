@@ -11,7 +11,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosidl_runtime_py.utilities import get_message
 
-from scenegate_ros2.feeds import PARAMETERS, Feeds, check
+from scenegate_ros2.feeds import Feeds
+from scenegate_ros2.parameters import NodeParameters
 from scenegate_ros2.topics import CLOCK_TOPIC, CLOCK_TYPE, GLOBAL_TOPICS, TYPES, queue_length
 
 
@@ -61,15 +62,14 @@ class ScenegateNode(Node):
 
     def __init__(self) -> None:
         super().__init__("scenegate")
-        for name, default in PARAMETERS.items():
+        for name, default in vars(NodeParameters()).items():
             self.declare_parameter(name, default)
-        values = {name: self.get_parameter(name).value for name in PARAMETERS}
-        check(values)
-        topics = NodeTopics(self, values["reliability"])
-        if values["publish_clock"]:
+        parameters = NodeParameters(**{name: self.get_parameter(name).value for name in vars(NodeParameters())})
+        topics = NodeTopics(self, parameters.reliability)
+        if parameters.publish_clock:
             topics.publisher(CLOCK_TOPIC, CLOCK_TYPE)
-        self.feeds = Feeds(values, topics, self.get_logger().warning)
-        self.create_timer(1.0 / values["tf_rate"], self.feeds.repeat_scene)
+        self.feeds = Feeds(parameters, topics, self.get_logger().warning)
+        self.create_timer(1.0 / parameters.tf_rate, self.feeds.repeat_scene)
 
 
 def main() -> None:

@@ -13,7 +13,8 @@ from rosbags.typesys import Stores, get_typestore
 from zenoh_ros2_sdk import ROS2Publisher
 
 from scenegate.recording.ros2_messages import definition
-from scenegate_ros2.feeds import PARAMETERS, Feeds, check
+from scenegate_ros2.feeds import Feeds
+from scenegate_ros2.parameters import NodeParameters
 from scenegate_ros2.topics import CLOCK_DEFINITION, CLOCK_TYPE, TYPES
 
 _log = logging.getLogger("scenegate_ros2")
@@ -67,7 +68,7 @@ def main() -> None:
     """Publish until interrupted."""
     parser = argparse.ArgumentParser(description="Publishes a Scenegate gateway to ROS 2 nodes on rmw_zenoh.")
     parser.add_argument("--router", default="127.0.0.1:7447", help="Zenoh router, HOST:PORT")
-    for name, default in PARAMETERS.items():
+    for name, default in vars(NodeParameters()).items():
         flag = "--" + name.replace("_", "-")
         if isinstance(default, bool):
             parser.add_argument(flag, action=argparse.BooleanOptionalAction, default=default)
@@ -75,14 +76,15 @@ def main() -> None:
             parser.add_argument(flag, type=type(default), default=default)
     values = vars(parser.parse_args())
     try:
-        check(values)
-        topics = ZenohTopics(values["router"])
+        router = values.pop("router")
+        parameters = NodeParameters(**values)
+        topics = ZenohTopics(router)
     except ValueError as error:
         parser.error(str(error))
-    feeds = Feeds(values, topics, _log.warning)
+    feeds = Feeds(parameters, topics, _log.warning)
     feeds.start()
     try:
-        while not threading.Event().wait(1.0 / values["tf_rate"]):
+        while not threading.Event().wait(1.0 / parameters.tf_rate):
             feeds.repeat_scene()
     except KeyboardInterrupt:
         feeds.stop()
