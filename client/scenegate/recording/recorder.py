@@ -1,4 +1,4 @@
-"""Record what sources receive to MCAP files."""
+"""Record received values to MCAP files."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ POLL_SECONDS: Final = 0.1
 
 @dataclass(frozen=True, slots=True)
 class RecordingOptions:
-    """What is recorded, and where."""
+    """Sources and files of a recording."""
 
     path: Path
     """First MCAP file."""
@@ -83,7 +83,7 @@ class SceneWriter:
         return [*self._mirror.warnings.values(), *self._profile.clouds.warnings]
 
     def write(self, value: Any, log_time: int) -> None:
-        """Write what a source has received.
+        """Write a received value.
 
         Args:
             value: frame of the view, image set or ``ImuSample``.
@@ -118,7 +118,7 @@ class SceneWriter:
             self._write_all(self._profile.joints(joints), log_time, joints.time)
 
     def _write_whole(self, log_time: int, change: SceneChange | None = None) -> None:
-        """Write the whole scene, and what a change of it has removed."""
+        """Write the whole scene, and deletions of nodes that a change has removed."""
         whole = self._mirror.whole(log_time if change is None else change.time)
         if change is not None:
             entities = {each.frame: each for each in (*whole.entities, *change.entities)}

@@ -1,4 +1,4 @@
-"""What is recorded, in no format of messages. Metres, radians, seconds; times are nanoseconds since the epoch."""
+"""Values that are recorded, in no format of messages. Metres, radians, seconds; times are nanoseconds since the epoch."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def empty_cloud(frame: str) -> Cloud:
 
 @dataclass(frozen=True, slots=True)
 class SceneChange:
-    """What has changed in the scene, or the whole scene."""
+    """A change of the scene, or the whole scene."""
 
     time: int
     """Time from which it is valid."""

@@ -1,4 +1,4 @@
-"""Names, types and queues of the topics, and what publishes them."""
+"""Names, types and queues of the topics, and the interface of their publishers."""
 
 from __future__ import annotations
 
