@@ -67,7 +67,7 @@ class FoxgloveService:
         self._tree = tree
         self._camera = camera
         self._rig = rig
-        self._profile = Profile("foxglove")
+        self._profile = Profile("foxglove", _log.warning)
         self._channels = Channels(self._on_subscription, self._parameters)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._scene_changed = asyncio.Event()

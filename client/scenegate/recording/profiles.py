@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from typing import Literal
 
@@ -26,14 +26,17 @@ Messages = Iterator[EncodedMessage]
 class Profile:
     """Converts values to encoded messages, with ``foxglove_messages`` or ``ros2_messages``."""
 
-    def __init__(self, name: ProfileName) -> None:
+    def __init__(self, name: ProfileName, warn: Callable[[str], object] = lambda text: None) -> None:
         """
+        Args:
+            warn: called with a sentence about point clouds that are left out.
+
         Raises:
             ImportError: packages of the profile are not installed.
         """
         self.mcap_profile = "ros2" if name == "ros2" else ""
         """Profile in the header of MCAP files."""
-        self.clouds = CloudTopics()
+        self.clouds = CloudTopics(warn)
         self._messages = import_module(f"scenegate.recording.{name}_messages")
 
     def scene(self, change: SceneChange) -> Messages:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
+from collections.abc import Callable
 from itertools import count
 from typing import Final
 
@@ -30,12 +31,17 @@ MAX_SCENE_CLOUDS: Final = 1000
 class CloudTopics:
     """Topics of the scene's point clouds. Thread-safe."""
 
-    def __init__(self) -> None:
+    def __init__(self, warn: Callable[[str], object] = lambda text: None) -> None:
+        """
+        Args:
+            warn: called with the first sentence of ``warnings``.
+        """
         self._lock = threading.Lock()
         self._topics: dict[str, str] = {}
         """Topics by frame. ``_lock`` guards it."""
         self.warnings: tuple[str, ...] = ()
         """Sentence about the clouds that have no topic."""
+        self._warn = warn
 
     def topic(self, frame: str) -> str | None:
         """Return the topic of the cloud of a frame; None beyond ``MAX_SCENE_CLOUDS``.
@@ -47,7 +53,9 @@ class CloudTopics:
             if frame not in self._topics:
                 if len(self._topics) >= MAX_SCENE_CLOUDS:
                     limit = f"the limit is {MAX_SCENE_CLOUDS} topics"
-                    self.warnings = self.warnings or (f"point clouds are left out, that of {frame} first: {limit}",)
+                    if not self.warnings:
+                        self.warnings = (f"point clouds are left out, that of {frame} first: {limit}",)
+                        self._warn(self.warnings[0])
                     return None
                 self._topics[frame] = self._free_topic(frame)
             return self._topics[frame]

@@ -1,4 +1,4 @@
-"""Values that are recorded, in no format of messages. Metres, radians, seconds; times are nanoseconds since the epoch."""
+"""Values that are recorded, in no format of messages: metres, radians; times are nanoseconds since the epoch."""
 
 from __future__ import annotations
 

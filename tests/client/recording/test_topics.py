@@ -28,10 +28,12 @@ def test_frames_have_different_topics() -> None:
 
 def test_the_number_of_topics_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(topics, "MAX_SCENE_CLOUDS", 2)
-    found = CloudTopics()
+    warned: list[str] = []
+    found = CloudTopics(warned.append)
     assert [found.topic(f"scene/{name}") for name in "abca"] == [
         *(f"/scene/points/{c}" for c in "ab"),
         None,
         "/scene/points/a",
     ]
-    assert found.warnings == ("point clouds are left out, that of scene/c first: the limit is 2 topics",)
+    assert found.topic("scene/d") is None
+    assert warned == ["point clouds are left out, that of scene/c first: the limit is 2 topics"] == list(found.warnings)

@@ -46,7 +46,7 @@ class Feeds:
         self._parameters = parameters
         self._topics = topics
         self._warn = warn
-        self._profile = Profile("ros2")
+        self._profile = Profile("ros2", warn)
         self._credentials = Credentials(parameters.token or None)
         self._converter = CameraConverter()
         self._encode_clock = serialize_dynamic(CLOCK_TYPE, CLOCK_DEFINITION)[CLOCK_TYPE]
