@@ -22,7 +22,7 @@ from scenegate.recording.sources import RecordingError
 from tests.ros2 import stand_in
 
 pytest.importorskip("mcap_ros2", reason="needs the extra mcap")
-Connect = Callable[[LiveTree], None]
+Connect = Callable[..., None]
 
 
 class RecordedTopics:
@@ -65,10 +65,11 @@ def connect(monkeypatch: pytest.MonkeyPatch, feeds: Any) -> Connect:
     store = ControlStore()
     store.set_controls("client", [Slider(("arm", "lift"), 0.0, 2.0, value=1.5, unit="m")], lambda *_: None, 1)
 
-    def connect(tree: LiveTree) -> None:
+    def connect(tree: LiveTree, *others: bytes) -> None:
         def frames(*_: object) -> Iterator[bytes]:
             yield from asyncio.run(SnapshotFrames().advance(tree.snapshot))
             yield ControlFrames(store, tree).since(0)
+            yield from others
             raise RecordingError("lost")
 
         monkeypatch.setattr(module, "scene_frames", frames)
@@ -115,3 +116,11 @@ def test_late_subscribers_of_one_topic_get_what_does_not_change(
     topics.counts["/scene/points/scan"] = 2
     feeds.repeat_scene()
     assert len(topics.take("/scene/points/scan")) == 1
+
+
+def test_joints_that_were_removed_are_not_repeated(connect: Connect, feeds: Any, topics: RecordedTopics) -> None:
+    tree = tree_of("box")
+    connect(tree, ControlFrames(ControlStore(), tree).since(-1))
+    topics.take("/joint_states")
+    feeds.repeat_scene()
+    assert not topics.take("/joint_states")

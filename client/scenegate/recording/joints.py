@@ -23,6 +23,11 @@ class JointReader:
         """Names of joints by the ids of their sliders."""
         self._values: dict[int, float] = {}
 
+    @property
+    def has_joints(self) -> bool:
+        """True if there are sliders of joints."""
+        return bool(self._values)
+
     def read(self, frame: ViewFrame, time: int) -> JointValues | None:
         """Return the values of all joints if a frame changes them, else None.
 

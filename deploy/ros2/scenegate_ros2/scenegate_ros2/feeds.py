@@ -143,6 +143,7 @@ class Feeds:
         joints = JointReader()
         with self._scene_lock:
             self._mirror.reconnect()
+        self._joints = None
         for data in scene_frames(self._parameters.url, self._credentials):
             if self._stopping.is_set():
                 return
@@ -152,6 +153,8 @@ class Feeds:
                 if change is not None:
                     self._changed.update(dict.fromkeys((each.child for each in change.transforms), time.monotonic()))
             values = joints.read(frame, now) if now is not None else None
+            if not joints.has_joints:
+                self._joints = None
             if values is not None:
                 self._joints = values
                 self._send(self._profile.joints(values))
@@ -191,8 +194,9 @@ class Feeds:
                 )
             )
         )
-        if self._joints is not None:
-            self._send(self._profile.joints(replace(self._joints, time=now)))
+        joints = self._joints  # another thread sets it
+        if joints is not None:
+            self._send(self._profile.joints(replace(joints, time=now)))
 
     def _now(self) -> int | None:
         """Return the current time, nanoseconds since the epoch; None if ``/clock`` has not begun."""
