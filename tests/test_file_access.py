@@ -32,7 +32,7 @@ ALLOWED = {
     "lcm/replay.py": "the log, which it writes; reading is by open_regular",
     "camera/imu.py": "the file that it writes",
     "recording/mcap_file.py": "the files that it writes",
-    "recording/profiles.py": "definitions of messages, a part of this package",
+    "recording/ros2_messages.py": "definitions of messages, a part of this package",
 }
 """Files that may open others, and what."""
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import foxglove.layouts as fl
 
-from scenegate.recording.profiles import CLOUD_TOPIC, DISPARITY_TOPIC, IMAGE_TOPICS, SCENE_TOPIC
+from scenegate.recording.topics import CLOUD_TOPIC, DISPARITY_TOPIC, IMAGE_TOPICS, SCENE_TOPIC
 from scenegate.recording.values import WORLD
 
 FILE = Path(__file__).parents[1] / "deploy" / "foxglove" / "layout.json"

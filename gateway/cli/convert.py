@@ -3,29 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 import typer
 
-MAX_SHOWN: Final = 20
-"""Maximum number of warnings that are printed."""
+from gateway.cli.log_files import MeshRoot, open_log_file, print_warnings
 
 
 def convert(
-    log: Annotated[Path, typer.Argument(metavar="LOG.lcm", exists=True, dir_okay=False, help="LCM log.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", exists=True, dir_okay=False, help="LCM log.")],
     out: Annotated[Path, typer.Argument(metavar="OUT.mcap", dir_okay=False, help="File to write.")],
     profile: Annotated[
         Literal["foxglove", "ros2"], typer.Option(help="Messages: Foxglove's schemas, or those of ROS 2.")
     ] = "foxglove",
-    root: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="FOLDER",
-            exists=True,
-            file_okay=False,
-            help="Folder with the mesh files of messages. Can be repeated.",
-        ),
-    ] = None,
+    mesh_root: MeshRoot = "auto",
 ) -> None:
     """Write the scene of an LCM log to an MCAP file, for Foxglove and ROS 2: Director's messages and Drake's."""
     import asyncio
@@ -33,20 +24,16 @@ def convert(
     from scenegate.cli.record_mcap import check_packages
 
     check_packages()
-    from gateway.assets.mesh_files import MeshFiles
     from gateway.recording.log_to_mcap import convert_log
     from gateway.runtime.kernels.loading import ensure_compiled
     from scenegate.cli.progress_bar import progress_bar
-    from scenegate.lcm.event_log import EventLogError
 
-    ensure_compiled(show=True)
-    files = MeshFiles(tuple(root or ()))
-    with progress_bar("Converting", "messages", log.stat().st_size) as bar:
-        try:
-            converted = asyncio.run(convert_log(log, out, profile, files, bar.update))
-        except EventLogError as error:
-            raise ValueError(f"{log}: {error}") from None
+    if out.exists() and out.samefile(log):
+        raise ValueError(f"{out} is the log itself; the MCAP file needs another name")
+    with open_log_file(log, mesh_root) as timeline:
+        ensure_compiled(show=True)
+        with progress_bar("Converting", "messages", timeline.summary.file_bytes) as bar:
+            converted = asyncio.run(convert_log(timeline, out, profile, bar.update))
     counts = f"{converted.read} messages of the scene, {converted.written} written, {converted.bytes} bytes"
     typer.echo(f"{out}: {counts}", err=True)
-    for warning, count in list(converted.warnings.items())[:MAX_SHOWN]:
-        typer.echo(f"scenegate: {warning}" + (f" ({count} times)" if count > 1 else ""), err=True)
+    print_warnings(log, converted.warnings)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import msgspec
 import typer
+
+from gateway.cli.log_files import MeshRoot, open_log_file, print_warnings
 
 if TYPE_CHECKING:
     from gateway.scene.timeline import Timeline
@@ -46,13 +47,7 @@ def export(
         ),
     ] = None,
     rate: Annotated[float, typer.Option(min=0.01, max=240.0, help="Samples of the scene per second.")] = 30.0,
-    mesh_root: Annotated[
-        str,
-        typer.Option(
-            metavar="FOLDERS",
-            help="Folders with the mesh files that messages of a log name, as for `scenegate serve`; auto: all.",
-        ),
-    ] = "auto",
+    mesh_root: MeshRoot = "auto",
     token: Annotated[str | None, typer.Option(envvar="SCENEGATE_TOKEN", help="Bearer token of the gateway.")] = None,
 ) -> None:
     """Write a scene and its motion into one file."""
@@ -72,8 +67,7 @@ def export(
     else:
         data = asyncio.run(_export_log(Path(source), start, duration, rate, mesh_root, is_gltf=is_gltf))
     write_atomically(out, data)
-    for sentence in _warnings(data) if is_gltf else ():
-        typer.echo(f"{out}: {sentence}", err=True)
+    print_warnings(out, _warnings(data) if is_gltf else ())
     typer.echo(f"{out}: {len(data) / 1e6:.1f} MB", err=True)
 
 
@@ -81,25 +75,19 @@ async def _export_log(
     log: Path, start: float, duration: float | None, rate: float, mesh_root: str, *, is_gltf: bool
 ) -> bytes:
     """Return the file of a section of a log. What the file does not have is named on stderr."""
-    from gateway.assets.mesh_files import MeshFiles
     from gateway.gltf.export import MotionWriter
-    from gateway.lcmlog.timeline import open_log
     from gateway.scene.live_page import LivePage
     from gateway.scene.sampling import write_section
-    from gateway.settings import load
     from gateway.viewer.scene_file import SceneFileWriter
     from scenegate.cli.progress_bar import progress_bar
 
     writer = MotionWriter() if is_gltf else SceneFileWriter(LivePage())
-    settings = load({"host": "127.0.0.1", "mesh_root": mesh_root})
-    files = MeshFiles(settings.mesh_folders, any_folder=settings.local_clients_read_all_folders)
-    with closing(open_log(log, files)) as timeline, progress_bar("Exporting", "%", 1.0) as bar:
+    with open_log_file(log, mesh_root) as timeline, progress_bar("Exporting", "%", 1.0) as bar:
         first, last = _section(timeline, log, start, duration)
         data = await write_section(
             writer, timeline, first, last, rate, asyncio.to_thread, lambda done: bar.update(done, round(100 * done))
         )
-    for sentence in timeline.problems.listed():
-        typer.echo(f"{log}: {sentence}", err=True)
+    print_warnings(log, timeline.problems.listed())
     return data
 
 

@@ -7,17 +7,13 @@ from typing import Annotated
 
 import typer
 
+from gateway.cli.log_files import MeshRoot
+
 
 def view(
     log: Annotated[Path, typer.Argument(metavar="LOG", exists=True, dir_okay=False, help="LCM log.")],
     http_port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0: any.")] = 8020,
-    mesh_root: Annotated[
-        str,
-        typer.Option(
-            metavar="FOLDERS",
-            help="Folders with the mesh files that messages name, as for `scenegate serve`; auto: all folders.",
-        ),
-    ] = "auto",
+    mesh_root: MeshRoot = "auto",
     open_page: Annotated[bool, typer.Option("--open", help="Open the page in the default browser.")] = False,
 ) -> None:
     """Show an LCM log in the browser, at any time of it: tree viewer clients, Drake's simulations."""

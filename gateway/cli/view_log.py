@@ -7,12 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-import typer
-
 from gateway.app import create_app
-from gateway.assets.mesh_files import MeshFiles
+from gateway.cli.log_files import open_log_file, print_warnings
 from gateway.cli.serve_app import serve_app
-from gateway.lcmlog.timeline import LogTimeline, open_log
 from gateway.runtime import logs, process_tuning
 from gateway.runtime.kernels.loading import ensure_compiled
 from gateway.settings import Settings, load
@@ -45,7 +42,7 @@ def view_log(path: Path, http_port: int, mesh_root: str, on_url: Callable[[str],
         raise OSError(f"--http-port {http_port}: {process_tuning.listen_error(error, HOST, http_port)}") from None
     with listener:
         ensure_compiled(show=True)
-        timeline = _open(path, settings)
+        timeline = open_log_file(path, mesh_root)
         with progress_bar("Indexing", "% of the log", 1.0) as bar:
 
             def on_progress(progress: float) -> None:
@@ -57,8 +54,7 @@ def view_log(path: Path, http_port: int, mesh_root: str, on_url: Callable[[str],
             app = create_app(settings, log=LogService(timeline, on_progress))
             on_url(f"http://{HOST}:{listener.getsockname()[1]}/view")
             code = serve_app(app, listener, None)
-    for sentence in timeline.problems.listed():
-        typer.echo(f"scenegate: {sentence}", err=True)
+    print_warnings(path, timeline.problems.listed())
     return code
 
 
@@ -67,9 +63,3 @@ def settings_for(http_port: int, mesh_root: str) -> Settings:
     fixed = {"only": "view,scene", "host": HOST, "workers": 1, "state": None, "demo": False, "history_seconds": 0.0}
     without_tls = {"http_certificate": None, "http_key": None}
     return load({**fixed, **without_tls, "http_port": http_port, "mesh_root": mesh_root})
-
-
-def _open(path: Path, settings: Settings) -> LogTimeline:
-    files = MeshFiles(settings.mesh_folders, any_folder=settings.local_clients_read_all_folders)
-    with progress_bar("Reading", "MB", path.stat().st_size) as bar:
-        return open_log(path, files, lambda position: bar.update(position, position // 1_000_000))

@@ -1,12 +1,13 @@
-"""The WebSocket server of foxglove-sdk with its channels, and who subscribes to them."""
+"""The WebSocket server of foxglove-sdk with its channels and their subscribers."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 import foxglove
+import structlog
 from foxglove.websocket import Capability, ChannelView, Client, Parameter, ServerListener, WebSocketServer
 
 from scenegate.recording.mcap_file import EncodedMessage, Schema
@@ -14,26 +15,31 @@ from scenegate.recording.mcap_file import EncodedMessage, Schema
 BACKLOG_MESSAGES: Final = 32
 """Maximum number of messages that wait for a slow client: images have megabytes. The oldest one is dropped."""
 
-Subscribed = Callable[[int | None, str], None]
-"""Called in a thread of the server with a new subscriber of a topic; with None if a subscription has ended."""
+MAX_CLIENTS: Final = 8
+"""Maximum number of clients that get messages: each can have a backlog, and pages of any site can connect."""
+
+_log = structlog.get_logger("foxglove")
 
 
 class Channels(ServerListener):
     """A server with channels. Thread-safe."""
 
-    def __init__(self, on_subscription: Subscribed, parameters: Callable[[], dict[str, Any]]) -> None:
+    def __init__(self, on_subscription: Callable[[str], None], parameters: Callable[[], dict[str, Any]]) -> None:
         """
         Args:
-            on_subscription: see ``Subscribed``.
+            on_subscription: called in a thread of the server with a topic when a subscription begins or ends.
             parameters: returns the values of all parameters by name; called in a thread of the server.
         """
         self._on_subscription = on_subscription
         self._parameters = parameters
         self._context = foxglove.Context()
-        self._channels: dict[str, foxglove.Channel] = {}
         self._lock = threading.Lock()
+        """Guards the next three."""
+        self._channels: dict[str, foxglove.Channel] = {}
         self._subscribers: dict[str, set[int]] = {}
-        """Ids of clients by topic. ``_lock`` guards it."""
+        """Ids of clients by topic."""
+        self._new_subscribers: dict[str, set[int]] = {}
+        """Those that ``take_new_subscribers`` has not returned yet."""
         self._server: WebSocketServer | None = None
 
     def start(self, host: str, port: int) -> int:
@@ -63,7 +69,9 @@ class Channels(ServerListener):
         """Disconnect all clients. It waits for threads of the server."""
         if self._server is not None:
             self._server.stop()
-        for channel in self._channels.values():
+        with self._lock:
+            channels = list(self._channels.values())
+        for channel in channels:
             channel.close()
 
     @property
@@ -76,35 +84,59 @@ class Channels(ServerListener):
     def clients(self) -> int:
         """Number of clients that subscribe to something."""
         with self._lock:
-            return len(set().union(*self._subscribers.values()))
+            return len(self._clients())
+
+    def take_new_subscribers(self) -> dict[str, set[int]]:
+        """Return the ids of the clients, by topic, that have subscribed since the last call and still do."""
+        with self._lock:
+            new, self._new_subscribers = self._new_subscribers, {}
+        return {topic: clients for topic, clients in new.items() if clients}
 
     def declare(self, topic: str, schema: Schema) -> None:
         """Advertise a channel, if there is none of this topic."""
-        if topic not in self._channels:
-            described = foxglove.Schema(name=schema.name, encoding=schema.encoding, data=schema.data)
-            self._channels[topic] = foxglove.Channel(
-                topic, schema=described, message_encoding=schema.message_encoding, context=self._context
-            )
+        with self._lock:
+            if topic in self._channels:
+                return
+        described = foxglove.Schema(name=schema.name, encoding=schema.encoding, data=schema.data)
+        channel = foxglove.Channel(
+            topic, schema=described, message_encoding=schema.message_encoding, context=self._context
+        )
+        with self._lock:
+            self._channels[topic] = channel
 
-    def send(self, message: EncodedMessage, time: int, client: int | None = None) -> None:
-        """Queue a message for a client; None: for all subscribers of its topic.
+    def send(self, message: EncodedMessage, time: int, clients: Iterable[int] | None = None) -> None:
+        """Queue a message for clients; None: for all subscribers of its topic.
 
         Args:
             time: nanoseconds since the epoch.
         """
-        self._channels[message.topic].log(message.data, log_time=time, sink_id=client)
+        with self._lock:
+            channel = self._channels[message.topic]
+            ids = list(self._subscribers.get(message.topic, ()) if clients is None else clients)
+        for client in ids:
+            channel.log(message.data, log_time=time, sink_id=client)
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
         """Called by the server."""
         with self._lock:
-            self._subscribers.setdefault(channel.topic, set()).add(client.id)
-        self._on_subscription(client.id, channel.topic)
+            clients = self._clients()
+            is_refused = client.id not in clients and len(clients) >= MAX_CLIENTS
+            if not is_refused:
+                self._subscribers.setdefault(channel.topic, set()).add(client.id)
+                self._new_subscribers.setdefault(channel.topic, set()).add(client.id)
+        if is_refused:
+            _log.warning(
+                f"A client of Foxglove's WebSocket gets no {channel.topic}: the limit is {MAX_CLIENTS} clients"
+            )
+            return
+        self._on_subscription(channel.topic)
 
     def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
         """Called by the server, also for each subscription of a client that disconnects."""
         with self._lock:
-            self._subscribers.get(channel.topic, set()).discard(client.id)
-        self._on_subscription(None, channel.topic)
+            for subscribers in (self._subscribers, self._new_subscribers):
+                subscribers.get(channel.topic, set()).discard(client.id)
+        self._on_subscription(channel.topic)
 
     def on_get_parameters(
         self, client: Client, param_names: list[str], request_id: str | None = None
@@ -120,3 +152,7 @@ class Channels(ServerListener):
     ) -> list[Parameter]:
         """Called by the server. Nothing is set: pages of any site could do it."""
         return self.on_get_parameters(client, [parameter.name for parameter in parameters], request_id)
+
+    def _clients(self) -> set[int]:
+        """Return the ids of the clients that subscribe to something. The caller has the lock."""
+        return set().union(*self._subscribers.values())

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Final
 
@@ -19,17 +19,19 @@ from gateway.stereo.stream.subscriptions import LimitError, StreamError
 from gateway.viewer.sources import StereoRig
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.recording.camera_values import CameraConverter
-from scenegate.recording.profiles import (
+from scenegate.recording.foxglove_messages import cloud_schema, deletion_of_all, schemas
+from scenegate.recording.mcap_file import EncodedMessage
+from scenegate.recording.profiles import Profile
+from scenegate.recording.scene_mirror import SceneMirror
+from scenegate.recording.topics import (
     CLOUD_TOPIC,
     DISPARITY_TOPIC,
     IMAGE_TOPICS,
     SCENE_CLOUDS_TOPIC,
     SCENE_TOPIC,
     TF_TOPIC,
-    FoxgloveProfile,
 )
-from scenegate.recording.scene_mirror import SceneMirror
-from scenegate.recording.values import CameraSet, SceneChange
+from scenegate.recording.values import CameraSet, SceneChange, empty_cloud
 from scenegate.recording.view_frames import ViewFrame
 
 HOST: Final = "127.0.0.1"
@@ -65,15 +67,13 @@ class FoxgloveService:
         self._tree = tree
         self._camera = camera
         self._rig = rig
-        self._profile = FoxgloveProfile()
+        self._profile = Profile("foxglove", _log.warning)
         self._channels = Channels(self._on_subscription, self._parameters)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._scene_changed = asyncio.Event()
-        """Set when the tree has changed, or somebody subscribes to the scene or no longer does."""
+        """Set when the tree has changed, or a subscription to the scene begins or ends."""
         self._camera_changed = asyncio.Event()
-        """Set when somebody subscribes to images or no longer does."""
-        self._new_subscribers: deque[tuple[int, str]] = deque()
-        """Clients and topics of the scene that need the whole scene. Threads of the server append them."""
+        """Set when a subscription to images begins or ends."""
 
     def status(self) -> Mapping[str, Any]:
         """Return plain values for the health endpoint."""
@@ -86,7 +86,7 @@ class FoxgloveService:
             OSError: the port is taken.
         """
         self._loop = asyncio.get_running_loop()
-        for topic, schema in self._profile.schemas().items():
+        for topic, schema in schemas().items():
             if self._camera is not None or topic in (TF_TOPIC, SCENE_TOPIC):
                 self._channels.declare(topic, schema)
         self.port = self._channels.start(HOST, self.port)
@@ -104,15 +104,10 @@ class FoxgloveService:
             stop_listening()
             await asyncio.to_thread(self._channels.stop)
 
-    def _on_subscription(self, client: int | None, topic: str) -> None:
-        """Wake up what sends a topic. Called in threads of the server."""
+    def _on_subscription(self, topic: str) -> None:
+        """Wake up the task that sends a topic. Called in threads of the server."""
         assert self._loop is not None
-        if topic not in (TF_TOPIC, SCENE_TOPIC) and not topic.startswith(SCENE_CLOUDS_TOPIC):
-            _notify(self._loop, self._camera_changed)
-            return
-        if client is not None:
-            self._new_subscribers.append((client, topic))
-        _notify(self._loop, self._scene_changed)
+        _notify(self._loop, self._scene_changed if _is_of_scene(topic) else self._camera_changed)
 
     def _parameters(self) -> dict[str, Any]:
         """Return the camera's parameters, ``node.name``."""
@@ -123,19 +118,21 @@ class FoxgloveService:
         return {f"{node}.{name}": value for node in nodes for name, value in dict(values(node)).items()}
 
     async def _send_scene(self) -> None:
-        """Send changes of the scene while there are subscribers."""
+        """Send changes of the scene, and all of it from time to time, while there are subscribers."""
         loop = asyncio.get_running_loop()
         feed: _SceneFeed | None = None
         while True:
-            await self._scene_changed.wait()
+            with suppress(TimeoutError):
+                async with asyncio.timeout(None if feed is None else WHOLE_SCENE_SECONDS):
+                    await self._scene_changed.wait()
             self._scene_changed.clear()
             begin = loop.time()
+            new_subscribers = self._channels.take_new_subscribers()
             if not any(_is_of_scene(topic) for topic in self._channels.topics):
                 feed = None
                 continue
             feed = feed or _SceneFeed(self._channels, self._profile, SnapshotFrames(self._rig))
-            subscribers = [self._new_subscribers.popleft() for _ in range(len(self._new_subscribers))]
-            await feed.send(self._tree.snapshot, subscribers)
+            await feed.send(self._tree.snapshot, new_subscribers)
             await asyncio.sleep(max(0.0, begin + 1.0 / MAX_UPDATE_RATE - loop.time()))
 
     async def _send_images(self, camera: StereoService) -> None:
@@ -187,48 +184,69 @@ class FoxgloveService:
 class _SceneFeed:
     """The scene as clients have it."""
 
-    def __init__(self, channels: Channels, profile: FoxgloveProfile, frames: SnapshotFrames) -> None:
+    def __init__(self, channels: Channels, profile: Profile, frames: SnapshotFrames) -> None:
         self._channels = channels
         self._profile = profile
         self._frames = frames
         self._mirror = SceneMirror()
-        self._whole_time: float | None = None
+        self._cloud_frames: set[str] = set()
+        """Frames of all clouds that clients may have."""
+        self._repetition: float | None = None
         """Time from which the whole scene is sent again, on the loop's clock; None before the first time."""
 
-    async def send(self, snapshot: Snapshot, subscribers: list[tuple[int, str]]) -> None:
-        """Send what has changed to all clients, and the whole scene to new subscribers of a topic."""
+    async def send(self, snapshot: Snapshot, new_subscribers: Mapping[str, Iterable[int]]) -> None:
+        """Send changes to all clients, and the whole scene to new subscribers.
+
+        Args:
+            new_subscribers: ids of clients by topic.
+        """
         frames = await self._frames.advance(snapshot)
         now = asyncio.get_running_loop().time()
-        repeat = self._whole_time is not None and now >= self._whole_time
-        if repeat or self._whole_time is None:
-            self._whole_time = now + WHOLE_SCENE_SECONDS
-        await asyncio.to_thread(self._send, frames, subscribers, repeat, snapshot.timestamp)
+        repeat = self._repetition is not None and now >= self._repetition
+        if repeat or self._repetition is None:
+            self._repetition = now + WHOLE_SCENE_SECONDS
+        await asyncio.to_thread(self._send, frames, new_subscribers, repeat, snapshot.timestamp)
 
-    def _send(self, frames: list[bytes], subscribers: list[tuple[int, str]], repeat: bool, time: int) -> None:
+    def _send(self, frames: list[bytes], new_subscribers: Mapping[str, Iterable[int]], repeat: bool, time: int) -> None:
         for frame in frames:
             change = self._mirror.apply(ViewFrame(frame))
             if change is not None:
-                self._send_change(change, self._channels.topics)
-        if not (repeat or subscribers):
-            return
-        whole = self._mirror.whole(time)
+                for message in self._messages(change, self._channels.topics):
+                    self._channels.send(message, change.time)
         if repeat:
-            self._send_change(whole, self._channels.topics)
-        for client, topic in subscribers:
-            self._send_change(whole, frozenset((topic,)), client)
+            self._repeat(time)
+        elif new_subscribers:
+            for message in self._messages(self._mirror.whole(time), new_subscribers):
+                self._channels.send(message, time, new_subscribers[message.topic])
 
-    def _send_change(self, change: SceneChange, topics: frozenset[str], client: int | None = None) -> None:
-        """Send the messages of some topics."""
+    def _repeat(self, time: int) -> None:
+        """Send the whole scene to all clients, without nodes whose deletion they may have missed."""
+        topics = self._channels.topics
+        whole = self._mirror.whole(time)
+        missing = self._cloud_frames - {cloud.frame for cloud in whole.clouds}
+        whole = replace(whole, clouds=[*map(empty_cloud, missing), *whole.clouds])
+        if SCENE_TOPIC in topics:  # a message of its own: early versions of the app delete at the end of a message
+            self._channels.send(deletion_of_all(SCENE_TOPIC, time), time)
+        for message in self._messages(whole, topics):
+            self._channels.send(message, time)
+
+    def _messages(self, change: SceneChange, topics: Container[str]) -> Iterator[EncodedMessage]:
+        """Yield the messages of some topics; declare those of clouds."""
+        clouds = []
         for cloud in change.clouds:
-            self._channels.declare(self._profile.cloud_topic(cloud), self._profile.cloud_schema())
-        wanted = replace(
-            change,
-            transforms=change.transforms if TF_TOPIC in topics else (),
-            entities=change.entities if SCENE_TOPIC in topics else (),
-            clouds=[cloud for cloud in change.clouds if self._profile.cloud_topic(cloud) in topics],
+            topic = self._profile.clouds.topic(cloud.frame)
+            if topic is not None:
+                self._channels.declare(topic, cloud_schema())
+                self._cloud_frames.add(cloud.frame)
+                clouds += [cloud] if topic in topics else []
+        return self._profile.scene(
+            SceneChange(
+                change.time,
+                change.transforms if TF_TOPIC in topics else (),
+                change.entities if SCENE_TOPIC in topics else (),
+                clouds,
+            )
         )
-        for message in self._profile.scene(wanted):
-            self._channels.send(message, change.time, client)
 
 
 def _is_of_scene(topic: str) -> bool:

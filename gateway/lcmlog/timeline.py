@@ -140,6 +140,14 @@ class LogTimeline:
         index = bisect_right(self._simulation_times, time) - 1
         return self._simulation_seconds[index] if index >= 0 else None
 
+    def replay(self) -> LogReplay:
+        """Return a replay from the beginning of the log, which the caller closes.
+
+        Raises:
+            OSError: the log can no longer be read.
+        """
+        return LogReplay(self.path, self._files)
+
     def __enter__(self) -> LogTimeline:
         return self
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from gateway.assets.mesh_files import MeshFiles
-from gateway.lcmlog.replay import LogReplay
+from gateway.lcmlog.problems import Problems
+from gateway.lcmlog.replay import is_shown
+from gateway.lcmlog.timeline import LogTimeline
 from gateway.recording.snapshot_frames import SnapshotFrames
 from scenegate.recording.mcap_file import McapFiles
-from scenegate.recording.profiles import ProfileName, make_profile
+from scenegate.recording.profiles import Profile, ProfileName
 from scenegate.recording.recorder import SceneWriter
 
 
@@ -20,43 +21,41 @@ class Converted:
     """A log that was converted."""
 
     read: int
-    """Number of messages that change the scene."""
-    warnings: dict[str, int]
-    """Reasons why messages or nodes are not recorded completely, with the number of times."""
+    """Number of messages of channels that change the scene."""
     written: int
     """Number of messages in the file."""
     bytes: int
     """Size of the file."""
+    warnings: Sequence[str]
+    """Sentences about messages and nodes that are not recorded completely."""
 
 
 async def convert_log(
-    log: Path, out: Path, profile: ProfileName, files: MeshFiles, report: Callable[[int, int], None] = lambda *_: None
+    timeline: LogTimeline, out: Path, profile: ProfileName, report: Callable[[int, int], None] = lambda *_: None
 ) -> Converted:
     """Write the scene of a log to an MCAP file, with the times of the log.
 
     Args:
-        log: LCM log with messages of tree viewer clients or of Drake.
-        out: file to write, which is replaced.
-        files: reads the mesh files that messages name.
+        timeline: the log, opened.
+        out: file to write, which is replaced; not the log.
         report: called after each message with the bytes of the log that were read, and the number of messages.
 
     Raises:
-        EventLogError: the file is not an LCM log.
         ImportError: packages of the profile are not installed.
         OSError: a file cannot be read or written.
     """
-    converter = make_profile(profile)
+    converter = Profile(profile)
     frames = SnapshotFrames()
-    warnings: dict[str, int] = {}
+    problems = Problems()
     read = 0
-    with LogReplay(log, files) as replay, closing(McapFiles(out, converter.name)) as mcap:
+    with timeline.replay() as replay, closing(McapFiles(out, converter.mcap_profile)) as mcap:
         writer = SceneWriter(mcap, converter)
-        while replay.next_event is not None:
-            for warning in replay.step():
-                warnings[warning] = warnings.get(warning, 0) + 1
-            read += 1
+        while (event := replay.next_event) is not None:
+            reasons = replay.step()
+            if reasons:
+                problems.add(event.channel, reasons)
+            read += is_shown(event.channel)
             for frame in await frames.advance(replay.snapshot):
                 writer.write(frame, replay.clock.time_ns)
             report(replay.position, read)
-    warnings.update(dict.fromkeys(writer.mirror.warnings.values(), 1))
-    return Converted(read, warnings, mcap.messages, mcap.bytes)
+    return Converted(read, mcap.messages, mcap.bytes, [*problems.listed(), *writer.warnings])

@@ -33,7 +33,7 @@ NO_TELEMETRY: Final[TelemetryConfig] = {"tracing": False, "metrics": False, "log
 
 
 def start(environ: Mapping[str, str] = os.environ) -> TracerProvider | None:
-    """Let ``tracing.span`` create spans if there is somebody to take them; return our provider, to be closed.
+    """Let ``tracing.span`` create spans if they have a destination; return our provider, to be closed.
 
     With ``opentelemetry-instrument``, spans go to its provider.
     """

@@ -83,6 +83,9 @@ def test_what_cannot_be_recorded(tmp_path: Path, gateway: str) -> None:
         (("--keep", "2"), "--keep needs --max-mb"),
         (("--gateway", "ftp://x"), "the address of the gateway is 'ftp://x'; it must be like http://HOST:PORT"),
         (("--gateway", "http://127.0.0.1:1"), "http://127.0.0.1:1 gives no scene: "),
+        (("--channels", "A"), "--channels needs an LCM log: OUT.lcmlog"),
+        (("--tls",), f"{gateway}: --tls, --ca and --certificate need an address with https://"),
+        (("--no-scene", "--camera", "127.0.0.1:9", "--seconds", "0.3"), "nothing was received, and no file is written"),
         (("a.lcmlog",), "one of OUT.lcmlog and --mcap OUT.mcap is needed, not both"),
     ):
         result = subprocess.run(

@@ -6,6 +6,8 @@ import asyncio
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,10 @@ from websockets.asyncio.client import connect
 pytest.importorskip("foxglove", reason="needs the extra foxglove")
 pytest.importorskip("foxglove_schemas_protobuf", reason="needs the extra foxglove")
 
-from gateway.foxglove.channels import BACKLOG_MESSAGES
+from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
+
+from gateway.foxglove import service as foxglove_service
+from gateway.foxglove.channels import BACKLOG_MESSAGES, MAX_CLIENTS, Channels
 from gateway.foxglove.service import FoxgloveService
 from gateway.recording.snapshot_frames import SnapshotFrames
 from gateway.scene.geometry import Box, Part, PointCloud
@@ -181,3 +186,59 @@ async def test_a_taken_port() -> None:
         service = FoxgloveService(taken.getsockname()[1], LiveTree(), None)
         with pytest.raises(OSError, match=r"Foxglove's server cannot listen on 127.0.0.1 port \d+: "):
             await service.run()
+
+
+def channels() -> Channels:
+    return Channels(lambda topic: None, dict)
+
+
+def client(number: int) -> Any:
+    return SimpleNamespace(id=number)
+
+
+SCENE: Any = SimpleNamespace(topic="/scene")
+
+
+def test_only_clients_that_still_subscribe_are_new() -> None:
+    """A client that subscribes often, or has disconnected, costs no more than another one."""
+    found = channels()
+    for _ in range(100):
+        found.on_subscribe(client(1), SCENE)
+        found.on_unsubscribe(client(1), SCENE)
+    found.on_subscribe(client(2), SCENE)
+    assert found.take_new_subscribers() == {"/scene": {2}}
+    assert found.take_new_subscribers() == {}
+    assert found.topics == {"/scene"}
+
+
+def test_the_number_of_clients_is_limited() -> None:
+    found = channels()
+    for number in range(MAX_CLIENTS + 1):
+        found.on_subscribe(client(number), SCENE)
+    assert found.clients == MAX_CLIENTS
+    assert found.take_new_subscribers() == {"/scene": set(range(MAX_CLIENTS))}
+    found.on_unsubscribe(client(0), SCENE)
+    found.on_subscribe(client(MAX_CLIENTS), SCENE)
+    assert found.take_new_subscribers() == {"/scene": {MAX_CLIENTS}}
+
+
+async def test_repetitions_delete_what_slow_clients_have_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(foxglove_service, "WHOLE_SCENE_SECONDS", 0.0)
+    tree = tree_with_box()
+    with tree.edit() as edit:
+        edit.set_parts(("scan",), (Part(PointCloud(np.ones((5, 3), np.float32)), Material()),))
+    async with running(FoxgloveService(0, tree, None)) as service, client_of(service) as connected:
+        for each in ("/scene", "/scene/points/scan"):
+            await connected.subscribe(each)
+            await connected.messages_of(each)
+        with tree.edit() as edit:
+            edit.delete(("scan",))
+        updates, points = [], None
+        while not (points == 0 and len(updates) > 1 and updates[-2].deletions):
+            topic, _, message = await connected.next_message()
+            if topic == "/scene":
+                updates.append(message)
+            else:
+                points = len(message.data)
+        assert [each.type for each in updates[-2].deletions] == [SceneEntityDeletion.ALL]
+        assert [each.id for each in updates[-1].entities] == ["scene/robot/link"]

@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from gateway.cli.commands import app
+from scenegate.lcm.event_log import pack_event
 from tests.client.recording.readers import foxglove_messages, foxglove_scene, ros2_messages, ros2_scene
 from tests.datasets.test_log_track import log_of, moved
 from tests.support.corpus import corpus_dir
@@ -53,3 +54,40 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["convert", str(tmp_path / "a.lcm"), str(tmp_path / "a.mcap")])
     assert result.exit_code == 1
     assert "this is not an LCM log" in str(result.exception)
+
+
+def test_a_log_with_nothing_to_show_is_refused(tmp_path: Path) -> None:
+    log, out = tmp_path / "a.lcm", tmp_path / "a.mcap"
+    log.write_bytes(pack_event(0, 9_000_000, "IMU", b"x"))
+    result = CliRunner().invoke(app, ["convert", str(log), str(out)])
+    assert result.exit_code == 1
+    assert "no channel of the log can be shown" in str(result.exception)
+    assert not out.exists()
+
+
+def test_other_channels_do_not_count(tmp_path: Path) -> None:
+    log, out = log_of(tmp_path / "a.lcm", (0.0, moved(["arm"], [1, 2, 3], [1, 0, 0, 0]))), tmp_path / "a.mcap"
+    log.write_bytes(log.read_bytes() + pack_event(1, 9_500_000, "IMU", b"x"))
+    result = CliRunner().invoke(app, ["convert", str(log), str(out)])
+    assert f"{out}: 1 messages of the scene, 1 written, " in result.stderr
+
+
+def test_the_log_is_not_overwritten(tmp_path: Path) -> None:
+    log = log_of(tmp_path / "a.lcm", (0.0, moved(["arm"], [1, 2, 3], [1, 0, 0, 0])))
+    data = log.read_bytes()
+    result = CliRunner().invoke(app, ["convert", str(log), str(log)])
+    assert "a.lcm is the log itself" in str(result.exception)
+    assert log.read_bytes() == data
+
+
+def test_mesh_files_are_read_as_by_view_and_export(tmp_path: Path) -> None:
+    """In any folder by default; below ``--mesh-root`` otherwise. Warnings name the channel."""
+    mesh = tmp_path / "a.obj"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    geometry = {"type": "mesh_file", "filename": str(mesh)}
+    log, out = log_of(tmp_path / "a.lcm", (0.0, {"setgeometry": [{"path": ["a"], "geometry": geometry}]})), tmp_path
+    for number, (options, shown) in enumerate((([], ["scene/a"]), (["--mesh-root", "off"], []))):
+        result = CliRunner().invoke(app, ["convert", str(log), str(out / f"{number}.mcap"), *options])
+        assert result.exit_code == 0, result.stderr
+        assert list(foxglove_scene(out / f"{number}.mcap").geometry) == shown
+        assert ("messages that are not shown completely: 1; the first one: " in result.stderr) == (not shown)

@@ -24,7 +24,7 @@ DOCS = Path(__file__).parents[2] / "docs" / "ros2.md"
 @pytest.fixture
 def parameters(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     stand_in.install(monkeypatch)
-    found: dict[str, Any] = importlib.import_module("scenegate_ros2.feeds").PARAMETERS
+    found: dict[str, Any] = vars(importlib.import_module("scenegate_ros2.parameters").NodeParameters())
     return found
 
 

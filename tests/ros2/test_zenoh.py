@@ -22,7 +22,7 @@ pytest.importorskip("mcap_ros2", reason="needs the extra mcap")
 
 @pytest.mark.slow
 def test_another_process_receives_images_and_their_camera_info() -> None:
-    from scenegate.recording.profiles import ros2_definition
+    from scenegate.recording.ros2_messages import definition
 
     grpc_port, zenoh_port = free_ports(2)
     flags = ("--demo", "--grpc-port", str(grpc_port), "--tcpq-port", "0", "--lcm-url", "off")
@@ -43,7 +43,7 @@ def test_another_process_receives_images_and_their_camera_info() -> None:
         return zenoh_ros2_sdk.ROS2Subscriber(
             topic,
             message_type,
-            msg_definition=ros2_definition(message_type),
+            msg_definition=definition(message_type),
             callback=take,
             type_hash=STORE.hash_rihs01(message_type),
             router_port=zenoh_port,

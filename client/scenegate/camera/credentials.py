@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import ssl
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,6 +56,22 @@ class Credentials:
             return grpc.insecure_channel(target, options)
         ca, key, chain = (read_regular(path) if path else None for path in (self.ca, self.key, self.certificate))
         return grpc.secure_channel(target, grpc.ssl_channel_credentials(ca, key, chain), options)
+
+    def context(self, scheme: str) -> ssl.SSLContext | None:
+        """Return the TLS context of an HTTP client; None for ``http``.
+
+        Raises:
+            ValueError: TLS is wanted, but the scheme is ``http``: a token would be readable.
+            OSError: a certificate cannot be read.
+        """
+        if scheme != "https":
+            if self.tls or self.ca or self.certificate:
+                raise ValueError("--tls, --ca and --certificate need an address with https://")
+            return None
+        context = ssl.create_default_context(cafile=self.ca)
+        if self.certificate is not None:
+            context.load_cert_chain(self.certificate, self.key)
+        return context
 
     @property
     def metadata(self) -> tuple[tuple[str, str], ...]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import http.client
 import json
 import socket
-import ssl
 import threading
 from pathlib import Path
 from types import TracebackType
@@ -138,11 +137,12 @@ def open_imu_stream(
     url = urlsplit(address)
     if url.scheme not in ("http", "https") or not url.hostname:
         raise ImuFailure(f"the address for IMU samples is {address!r}; it must be like http://HOST:PORT")
+    try:
+        context = credentials.context(url.scheme)
+    except ValueError as error:
+        raise ImuFailure(f"{address}: {error}") from None
     connection: http.client.HTTPConnection
-    if url.scheme == "https":
-        context = ssl.create_default_context(cafile=credentials.ca)
-        if credentials.certificate is not None:
-            context.load_cert_chain(credentials.certificate, credentials.key)
+    if context is not None:
         connection = http.client.HTTPSConnection(url.hostname, _port(url), timeout=_CONNECT_SECONDS, context=context)
     else:
         connection = http.client.HTTPConnection(url.hostname, _port(url), timeout=_CONNECT_SECONDS)

@@ -36,6 +36,7 @@ def run(options: argparse.Namespace) -> None:
     """Record until the time is over, or the command is interrupted."""
     if (options.out is None) == (options.mcap is None):
         raise argparse.ArgumentTypeError("one of OUT.lcmlog and --mcap OUT.mcap is needed, not both")
+    record_mcap.check_mode(options)
     if options.mcap is not None:
         record_mcap.run(options)
         return

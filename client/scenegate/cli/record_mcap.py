@@ -46,6 +46,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_access(parser)
 
 
+def check_mode(options: argparse.Namespace) -> None:
+    """Raise ``argparse.ArgumentTypeError`` for an option of the other kind of file."""
+    if options.mcap is None:
+        given = {
+            "--camera": options.camera,
+            "--imu": options.imu,
+            "--color": options.color,
+            "--no-scene": not options.scene,
+            "--max-mb": options.max_mb,
+            "--keep": options.keep,
+            "--profile": options.profile != "foxglove",
+            "--gateway": options.gateway != DEFAULT_GATEWAY,
+        }
+        kind = "an MCAP file: --mcap OUT.mcap"
+    else:
+        given = {"--lcm-url": options.lcm_url, "--channels": options.channels != ".*"}
+        kind = "an LCM log: OUT.lcmlog"
+    wrong = [name for name, is_given in given.items() if is_given]
+    if wrong:
+        raise argparse.ArgumentTypeError(f"{', '.join(wrong)} needs {kind}")
+
+
 def run(options: argparse.Namespace) -> None:
     """Record until the time is over, or the command is interrupted."""
     check_packages()
@@ -67,7 +89,7 @@ def run(options: argparse.Namespace) -> None:
         def report(writer: SceneWriter) -> None:
             seconds = time.monotonic() - begin
             bar.update(seconds, writer.files.messages, note=f"{writer.files.size / 1e6:.1f} MB")
-            for warning in writer.mirror.warnings.values():
+            for warning in writer.warnings:
                 if warning not in shown:
                     shown.add(warning)
                     print(f"scenegate: {warning}", file=sys.stderr)

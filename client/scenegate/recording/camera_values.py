@@ -32,7 +32,7 @@ class CameraConverter:
     def convert(self, image_set: pb.ImageSet) -> list[CameraSet]:
         """Return the values of a set, one for each time of exposure.
 
-        The right image is left out until a set with disparity has told the baseline.
+        The right image is left out until a set with disparity was converted, which has the baseline.
 
         Raises:
             BadImageError: an image is invalid.

@@ -1,4 +1,4 @@
-"""Record what sources receive to MCAP files."""
+"""Record received values to MCAP files."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ from scenegate.camera.stream import StreamOptions
 from scenegate.recording.camera_values import CameraConverter
 from scenegate.recording.joints import JointReader
 from scenegate.recording.mcap_file import McapFiles
-from scenegate.recording.profiles import Messages, Profile, ProfileName, make_profile
+from scenegate.recording.profiles import Messages, Profile, ProfileName
 from scenegate.recording.scene_mirror import SceneMirror
 from scenegate.recording.sources import (
     QUEUED_ITEMS,
     Received,
+    RecordingError,
     Source,
     camera_sets,
     imu_samples,
@@ -43,7 +44,7 @@ POLL_SECONDS: Final = 0.1
 
 @dataclass(frozen=True, slots=True)
 class RecordingOptions:
-    """What is recorded, and where."""
+    """Sources and files of a recording."""
 
     path: Path
     """First MCAP file."""
@@ -68,9 +69,7 @@ class SceneWriter:
 
     def __init__(self, files: McapFiles, profile: Profile) -> None:
         self.files = files
-        self.mirror = SceneMirror()
-        self.image_sets = 0
-        """Number of image sets written."""
+        self._mirror = SceneMirror()
         self._profile = profile
         self._camera = CameraConverter()
         self._joints = JointReader()
@@ -78,8 +77,13 @@ class SceneWriter:
         self._whole_scene_time = 0
         """Log time, nanoseconds, from which the whole scene is written again."""
 
+    @property
+    def warnings(self) -> list[str]:
+        """Sentences about what of the scene is left out."""
+        return [*self._mirror.warnings.values(), *self._profile.clouds.warnings]
+
     def write(self, value: Any, log_time: int) -> None:
-        """Write what a source has received.
+        """Write a received value.
 
         Args:
             value: frame of the view, image set or ``ImuSample``.
@@ -96,14 +100,13 @@ class SceneWriter:
         if isinstance(value, bytes):
             self._write_frame(ViewFrame(value), log_time)
         elif isinstance(value, pb.ImageSet):
-            self.image_sets += 1
             for images in self._camera.convert(value):
                 self._write_all(self._profile.camera(images), log_time, images.time)
         elif isinstance(value, ImuSample):
             self._write_all(self._profile.imu(value), log_time, value.time)
 
     def _write_frame(self, frame: ViewFrame, log_time: int) -> None:
-        change = self.mirror.apply(frame)
+        change = self._mirror.apply(frame)
         if change is not None:
             self._has_scene = True
             if log_time >= self._whole_scene_time:
@@ -115,8 +118,8 @@ class SceneWriter:
             self._write_all(self._profile.joints(joints), log_time, joints.time)
 
     def _write_whole(self, log_time: int, change: SceneChange | None = None) -> None:
-        """Write the whole scene, and what a change of it has removed."""
-        whole = self.mirror.whole(log_time if change is None else change.time)
+        """Write the whole scene, and deletions of nodes that a change has removed."""
+        whole = self._mirror.whole(log_time if change is None else change.time)
         if change is not None:
             entities = {each.frame: each for each in (*whole.entities, *change.entities)}
             clouds = {each.frame: each for each in (*whole.clouds, *change.clouds)}
@@ -145,14 +148,16 @@ def record(
         report: called with the writer after each value, and then at least every ``POLL_SECONDS``.
 
     Raises:
-        RecordingError, ImuFailure: a source cannot be reached, or has ended.
+        RecordingError, ImuFailure: a source cannot be reached, or has ended, or nothing was received.
         ViewFrameError, BadImageError: a source has sent something invalid.
         ImportError: packages of the profile are not installed.
         OSError: a file cannot be written, or a certificate not read.
     """
-    profile = make_profile(options.profile)
+    profile = Profile(options.profile)
     values = _received(_start_sources(options), stop)
     first = next(filter(None, values), None)
+    if first is None:
+        raise RecordingError("nothing was received, and no file is written")
     with _files(options, profile) as files:  # now: a gateway that cannot be reached costs no earlier recording
         writer = SceneWriter(files, profile)
         flush_time = time.monotonic() + FLUSH_SECONDS
@@ -198,7 +203,7 @@ def _received(received: queue.Queue[Received], stop: threading.Event) -> Iterato
 
 @contextmanager
 def _files(options: RecordingOptions, profile: Profile) -> Iterator[McapFiles]:
-    files = McapFiles(options.path, profile.name, max_bytes=options.max_bytes, keep=options.keep)
+    files = McapFiles(options.path, profile.mcap_profile, max_bytes=options.max_bytes, keep=options.keep)
     try:
         yield files
     finally:

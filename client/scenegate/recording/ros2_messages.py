@@ -1,15 +1,20 @@
 """Convert values to ROS 2 messages: a type's name and a dict of its fields, nested as the message is.
 
-``rosidl_runtime_py.set_message_fields`` fills a message of rclpy from such a dict; ``profiles`` encodes them for MCAP.
+``encode`` encodes them as CDR with mcap-ros2-support, as rosbag2 writes them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
+from importlib.resources import files
 from typing import Any, NamedTuple
 
 import numpy as np
+from mcap_ros2.writer import serialize_dynamic
 
+from scenegate.recording.mcap_file import EncodedMessage, Schema
 from scenegate.recording.values import (
     IMU_FRAME,
     Calibration,
@@ -24,6 +29,7 @@ from scenegate.recording.values import (
 )
 
 Fields = dict[str, Any]
+Encoder = Callable[[Fields], bytes]
 LINE_METRES = 0.003
 """Width of lines: markers have it in metres."""
 _ADD, _DELETE = 0, 2
@@ -40,7 +46,13 @@ class Ros2Message(NamedTuple):
     fields: Fields
 
 
-def tf_message(transforms: Iterable[FrameTransform], time: int) -> Ros2Message:
+def encode(topic: str, message: Ros2Message) -> EncodedMessage:
+    """Return an encoded message."""
+    schema, encode_fields = _type(message.type)
+    return EncodedMessage(topic, schema, encode_fields(message.fields))
+
+
+def transforms(values: Iterable[FrameTransform], time: int) -> Ros2Message:
     """Return ``tf2_msgs/TFMessage`` with transforms that are valid from a time."""
     messages = [
         {
@@ -48,18 +60,18 @@ def tf_message(transforms: Iterable[FrameTransform], time: int) -> Ros2Message:
             "child_frame_id": each.child,
             "transform": {"translation": _vector(each.translation), "rotation": _quaternion(each.quaternion)},
         }
-        for each in transforms
+        for each in values
     ]
     return Ros2Message("tf2_msgs/msg/TFMessage", {"transforms": messages})
 
 
-def marker_array(entities: Iterable[Entity], time: int) -> Ros2Message:
+def entities(values: Iterable[Entity], time: int) -> Ros2Message:
     """Return ``visualization_msgs/MarkerArray``, which replaces or deletes the geometry of nodes.
 
     A node's frame is the namespace of its markers.
     """
     markers: list[Fields] = []
-    for entity in entities:
+    for entity in values:
         markers += [_marker(entity.frame, index, each, time) for index, each in enumerate(entity.primitives)]
         markers += [
             {"header": header(entity.frame, time), "ns": entity.frame, "id": index, "action": _DELETE}
@@ -73,50 +85,50 @@ def image(value: CameraImage, time: int) -> Ros2Message:
     return Ros2Message("sensor_msgs/msg/Image", _image_fields(value, time))
 
 
-def camera_info(calibration: Calibration, time: int) -> Ros2Message:
+def calibration(value: Calibration, time: int) -> Ros2Message:
     """Return ``sensor_msgs/CameraInfo`` of a rectified image."""
     fields = {
-        "header": header(calibration.frame, time),
-        "height": calibration.height,
-        "width": calibration.width,
+        "header": header(value.frame, time),
+        "height": value.height,
+        "width": value.width,
         "distortion_model": "plumb_bob",
         "d": [0.0] * 5,
-        "k": calibration.K,
+        "k": value.K,
         "r": np.eye(3).ravel().tolist(),
-        "p": calibration.P,
+        "p": value.P,
     }
     return Ros2Message("sensor_msgs/msg/CameraInfo", fields)
 
 
-def disparity_image(disparity: Disparity, time: int) -> Ros2Message:
+def disparity(value: Disparity, time: int) -> Ros2Message:
     """Return ``stereo_msgs/DisparityImage``. Invalid disparities are below ``min_disparity``."""
-    calibration = disparity.image.calibration
+    intrinsics = value.image.calibration
     fields = {
-        "header": header(calibration.frame, time),
-        "image": _image_fields(disparity.image, time),
-        "f": calibration.focal_length,
-        "t": disparity.baseline,
-        "valid_window": {"width": calibration.width, "height": calibration.height},
+        "header": header(intrinsics.frame, time),
+        "image": _image_fields(value.image, time),
+        "f": intrinsics.focal_length,
+        "t": value.baseline,
+        "valid_window": {"width": intrinsics.width, "height": intrinsics.height},
         "min_disparity": 0.0,
-        "max_disparity": disparity.max_disparity,
-        "delta_d": disparity.delta_d,
+        "max_disparity": value.max_disparity,
+        "delta_d": value.delta_d,
     }
     return Ros2Message("stereo_msgs/msg/DisparityImage", fields)
 
 
-def point_cloud2(cloud: Cloud, time: int) -> Ros2Message:
+def cloud(value: Cloud, time: int) -> Ros2Message:
     """Return ``sensor_msgs/PointCloud2``: x, y, z, and rgb if it has colours."""
     fields = [{"name": name, "offset": 4 * index, "datatype": _FLOAT32, "count": 1} for index, name in enumerate("xyz")]
     columns: list[tuple[str, str, tuple[int, ...]]] = [("points", "<f4", (3,))]
-    if cloud.colors is not None:
+    if value.colors is not None:
         fields.append({"name": "rgb", "offset": 12, "datatype": _FLOAT32, "count": 1})
         columns.append(("bgr", "u1", (4,)))  # a float32 of the bits of 0x00RRGGBB, as PCL has it
-    data = np.zeros(len(cloud.points), np.dtype(columns))
-    data["points"] = cloud.points
-    if cloud.colors is not None:
-        data["bgr"][:, :3] = cloud.colors[:, ::-1]
+    data = np.zeros(len(value.points), np.dtype(columns))
+    data["points"] = value.points
+    if value.colors is not None:
+        data["bgr"][:, :3] = value.colors[:, ::-1]
     message = {
-        "header": header(cloud.frame, time),
+        "header": header(value.frame, time),
         "height": 1,
         "width": len(data),
         "fields": fields,
@@ -143,12 +155,12 @@ def imu(sample: ImuSample) -> Ros2Message:
     return Ros2Message("sensor_msgs/msg/Imu", fields)
 
 
-def joint_state(joints: JointValues) -> Ros2Message:
+def joints(values: JointValues) -> Ros2Message:
     """Return ``sensor_msgs/JointState``."""
     fields = {
-        "header": header("", joints.time),
-        "name": list(joints.values),
-        "position": list(joints.values.values()),
+        "header": header("", values.time),
+        "name": list(values.values),
+        "position": list(values.values.values()),
         "velocity": [],
         "effort": [],
     }
@@ -206,3 +218,35 @@ def _vector(numbers: Sequence[float]) -> Fields:
 def _quaternion(quaternion: Sequence[float]) -> Fields:
     w, x, y, z = quaternion
     return {"x": x, "y": y, "z": z, "w": w}
+
+
+@cache
+def _type(name: str) -> tuple[Schema, Encoder]:
+    """Return the schema and the encoder of a type, ``sensor_msgs/msg/Image``."""
+    text = definition(name)
+    # mcap_ros2.writer.Writer has the same encoders, but writes whole files, and does not flush them.
+    encoders = serialize_dynamic(name, text)
+    return Schema(name, "ros2msg", text.encode(), "cdr"), encoders[name]
+
+
+@cache
+def definition(name: str) -> str:
+    """Return the definition of a message type with those of the types of its fields, as MCAP's schemas have it."""
+    definitions = _definitions()
+    needed = [name.replace("/msg/", "/")]
+    for each in needed:  # which grows
+        for line in definitions[each].splitlines():
+            field_type = re.sub(r"\[.*\]", "", line.split()[0])
+            if "/" in field_type and field_type not in needed:
+                needed.append(field_type)
+    first, *others = needed
+    separator = "=" * 80
+    return definitions[first] + "".join(f"{separator}\nMSG: {each}\n{definitions[each]}" for each in others)
+
+
+@cache
+def _definitions() -> dict[str, str]:
+    """Return the fields of each message type, one a line."""
+    text = (files("scenegate.recording") / "ros2_definitions.txt").read_text("utf-8")
+    sections = (section.split("\n", 1) for section in text.split("MSG: ")[1:])
+    return {name.strip(): fields.strip() + "\n" for name, fields in sections}

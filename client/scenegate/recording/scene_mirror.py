@@ -6,7 +6,6 @@ points of the geometry: with the rotation Q and the rest S of a node, X_world_no
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -15,6 +14,19 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from scenegate.recording.mirror_geometry import (
+    IDENTITY,
+    LINES,
+    POINTS,
+    Mesh,
+    cloud_of,
+    draw_matrix,
+    joined,
+    matrices,
+    quaternion_of,
+    read_mesh,
+    split,
+)
 from scenegate.recording.values import (
     LEFT_FRAME,
     RIGHT_FRAME,
@@ -25,27 +37,16 @@ from scenegate.recording.values import (
     FrameTransform,
     Primitive,
     SceneChange,
+    empty_cloud,
 )
 from scenegate.recording.view_frames import ViewFrame, ViewFrameError
-from scenegate.transforms import from_pose, quaternions_of
 
 ROOT_FRAME: Final = "scene"
 """Frame of the scene's root. The frames of other nodes are paths: ``scene/robot/head``."""
 MAX_NODE_POINTS: Final = 300_000
 """Maximum number of points of a node's triangles and lines. Messages have an object for each: more take seconds."""
-_POINTS, _LINES = 1, 2
-"""Topologies of meshes; others are triangles."""
-_IDENTITY: Final = np.eye(3)
-
-
-@dataclass(slots=True, eq=False)
-class _Mesh:
-    positions: NDArray[np.float32]
-    """(N, 3)."""
-    colors: NDArray[np.uint8] | None
-    """(N, 4) sRGB and alpha."""
-    indices: NDArray[np.uint32] | None
-    topology: int
+MAX_WARNINGS: Final = 100
+"""Maximum number of nodes that warnings name."""
 
 
 @dataclass(slots=True, eq=False)
@@ -64,7 +65,7 @@ class _Node:
     """Rigid, (4, 4): from this node's frame to that of its parent."""
     frame_quaternion: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0, 0.0])
     """Rotation of ``X_parent_frame``, [w, x, y, z]."""
-    scale: NDArray[np.float64] = field(default_factory=lambda: _IDENTITY)
+    scale: NDArray[np.float64] = field(default_factory=lambda: IDENTITY)
     """S, (3, 3): from the node to its frame."""
     hidden: bool = False
     """True if the node or an ancestor is not visible."""
@@ -90,12 +91,16 @@ class SceneMirror:
     def __init__(self) -> None:
         self._root = _Node(ROOT_FRAME, None)
         self._nodes: dict[int, _Node] = {0: self._root}
-        self._meshes: dict[int, _Mesh] = {}
+        self._meshes: dict[int, Mesh] = {}
         self._rig: dict[str, Any] | None = None
         """Header of the newest frame with the stereo camera's pose."""
         self._rig_changed = False
         self.warnings: dict[str, str] = {}
         """Sentences about nodes that are left out, by frame."""
+
+    def reconnect(self) -> None:
+        """Prepare for the frames of a new connection. Its first update removes all nodes that it does not have."""
+        self._meshes.clear()
 
     def apply(self, frame: ViewFrame) -> SceneChange | None:
         """Apply a frame; return the change of the scene if it is an update, else None.
@@ -107,7 +112,7 @@ class SceneMirror:
         try:
             match header.get("kind"):
                 case "mesh":
-                    self._meshes[header["id"]] = _read_mesh(frame)
+                    self._meshes[header["id"]] = read_mesh(frame)
                 case "forget":
                     for mesh_id in header["meshes"]:
                         self._meshes.pop(mesh_id, None)
@@ -142,7 +147,7 @@ class SceneMirror:
         redrawn: dict[_Node, None] = {}
         for fields in header.get("nodes", ()):
             redrawn[self._edit_node(fields)] = None
-        for node_id, matrix, quaternion in _matrices(frame):
+        for node_id, matrix, quaternion in matrices(frame):
             node = self._nodes[node_id]
             node.matrix, node.quaternion = matrix, quaternion
             moved[node] = None
@@ -199,12 +204,12 @@ class SceneMirror:
         while stack:
             node = stack.pop()
             parent = node.parent
-            above = _IDENTITY if parent is None else parent.scale
-            if above is _IDENTITY and node.quaternion is not None:  # five times as fast
-                scale, node.X_parent_frame, node.frame_quaternion = _IDENTITY, node.matrix, node.quaternion
+            above = IDENTITY if parent is None else parent.scale
+            if above is IDENTITY and node.quaternion is not None:  # five times as fast
+                scale, node.X_parent_frame, node.frame_quaternion = IDENTITY, node.matrix, node.quaternion
             else:
-                node.X_parent_frame, scale = _split(above, node.matrix)
-                node.frame_quaternion = _quaternion(node.X_parent_frame)
+                node.X_parent_frame, scale = split(above, node.matrix)
+                node.frame_quaternion = quaternion_of(node.X_parent_frame)
             hidden = not node.visible or (parent is not None and parent.hidden)
             alpha = node.opacity * (1.0 if parent is None else parent.alpha)
             same_scale = scale is node.scale or np.array_equal(scale, node.scale)
@@ -229,13 +234,13 @@ class SceneMirror:
             if primitives or old.primitives:
                 entities.append(Entity(node.frame, primitives, len(old.primitives)))
             if cloud is not None or old.cloud is not None:
-                clouds.append(cloud or _empty_cloud(node.frame))
+                clouds.append(cloud or empty_cloud(node.frame))
             node.primitives, node.cloud = primitives, cloud
         for old in earlier.values():
             if old.primitives:
                 entities.append(Entity(old.frame, (), len(old.primitives)))
             if old.cloud is not None:
-                clouds.append(_empty_cloud(old.frame))
+                clouds.append(empty_cloud(old.frame))
         return entities, clouds
 
     def _primitives(self, node: _Node) -> tuple[tuple[Primitive, ...], Cloud | None]:
@@ -247,15 +252,15 @@ class SceneMirror:
         count = 0
         for draw in node.draws:
             mesh = self._meshes.get(draw["mesh"])
-            matrix = _draw_matrix(draw)
+            matrix = draw_matrix(draw)
             if mesh is None or matrix is None or not len(mesh.positions):
                 continue
             linear = node.scale @ matrix[:3, :3]
             points = np.nan_to_num((mesh.positions @ linear.T + node.scale @ matrix[:3, 3]).astype(np.float32))
             red, green, blue, alpha = draw["material"]["color"]
             color: Color = (red, green, blue, min(max(alpha * node.alpha, 0.0), 1.0))
-            if mesh.topology == _POINTS:
-                clouds.append(_cloud(node.frame, points, mesh, color))
+            if mesh.topology == POINTS:
+                clouds.append(cloud_of(node.frame, points, mesh, color))
                 continue
             colors = None
             if mesh.colors is not None:
@@ -263,103 +268,28 @@ class SceneMirror:
             if mesh.indices is not None:
                 points, colors = points[mesh.indices], None if colors is None else colors[mesh.indices]
             count += len(points)
-            primitives.append(Primitive(points, color, colors, is_lines=mesh.topology == _LINES))
+            primitives.append(Primitive(points, color, colors, is_lines=mesh.topology == LINES))
         self.warnings.pop(node.frame, None)
         if count > MAX_NODE_POINTS:
-            text = f"{node.frame} is left out: its triangles and lines have {count} points, the limit is"
-            self.warnings[node.frame] = f"{text} {MAX_NODE_POINTS}"
             primitives = []
-        return tuple(primitives), _joined(clouds)
+            if len(self.warnings) < MAX_WARNINGS:
+                text = f"{node.frame} is left out: its triangles and lines have {count} points, the limit is"
+                self.warnings[node.frame] = f"{text} {MAX_NODE_POINTS}"
+        return tuple(primitives), joined(clouds)
 
     def _rig_transforms(self) -> list[FrameTransform]:
         """Return the transforms of the stereo camera."""
         if self._rig is None:
             return []
         X_world_left = np.asarray(self._rig["pose"], np.float64).reshape(4, 4).T
-        left = FrameTransform(WORLD, LEFT_FRAME, X_world_left[:3, 3].tolist(), _quaternion(X_world_left))
+        left = FrameTransform(WORLD, LEFT_FRAME, X_world_left[:3, 3].tolist(), quaternion_of(X_world_left))
         right = FrameTransform(LEFT_FRAME, RIGHT_FRAME, (self._rig["baseline"], 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
         return [left, right]
-
-
-def _read_mesh(frame: ViewFrame) -> _Mesh:
-    header = frame.header
-    positions = frame.array(header["position"], "<f4").reshape(-1, 3)
-    colors = frame.array(header["color"], np.uint8).reshape(len(positions), 4) if "color" in header else None
-    indices = frame.array(header["index"], "<u4") if "index" in header else None
-    if indices is not None and len(indices) and int(indices.max()) >= len(positions):
-        raise ViewFrameError(f"a mesh of {len(positions)} points has the index {int(indices.max())}")
-    return _Mesh(positions, colors, indices, header["topology"])
-
-
-def _matrices(frame: ViewFrame) -> Iterator[tuple[int, NDArray[np.float64], list[float] | None]]:
-    """Yield ids of nodes, their new transforms X_parent_node, (4, 4), and their quaternions if they are poses.
-
-    Transforms that are not finite are left out.
-    """
-    poses, matrices = frame.header.get("poses"), frame.header.get("matrices")
-    if poses is not None:
-        ids, values = frame.array(poses["ids"], "<u4").tolist(), frame.array(poses["values"], "<f4").reshape(-1, 7)
-        for node_id, row in zip(ids, values.tolist(), strict=True):
-            norm = math.hypot(*row[3:])
-            quaternion = [value / norm for value in row[3:]] if norm > 0.0 else [1.0, 0.0, 0.0, 0.0]
-            if math.isfinite(sum(row)):
-                yield node_id, from_pose(row[:3], quaternion), quaternion
-    if matrices is not None:
-        ids = frame.array(matrices["ids"], "<u4").tolist()
-        columns = frame.array(matrices["values"], "<f8").reshape(-1, 4, 4)
-        for node_id, matrix in zip(ids, columns.transpose(0, 2, 1), strict=True):
-            if np.isfinite(matrix).all():
-                yield node_id, matrix, None
-
-
-def _split(scale: NDArray[np.float64], X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Split ``scale X`` into a rigid transform, (4, 4), and the rest, (3, 3), which has no translation."""
-    matrix = X.copy()
-    if scale is not _IDENTITY:
-        matrix[:3] = scale @ X[:3]
-    linear = matrix[:3, :3]
-    if np.abs(linear.T @ linear - _IDENTITY).max() < 1e-6 and np.linalg.det(linear) > 0.0:
-        return matrix, _IDENTITY
-    U, _, Vt = np.linalg.svd(linear)
-    rotation = U @ np.diag((1.0, 1.0, np.sign(np.linalg.det(U @ Vt)) or 1.0)) @ Vt
-    rest = rotation.T @ linear
-    matrix[:3, :3] = rotation
-    return matrix, rest
-
-
-def _draw_matrix(draw: dict[str, Any]) -> NDArray[np.float64] | None:
-    """Return X_node_mesh, (4, 4); None if it is not finite."""
-    if "matrix" not in draw:
-        return np.eye(4)
-    return None if draw["matrix"] is None else np.asarray(draw["matrix"], np.float64).reshape(4, 4).T
 
 
 def _transform_of(node: _Node) -> FrameTransform:
     parent = WORLD if node.parent is None else node.parent.frame
     return FrameTransform(parent, node.frame, node.X_parent_frame[:3, 3].tolist(), node.frame_quaternion)
-
-
-def _quaternion(X: NDArray[np.float64]) -> list[float]:
-    quaternion: list[float] = quaternions_of(X[None, :3, :3])[0].tolist()
-    return quaternion
-
-
-def _cloud(frame: str, points: NDArray[np.float32], mesh: _Mesh, color: Color) -> Cloud:
-    rgb = np.asarray(color[:3]) * (255.0 if mesh.colors is None else mesh.colors[:, :3])
-    colors = np.broadcast_to(np.asarray(rgb + 0.5, np.uint8), (len(points), 3))
-    return Cloud(frame, points, colors)
-
-
-def _joined(clouds: list[Cloud]) -> Cloud | None:
-    """Return one cloud of all points."""
-    if len(clouds) < 2:
-        return clouds[0] if clouds else None
-    colors = [cloud.colors for cloud in clouds if cloud.colors is not None]
-    return Cloud(clouds[0].frame, np.concatenate([cloud.points for cloud in clouds]), np.concatenate(colors))
-
-
-def _empty_cloud(frame: str) -> Cloud:
-    return Cloud(frame, np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8))
 
 
 def _frame_element(name: str | int) -> str:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import http.client
 import json
 import queue
-import ssl
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -72,11 +71,11 @@ def scene_frames(address: str, credentials: Credentials) -> Iterator[bytes]:
     url = urlsplit(address)
     if url.scheme not in ("http", "https") or not url.hostname:
         raise RecordingError(f"the address of the gateway is {address!r}; it must be like http://HOST:PORT")
-    is_tls = url.scheme == "https"
-    target = urlunsplit(("wss" if is_tls else "ws", url.netloc, f"{url.path.rstrip('/')}/view/ws", "", ""))
-    context = ssl.create_default_context(cafile=credentials.ca) if is_tls else None
-    if context is not None and credentials.certificate is not None:
-        context.load_cert_chain(credentials.certificate, credentials.key)
+    try:
+        context = credentials.context(url.scheme)
+    except ValueError as error:
+        raise RecordingError(f"{address}: {error}") from None
+    target = urlunsplit(("ws" if context is None else "wss", url.netloc, f"{url.path.rstrip('/')}/view/ws", "", ""))
     headers = dict(credentials.metadata)
     try:
         with connect(

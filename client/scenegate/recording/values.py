@@ -1,4 +1,4 @@
-"""What is recorded, in no format of messages. Metres, radians, seconds; times are nanoseconds since the epoch."""
+"""Values that are recorded, in no format of messages: metres, radians; times are nanoseconds since the epoch."""
 
 from __future__ import annotations
 
@@ -67,9 +67,14 @@ class Cloud:
     """(N, 3) sRGB."""
 
 
+def empty_cloud(frame: str) -> Cloud:
+    """Return a cloud without points, as for one that was removed."""
+    return Cloud(frame, np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8))
+
+
 @dataclass(frozen=True, slots=True)
 class SceneChange:
-    """What has changed in the scene, or the whole scene."""
+    """A change of the scene, or the whole scene."""
 
     time: int
     """Time from which it is valid."""

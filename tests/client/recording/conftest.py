@@ -17,7 +17,7 @@ pytest.importorskip("foxglove_schemas_protobuf", reason="needs the extra mcap")
 
 from gateway.recording.snapshot_frames import SnapshotFrames
 from scenegate.recording.mcap_file import McapFiles
-from scenegate.recording.profiles import ProfileName, make_profile
+from scenegate.recording.profiles import Profile, ProfileName
 from scenegate.recording.recorder import SceneWriter
 
 SECOND = 1_000_000_000
@@ -27,8 +27,8 @@ async def write_snapshots(
     path: Path, profile: ProfileName, snapshots: Iterable[Snapshot], **limits: int
 ) -> SceneWriter:
     """Write the scene at each second."""
-    frames, converter = SnapshotFrames(), make_profile(profile)
-    with closing(McapFiles(path, converter.name, **limits)) as files:
+    frames, converter = SnapshotFrames(), Profile(profile)
+    with closing(McapFiles(path, converter.mcap_profile, **limits)) as files:
         writer = SceneWriter(files, converter)
         for second, snapshot in enumerate(snapshots, 1):
             for frame in await frames.advance(snapshot):
@@ -38,8 +38,8 @@ async def write_snapshots(
 
 def write_values(path: Path, profile: ProfileName, values: Iterable[Any]) -> None:
     """Write image sets and samples, each at a second."""
-    converter = make_profile(profile)
-    with closing(McapFiles(path, converter.name)) as files:
+    converter = Profile(profile)
+    with closing(McapFiles(path, converter.mcap_profile)) as files:
         writer = SceneWriter(files, converter)
         for second, value in enumerate(values, 1):
             writer.write(value, second * SECOND)

@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.recording.profiles import ProfileName, ros2_definition
+from scenegate.recording.profiles import ProfileName
+from scenegate.recording.ros2_messages import definition
 from scenegate.recording.values import ImuSample
 from tests.client.recording.conftest import write_values
 from tests.client.recording.readers import (
@@ -192,6 +193,6 @@ def test_definitions_are_those_of_ros_2() -> None:
     for release in ("ROS2_HUMBLE", "ROS2_JAZZY"):
         store = rosbags_typesys.get_typestore(rosbags_typesys.Stores[release])
         for name in types:
-            ours = rosbags_typesys.get_types_from_msg(ros2_definition(name), name)
+            ours = rosbags_typesys.get_types_from_msg(definition(name), name)
             for each, (_, fields) in ours.items():
                 assert fields == store.fielddefs[each][1], (release, each)

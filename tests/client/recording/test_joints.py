@@ -11,7 +11,9 @@ from gateway.scene.controls import ControlStore
 from gateway.scene.live import LiveTree
 from gateway.viewer.control_frames import ControlFrames
 from scenegate.messages.controls import Slider
+from scenegate.recording.joints import JointReader
 from scenegate.recording.profiles import ProfileName
+from scenegate.recording.view_frames import ViewFrame
 from tests.client.recording.conftest import write_values
 from tests.client.recording.readers import foxglove_messages, ros2_messages
 
@@ -42,3 +44,16 @@ def test_sliders_of_joints(tmp_path: Path, profile: ProfileName) -> None:
     else:
         positions = [dict(zip(each.name, np.asarray(each.position).tolist(), strict=True)) for each in found]
     assert positions == [{"shoulder": 0.25, "lift": 1.5}, {"shoulder": 0.75, "lift": 1.5}]
+
+
+def test_robots_with_equal_joints() -> None:
+    """Only equal names get the names of the folders."""
+    store = ControlStore()
+    sliders = [
+        Slider((side, name), -1.0, 1.0, value=value, unit="rad")
+        for side, name, value in (("left", "elbow", 0.25), ("right", "elbow", 0.5), ("right", "wrist", 0.75))
+    ]
+    store.set_controls("client", sliders, lambda *_: None, 1)
+    joints = JointReader().read(ViewFrame(ControlFrames(store, LiveTree()).since(0)), 1)
+    assert joints is not None
+    assert joints.values == {"left/elbow": 0.25, "right/elbow": 0.5, "wrist": 0.75}

@@ -25,7 +25,7 @@ from gateway.scene.tree import TreeEdit
 from renderers.color import srgb_from_linear
 from renderers.drawlist import Material, Topology
 from scenegate.recording import mcap_file, scene_mirror
-from scenegate.recording.profiles import ProfileName, make_profile
+from scenegate.recording.profiles import Profile, ProfileName
 from scenegate.recording.recorder import SceneWriter
 from tests.client.recording.conftest import SECOND, write_snapshots
 from tests.client.recording.readers import (
@@ -188,15 +188,15 @@ async def test_a_mesh_beyond_the_limit_is_left_out_with_a_warning(
         edit.set_parts(("box",), (Part(Box((1, 1, 1)), RED),))
     writer = await write_snapshots(tmp_path / "a.mcap", "foxglove", [live.snapshot])
     assert list(foxglove_scene(tmp_path / "a.mcap").geometry) == ["scene/box"]
-    (warning,) = writer.mirror.warnings.values()
+    (warning,) = writer.warnings
     assert warning.startswith("scene/ball is left out: its triangles and lines have ")
     assert warning.endswith("points, the limit is 100")
 
 
 async def test_messages_are_in_the_file_after_a_flush(tmp_path: Path) -> None:
     """A copy of the file then is what a killed process leaves."""
-    path, frames, converter = tmp_path / "a.mcap", SnapshotFrames(), make_profile("ros2")
-    with closing(mcap_file.McapFiles(path, converter.name)) as files:
+    path, frames, converter = tmp_path / "a.mcap", SnapshotFrames(), Profile("ros2")
+    with closing(mcap_file.McapFiles(path, converter.mcap_profile)) as files:
         writer = SceneWriter(files, converter)
         for frame in await frames.advance(small_tree().snapshot):
             writer.write(frame, SECOND)

@@ -1,15 +1,14 @@
 """A thread for each of camera, scene and IMU publishes what it receives.
 
-The camera's images are requested while somebody subscribes to them. A connection that is lost is made again.
+The camera's images are requested while they have subscribers. A connection that is lost is made again.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Any
 
 from mcap_ros2.writer import serialize_dynamic
 
@@ -17,59 +16,38 @@ from scenegate.camera import BadImageError, Credentials, ImuFailure, StreamOptio
 from scenegate.recording.camera_values import CameraConverter
 from scenegate.recording.joints import JointReader
 from scenegate.recording.mcap_file import EncodedMessage
-from scenegate.recording.profiles import CLOUD_TOPIC, DISPARITY_TOPIC, IMU_TOPIC, SCENE_TOPIC, Ros2Profile
+from scenegate.recording.profiles import Profile
 from scenegate.recording.scene_mirror import SceneMirror
 from scenegate.recording.sources import RecordingError, camera_sets, imu_samples, scene_frames
+from scenegate.recording.topics import CLOUD_TOPIC, DISPARITY_TOPIC, IMU_TOPIC, SCENE_TOPIC
+from scenegate.recording.values import JointValues, SceneChange
 from scenegate.recording.view_frames import ViewFrame, ViewFrameError
+from scenegate_ros2.parameters import NodeParameters
 from scenegate_ros2.topics import CLOCK_DEFINITION, CLOCK_TOPIC, CLOCK_TYPE, DEPTH, LEFT, RIGHT, Topics
 
-PARAMETERS = {
-    "camera": "127.0.0.1:50051",
-    "url": "http://127.0.0.1:8000",
-    "token": "",
-    "pipeline": 0,
-    "color": False,
-    "scene": True,
-    "reliability": "reliable",
-    "tf_rate": 10.0,
-    "publish_clock": False,
-}
-"""Parameters of the node and their defaults; docs/ros2.md explains them."""
 RETRY_SECONDS = 1.0
 """Time after which a lost connection is made again."""
 SETTLED_SECONDS = 0.5
 """Time after which a transform that does not change is repeated."""
 POLL_SECONDS = 0.2
-"""Time between two looks at the number of subscribers."""
-
-
-def check(values: Mapping[str, Any]) -> None:
-    """Check parameters.
-
-    Raises:
-        ValueError: one is out of range.
-    """
-    if values["reliability"] not in ("reliable", "best_effort"):
-        raise ValueError(f"reliability is {values['reliability']!r}; it must be reliable or best_effort")
-    if not 0.0 < values["tf_rate"] <= 1000.0:
-        raise ValueError(f"tf_rate is {values['tf_rate']} Hz; it must be above 0 and at most 1000")
+"""Interval at which the number of subscribers is checked."""
 
 
 class Feeds:
     """Publishes a stereo camera and the live scene of a gateway."""
 
-    def __init__(self, values: Mapping[str, Any], topics: Topics, warn: Callable[[str], object]) -> None:
+    def __init__(self, parameters: NodeParameters, topics: Topics, warn: Callable[[str], object]) -> None:
         """
         Args:
-            values: ``PARAMETERS``, checked.
+            parameters: addresses and choices.
             topics: publishers.
             warn: logs a sentence about a lost connection.
         """
-        self._values = values
+        self._parameters = parameters
         self._topics = topics
         self._warn = warn
-        self._profile = Ros2Profile()
-        self._credentials = Credentials(values["token"] or None)
+        self._profile = Profile("ros2", warn)
+        self._credentials = Credentials(parameters.token or None)
         self._converter = CameraConverter()
         self._encode_clock = serialize_dynamic(CLOCK_TYPE, CLOCK_DEFINITION)[CLOCK_TYPE]
         self._simulated_time: int | None = None
@@ -77,23 +55,26 @@ class Feeds:
         self._mirror = SceneMirror()
         self._scene_lock = threading.Lock()
         self._changed: dict[str, float] = {}
-        """Monotonic time of the newest change of each transform, by its child frame, seconds."""
-        self._marker_subscribers = 0
+        """Monotonic time of recent changes of transforms, by child frame, seconds. ``_scene_lock`` guards it."""
+        self._joints: JointValues | None = None
+        """Newest values of joints."""
+        self._subscribers: dict[str, int] = {}
+        """Number of subscribers of the topics of the scene's geometry when it was last repeated."""
         self._stopping = threading.Event()
 
     def start(self) -> None:
         """Start the threads. The caller calls ``repeat_scene`` at ``tf_rate``."""
         feeds = {
-            "camera": (self._publish_camera, self._values["camera"]),
-            "scene": (self._publish_scene, self._values["url"] if self._values["scene"] else ""),
-            "imu": (self._publish_imu, self._values["url"]),
+            "camera": (self._publish_camera, self._parameters.camera),
+            "scene": (self._publish_scene, self._parameters.url if self._parameters.scene else ""),
+            "imu": (self._publish_imu, self._parameters.url),
         }
         for name, (publish, address) in feeds.items():
             if address:
                 threading.Thread(target=self._repeat, args=(publish,), name=name, daemon=True).start()
 
     def stop(self) -> None:
-        """Tell the threads to end; they do so with the next message that they receive."""
+        """Stop the threads; each ends with the next message that it receives."""
         self._stopping.set()
 
     def _repeat(self, publish: Callable[[], None]) -> None:
@@ -121,16 +102,16 @@ class Feeds:
         With ``publish_clock``, the left image is always received: its timestamps are the clock.
         """
         count = self._topics.subscribers
-        left, right = count(*LEFT) > 0 or self._values["publish_clock"], count(*RIGHT) > 0
+        left, right = count(*LEFT) > 0 or self._parameters.publish_clock, count(*RIGHT) > 0
         depth = count(*DEPTH, DISPARITY_TOPIC, CLOUD_TOPIC) > 0
         if not (left or right or depth):
             return None
         return StreamOptions(
-            self._values["camera"],
+            self._parameters.camera,
             left=left or depth,  # for the colours of the points
             right=right,
             disparity=depth,
-            color=self._values["color"],
+            color=self._parameters.color,
             credentials=self._credentials,
         )
 
@@ -140,7 +121,7 @@ class Feeds:
         if options is None:
             self._stopping.wait(POLL_SECONDS)
             return
-        if options.right and not options.disparity:  # only a set with disparity tells the baseline
+        if options.right and not options.disparity:  # only a set with disparity has the baseline
             for image_set in camera_sets(replace(options, left=False, right=False, disparity=True, count=1)):
                 self._converter.convert(image_set)
                 break
@@ -152,7 +133,7 @@ class Feeds:
                 return
 
     def _advance_clock(self, timestamp: int) -> None:
-        if self._values["publish_clock"] and timestamp > (self._simulated_time or 0):
+        if self._parameters.publish_clock and timestamp > (self._simulated_time or 0):
             self._simulated_time = timestamp
             clock = {"sec": timestamp // 10**9, "nanosec": timestamp % 10**9}
             self._topics.publish(CLOCK_TOPIC, CLOCK_TYPE, self._encode_clock({"clock": clock}))
@@ -161,53 +142,72 @@ class Feeds:
         """Publish changes of the scene until the connection ends."""
         joints = JointReader()
         with self._scene_lock:
-            self._mirror = SceneMirror()
-        for data in scene_frames(self._values["url"], self._credentials):
+            self._mirror.reconnect()
+        self._joints = None
+        for data in scene_frames(self._parameters.url, self._credentials):
             if self._stopping.is_set():
                 return
             frame, now = ViewFrame(data), self._now()
             with self._scene_lock:
                 change = self._mirror.apply(frame)
+                if change is not None:
+                    self._changed.update(dict.fromkeys((each.child for each in change.transforms), time.monotonic()))
             values = joints.read(frame, now) if now is not None else None
+            if not joints.has_joints:
+                self._joints = None
             if values is not None:
+                self._joints = values
                 self._send(self._profile.joints(values))
             if change is None or now is None:
                 continue
-            for each in change.transforms:
-                self._changed[each.child] = time.monotonic()
-            if self._values["publish_clock"]:
+            if self._parameters.publish_clock:
                 change = replace(change, time=now)
             if not self._topics.subscribers(SCENE_TOPIC):
                 change = replace(change, entities=())
             self._send(self._profile.scene(change))
 
     def repeat_scene(self) -> None:
-        """Publish transforms that have not changed for a while, and all markers if somebody is new to them.
+        """Publish what late subscribers need: transforms that have not changed for a while, joints, and geometry.
 
-        A transform is valid until its newest time only, and who listens later needs it, too.
+        A transform is valid until its newest time only. Geometry is published if its topic has more subscribers.
         """
-        now, earlier = self._now(), self._marker_subscribers
-        if now is None or not self._values["scene"]:
+        now = self._now()
+        if now is None or not self._parameters.scene:
             return
+        settled = time.monotonic() - SETTLED_SECONDS
         with self._scene_lock:
             whole = self._mirror.whole(now)
-        settled = time.monotonic() - SETTLED_SECONDS
-        transforms = [each for each in whole.transforms if self._changed.get(each.child, settled) <= settled]
-        self._marker_subscribers = self._topics.subscribers(SCENE_TOPIC)
-        is_new = self._marker_subscribers > earlier
-        geometry = {} if is_new else {"entities": (), "clouds": ()}
-        self._send(self._profile.scene(replace(whole, transforms=transforms, **geometry)))
+            self._changed = {child: changed for child, changed in self._changed.items() if changed > settled}
+            transforms = [each for each in whole.transforms if each.child not in self._changed]
+        clouds = {self._profile.clouds.topic(cloud.frame): cloud for cloud in whole.clouds}
+        clouds = {topic: cloud for topic, cloud in clouds.items() if topic is not None}
+        earlier = self._subscribers
+        self._subscribers = {topic: self._topics.subscribers(topic) for topic in (SCENE_TOPIC, *clouds)}
+        new = {topic for topic, count in self._subscribers.items() if count > earlier.get(topic, 0)}
+        self._send(
+            self._profile.scene(
+                SceneChange(
+                    now,
+                    transforms,
+                    whole.entities if SCENE_TOPIC in new else (),
+                    [cloud for topic, cloud in clouds.items() if topic in new],
+                )
+            )
+        )
+        joints = self._joints  # another thread sets it
+        if joints is not None:
+            self._send(self._profile.joints(replace(joints, time=now)))
 
     def _now(self) -> int | None:
-        """Return the time of what is true now, nanoseconds; None if ``/clock`` has not begun."""
-        return self._simulated_time if self._values["publish_clock"] else time.time_ns()
+        """Return the current time, nanoseconds since the epoch; None if ``/clock`` has not begun."""
+        return self._simulated_time if self._parameters.publish_clock else time.time_ns()
 
     def _publish_imu(self) -> None:
-        """Publish samples of the IMU while somebody subscribes to them."""
+        """Publish samples of the IMU while they have subscribers."""
         if not self._topics.subscribers(IMU_TOPIC):
             self._stopping.wait(POLL_SECONDS)
             return
-        for sample in imu_samples(self._values["url"], self._credentials, self._values["pipeline"]):
+        for sample in imu_samples(self._parameters.url, self._credentials, self._parameters.pipeline):
             self._send(self._profile.imu(sample))
             if self._stopping.is_set() or not self._topics.subscribers(IMU_TOPIC):
                 return

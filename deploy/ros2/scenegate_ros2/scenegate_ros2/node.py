@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -9,7 +11,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosidl_runtime_py.utilities import get_message
 
-from scenegate_ros2.feeds import PARAMETERS, Feeds, check
+from scenegate_ros2.feeds import Feeds
+from scenegate_ros2.parameters import NodeParameters
 from scenegate_ros2.topics import CLOCK_TOPIC, CLOCK_TYPE, GLOBAL_TOPICS, TYPES, queue_length
 
 
@@ -23,24 +26,25 @@ class NodeTopics:
         """
         self._node = node
         self._reliability = ReliabilityPolicy[reliability.upper()]
+        self._lock = threading.Lock()
         self._publishers: dict[str, Publisher] = {}
+        """Publishers by topic. ``_lock`` guards it."""
         for topic, message_type in TYPES.items():
             self.publisher(topic, message_type)
 
     def publisher(self, topic: str, message_type: str) -> Publisher:
         """Return the publisher of a topic."""
-        publisher = self._publishers.get(topic)
-        if publisher is None:
-            is_global = topic in GLOBAL_TOPICS
-            qos = QoSProfile(
-                depth=queue_length(topic),
-                reliability=ReliabilityPolicy.RELIABLE if is_global else self._reliability,
-                durability=DurabilityPolicy.VOLATILE,
-            )
-            name = topic if is_global else topic[1:]
-            publisher = self._node.create_publisher(get_message(message_type), name, qos)
-            self._publishers[topic] = publisher
-        return publisher
+        with self._lock:
+            if topic not in self._publishers:
+                is_global = topic in GLOBAL_TOPICS
+                qos = QoSProfile(
+                    depth=queue_length(topic),
+                    reliability=ReliabilityPolicy.RELIABLE if is_global else self._reliability,
+                    durability=DurabilityPolicy.VOLATILE,
+                )
+                name = topic if is_global else topic[1:]
+                self._publishers[topic] = self._node.create_publisher(get_message(message_type), name, qos)
+            return self._publishers[topic]
 
     def publish(self, topic: str, message_type: str, data: bytes) -> None:
         """See ``Topics``."""
@@ -48,7 +52,9 @@ class NodeTopics:
 
     def subscribers(self, *topics: str) -> int:
         """See ``Topics``."""
-        return sum(self._publishers[topic].get_subscription_count() for topic in topics)
+        with self._lock:
+            publishers = [self._publishers[topic] for topic in topics if topic in self._publishers]
+        return sum(publisher.get_subscription_count() for publisher in publishers)
 
 
 class ScenegateNode(Node):
@@ -56,15 +62,14 @@ class ScenegateNode(Node):
 
     def __init__(self) -> None:
         super().__init__("scenegate")
-        for name, default in PARAMETERS.items():
+        for name, default in vars(NodeParameters()).items():
             self.declare_parameter(name, default)
-        values = {name: self.get_parameter(name).value for name in PARAMETERS}
-        check(values)
-        topics = NodeTopics(self, values["reliability"])
-        if values["publish_clock"]:
+        parameters = NodeParameters(**{name: self.get_parameter(name).value for name in vars(NodeParameters())})
+        topics = NodeTopics(self, parameters.reliability)
+        if parameters.publish_clock:
             topics.publisher(CLOCK_TOPIC, CLOCK_TYPE)
-        self.feeds = Feeds(values, topics, self.get_logger().warning)
-        self.create_timer(1.0 / values["tf_rate"], self.feeds.repeat_scene)
+        self.feeds = Feeds(parameters, topics, self.get_logger().warning)
+        self.create_timer(1.0 / parameters.tf_rate, self.feeds.repeat_scene)
 
 
 def main() -> None:

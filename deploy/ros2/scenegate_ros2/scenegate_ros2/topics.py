@@ -1,10 +1,10 @@
-"""Names, types and queues of the topics, and what publishes them."""
+"""Names, types and queues of the topics, and the interface of their publishers."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
-from scenegate.recording.profiles import CLOUD_TOPIC, DISPARITY_TOPIC, IMAGE_TOPICS, IMU_TOPIC, SCENE_TOPIC, TF_TOPIC
+from scenegate.recording.topics import CLOUD_TOPIC, DISPARITY_TOPIC, IMAGE_TOPICS, IMU_TOPIC, SCENE_TOPIC, TF_TOPIC
 
 LEFT, RIGHT, DEPTH = (IMAGE_TOPICS[name] for name in ("left", "right", "depth"))
 CLOCK_TOPIC = "/clock"
@@ -37,7 +37,7 @@ class Topics(Protocol):
         """Publish a message that is serialised already (CDR). The first one of a topic makes its publisher."""
 
     def subscribers(self, *topics: str) -> int:
-        """Return the number of subscribers of topics of ``TYPES``."""
+        """Return the number of subscribers of topics, those without a publisher included."""
 
 
 def queue_length(topic: str) -> int:

@@ -12,8 +12,9 @@ import threading
 from rosbags.typesys import Stores, get_typestore
 from zenoh_ros2_sdk import ROS2Publisher
 
-from scenegate.recording.profiles import ros2_definition
-from scenegate_ros2.feeds import PARAMETERS, Feeds, check
+from scenegate.recording.ros2_messages import definition
+from scenegate_ros2.feeds import Feeds
+from scenegate_ros2.parameters import NodeParameters
 from scenegate_ros2.topics import CLOCK_DEFINITION, CLOCK_TYPE, TYPES
 
 _log = logging.getLogger("scenegate_ros2")
@@ -42,17 +43,19 @@ class ZenohTopics:
 
     def subscribers(self, *topics: str) -> int:
         """Return the number of topics with subscribers."""
-        return sum(bool(self._publishers[topic].pub.matching_status.matching) for topic in topics)
+        with self._lock:
+            publishers = [self._publishers[topic] for topic in topics if topic in self._publishers]
+        return sum(bool(publisher.pub.matching_status.matching) for publisher in publishers)
 
     def _publisher(self, topic: str, message_type: str) -> ROS2Publisher:
         with self._lock:
             if topic not in self._publishers:
                 # With definition and hash, the package downloads nothing.
-                definition = CLOCK_DEFINITION if message_type == CLOCK_TYPE else ros2_definition(message_type)
+                text = CLOCK_DEFINITION if message_type == CLOCK_TYPE else definition(message_type)
                 self._publishers[topic] = ROS2Publisher(
                     topic,
                     message_type,
-                    msg_definition=definition,
+                    msg_definition=text,
                     type_hash=self._store.hash_rihs01(message_type),
                     node_name="scenegate",
                     router_ip=self._host,
@@ -65,7 +68,7 @@ def main() -> None:
     """Publish until interrupted."""
     parser = argparse.ArgumentParser(description="Publishes a Scenegate gateway to ROS 2 nodes on rmw_zenoh.")
     parser.add_argument("--router", default="127.0.0.1:7447", help="Zenoh router, HOST:PORT")
-    for name, default in PARAMETERS.items():
+    for name, default in vars(NodeParameters()).items():
         flag = "--" + name.replace("_", "-")
         if isinstance(default, bool):
             parser.add_argument(flag, action=argparse.BooleanOptionalAction, default=default)
@@ -73,14 +76,15 @@ def main() -> None:
             parser.add_argument(flag, type=type(default), default=default)
     values = vars(parser.parse_args())
     try:
-        check(values)
-        topics = ZenohTopics(values["router"])
+        router = values.pop("router")
+        parameters = NodeParameters(**values)
+        topics = ZenohTopics(router)
     except ValueError as error:
         parser.error(str(error))
-    feeds = Feeds(values, topics, _log.warning)
+    feeds = Feeds(parameters, topics, _log.warning)
     feeds.start()
     try:
-        while not threading.Event().wait(1.0 / values["tf_rate"]):
+        while not threading.Event().wait(1.0 / parameters.tf_rate):
             feeds.repeat_scene()
     except KeyboardInterrupt:
         feeds.stop()

@@ -1,0 +1,105 @@
+"""Meshes and transforms of the frames of a gateway's view."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenegate.recording.values import Cloud, Color
+from scenegate.recording.view_frames import ViewFrame, ViewFrameError
+from scenegate.transforms import from_pose, quaternions_of
+
+POINTS: Final = 1
+"""Topology of point clouds."""
+LINES: Final = 2
+"""Topology of lines; others are triangles."""
+IDENTITY: Final = np.eye(3)
+
+
+@dataclass(slots=True, eq=False)
+class Mesh:
+    """Points, lines or triangles of a frame."""
+
+    positions: NDArray[np.float32]
+    """(N, 3)."""
+    colors: NDArray[np.uint8] | None
+    """(N, 4) sRGB and alpha."""
+    indices: NDArray[np.uint32] | None
+    topology: int
+
+
+def read_mesh(frame: ViewFrame) -> Mesh:
+    header = frame.header
+    positions = frame.array(header["position"], "<f4").reshape(-1, 3)
+    colors = frame.array(header["color"], np.uint8).reshape(len(positions), 4) if "color" in header else None
+    indices = frame.array(header["index"], "<u4") if "index" in header else None
+    if indices is not None and len(indices) and int(indices.max()) >= len(positions):
+        raise ViewFrameError(f"a mesh of {len(positions)} points has the index {int(indices.max())}")
+    return Mesh(positions, colors, indices, header["topology"])
+
+
+def matrices(frame: ViewFrame) -> Iterator[tuple[int, NDArray[np.float64], list[float] | None]]:
+    """Yield ids of nodes, their new transforms X_parent_node, (4, 4), and their quaternions if they are poses.
+
+    Transforms that are not finite are left out.
+    """
+    poses, others = frame.header.get("poses"), frame.header.get("matrices")
+    if poses is not None:
+        ids, values = frame.array(poses["ids"], "<u4").tolist(), frame.array(poses["values"], "<f4").reshape(-1, 7)
+        for node_id, row in zip(ids, values.tolist(), strict=True):
+            norm = math.hypot(*row[3:])
+            quaternion = [value / norm for value in row[3:]] if norm > 0.0 else [1.0, 0.0, 0.0, 0.0]
+            if math.isfinite(sum(row)):
+                yield node_id, from_pose(row[:3], quaternion), quaternion
+    if others is not None:
+        ids = frame.array(others["ids"], "<u4").tolist()
+        columns = frame.array(others["values"], "<f8").reshape(-1, 4, 4)
+        for node_id, matrix in zip(ids, columns.transpose(0, 2, 1), strict=True):
+            if np.isfinite(matrix).all():
+                yield node_id, matrix, None
+
+
+def split(scale: NDArray[np.float64], X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Split ``scale X`` into a rigid transform, (4, 4), and the rest, (3, 3), which has no translation."""
+    matrix = X.copy()
+    if scale is not IDENTITY:
+        matrix[:3] = scale @ X[:3]
+    linear = matrix[:3, :3]
+    if np.abs(linear.T @ linear - IDENTITY).max() < 1e-6 and np.linalg.det(linear) > 0.0:
+        return matrix, IDENTITY
+    U, _, Vt = np.linalg.svd(linear)
+    rotation = U @ np.diag((1.0, 1.0, np.sign(np.linalg.det(U @ Vt)) or 1.0)) @ Vt
+    rest = rotation.T @ linear
+    matrix[:3, :3] = rotation
+    return matrix, rest
+
+
+def draw_matrix(draw: dict[str, Any]) -> NDArray[np.float64] | None:
+    """Return X_node_mesh, (4, 4); None if it is not finite."""
+    if "matrix" not in draw:
+        return np.eye(4)
+    return None if draw["matrix"] is None else np.asarray(draw["matrix"], np.float64).reshape(4, 4).T
+
+
+def quaternion_of(X: NDArray[np.float64]) -> list[float]:
+    quaternion: list[float] = quaternions_of(X[None, :3, :3])[0].tolist()
+    return quaternion
+
+
+def cloud_of(frame: str, points: NDArray[np.float32], mesh: Mesh, color: Color) -> Cloud:
+    rgb = np.asarray(color[:3]) * (255.0 if mesh.colors is None else mesh.colors[:, :3])
+    colors = np.broadcast_to(np.asarray(rgb + 0.5, np.uint8), (len(points), 3))
+    return Cloud(frame, points, colors)
+
+
+def joined(clouds: list[Cloud]) -> Cloud | None:
+    """Return one cloud of all points."""
+    if len(clouds) < 2:
+        return clouds[0] if clouds else None
+    colors = [cloud.colors for cloud in clouds if cloud.colors is not None]
+    return Cloud(clouds[0].frame, np.concatenate([cloud.points for cloud in clouds]), np.concatenate(colors))

@@ -1,0 +1,52 @@
+"""LCM logs of the commands ``view``, ``export`` and ``convert``: their option, how they are opened, their warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeAlias
+
+import typer
+
+if TYPE_CHECKING:
+    from gateway.lcmlog.timeline import LogTimeline
+
+MeshRoot: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--mesh-root",
+        metavar="FOLDERS",
+        help="Folders with the mesh files that messages of a log name, as for `scenegate serve`; auto: all folders.",
+    ),
+]
+
+
+def open_log_file(path: Path, mesh_root: str) -> LogTimeline:
+    """Open a log; a progress bar shows that its headers are read.
+
+    Args:
+        mesh_root: as the setting.
+
+    Raises:
+        typer.BadParameter: ``mesh_root`` or an environment variable is invalid.
+        LogError: the file is not an LCM log, or none of its messages can be shown.
+        OSError: the log cannot be read.
+    """
+    from gateway.assets.mesh_files import MeshFiles
+    from gateway.lcmlog.timeline import open_log
+    from gateway.settings import SettingsError, load
+    from scenegate.cli.progress_bar import progress_bar
+
+    try:
+        settings = load({"host": "127.0.0.1", "mesh_root": mesh_root})
+    except SettingsError as error:
+        raise typer.BadParameter(str(error)) from None
+    files = MeshFiles(settings.mesh_folders, any_folder=settings.local_clients_read_all_folders)
+    with progress_bar("Reading", "MB", path.stat().st_size) as bar:
+        return open_log(path, files, lambda position: bar.update(position, position // 1_000_000))
+
+
+def print_warnings(path: Path, sentences: Iterable[str]) -> None:
+    """Print sentences about what of a log is not shown."""
+    for sentence in sentences:
+        typer.echo(f"{path}: {sentence}", err=True)
