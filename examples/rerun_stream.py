@@ -1,6 +1,6 @@
 """Shows the stereo camera's stream and the live scene in Rerun's viewer, or writes them to a file.
 
-    pip install rerun-sdk
+    pip install 'scenegate[rerun]'    # or rerun-sdk
     python examples/rerun_stream.py [127.0.0.1:50051] [http://127.0.0.1:8000] [FILE.rrd] [SETS]
 
 Frames are those of docs/conventions.md: the world is Z-up, and the cameras' optical frames are +X right, +Y down.

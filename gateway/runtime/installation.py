@@ -58,6 +58,7 @@ IMPORTS: Final = {
     "opentelemetry-exporter-otlp-proto-http": "opentelemetry.exporter.otlp.proto.http.trace_exporter.OTLPSpanExporter",
     "opentelemetry-sdk": "opentelemetry.sdk.trace.TracerProvider",
     "ray": "ray.init",
+    "rerun-sdk": "rerun.init",
 }
 """A name that Scenegate imports from each required library."""
 _GENERATED: Final = "scenegate.camera.image_interface_pb2"
