@@ -75,6 +75,23 @@ def test_a_killed_recorder_leaves_all_but_the_last_second(gateway: str, tmp_path
     assert scanned_messages(out) > 50
 
 
+def test_a_recording_goes_on_after_a_restart(tmp_path: Path) -> None:
+    out, options = tmp_path / "two.mcap", ("--grpc-port", "0", "--tcpq-port", "0", "--lcm-url", "off", "--demo")
+    with gateway_process(*options) as (_, url):
+        process = subprocess.Popen(command(out, url), stderr=subprocess.PIPE, text=True)
+        wait_until(lambda: out.exists() and scanned_messages(out) > 50)
+    try:
+        before = scanned_messages(out)
+        with gateway_process(*options, "--port", url.rsplit(":", 1)[1]):
+            wait_until(lambda: scanned_messages(out) > before + 50)
+            process.send_signal(signal.SIGTERM)
+            _, text = process.communicate(timeout=SECONDS)
+    finally:
+        process.kill()
+    assert process.returncode == 0, text
+    assert text.count("the recording goes on when it is back") == 1
+
+
 def test_what_cannot_be_recorded(tmp_path: Path, gateway: str) -> None:
     out = tmp_path / "a.mcap"
     out.write_text("an earlier recording")

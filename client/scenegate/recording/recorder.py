@@ -148,7 +148,7 @@ def record(
         report: called with the writer after each value, and then at least every ``POLL_SECONDS``.
 
     Raises:
-        RecordingError, ImuFailure: a source cannot be reached, or has ended, or nothing was received.
+        RecordingError, ImuFailure: a source cannot be reached at first, or nothing was received.
         ViewFrameError, BadImageError: a source has sent something invalid.
         ImportError: packages of the profile are not installed.
         OSError: a file cannot be written, or a certificate not read.
@@ -188,7 +188,7 @@ def _received(received: queue.Queue[Received], stop: threading.Event) -> Iterato
     """Yield what is received until ``stop`` is set, and None whenever ``POLL_SECONDS`` have passed without.
 
     Raises:
-        Exception: that of a source that has ended.
+        Exception: that of a source that cannot be reached.
     """
     while not stop.is_set():
         try:

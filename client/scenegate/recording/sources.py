@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import logging
 import queue
 import threading
 import time
@@ -22,10 +23,14 @@ from scenegate.camera.imu import open_imu_stream
 from scenegate.camera.stream import StreamFailure, StreamOptions, receive
 from scenegate.recording.values import ImuSample
 
+_log = logging.getLogger(__name__)
+
 QUEUED_ITEMS: Final = 32
 """Maximum number of received items that wait: image sets have megabytes."""
 CONNECT_SECONDS: Final = 10.0
 """Timeout of the connection to the gateway's view."""
+RETRY_SECONDS: Final = 1.0
+"""Time between two attempts to reach a gateway or camera that has gone."""
 
 
 class RecordingError(RuntimeError):
@@ -42,7 +47,7 @@ class Received(NamedTuple):
 
 
 class Source:
-    """A thread that puts what an iterator yields into a queue."""
+    """A thread that puts what an iterator yields into a queue. After an error it begins again, if it has ever yielded."""
 
     def __init__(self, name: str, receive: Callable[[], Iterator[Any]], received: queue.Queue[Received]) -> None:
         self._receive = receive
@@ -51,11 +56,20 @@ class Source:
         self._thread.start()
 
     def _run(self) -> None:
-        try:
-            for value in self._receive():
-                self._received.put(Received(value, time.time_ns()))
-        except Exception as error:  # noqa: BLE001 - the recorder raises it
-            self._received.put(Received(error, time.time_ns()))
+        has_begun = is_lost = False
+        while True:
+            try:
+                for value in self._receive():
+                    has_begun, is_lost = True, False
+                    self._received.put(Received(value, time.time_ns()))
+            except Exception as error:  # noqa: BLE001 - the recorder raises the first one
+                if not has_begun:
+                    self._received.put(Received(error, time.time_ns()))
+                    return
+                if not is_lost:
+                    _log.warning("%s; the recording goes on when it is back", error)
+                is_lost = True
+                time.sleep(RETRY_SECONDS)
 
 
 def scene_frames(address: str, credentials: Credentials) -> Iterator[bytes]:
