@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
 from urllib.parse import urlsplit, urlunsplit
 
-from websockets.exceptions import WebSocketException
+from websockets.exceptions import InvalidStatus, WebSocketException
 from websockets.sync.client import connect
 
 from scenegate.camera.credentials import Credentials
@@ -47,7 +47,7 @@ class Received(NamedTuple):
 
 
 class Source:
-    """A thread that puts what an iterator yields into a queue. After an error it begins again, if it has ever yielded."""
+    """A thread that puts what an iterator yields into a queue. After an error it begins again, if it has yielded."""
 
     def __init__(self, name: str, receive: Callable[[], Iterator[Any]], received: queue.Queue[Received]) -> None:
         self._receive = receive
@@ -109,7 +109,9 @@ def scene_frames(address: str, credentials: Credentials) -> Iterator[bytes]:
                 if kind in ("update", "controls"):
                     socket.send("k" if kind == "update" else "c")
     except (OSError, WebSocketException) as error:
-        raise RecordingError(f"{address} gives no scene: {error or type(error).__name__}") from None
+        refused = isinstance(error, InvalidStatus) and error.response.status_code in (401, 403)
+        hint = "; it may want another --token" if refused else ""
+        raise RecordingError(f"{address} gives no scene: {error or type(error).__name__}{hint}") from None
     raise RecordingError(f"{address} has closed the connection")
 
 
