@@ -22,6 +22,7 @@ from opentelemetry.proto.trace.v1.trace_pb2 import Span
 from opentelemetry.sdk.trace import TracerProvider
 from opentelemetry.sdk.trace.export import BatchSpanProcessor, SimpleSpanProcessor
 from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter
+from structlog.testing import capture_logs
 
 from gateway.runtime import tracing
 from gateway.runtime.worker_pool import WorkerPool
@@ -213,14 +214,13 @@ def test_without_a_collector_nothing_is_traced(use: Callable[[None], None]) -> N
     assert tracing.after_queue(list) is list
 
 
-def test_without_the_extra_a_warning_names_it(
-    use: Callable[[None], None], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_the_extra_a_warning_names_it(use: Callable[[None], None], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "opentelemetry.sdk.trace", None)
-    assert telemetry.start({"OTEL_EXPORTER_OTLP_TRACES_ENDPOINT": "http://127.0.0.1:1"}) is None
-    said = capsys.readouterr().out
-    assert "OTEL_EXPORTER_OTLP_TRACES_ENDPOINT is set" in said
-    assert "pip install 'scenegate[telemetry]'" in said
+    with capture_logs() as entries:
+        assert telemetry.start({"OTEL_EXPORTER_OTLP_TRACES_ENDPOINT": "http://127.0.0.1:1"}) is None
+    (entry,) = entries
+    assert "OTEL_EXPORTER_OTLP_TRACES_ENDPOINT is set" in entry["event"]
+    assert "pip install 'scenegate[telemetry]'" in entry["event"]
     assert telemetry.config() is telemetry.NO_TELEMETRY
 
 
