@@ -111,7 +111,7 @@ async def measure(timeline: LogTimeline, begin: float) -> None:
     print(f"first state after {time.perf_counter() - begin:.2f} s")
     begin, cpu = time.perf_counter(), time.process_time()
     await timeline.build_index()
-    checkpoints = timeline._checkpoints  # noqa: SLF001
+    checkpoints = timeline._checkpoints  # noqa: SLF001 - for its figures
     print(
         f"index built in {time.perf_counter() - begin:.1f} s ({time.process_time() - cpu:.1f} s of CPU): "
         f"{len(checkpoints)} checkpoints, "

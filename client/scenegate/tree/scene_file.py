@@ -30,7 +30,7 @@ def fetch_scene_file(gateway: str, name: str, *, token: str | None = None, **que
     address = gateway.partition("#")[0].partition("?")[0].rstrip("/").removesuffix("/view")
     parameters = urlencode({key: value for key, value in query.items() if value is not None})
     headers = {"Authorization": f"Bearer {token}"} if token else {}
-    request = urllib.request.Request(f"{address}/{name}?{parameters}", headers=headers)  # noqa: S310
+    request = urllib.request.Request(f"{address}/{name}?{parameters}", headers=headers)  # noqa: S310 - as below
     try:
         with urllib.request.urlopen(request, timeout=TIMEOUT_SECONDS) as response:  # noqa: S310 - http or https
             data: bytes = response.read()

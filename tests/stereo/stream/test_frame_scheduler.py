@@ -18,7 +18,7 @@ def test_a_wait_is_over_when_it_ends(milliseconds: float) -> None:
     async def wait() -> float:
         loop = asyncio.get_running_loop()
         begin = loop.time()
-        await frame_scheduler._wait(asyncio.Event(), milliseconds / 1000.0)  # noqa: SLF001
+        await frame_scheduler._wait(asyncio.Event(), milliseconds / 1000.0)  # noqa: SLF001 - all that waits
         return (loop.time() - begin) * 1000.0
 
     assert uvloop.run(wait()) >= milliseconds
