@@ -39,7 +39,7 @@ class Channels(ServerListener):
         self._subscribers: dict[str, set[int]] = {}
         """Ids of clients by topic."""
         self._new_subscribers: dict[str, set[int]] = {}
-        """Those that ``take_new_subscribers`` has not returned yet."""
+        """Ids of new clients by topic, until ``take_new_subscribers`` returns them."""
         self._server: WebSocketServer | None = None
 
     def start(self, host: str, port: int) -> int:

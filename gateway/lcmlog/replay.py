@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 from typing import Final
@@ -35,7 +34,6 @@ SKIPPED_COST: Final = 0.02
 """Cost of an event of another channel, whose data is not read, in shown messages."""
 
 
-@lru_cache(maxsize=4096)
 def is_shown(channel: str) -> bool:
     """Return True for the channels that change the tree."""
     return channel.startswith(wire.REQUEST) or DrakeViewer.is_shown(channel)

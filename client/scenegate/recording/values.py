@@ -149,7 +149,7 @@ class CameraSet:
     time: int
     """Time of the exposure."""
     images: Mapping[str, CameraImage] = field(default_factory=dict)
-    """By name: ``left``, ``right``, ``depth`` (metres along the optical axis, NaN where it is invalid)."""
+    """Images by name: ``left``, ``right``, ``depth`` (metres along the optical axis, NaN where it is invalid)."""
     disparity: Disparity | None = None
     cloud: Cloud | None = None
 
