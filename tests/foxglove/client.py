@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import struct
 from base64 import b64decode
+from collections import deque
 from collections.abc import Iterable
 from typing import Any
 
@@ -31,12 +32,17 @@ class FoxgloveClient:
         self.parameters: dict[str, Any] = {}
         self._topics: dict[int, str] = {}
         """Topics by subscription id."""
+        self._messages: deque[tuple[str, int, Any]] = deque()
+        """Topic, time and content of messages that came while something else was awaited.
+
+        foxglove-sdk sends messages and advertisements from queues of their own, in any order.
+        """
         self._types: dict[str, Any] = {}
 
     async def subscribe(self, *topics: str) -> None:
         """Subscribe to advertised topics."""
-        while missing := [topic for topic in topics if topic not in self.channels]:
-            assert await self._receive() is None, missing
+        while not self.channels.keys() >= set(topics):
+            await self._receive()
         await self._send_subscriptions(topics)
 
     async def _send_subscriptions(self, topics: Iterable[str]) -> None:
@@ -66,9 +72,9 @@ class FoxgloveClient:
 
     async def next_message(self) -> tuple[str, int, Any]:
         """Return topic, time and content of the next message."""
-        while (message := await self._receive()) is None:
-            pass
-        return message
+        while not self._messages:
+            await self._receive()
+        return self._messages.popleft()
 
     async def messages_of(self, *topics: str) -> dict[str, Any]:
         """Return a message of each topic, the first ones."""
@@ -78,15 +84,15 @@ class FoxgloveClient:
             found.setdefault(topic, value)
         return found
 
-    async def _receive(self) -> tuple[str, int, Any] | None:
-        """Receive a frame; return the message if it is one."""
+    async def _receive(self) -> None:
+        """Receive a frame."""
         data = await self._socket.recv()
         if isinstance(data, bytes):
             opcode, number, time = MESSAGE_DATA.unpack_from(data)
-            if opcode != 1:
-                return None
-            topic = self._topics[number]
-            return topic, time, self._type_of(topic).FromString(data[MESSAGE_DATA.size :])
+            if opcode == 1:
+                topic = self._topics[number]
+                self._messages.append((topic, time, self._type_of(topic).FromString(data[MESSAGE_DATA.size :])))
+            return
         message = json.loads(data)
         if message["op"] == "serverInfo":
             self.info = message
@@ -99,7 +105,6 @@ class FoxgloveClient:
             await self._send_subscriptions(topic for topic, each in self.channels.items() if each["id"] == number)
         elif message["op"] == "parameterValues":
             self.parameters = {each["name"]: each.get("value") for each in message["parameters"]}
-        return None
 
     def _type_of(self, topic: str) -> Any:
         if topic not in self._types:
