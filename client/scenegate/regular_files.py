@@ -11,7 +11,8 @@ import io
 import os
 import select
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, Final
 
@@ -116,6 +117,21 @@ def sha256_of(path: Path, check: Callable[[], object] = lambda: None) -> str | N
         check()  # its error may be an OSError, too
         return None
     return digest.hexdigest()
+
+
+def reason_of(error: BaseException) -> str:
+    """Return the text of an error; of an OSError without the path, which the sentences that quote it name already."""
+    return (isinstance(error, OSError) and error.strerror) or str(error)
+
+
+@contextmanager
+def errors_as(kind: type[Exception], where: object, *others: type[Exception]) -> Iterator[None]:
+    """Context in which an OSError, and the other types of errors, become a ``kind``: ``WHERE: reason``."""
+    kinds: tuple[type[Exception], ...] = (OSError, *others)
+    try:
+        yield
+    except kinds as error:
+        raise kind(f"{where}: {reason_of(error)}") from None
 
 
 def _open(path: str | os.PathLike[str], follow_links: bool) -> int:

@@ -13,7 +13,7 @@ from gateway.scene.transforms import Y_UP_TO_Z_UP
 from gateway.scene.tree import Node
 from gateway.scene.tree import Path as TreePath
 from renderers.drawlist import Light
-from scenegate.regular_files import read_regular
+from scenegate.regular_files import errors_as, read_regular
 
 Up = Literal["auto", "y", "z"]
 
@@ -99,19 +99,11 @@ def read_scene_file(
         SceneFileError: The file is not readable, not glTF, or beyond a limit.
     """
     files = FolderFiles(path)
-    try:
+    with errors_as(SceneFileError, path, GltfError):
+        data = files.read_scene()
         scene = read_gltf(
-            files.read_scene(),
-            resolve=files.resolve,
-            limits=limits or GltfLimits(),
-            variant=variant,
-            decode_images=True,
-            animation=animation,
+            data, resolve=files.resolve, limits=limits, variant=variant, decode_images=True, animation=animation
         )
-    except OSError as error:
-        raise SceneFileError(f"{path}: {error.strerror or error}") from None
-    except GltfError as error:
-        raise SceneFileError(f"{path}: {error}") from None
     file = SceneFile(
         scene.root, scene.cameras, scene.warnings, (), scene.generator, scene.lights, files.digests, scene.models
     )

@@ -13,7 +13,7 @@ import numpy as np
 from gateway.datasets.views import Intrinsics, Matrix, View
 from gateway.scene.cameras import CameraError
 from renderers.camera import OPENGL_FROM_OPTICAL
-from scenegate.regular_files import read_regular
+from scenegate.regular_files import errors_as, read_regular
 
 MAX_FILE_BYTES: Final = 256 << 20
 """Maximum size of the file. A camera takes about 400 bytes."""
@@ -65,14 +65,8 @@ def read_camera_file(path: Path) -> CameraFile:
     Raises:
         CameraError: the file cannot be read, or an entry is invalid; the message names the entry.
     """
-    try:
-        data = read_regular(path, MAX_FILE_BYTES)
-    except OSError as error:
-        raise CameraError(f"{path}: {error.strerror or error}") from None
-    try:
-        content = msgspec.json.decode(data, type=_FileContent)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise CameraError(f"{path}: {error}") from None
+    with errors_as(CameraError, path, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        content = msgspec.json.decode(read_regular(path, MAX_FILE_BYTES), type=_FileContent)
     if not content.cameras and not content.scenes:
         raise CameraError(f"{path} names no camera: neither 'cameras' nor 'scenes' has an entry")
     scene_views = {name: _views(entries, f"{path}: scenes[{name!r}]") for name, entries in content.scenes.items()}

@@ -30,7 +30,7 @@ from typing import Annotated, Final
 import msgspec
 
 from gateway.scene.tree import Path as TreePath
-from scenegate.regular_files import read_regular
+from scenegate.regular_files import errors_as, read_regular
 
 MAX_CLASSES: Final = 65_535
 """Maximum number of classes, and the largest number of one: ``class`` images have 16 bits."""
@@ -129,20 +129,11 @@ def read_classes(path: Path) -> tuple[ClassTable, str]:
     Raises:
         ClassesError: the file cannot be read, or an entry is invalid; the message names the entry.
     """
-    try:
+    with errors_as(ClassesError, path, ValueError, RecursionError):  # ValueErrors: those of msgspec, TOML and UTF-8
         data = read_regular(path, _MAX_FILE_BYTES)
-        is_json = path.suffix.lower() == ".json"
-        content = (
-            msgspec.json.decode(data, type=_FileContent)
-            if is_json
-            else msgspec.convert(tomllib.loads(data.decode()), _FileContent)
-        )
-        table = ClassTable(_numbered(content.entries), content.entries)
-    except OSError as error:
-        raise ClassesError(f"{path}: {error.strerror or error}") from None
-    except (ValueError, msgspec.DecodeError, RecursionError) as error:  # including those of TOML and UTF-8
-        raise ClassesError(f"{path}: {error}") from None
-    return table, hashlib.sha256(data).hexdigest()
+        values = msgspec.json.decode(data) if path.suffix.lower() == ".json" else tomllib.loads(data.decode())
+        content = msgspec.convert(values, _FileContent)
+        return ClassTable(_numbered(content.entries), content.entries), hashlib.sha256(data).hexdigest()
 
 
 def _numbered(entries: tuple[_Entry, ...]) -> tuple[tuple[str, int], ...]:

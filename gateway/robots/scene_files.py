@@ -12,6 +12,7 @@ from gateway.gltf import AnimationTime, GltfError
 from gateway.robots.gltf_up import RobotGltfUp
 from gateway.robots.reader import read_robot
 from gateway.scene.tree import Node
+from scenegate.regular_files import errors_as
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.joint_text import parse_joints
 from scenegate.robots.reader import SUFFIXES
@@ -83,11 +84,7 @@ def _read_robot(path: Path, options: SceneOptions) -> SceneFile:
 def _read_mesh(path: Path, suffix: str) -> SceneFile:
     files = FolderFiles(path)
     warnings: list[str] = []
-    try:
+    with errors_as(SceneFileError, path, MeshFormatError, GltfError):
         parts = parse_mesh(files.read_scene(), suffix[1:], files.resolve, MESH_LIMITS, warnings)
-    except OSError as error:
-        raise SceneFileError(f"{path}: {error.strerror or error}") from None
-    except (MeshFormatError, GltfError) as error:
-        raise SceneFileError(f"{path}: {error}") from None
     root = Node(None, children={path.stem: Node(parts)})
     return SceneFile(root, warnings=tuple(warnings), digests=files.digests)

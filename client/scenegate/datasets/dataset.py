@@ -21,7 +21,7 @@ from scenegate.datasets import manifest
 from scenegate.datasets.lines import Lines
 from scenegate.datasets.manifest import ImageType, RecordError
 from scenegate.pillow import pillow
-from scenegate.regular_files import read_regular
+from scenegate.regular_files import errors_as, read_regular
 
 T = TypeVar("T")
 
@@ -224,10 +224,8 @@ class Sample:
 
     def _bytes(self, path: Path) -> bytes:
         """Return the content of an image file."""
-        try:
+        with errors_as(RecordError, path):
             return read_regular(path)
-        except OSError as error:
-            raise RecordError(f"{path}: {error.strerror or error}") from None
 
 
 def decode_flow(data: bytes, location: str) -> NDArray[np.float32]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenegate.datasets.manifest import MAX_LINE_BYTES, RecordError
-from scenegate.regular_files import open_regular
+from scenegate.regular_files import errors_as, open_regular
 
 _BLOCK_BYTES: Final = 4 << 20
 """Bytes read at a time in the search for newlines."""
@@ -50,11 +50,8 @@ class Lines:
 
     def _open(self) -> int:
         """Return a file descriptor, which is closed when this object is collected."""
-        try:
-            with open_regular(self._path) as file:
-                descriptor = os.dup(file.fileno())
-        except OSError as error:
-            raise RecordError(f"{self._path}: {error.strerror or error}") from None
+        with errors_as(RecordError, self._path), open_regular(self._path) as file:
+            descriptor = os.dup(file.fileno())
         weakref.finalize(self, os.close, descriptor)
         return descriptor
 

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.regular_files import open_regular, read_regular
+from scenegate.regular_files import errors_as, open_regular, read_regular
 
 DATASET_FILE: Final = "dataset.json"
 """A ``DatasetRecord``."""
@@ -386,10 +386,8 @@ def read_file(path: Path, record_type: type[Record]) -> Record:
     Raises:
         RecordError: the file cannot be read, is too large, or is not a record of this type.
     """
-    try:
+    with errors_as(RecordError, path):
         data = read_regular(path, MAX_DESCRIPTION_BYTES)
-    except OSError as error:
-        raise RecordError(f"{path}: {error.strerror or error}") from None
     return decode(data, record_type, str(path))
 
 
@@ -404,20 +402,15 @@ def read_lines(path: Path, record_type: type[Record], *, allow_partial_end: bool
     Raises:
         RecordError: the file cannot be read, or a line is invalid.
     """
-    try:
-        with open_regular(path) as file:
-            line_number = 0
-            while line := file.readline(MAX_LINE_BYTES + 1):
-                line_number += 1
-                location = f"{path}, line {line_number}"
-                if not line.endswith(b"\n"):
-                    if allow_partial_end and len(line) <= MAX_LINE_BYTES:
-                        break
-                    problem = "longer than the limit" if len(line) > MAX_LINE_BYTES else "cut off"
-                    raise RecordError(f"{location}: {problem}")
-                yield decode(line, record_type, location)
-    except OSError as error:
-        raise RecordError(f"{path}: {error.strerror or error}") from None
+    with errors_as(RecordError, path), open_regular(path) as file:
+        for line_number, line in enumerate(iter(lambda: file.readline(MAX_LINE_BYTES + 1), b""), 1):
+            location = f"{path}, line {line_number}"
+            if not line.endswith(b"\n"):
+                if allow_partial_end and len(line) <= MAX_LINE_BYTES:
+                    break
+                problem = "longer than the limit" if len(line) > MAX_LINE_BYTES else "cut off"
+                raise RecordError(f"{location}: {problem}")
+            yield decode(line, record_type, location)
 
 
 def read_scene(folder: Path, name: str) -> SceneRecord:

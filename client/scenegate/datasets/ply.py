@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenegate.datasets.manifest import RecordError
-from scenegate.regular_files import read_regular
+from scenegate.regular_files import errors_as, read_regular
 
 _HEADER: Final = re.compile(
     rb"ply\nformat binary_little_endian 1\.0\n(?:comment [^\n]*\n)*element vertex (?P<vertices>\d{1,9})\n"
@@ -28,10 +28,8 @@ def read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     Raises:
         RecordError: it is not a file as ``scenegate render`` writes it.
     """
-    try:
+    with errors_as(RecordError, path):
         data = read_regular(path)
-    except OSError as error:
-        raise RecordError(f"{path}: {error.strerror or error}") from None
     match = _HEADER.match(data)
     if match is None:
         raise RecordError(f"{path}: not a binary PLY file with vertices and triangles as datasets have them")

@@ -18,6 +18,7 @@ from gateway.datasets.scenario.file import read_scenario
 from gateway.datasets.scenario.tables import Scenario, ScenarioError
 from gateway.robots.scene_files import SCENE_SUFFIXES
 from renderers.stop import check_stop
+from scenegate.regular_files import errors_as
 
 MAX_ENTRIES: Final = 100_000
 """Maximum number of files and folders in the folders of a path or pattern."""
@@ -143,10 +144,8 @@ def read_catalogue(path: Path) -> Catalogue:
     Raises:
         ScenarioError: it cannot be used.
     """
-    try:
+    with errors_as(ScenarioError, path):
         status = path.stat()
-    except OSError as error:
-        raise ScenarioError(f"{path}: {error.strerror or error}") from None
     return _read_cached(path, status.st_mtime_ns, status.st_size)
 
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 import msgspec
 
 from gateway.datasets.scenario.tables import MAX_OBJECTS, MAX_VIEWS, Fixed, Handheld, Scenario, ScenarioError
-from scenegate.regular_files import read_text
+from scenegate.regular_files import errors_as, read_text
 
 MAX_FILE_BYTES: Final = 1 << 20
 """Maximum size of a scenario file. A file with a table for each of a thousand models has 100 kB."""
@@ -26,20 +26,14 @@ def read_scenario(path: Path) -> Scenario:
     Raises:
         ScenarioError: it cannot be read, or a value is invalid.
     """
-    try:
+    with errors_as(ScenarioError, path, ValueError, RecursionError):  # ValueErrors: those of TOML and UTF-8, too
         content = tomllib.loads(read_text(path, MAX_FILE_BYTES))
-    except OSError as error:
-        raise ScenarioError(f"{path}: {error.strerror or error}") from None
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError and UnicodeDecodeError are ValueErrors
-        raise ScenarioError(f"{path}: {error}") from None
-    try:
-        scenario = msgspec.convert(content, Scenario)
+        try:
+            scenario = msgspec.convert(content, Scenario)
+        except msgspec.ValidationError as error:
+            raise ValueError(_sentence(str(error), content)) from None
         _check(scenario)
-    except msgspec.ValidationError as error:
-        raise ScenarioError(f"{path}: {_sentence(str(error), content)}") from None
-    except ValueError as error:
-        raise ScenarioError(f"{path}: {error}") from None
-    return scenario
+        return scenario
 
 
 def _sentence(message: str, content: dict[str, Any]) -> str:

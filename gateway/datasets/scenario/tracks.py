@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gateway.datasets.scenario.tables import MAX_METRES, ScenarioError
 from gateway.gltf.animations import slerp
 from gateway.scene.transforms import Matrix, from_pose
-from scenegate.regular_files import read_text
+from scenegate.regular_files import errors_as, read_text
 
 if TYPE_CHECKING:
     import _csv
@@ -65,11 +65,9 @@ def read_track(path: Path, *, poses: bool) -> Track:
     Raises:
         ScenarioError: it cannot be read; the message names the line.
     """
-    try:
+    with errors_as(ScenarioError, path, UnicodeDecodeError):
         status = path.stat()
         track = _read_cached(path, status.st_mtime_ns, status.st_size)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
     if poses and sorted(track.names) != sorted(POSE_COLUMNS):
         raise ScenarioError(f"{path}: line 1: the columns are not time,{','.join(POSE_COLUMNS)}")
     if poses:
