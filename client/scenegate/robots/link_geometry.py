@@ -10,59 +10,44 @@ import msgspec
 import numpy as np
 
 from scenegate.messages.geometry import Geometry, Mesh, Transform
-from scenegate.messages.mesh_file import MESH_SUFFIXES, MeshFile, referenced_files
-from scenegate.robots.errors import RobotFileError
+from scenegate.messages.mesh_file import MeshFile, referenced_files
 from scenegate.robots.files import RobotFiles
+from scenegate.robots.link_files import LinkFiles, color_of
 from scenegate.robots.link_model import Cone, Link, LinkGeometry, MeshReference
 
-DEFAULT_RGBA: Final = (0.9, 0.9, 0.9, 1.0)
-"""Colour of geometry without a material, as in Drake."""
-LFS_POINTER: Final = b"version https://git-lfs"
-"""Start of the file that stands for a mesh until ``git lfs pull``."""
 _CONE_SEGMENTS: Final = 48
 
 
-class LinkGeometries:
-    """Converts geometry. A mesh file that several geometries use is read once, and sent as it is."""
+class LinkGeometries(LinkFiles[tuple[bytes, dict[str, bytes]], bytes]):
+    """Converts geometry. Mesh and image files are sent as they are, with the files that meshes refer to."""
 
     def __init__(self, files: RobotFiles, warnings: list[str], gltf_up: Literal["y", "z"]) -> None:
         """
         Args:
-            warnings: Warnings are appended to this list. A mesh that cannot be read is left out.
             gltf_up: Up axis of glTF meshes. Those that Drake wrote are Z up in any case.
         """
-        self._files = files
-        self._warnings = warnings
+        super().__init__(files, warnings)
         self._gltf_up = gltf_up
-        self._meshes: dict[Path, tuple[bytes, dict[str, bytes]]] = {}
-        """Content of mesh files, and of the files that they refer to."""
-        self._textures: dict[str, bytes | str] = {}
-        """Content of image files, or the reason why one cannot be read, by file name or URL."""
 
     def geometries_of(self, links: tuple[Link, ...]) -> tuple[tuple[Geometry, ...], ...]:
         """Return the geometries of each link, in the link's frame."""
         return tuple(
-            tuple(each for geometry in link.geometries for each in self._one(link, geometry)) for link in links
+            tuple(each for geometry in link.geometries for each in self._one(link.name, geometry)) for link in links
         )
 
-    def _one(self, link: Link, geometry: LinkGeometry) -> Iterator[Geometry]:
-        shape, material = geometry.shape, geometry.material
-        color = DEFAULT_RGBA if material is None or material.rgba is None else material.rgba
-        transform = Transform.of(geometry.X_link_geometry)
-        texture = None if material is None or material.texture is None else self._texture(link, material.texture)
+    def _one(self, link: str, geometry: LinkGeometry) -> Iterator[Geometry]:
+        shape, color, transform = geometry.shape, color_of(geometry.material), Transform.of(geometry.X_link_geometry)
+        texture = self._image(link, geometry.material)
         if isinstance(shape, MeshReference):
-            try:
-                data, others = self._mesh(shape.filename)
-            except (RobotFileError, OSError) as error:
-                reason = error.strerror if isinstance(error, OSError) else error
-                self._warnings.append(f"link {link.name!r}: the mesh {shape.filename} is not shown: {reason}")
+            mesh = self._mesh(link, shape.filename)
+            if mesh is None:
                 return
             is_gltf = shape.filename.lower().endswith((".gltf", ".glb"))
             yield MeshFile(
                 shape.filename,
                 shape.scale,
-                data=data,
-                files=others,
+                data=mesh[0],
+                files=mesh[1],
                 up=None if is_gltf and self._gltf_up == "y" else "z",
                 default_color=color,
                 default_texture=texture,
@@ -70,40 +55,18 @@ class LinkGeometries:
             )
             return
         if texture is not None:
-            self._warnings.append(f"link {link.name!r}: its material's texture is not shown, only on meshes")
+            self._warnings.append(f"link {link!r}: its material's texture is not shown, only on meshes")
         if isinstance(shape, Cone):
             yield _cone(shape, color, transform)
         else:
             yield msgspec.structs.replace(shape, color=color, transform=transform)
 
-    def _texture(self, link: Link, name: str) -> bytes | None:
-        """Return an image file; None, with a warning, if it cannot be read."""
-        if name not in self._textures:
-            try:
-                self._textures[name] = self._files.read(self._files.find(name))
-            except (RobotFileError, OSError) as error:
-                self._textures[name] = str(error.strerror if isinstance(error, OSError) else error)
-        texture = self._textures[name]
-        if isinstance(texture, bytes):
-            return texture
-        self._warnings.append(f"link {link.name!r}: the texture {name} of its material is not shown: {texture}")
-        return None
-
-    def _mesh(self, name: str) -> tuple[bytes, dict[str, bytes]]:
-        """Return a mesh file and those that it refers to; raises OSError or RobotFileError."""
+    def _read_mesh(self, link: str, name: str, path: Path, data: bytes) -> tuple[bytes, dict[str, bytes]]:
         suffix = Path(name).suffix.lower()
-        if suffix not in MESH_SUFFIXES:
-            raise RobotFileError(f"it is not one of the formats {', '.join(each[1:] for each in MESH_SUFFIXES)}")
-        path = self._files.find(name)
-        if path not in self._meshes:
-            data = self._files.read(path)
-            if data.startswith(LFS_POINTER):
-                raise RobotFileError("it is a pointer of Git LFS, not the mesh: run git lfs pull")
-            self._meshes[path] = (
-                data,
-                referenced_files(data, suffix, lambda other: self._files.read_beside(path, other)),
-            )
-        return self._meshes[path]
+        return data, referenced_files(data, suffix, lambda other: self._files.read_beside(path, other))
+
+    def _read_image(self, data: bytes) -> bytes:
+        return data
 
 
 def _cone(cone: Cone, color: tuple[float, float, float, float], transform: Transform) -> Mesh:

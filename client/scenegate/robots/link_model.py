@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
-from scenegate.robots.robot import Joint
+from scenegate.robots.robot import Joint, without_invalid_mimics
 from scenegate.transforms import IDENTITY
 
 LinkShape: TypeAlias = "Box | Sphere | Ellipsoid | Cylinder | Capsule | Cone | MeshReference"
@@ -92,3 +92,13 @@ class LinkModel:
     joints: tuple[LinkJoint, ...]
     X_robot_root: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     """(4, 4) float64 poses of links without a parent, by name; default: the identity. Empty for URDF."""
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """Names of the links."""
+        return tuple(link.name for link in self.links)
+
+    def moving_joints(self, warnings: list[str]) -> dict[str, Joint]:
+        """Return the joints that move, by name; each invalid mimic rule is left out and adds a warning."""
+        joints = {joint.name: joint.motion for joint in self.joints if joint.motion is not None}
+        return without_invalid_mimics(joints, warnings)

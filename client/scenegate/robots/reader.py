@@ -18,7 +18,7 @@ from scenegate.robots.limits import RobotFileLimits
 from scenegate.robots.link_geometry import LinkGeometries
 from scenegate.robots.link_kinematics import LinkKinematics
 from scenegate.robots.link_model import LinkModel
-from scenegate.robots.robot import GeometryUse, Robot, without_invalid_mimics
+from scenegate.robots.robot import GeometryUse, Robot
 from scenegate.robots.sdf import parse_sdf
 from scenegate.robots.urdf import parse_urdf
 from scenegate.robots.xml_text import Element, parse_xml, uses_xacro
@@ -69,19 +69,13 @@ def read_robot(
                 raise RobotFileError(f"{what} is read from files only, not pipes: write it into a file first")
             raise NeedsServerError(f"{what} needs packages of the server: pip install 'scenegate[robots]'")
         model = parse_links(root, files, geometry, limits, warnings)
-        joints = {joint.name: joint.motion for joint in model.joints if joint.motion is not None}
-        robot = Robot(
-            model.name or files.path.stem,
-            tuple(link.name for link in model.links),
-            without_invalid_mimics(joints, warnings),
-            LinkGeometries(files, warnings, gltf_up).geometries_of(model.links),
-            LinkKinematics(model),
-            tuple(dict.fromkeys(warnings)),
-            digests=files.digests,
-        )
-        if strict and warnings:
-            raise RobotFileError(strict_refusal(robot.warnings))
-        return robot
+        joints, kinematics = model.moving_joints(warnings), LinkKinematics(model)
+        parts = LinkGeometries(files, warnings, gltf_up).geometries_of(model.links)
+        sentences = tuple(dict.fromkeys(warnings))
+        if strict and sentences:
+            raise RobotFileError(strict_refusal(sentences))
+        name = model.name or files.path.stem
+        return Robot(name, model.link_names, joints, parts, kinematics, sentences, digests=files.digests)
 
 
 def parse_links(

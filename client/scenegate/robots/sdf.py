@@ -6,7 +6,6 @@ Elements that are invalid are left out or get a default, with a warning. Links o
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -14,21 +13,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from scenegate.regular_files import reason_of
 from scenegate.robots.errors import RobotFileError, name_hint, no_links
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.limits import RobotFileLimits, check_count
 from scenegate.robots.link_model import Link, LinkGeometry, LinkJoint, LinkModel, MeshReference
-from scenegate.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind, Mimic
+from scenegate.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind
 from scenegate.robots.ros_packages import split_url
 from scenegate.robots.sdf_frames import SEPARATOR, WORLD, Frame, Frames, read_pose, scoped
 from scenegate.robots.sdf_geometry import read_geometries
-from scenegate.robots.urdf_joints import joint_kind, unit_axis
+from scenegate.robots.urdf_joints import joint_kind, read_mimic, unit_axis
 from scenegate.robots.xml_text import Element, attribute, numbers, parse_xml, with_attributes
-
-Include = Callable[[str, Path], tuple[Element, Path]]
-"""Returns the root element and folder of an included file, by its URI and the folder of the file that includes it.
-
-It raises OSError or RobotFileError."""
 
 _KINDS: Final[dict[str, JointKind | None]] = {
     "revolute": "revolute",
@@ -74,44 +69,24 @@ def parse_sdf(
     Raises:
         RobotFileError: There are no links, two links have the same name, or a limit is exceeded.
     """
-
-    def include(uri: str, folder: Path) -> tuple[Element, Path]:
-        path = files.find_model(uri, folder)
-        return parse_xml(files.read(path), limits.max_elements, warnings), path.parent
-
-    return _SdfReader(use, limits, include, warnings).read(root, files.path.parent)
+    return _SdfReader(files, use, limits, warnings).read(root)
 
 
 class _SdfReader:
     """Reads one document with its includes."""
 
-    def __init__(self, use: GeometryUse, limits: RobotFileLimits, include: Include, warnings: list[str]) -> None:
-        """
-        Args:
-            use: Geometry to return.
-            include: Reads included files.
-            warnings: Warnings are appended to this list.
-        """
+    def __init__(self, files: RobotFiles, use: GeometryUse, limits: RobotFileLimits, warnings: list[str]) -> None:
+        self._files = files
         self._use = use
         self._limits = limits
-        self._include = include
         self._warnings = warnings
         self._frames = Frames(warnings)
         self._links: dict[str, tuple[Element, _Scope]] = {}
         self._joints: dict[str, tuple[Element, _Scope]] = {}
         self._include_count = 0
 
-    def read(self, root: Element, folder: Path) -> LinkModel:
-        """Return the content of a document.
-
-        Args:
-            root: The element ``<sdf>``.
-            folder: Folder of the file.
-
-        Raises:
-            RobotFileError: There are no links, two links have the same name, or a limit is exceeded.
-        """
-        scope = _Scope(WORLD, WORLD, folder, _version(root), 0)
+    def read(self, root: Element) -> LinkModel:
+        scope = _Scope(WORLD, WORLD, self._files.path.parent, _version(root), 0)
         worlds, models = root.findall("world"), root.findall("model")
         name = attribute((*worlds, *models, root)[0], "name")
         if not worlds and len(models) == 1:
@@ -182,10 +157,10 @@ class _SdfReader:
         if self._include_count > MAX_INCLUDES:
             raise RobotFileError(f"it includes more than {MAX_INCLUDES} models, which is the limit")
         try:
-            root, folder = self._include(uri, scope.folder)
+            path = self._files.find_model(uri, scope.folder)
+            root = parse_xml(self._files.read(path), self._limits.max_elements, self._warnings)
         except (OSError, RobotFileError) as error:
-            reason = error.strerror if isinstance(error, OSError) else error
-            self._warnings.append(f"the included model {uri[:200]} is not shown: {reason}")
+            self._warnings.append(f"the included model {uri[:200]} is not shown: {reason_of(error)}")
             return
         model = root if root.tag == "model" else root.find("model")
         if model is None:
@@ -193,7 +168,7 @@ class _SdfReader:
             return
         name = (include.findtext("name") or attribute(model, "name")).strip()
         merge = attribute(include, "merge") in ("true", "1")
-        inner = _Scope(scope.name, scope.base, folder, _version(root), scope.depth)
+        inner = _Scope(scope.name, scope.base, path.parent, _version(root), scope.depth)
         self._add_model(model, inner, name, include, merge)
 
     def _add_link(self, link: Element, scope: _Scope) -> None:
@@ -279,7 +254,10 @@ class _SdfReader:
         direction, kind = unit_axis((x, y, z), kind, where, self._warnings)
         motion = None
         if kind is not None:
-            motion = Joint(name, kind, NEUTRAL[kind], self._limits_of(axis, where), self._mimic(axis, scope, where))
+            mimic = axis.find("mimic") if axis is not None else None
+            rule = read_mimic(None if mimic is None else with_attributes(mimic), where, self._warnings)
+            rule = None if rule is None else replace(rule, joint=scoped(scope.name, rule.joint))
+            motion = Joint(name, kind, NEUTRAL[kind], self._limits_of(axis, where), rule)
         return LinkJoint(
             name,
             parent,
@@ -313,16 +291,6 @@ class _SdfReader:
             infinite = text.lstrip("+-") in ("inf", "infinity")
             values.append(default if infinite else numbers(texts, name, (default,), where, self._warnings)[0])
         return (values[0], values[1]) if max(map(abs, values)) < 1e16 else None
-
-    def _mimic(self, axis: Element | None, scope: _Scope, where: str) -> Mimic | None:
-        mimic = axis.find("mimic") if axis is not None else None
-        if mimic is None:
-            return None
-        texts = with_attributes(mimic)
-        (multiplier,) = numbers(texts, "multiplier", (1.0,), where, self._warnings)
-        (offset,) = numbers(texts, "offset", (0.0,), where, self._warnings)
-        (reference,) = numbers(texts, "reference", (0.0,), where, self._warnings)
-        return Mimic(scoped(scope.name, attribute(mimic, "joint")), (offset, multiplier), reference)
 
 
 def _resolve(scope: _Scope, name: str) -> str:

@@ -5,8 +5,6 @@ Elements and attributes that are invalid are left out or get a default, with a w
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from scenegate.robots.errors import RobotFileError, no_links
 from scenegate.robots.limits import RobotFileLimits, check_count
 from scenegate.robots.link_model import Link, LinkModel
@@ -33,13 +31,20 @@ def parse_urdf(root: Element, use: GeometryUse, limits: RobotFileLimits, warning
     check_count(len(link_elements), limits.max_links, "links")
     check_count(len(joint_elements), limits.max_links, "joints")
     check_count(sum(len(link.findall(use)) for link in link_elements), limits.max_geometries, "geometries")
-    links = tuple(_links(link_elements, UrdfGeometryReader(root, use, warnings), warnings))
+    reader = UrdfGeometryReader(root, use, warnings)
+    links: dict[str, Link] = {}
+    for element in link_elements:
+        name = attribute(element, "name")
+        if not name:
+            warnings.append("a <link> has no name, it is left out")
+            continue
+        if name in links:
+            raise RobotFileError(f"two links are called {name!r}")
+        links[name] = Link(name, reader.geometries(element, name))
     if not links:
         raise no_links(warnings)
-    names = [link.name for link in links]
-    _check_names(names)
-    joints = UrdfJointReader(names, warnings).read(joint_elements)
-    return LinkModel(attribute(root, "name"), links, joints)
+    joints = UrdfJointReader(links, warnings).read(joint_elements)
+    return LinkModel(attribute(root, "name"), tuple(links.values()), joints)
 
 
 def _check_attributes(element: Element, limit: int) -> None:
@@ -48,20 +53,3 @@ def _check_attributes(element: Element, limit: int) -> None:
             raise RobotFileError(
                 f"{name[:60]}={text[:60]!r}... of <{element.tag[:60]}> has {len(text)} characters, the limit is {limit}"
             )
-
-
-def _links(elements: list[Element], reader: UrdfGeometryReader, warnings: list[str]) -> Iterator[Link]:
-    for element in elements:
-        name = attribute(element, "name")
-        if name:
-            yield Link(name, reader.geometries(element, name))
-        else:
-            warnings.append("a <link> has no name, it is left out")
-
-
-def _check_names(names: list[str]) -> None:
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            raise RobotFileError(f"two links are called {name!r}")
-        seen.add(name)

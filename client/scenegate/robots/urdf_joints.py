@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from typing import Final
 
 from scenegate.robots.errors import name_hint
@@ -26,13 +26,13 @@ _KINDS: Final[dict[str, JointKind | None]] = {
 class UrdfJointReader:
     """Reads the joints of a robot."""
 
-    def __init__(self, links: Sequence[str], warnings: list[str]) -> None:
+    def __init__(self, links: Collection[str], warnings: list[str]) -> None:
         """
         Args:
             links: Names of the links.
             warnings: Warnings are appended to this list.
         """
-        self._links = dict.fromkeys(links)
+        self._links = links
         self._warnings = warnings
 
     def read(self, elements: list[Element]) -> tuple[LinkJoint, ...]:
@@ -68,25 +68,24 @@ class UrdfJointReader:
         axis, kind = unit_axis((x, y, z), kind, where, self._warnings)
         motion = None
         if kind is not None:
-            limits = self._limits(element, where) if urdf_type in ("revolute", "prismatic") else None
-            motion = Joint(name, kind, NEUTRAL[kind], limits, self._mimic(element, where))
+            limit, limits = element.find("limit"), None
+            if urdf_type in ("revolute", "prismatic") and limit is not None:
+                (lower,) = numbers(limit, "lower", (0.0,), where, self._warnings)
+                (upper,) = numbers(limit, "upper", (0.0,), where, self._warnings)
+                limits = lower, upper
+            mimic = read_mimic(element.find("mimic"), where, self._warnings)
+            motion = Joint(name, kind, NEUTRAL[kind], limits, mimic)
         yield LinkJoint(name, ends[0], ends[1], origin(element, where, self._warnings), axis, motion)
 
-    def _limits(self, element: Element, where: str) -> tuple[float, float] | None:
-        limit = element.find("limit")
-        if limit is None:
-            return None
-        (lower,) = numbers(limit, "lower", (0.0,), where, self._warnings)
-        (upper,) = numbers(limit, "upper", (0.0,), where, self._warnings)
-        return lower, upper
 
-    def _mimic(self, element: Element, where: str) -> Mimic | None:
-        mimic = element.find("mimic")
-        if mimic is None:
-            return None
-        (multiplier,) = numbers(mimic, "multiplier", (1.0,), where, self._warnings)
-        (offset,) = numbers(mimic, "offset", (0.0,), where, self._warnings)
-        return Mimic(attribute(mimic, "joint"), (offset, multiplier))
+def read_mimic(mimic: Element | None, where: str, warnings: list[str]) -> Mimic | None:
+    """Return the rule of a ``<mimic>``; None if there is none. Only SDF has a ``reference``."""
+    if mimic is None:
+        return None
+    (multiplier,) = numbers(mimic, "multiplier", (1.0,), where, warnings)
+    (offset,) = numbers(mimic, "offset", (0.0,), where, warnings)
+    (reference,) = numbers(mimic, "reference", (0.0,), where, warnings)
+    return Mimic(attribute(mimic, "joint"), (offset, multiplier), reference)
 
 
 def joint_kind(name: str, kinds: Mapping[str, JointKind | None], where: str, warnings: list[str]) -> JointKind | None:
