@@ -18,6 +18,7 @@ from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension
 from gateway.gltf.schema import Document, MeshoptCompression
 from renderers.stop import check_stop
+from scenegate.regular_files import reason_of
 
 Resolver = Callable[[str], bytes]
 """Function that returns the bytes of a file, given its relative URI (percent-decoded).
@@ -195,8 +196,7 @@ class Buffers:
         try:
             data = self._resolve(unquote(uri))
         except (OSError, ValueError, LookupError) as error:
-            reason = error.strerror if isinstance(error, OSError) else error  # without the path, for clients
-            raise GltfError(f"{path}: cannot read '{short_uri}': {reason}") from error
+            raise GltfError(f"{path}: cannot read '{short_uri}': {reason_of(error)}") from error
         self.count_bytes(len(data), path)
         return _hashed(data)
 

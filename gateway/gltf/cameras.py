@@ -49,17 +49,17 @@ def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes, warning
             continue
         with as_warning(warnings, "the node has no camera"):
             source = checked_item(sources, node.camera, "cameras", f"nodes[{index}].camera")
-            perspective = source.perspective
-            projection = perspective or source.orthographic
+            perspective = source.perspective or schema.Projection()
+            orthographic = (None if source.perspective else source.orthographic) or schema.Projection()
             camera = GltfCamera(
                 index=node.camera,
                 name=source.name or node.name or "",
                 X_world_camera=_optical_pose(X_world_node),
-                yfov=None if perspective is None else perspective.yfov,
-                xmag=None if perspective is not None or source.orthographic is None else source.orthographic.xmag,
-                znear=0.0 if projection is None or projection.znear is None else projection.znear,
-                zfar=None if projection is None else projection.zfar,
-                aspect=None if perspective is None else perspective.aspect_ratio,
+                yfov=perspective.yfov,
+                xmag=orthographic.xmag,
+                znear=perspective.znear or orthographic.znear or 0.0,
+                zfar=perspective.zfar if source.perspective else orthographic.zfar,
+                aspect=perspective.aspect_ratio,
             )
             cameras.append(camera)
     return tuple(cameras)

@@ -54,7 +54,8 @@ def expand_mesh_nodes(
     skins = _Skins(document, nodes, accessors)
     weights_of_mesh: dict[int, tuple[float, ...]] = {}
     poses: dict[int, Pose] = {}
-    added = _AddedNodes(nodes, limits)
+    added: list[tuple[int, int, NDArray[np.float64]]] = []
+    count = len(nodes.indices)
     for position, source in enumerate(nodes.sources):
         if source.mesh is None or not has_own_parts(source):
             continue
@@ -68,76 +69,49 @@ def expand_mesh_nodes(
                     mesh = checked_item(document.meshes, source.mesh, "meshes", f"{name}.mesh")
                     weights_of_mesh[source.mesh] = tuple(mesh.weights or ())
                 weights = weights_of_mesh[source.mesh]
-            positions, joint_matrices = range(position, position + 1), None
+            matrices, parent, joint_matrices = None, -1, None
             if source.skin is not None:
                 X_world_mesh, joint_matrices = skins.get(source.skin, f"{name}.skin")
-                positions = added.add(position, -1, X_world_mesh[None])
+                matrices = X_world_mesh[None]
                 if INSTANCING in (source.extensions or {}):
                     warnings.append(f"{name}.extensions.{INSTANCING}: ignored, as the mesh has a skin")
             elif instancing := extension(source.extensions, INSTANCING, schema.Instancing, name, warnings):
                 matrices = _instance_matrices(instancing, accessors, limits, f"{name}.extensions.{INSTANCING}")
-                positions = added.add(position, position, matrices)
-            poses |= dict.fromkeys(positions, Pose(weights, joint_matrices))
-    return added.nodes(), poses
+                parent = position
+            if matrices is None:
+                poses[position] = Pose(weights, joint_matrices)
+                continue
+            if count + len(matrices) > limits.max_nodes:
+                raise GltfLimitError(f"{name}: the scene has more nodes than max_nodes = {limits.max_nodes}")
+            added.append((position, parent, matrices))
+            poses |= dict.fromkeys(range(count, count + len(matrices)), Pose(weights, joint_matrices))
+            count += len(matrices)
+    return _with_nodes(nodes, added), poses
 
 
-class _AddedNodes:
-    """Nodes that are added to those of a scene."""
+def _with_nodes(nodes: SceneNodes, added: list[tuple[int, int, NDArray[np.float64]]]) -> SceneNodes:
+    """Return the nodes, followed by new ones that have the meshes of some of them.
 
-    def __init__(self, nodes: SceneNodes, limits: GltfLimits) -> None:
-        self._nodes = nodes
-        self._limits = limits
-        self._indices = list(nodes.indices)
-        self._sources = list(nodes.sources)
-        self._parents = list(nodes.parents)
-        self._meshes = list(nodes.meshes)
-        self._X_parent_node = [nodes.X_parent_node]
-        self._X_world_node = [nodes.X_world_node]
-
-    def add(self, position: int, parent: int, X_parent_node: NDArray[np.float64]) -> range:
-        """Move the mesh of the node at ``position`` to new nodes.
-
-        Args:
-            parent: Position of the parent of the new nodes; -1 for roots.
-            X_parent_node: (N, 4, 4), poses in the frame of the parent.
-
-        Returns:
-            The positions of the new nodes.
-
-        Raises:
-            GltfLimitError: ``max_nodes`` is exceeded.
-        """
-        first, count = len(self._indices), len(X_parent_node)
-        index, mesh = self._indices[position], self._meshes[position]
-        if first + count > self._limits.max_nodes:
-            raise GltfLimitError(f"nodes[{index}]: the scene has more nodes than max_nodes = {self._limits.max_nodes}")
-        source = schema.Node(name=self._sources[position].name, mesh=mesh)
-        self._indices += [index] * count
-        self._sources += [source] * count
-        self._parents += [parent] * count
-        self._meshes[position] = None
-        self._meshes += [mesh] * count
-        self._X_parent_node.append(X_parent_node)
+    Args:
+        added: Position of the node whose mesh moves to new ones; position of their parent, -1 for roots; and their
+            poses in the frame of the parent, (N, 4, 4).
+    """
+    if not added:
+        return nodes
+    indices, sources, parents, meshes = [*nodes.indices], [*nodes.sources], [*nodes.parents], [*nodes.meshes]
+    X_world_node = [nodes.X_world_node]
+    for position, parent, X_parent_node in added:
+        count, mesh = len(X_parent_node), meshes[position]
+        indices += [indices[position]] * count
+        sources += [schema.Node(name=sources[position].name, mesh=mesh)] * count
+        parents += [parent] * count
+        meshes[position] = None
+        meshes += [mesh] * count
+        X_world_parent = IDENTITY if parent < 0 else nodes.X_world_node[parent]
         with np.errstate(all="ignore"):
-            X_world_parent = IDENTITY if parent < 0 else self._nodes.X_world_node[parent]
-            self._X_world_node.append(
-                affine_product(np.broadcast_to(X_world_parent, X_parent_node.shape), X_parent_node)
-            )
-        return range(first, first + count)
-
-    def nodes(self) -> SceneNodes:
-        """Return all nodes."""
-        if len(self._X_parent_node) == 1:
-            return self._nodes
-        return SceneNodes(
-            self._indices,
-            self._sources,
-            self._parents,
-            self._meshes,
-            np.concatenate(self._X_parent_node),
-            np.concatenate(self._X_world_node),
-            self._nodes.warnings,
-        )
+            X_world_node.append(affine_product(np.broadcast_to(X_world_parent, X_parent_node.shape), X_parent_node))
+    X_parent_nodes = np.concatenate([nodes.X_parent_node, *(X_parent_node for _, _, X_parent_node in added)])
+    return SceneNodes(indices, sources, parents, meshes, X_parent_nodes, np.concatenate(X_world_node), nodes.warnings)
 
 
 class _Skins:

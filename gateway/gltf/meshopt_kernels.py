@@ -6,15 +6,16 @@ indices may be any number, and are checked where meshes are read.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
-from renderers.compiler.device_function import device_function
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pointers import address_of, i64_at, u8_at, u32_at
+from renderers.compiler.pointers import address_of, advance, stack_array, u8_at, u32_at
 from renderers.stop import current_stop
 
 ATTRIBUTES_HEADER: Final = 0xA0
@@ -38,6 +39,10 @@ _STEPS_PER_STOP_CHECK: Final = 1 << 16
 """Triangles or indices that a kernel decodes between two checks of the ``StopFlag``."""
 
 
+_fifos: Final = stack_array(types.int64, 3 * _FIFO)
+T = TypeVar("T", bound=np.generic)
+
+
 class MeshoptError(ValueError):
     """The stream cannot be decoded."""
 
@@ -56,65 +61,31 @@ def decode_attributes(stream: NDArray[np.uint8], count: int, size: int) -> NDArr
     Raises:
         MeshoptError: The stream has another header, is truncated, or has bytes after its end.
     """
-    _check_header(stream, ATTRIBUTES_HEADER)
-    elements = np.empty((count, size), np.uint8)
-    stop = current_stop()
-    status = _decode_attributes(
-        *(address_of(stream, np.uint8), len(stream), address_of(elements, np.uint8), count, size, stop.address)
-    )
-    stop.check()
-    _check_status(status)
-    return elements
+    return _decoded(_decode_attributes, ATTRIBUTES_HEADER, stream, np.empty((count, size), np.uint8), count, size)
 
 
 def decode_triangles(stream: NDArray[np.uint8], count: int) -> NDArray[np.uint32]:
-    """Decode a stream of mode ``TRIANGLES``.
-
-    Args:
-        stream: (N,) uint8.
-        count: Number of vertex indices, a multiple of 3.
-
-    Returns:
-        (count,) uint32.
-
-    Raises:
-        MeshoptError: As for ``decode_attributes``.
-    """
-    _check_header(stream, TRIANGLES_HEADER)
-    indices = np.empty(count, np.uint32)
-    fifo = np.full((3, _FIFO), -1, np.int64)
-    stop = current_stop()
-    status = _decode_triangles(
-        *(address_of(stream, np.uint8), len(stream), address_of(indices, np.uint32), count // 3),
-        *(address_of(fifo, np.int64), stop.address),
-    )
-    stop.check()
-    _check_status(status)
-    return indices
+    """Decode a stream of mode ``TRIANGLES``: ``count`` vertex indices, a multiple of 3; as ``decode_attributes``."""
+    return _decoded(_decode_triangles, TRIANGLES_HEADER, stream, np.empty(count, np.uint32), count // 3)
 
 
 def decode_indices(stream: NDArray[np.uint8], count: int) -> NDArray[np.uint32]:
-    """Decode a stream of mode ``INDICES``: ``count`` vertex indices, as ``decode_triangles``."""
-    _check_header(stream, INDICES_HEADER)
-    indices = np.empty(count, np.uint32)
-    stop = current_stop()
-    status = _decode_indices(
-        *(address_of(stream, np.uint8), len(stream), address_of(indices, np.uint32), count, stop.address)
-    )
-    stop.check()
-    _check_status(status)
-    return indices
+    """Decode a stream of mode ``INDICES``: ``count`` vertex indices; as ``decode_attributes``."""
+    return _decoded(_decode_indices, INDICES_HEADER, stream, np.empty(count, np.uint32), count)
 
 
-def _check_header(stream: NDArray[np.uint8], expected: int) -> None:
-    if len(stream) == 0 or stream[0] != expected:
+def _decoded(kernel: Any, header: int, stream: NDArray[np.uint8], result: NDArray[T], *sizes: int) -> NDArray[T]:
+    """Return ``result`` after a kernel has decoded a stream into it. ``sizes`` are the kernel's other arguments."""
+    if len(stream) == 0 or stream[0] != header:
         found = f"0x{stream[0]:02x}" if len(stream) else "nothing"
-        raise MeshoptError(f"the stream starts with {found} instead of 0x{expected:02x}")
-
-
-def _check_status(status: int) -> None:
+        raise MeshoptError(f"the stream starts with {found} instead of 0x{header:02x}")
+    stop = current_stop()
+    addresses = address_of(stream, np.uint8), len(stream), address_of(result, result.dtype)
+    status = kernel(*addresses, *sizes, stop.address)
+    stop.check()
     if status != _OK:
         raise MeshoptError(_ERRORS[status])
+    return result
 
 
 @kernel("int64(int64, int64, int64, int64, int64, int64)")
@@ -184,98 +155,104 @@ def _read_varint(stream, position, end):
     return value, position
 
 
-@kernel("int64(int64, int64, int64, int64, int64, int64)")
-def _decode_triangles(stream_at, stream_size, indices_at, triangle_count, fifo_at, stop_at):
+@inlined
+def _triangle_digits(stream, code, position, end):
+    """Return the digits of the three vertices, for a code without a shared edge, and the position after them."""
+    if code < 0xFE:  # one of the pairs in the table at the end
+        digits = np.int64(stream[end + (code & 15)])
+        return 0, digits >> 4, digits & 15, position
+    digits = np.int64(stream[position])
+    return (0 if code == 0xFE else 15), digits >> 4, digits & 15, position + 1
+
+
+@inlined
+def _vertex_of(digit, stream, position, end, recent, next_vertex, last_explicit):
+    """Return the vertex of a digit, and the new values of ``position``, ``next_vertex`` and ``last_explicit``.
+
+    A digit of 0 is the next vertex that was not used before. 15 is a vertex that is stored as the zigzag-coded
+    difference from the last explicit one. Others count back in the FIFO: they are the vertex ``recent``.
+    """
+    if digit == 0:
+        return next_vertex, position, next_vertex + 1, last_explicit
+    if digit == 15:
+        difference, position = _read_varint(stream, position, end)
+        last_explicit += (difference >> 1) ^ -(difference & 1)
+        return last_explicit, position, next_vertex, last_explicit
+    return recent, position, next_vertex, last_explicit
+
+
+@inlined
+def _push(fifo, end, value):
+    """Replace the oldest value of a FIFO, and return the index of the next one."""
+    fifo[end] = value
+    return (end + 1) & (_FIFO - 1)
+
+
+@inlined
+def _push_edge(edges_a, edges_b, end, a, b):
+    """Replace the oldest edge by the one from a to b, and return the index of the next one."""
+    edges_a[end], edges_b[end] = a, b
+    return (end + 1) & (_FIFO - 1)
+
+
+@kernel("int64(int64, int64, int64, int64, int64)")
+def _decode_triangles(stream_at, stream_size, indices_at, triangle_count, stop_at):
     """Write the result of ``decode_triangles``; return ``_OK`` or an error.
 
-    Each triangle has a code byte of two hexadecimal digits. A high digit below 15 is one of the last 16 edges, and the
-    low digit is the third vertex. Otherwise, each of the three vertices has a digit. A digit of 0 is the next vertex
-    that was not used before, 15 a vertex that is stored explicitly; others are one of the last 16 vertices.
-
-    Args:
-        fifo_at: address of scratch memory: (3, 16) int64, all -1. The last edges' first and second vertices, and the
-            last vertices.
+    Each triangle has a code byte. If its high digit is below 15, it shares one of the last 16 edges, and the low digit
+    is the third vertex; of these, 13 and 14 are the vertices before and after the last explicit one. Otherwise each of
+    the three vertices has a digit.
     """
     stream, indices = u8_at(stream_at), u32_at(indices_at)
-    edge_a, edge_b, vertices = i64_at(fifo_at), i64_at(fifo_at + 8 * _FIFO), i64_at(fifo_at + 16 * _FIFO)
+    edges_a = _fifos()
+    edges_b, vertices = advance(edges_a, _FIFO), advance(edges_a, 2 * _FIFO)
+    for k in range(3 * _FIFO):
+        edges_a[k] = -1
     end = stream_size - _CODE_TABLE_BYTES
     position = 1 + triangle_count
-    if position > end:
-        return _TRUNCATED
-    edge_end = vertex_end = next_vertex = last_vertex = 0
+    edge_end = vertex_end = next_vertex = last_explicit = 0
     for triangle in range(triangle_count):
+        if position > end:
+            return _TRUNCATED
         if triangle % _STEPS_PER_STOP_CHECK == 0 and is_set(stop_at):
             return _OK
         code = np.int64(stream[1 + triangle])
-        shared_edge = code < 0xF0
-        if shared_edge:
+        shares_edge = code < 0xF0
+        if shares_edge:
             k = (edge_end - 1 - (code >> 4)) & (_FIFO - 1)
-            a, b = edge_a[k], edge_b[k]
-            digit_a, digits = 1, 0x10 | (code & 15)
+            a, b, c_digit = edges_a[k], edges_b[k], code & 15
+            recent = vertices[(vertex_end - 1 - c_digit) & (_FIFO - 1)]
         else:
-            a = b = np.int64(0)
-            digit_a = 0
-            if code < 0xFE:
-                digits = np.int64(stream[end + (code & 15)])
-            else:
-                if position >= end:
-                    return _TRUNCATED
-                digits = np.int64(stream[position])
-                position += 1
-                digit_a = 0 if code == 0xFE else 15
-                if digits == 0:
-                    next_vertex = 0
-        digit_b, digit_c = digits >> 4, digits & 15
-        # The vertices in the FIFO are those before this triangle. Digit 0 is the next new vertex.
-        if not shared_edge:
-            if digit_a == 0:
-                a = next_vertex
-                next_vertex += 1
-            if digit_b == 0:
-                b = next_vertex
-                next_vertex += 1
-            elif digit_b < 15:
-                b = vertices[(vertex_end - digit_b) & (_FIFO - 1)]
-        c = 0
-        if digit_c == 0:
-            c = next_vertex
-            next_vertex += 1
-        elif shared_edge and digit_c >= 13:  # 13, 14: before and after the last explicit vertex
-            if digit_c < 15:
-                last_vertex += 1 if digit_c == 14 else -1
-                c = last_vertex
-        elif digit_c < 15:
-            k = vertex_end - 1 - digit_c if shared_edge else vertex_end - digit_c
-            c = vertices[k & (_FIFO - 1)]
-        # An explicit vertex is stored as the zigzag-coded difference from the last explicit one.
-        if digit_a == 15:
-            difference, position = _read_varint(stream, position, end)
-            last_vertex += (difference >> 1) ^ -(difference & 1)
-            a = last_vertex
-        if not shared_edge and digit_b == 15:
-            difference, position = _read_varint(stream, position, end)
-            last_vertex += (difference >> 1) ^ -(difference & 1)
-            b = last_vertex
-        if digit_c == 15:
-            difference, position = _read_varint(stream, position, end)
-            last_vertex += (difference >> 1) ^ -(difference & 1)
-            c = last_vertex
+            a_digit, b_digit, c_digit, position = _triangle_digits(stream, code, position, end)
+            if code >= 0xFE and b_digit == 0 and c_digit == 0:
+                next_vertex = 0
+            newest = vertices[(vertex_end - b_digit) & (_FIFO - 1)]
+            recent = vertices[(vertex_end - c_digit) & (_FIFO - 1)]
+            a, position, next_vertex, last_explicit = _vertex_of(
+                a_digit, stream, position, end, newest, next_vertex, last_explicit
+            )
+            b, position, next_vertex, last_explicit = _vertex_of(
+                b_digit, stream, position, end, newest, next_vertex, last_explicit
+            )
+            vertex_end = _push(vertices, vertex_end, a)
+            if b_digit == 0 or b_digit == 15:
+                vertex_end = _push(vertices, vertex_end, b)
+            edge_end = _push_edge(edges_a, edges_b, edge_end, b, a)
+        beside_explicit = shares_edge and 13 <= c_digit < 15
+        if beside_explicit:
+            last_explicit += 2 * c_digit - 27
+            c = last_explicit
+        else:
+            c, position, next_vertex, last_explicit = _vertex_of(
+                c_digit, stream, position, end, recent, next_vertex, last_explicit
+            )
         indices[3 * triangle], indices[3 * triangle + 1], indices[3 * triangle + 2] = a, b, c
-        if not shared_edge:
-            vertices[vertex_end] = a
-            vertex_end = (vertex_end + 1) & (_FIFO - 1)
-            if digit_b == 0 or digit_b == 15:
-                vertices[vertex_end] = b
-                vertex_end = (vertex_end + 1) & (_FIFO - 1)
-            edge_a[edge_end], edge_b[edge_end] = b, a
-            edge_end = (edge_end + 1) & (_FIFO - 1)
-        if digit_c == 0 or digit_c == 15 or (shared_edge and digit_c >= 13):
-            vertices[vertex_end] = c
-            vertex_end = (vertex_end + 1) & (_FIFO - 1)
-        edge_a[edge_end], edge_b[edge_end] = c, b
-        edge_end = (edge_end + 1) & (_FIFO - 1)
-        edge_a[edge_end], edge_b[edge_end] = a, c
-        edge_end = (edge_end + 1) & (_FIFO - 1)
+        if c_digit == 0 or c_digit == 15 or beside_explicit:
+            vertex_end = _push(vertices, vertex_end, c)
+        edge_end = _push_edge(edges_a, edges_b, edge_end, c, b)
+        edge_end = _push_edge(edges_a, edges_b, edge_end, a, c)
+    if position > end:
+        return _TRUNCATED
     return _OK if position == end else _TRAILING_BYTES
 
 

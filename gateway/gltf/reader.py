@@ -33,7 +33,7 @@ from gateway.gltf.meshes import Meshes
 from gateway.gltf.nodes import NodeParts, SceneNodes, read_nodes
 from gateway.gltf.parser import check_version, parse_document
 from gateway.gltf.scene import GltfScene
-from gateway.gltf.schema import DRAKE_MERGER, Document, Mesh, Primitive
+from gateway.gltf.schema import DRAKE_MERGER, Document, Mesh
 from gateway.gltf.textures import Textures
 from gateway.scene.geometry import Part, Surface
 from renderers.cache import CacheBudget
@@ -105,11 +105,25 @@ def read_gltf(
     check_extensions(document, warnings)
     if has_posed_nodes:
         nodes, poses = expand_mesh_nodes(document, nodes, accessors, limits, warnings)
-    draco_meshes = DracoMeshes(document, buffers, limits)
-    meshes = Meshes(accessors, draco_meshes, cache.content, limits, warnings)
+    meshes = Meshes(accessors, DracoMeshes(document, buffers, limits), cache.content, limits, warnings)
     images = Textures(document, buffers, cache.content, limits, warnings, enabled=textures, decodes=decode_images)
     materials = Materials(document, images, warnings, variant)
-    content = _read_content(document, nodes, mesh_names, poses, meshes, materials, limits, warnings)
+    lights = read_lights(document, warnings)
+    reader = _PartReader(document, meshes, materials, limits)
+    parts, posed_parts = reader.read(nodes, poses)
+    warnings += reader.left_out
+    content = DocumentContent(
+        generator=document.generator,
+        cameras=document.cameras or [],
+        lights=lights,
+        parts=parts,
+        posed_parts=posed_parts,
+        mesh_names=mesh_names,
+        element_counts={mesh: _element_count(mesh_parts) for mesh, mesh_parts in parts.items()},
+        morphed_mesh_count=sum(isinstance(mesh, Mesh) and any(mesh.weights or ()) for mesh in document.meshes or ()),
+        warnings=tuple(warnings),
+        mesh_bytes=meshes.nbytes,
+    )
     check_stop()
     scene = _combine(content, nodes, limits)
     is_flawed = has_wrong_types or nodes.warnings or len(content.warnings) > _MAX_LISTED_WARNINGS
@@ -129,85 +143,76 @@ def read_mesh_names(data: bytes, limits: GltfLimits | None = None) -> frozenset[
     return frozenset(read_nodes(document, limits).mesh_names(document.meshes).values())
 
 
-def _read_content(
-    document: Document,
-    nodes: SceneNodes,
-    mesh_names: Mapping[int, str],
-    poses: Mapping[int, Pose],
-    meshes: Meshes,
-    materials: Materials,
-    limits: GltfLimits,
-    warnings: list[str],
-) -> DocumentContent:
-    """Read everything but the nodes: the meshes in use with their materials, the cameras and the lights.
+class _PartReader:
+    """Reads the primitives of the meshes in use as parts. What is invalid is left out with a warning."""
 
-    Args:
-        mesh_names: Names of the meshes in use, by mesh index.
-        poses: Poses of the nodes with parts of their own, by position in ``nodes``.
+    def __init__(self, document: Document, meshes: Meshes, materials: Materials, limits: GltfLimits) -> None:
+        self._document = document
+        self._meshes = meshes
+        self._materials = materials
+        self._limits = limits
+        self._primitive_count = 0
+        self._any_read = False
+        self.left_out: list[str] = []
+        """Sentences about primitives that are left out."""
 
-    Raises:
-        GltfError: A limit is exceeded, or nothing can be drawn. If something can be drawn, invalid primitives are left
-            out with a warning.
-    """
-    lights = read_lights(document, warnings)
-    parts: dict[int, tuple[Part, ...]] = {}
-    posed_parts: dict[int, tuple[Part, ...]] = {}
-    parts_in_pose: dict[tuple[int, Pose], tuple[Part, ...]] = {}  # the instances of a node share a pose
-    primitive_count = 0
-    missing: list[str] = []
-    left_out: list[str] = []
-    any_read = False
-    for position, mesh_index in enumerate(nodes.meshes):
-        own_pose = poses.get(position)
-        if mesh_index is None or (own_pose is None and mesh_index in parts):
-            continue
-        if own_pose is not None and (mesh_index, own_pose) in parts_in_pose:
-            posed_parts[position] = parts_in_pose[mesh_index, own_pose]
-            continue
-        pose = own_pose or REST
-        primitives: list[Primitive | None] = []
-        with as_warning(missing, "the node has no mesh"):
-            mesh = checked_item(document.meshes, mesh_index, "meshes", f"nodes[{nodes.indices[position]}].mesh")
-            primitives = mesh.primitives or []
-            if not primitives:
-                raise GltfError(f"meshes[{mesh_index}].primitives: there are none")
-            if own_pose is None and not document.merged_by_drake:
-                pose = Pose(tuple(mesh.weights or ()))
-        primitive_count += len(primitives)
-        if primitive_count > limits.max_primitives:
-            raise GltfLimitError(f"meshes[{mesh_index}]: more primitives than max_primitives = {limits.max_primitives}")
-        mesh_parts: list[Part] = []
-        for number, primitive in enumerate(primitives):
-            name = f"meshes[{mesh_index}].primitives[{number}]"
+    def read(
+        self, nodes: SceneNodes, poses: Mapping[int, Pose]
+    ) -> tuple[dict[int, tuple[Part, ...]], dict[int, tuple[Part, ...]]]:
+        """Return the parts by mesh index, and those of nodes with a pose of their own by position in ``nodes``.
+
+        Args:
+            poses: Poses of the nodes with parts of their own, by position in ``nodes``.
+
+        Raises:
+            GltfError: A limit is exceeded, or nothing can be drawn.
+        """
+        parts: dict[int, tuple[Part, ...]] = {}
+        posed_parts: dict[int, tuple[Part, ...]] = {}
+        parts_in_pose: dict[tuple[int, Pose], tuple[Part, ...]] = {}  # the instances of a node share a pose
+        missing: list[str] = []
+        for position, mesh_index in enumerate(nodes.meshes):
+            pose = poses.get(position)
+            if mesh_index is None or (pose is None and mesh_index in parts):
+                continue
+            if pose is not None and (mesh_index, pose) in parts_in_pose:
+                posed_parts[position] = parts_in_pose[mesh_index, pose]
+                continue
+            mesh = Mesh()
+            with as_warning(missing, "the node has no mesh"):
+                path = f"nodes[{nodes.indices[position]}].mesh"
+                mesh = checked_item(self._document.meshes, mesh_index, "meshes", path)
+                if not mesh.primitives:
+                    raise GltfError(f"meshes[{mesh_index}].primitives: there are none")
+            if pose is None:
+                at_rest = REST if self._document.merged_by_drake else Pose(tuple(mesh.weights or ()))
+                parts[mesh_index] = self._parts_of(mesh, mesh_index, at_rest)
+            else:
+                posed_parts[position] = parts_in_pose[mesh_index, pose] = self._parts_of(mesh, mesh_index, pose)
+        if not self._any_read and (missing or self.left_out):
+            raise GltfError(f"nothing can be drawn: {joined_warnings(missing + self.left_out)}")
+        nodes.warnings.extend(missing)
+        return parts, posed_parts
+
+    def _parts_of(self, mesh: Mesh, index: int, pose: Pose) -> tuple[Part, ...]:
+        """Return the parts of ``meshes[index]`` in a pose."""
+        primitives, parts = mesh.primitives or [], []
+        self._primitive_count += len(primitives)
+        if self._primitive_count > self._limits.max_primitives:
+            limit = self._limits.max_primitives
+            raise GltfLimitError(f"meshes[{index}]: more primitives than max_primitives = {limit}")
+        for number in range(len(primitives)):
+            name = f"meshes[{index}].primitives[{number}]"
             try:
                 primitive = checked_item(primitives, number, "primitives", name)
-                smooth = materials.is_from_vtk(primitive)
-                if (surface := meshes.read(primitive, name, pose, smooth=smooth)) is not None:
-                    mesh_parts.append(Part(Surface(surface), materials.get(primitive, name)))
-                any_read = True
+                smooth = self._materials.is_from_vtk(primitive)
+                if (surface := self._meshes.read(primitive, name, pose, smooth=smooth)) is not None:
+                    parts.append(Part(Surface(surface), self._materials.get(primitive, name)))
+                self._any_read = True
             except GltfError:
-                with as_warning(left_out, f"{name} is left out"):
+                with as_warning(self.left_out, f"{name} is left out"):
                     raise
-        if own_pose is not None:
-            posed_parts[position] = parts_in_pose[mesh_index, own_pose] = tuple(mesh_parts)
-        else:
-            parts[mesh_index] = tuple(mesh_parts)
-    if not any_read and (missing or left_out):
-        raise GltfError(f"nothing can be drawn: {joined_warnings(missing + left_out)}")
-    nodes.warnings.extend(missing)
-    warnings += left_out
-    return DocumentContent(
-        generator=document.generator,
-        cameras=document.cameras or [],
-        lights=lights,
-        parts=parts,
-        posed_parts=posed_parts,
-        mesh_names=mesh_names,
-        element_counts={mesh: _element_count(mesh_parts) for mesh, mesh_parts in parts.items()},
-        morphed_mesh_count=sum(isinstance(mesh, Mesh) and any(mesh.weights or ()) for mesh in document.meshes or ()),
-        warnings=tuple(warnings),
-        mesh_bytes=meshes.nbytes,
-    )
+        return tuple(parts)
 
 
 def _combine(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) -> GltfScene:

@@ -76,21 +76,18 @@ class Mesh(Object):
     weights: list[float] | None = None
 
 
-class SparseIndices(StrictObject):
+class SparseArray(StrictObject):
+    """``sparse.indices``, or ``sparse.values``, which have no component type of their own."""
+
     buffer_view: int | None = None
     byte_offset: int | None = None
     component_type: int | None = None
 
 
-class SparseValues(StrictObject):
-    buffer_view: int | None = None
-    byte_offset: int | None = None
-
-
 class Sparse(StrictObject):
     count: int | None = None
-    indices: SparseIndices | None = None
-    values: SparseValues | None = None
+    indices: SparseArray | None = None
+    values: SparseArray | None = None
 
 
 class Accessor(StrictObject):
@@ -177,23 +174,20 @@ class Material(Object):
     pbr_metallic_roughness: MetallicRoughness | None = None
 
 
-class Perspective(Object):
+class Projection(Object):
+    """``perspective`` or ``orthographic`` of a camera."""
+
     aspect_ratio: float | None = None
-    yfov: float | None = None
-    zfar: float | None = None
-    znear: float | None = None
-
-
-class Orthographic(Object):
     xmag: float | None = None
+    yfov: float | None = None
     zfar: float | None = None
     znear: float | None = None
 
 
 class Camera(Object):
     name: str | None = None
-    orthographic: Orthographic | None = None
-    perspective: Perspective | None = None
+    orthographic: Projection | None = None
+    perspective: Projection | None = None
 
 
 class ChannelTarget(StrictObject):
