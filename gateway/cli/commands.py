@@ -7,7 +7,7 @@ import typer
 from gateway.cli import dataset
 from gateway.cli.convert import convert
 from gateway.cli.export import export
-from gateway.cli.render import render
+from gateway.cli.render import add_render
 from gateway.cli.serve import add_serve
 from gateway.cli.view import view
 
@@ -40,6 +40,8 @@ def doctor() -> None:
 
 
 add_serve(app)
-for command in (view, render, export, convert, doctor, warmup):
+app.command()(view)
+add_render(app)
+for command in (export, convert, doctor, warmup):
     app.command()(command)
 app.add_typer(dataset.app, name="dataset")
