@@ -71,6 +71,24 @@ class Catalogue:
             length += 1
         return {name: names[file] for name, file in relative.items()}
 
+    @cached_property
+    def other_files(self) -> dict[str, tuple[str, ...]]:
+        """Files of each key that names textures, lights, backgrounds or tracks, and is not empty."""
+        scenario = self.scenario
+        models = [*enumerate(scenario.models), *enumerate(scenario.distractors, len(scenario.models))]
+        keys = {
+            "materials.textures": (scenario.materials.textures if scenario.materials else "", IMAGE_SUFFIXES),
+            **{
+                f"surfaces[{index}].material.textures": (surface.material.textures, IMAGE_SUFFIXES)
+                for index, surface in enumerate(scenario.surfaces)
+            },
+            "lights.rigs": (scenario.lights.rigs, RIG_SUFFIXES),
+            "lights.environments": (scenario.lights.environments, (".hdr",)),
+            "backgrounds.images": (scenario.backgrounds.images, IMAGE_SUFFIXES),
+            **{f"track {index}": (model.joint_track or model.pose_track, (".csv",)) for index, model in models},
+        }
+        return {key: self.files(pattern, suffixes, key) for key, (pattern, suffixes) in keys.items() if pattern}
+
     def files(self, pattern: str, suffixes: tuple[str, ...], key: str) -> tuple[str, ...]:
         """Return the files of a path, folder or pattern in ascending order, relative to the scenario's folder.
 
@@ -105,17 +123,8 @@ class Catalogue:
 
         With the same digest, and the same content of files, a number means the same scene.
         """
-        scenario = self.scenario
-        materials = [scenario.materials, *(surface.material for surface in scenario.surfaces)]
-        patterns = [
-            *((each.textures, IMAGE_SUFFIXES, "textures") for each in materials if each is not None),
-            (scenario.lights.rigs, RIG_SUFFIXES, "lights"),
-            (scenario.lights.environments, (".hdr",), "lights"),
-            (scenario.backgrounds.images, IMAGE_SUFFIXES, "backgrounds.images"),
-            *((m.joint_track or m.pose_track, (".csv",), "track") for m in (*scenario.models, *scenario.distractors)),
-        ]
-        lists = [*self.models.values(), *(self.files(*each) for each in patterns if each[0])]
-        text = msgspec.json.encode([msgspec.structs.replace(scenario, scenes=1), lists])
+        lists = [*self.models.values(), *self.other_files.values()]
+        text = msgspec.json.encode([msgspec.structs.replace(self.scenario, scenes=1), lists])
         return hashlib.sha256(text).hexdigest()
 
 

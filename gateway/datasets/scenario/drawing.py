@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
 from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.arrangement import Arrangement, Candidate, load_usable
 from gateway.datasets.scenario.camera_paths import Range, draw_cameras, uniform
-from gateway.datasets.scenario.catalogue import IMAGE_SUFFIXES, RIG_SUFFIXES, Catalogue
+from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import (
     BackgroundChoice,
+    Choice,
     LampChoice,
     LightChoice,
     MaterialChoice,
@@ -28,6 +29,7 @@ from gateway.datasets.scenario.tracks import read_track
 from gateway.scene.transforms import translation
 from scenegate.datasets.manifest import Vector3, pose_rows
 
+ChoiceType = TypeVar("ChoiceType", bound=Choice)
 _STREAMS: Final = ("surfaces", "models", "distractors", "places", "cameras", "lights", "background", "sensor")
 """Sources of random numbers, each with a sequence of its own: more lights do not move the cameras."""
 
@@ -39,6 +41,18 @@ def draw_choices(catalogue: Catalogue, number: int) -> SceneChoices:
         ScenarioError: a file cannot be used, or no object could be placed.
     """
     return _Drawing(catalogue, number).choices()
+
+
+def _drawn(random: np.random.Generator, kind: type[ChoiceType], table: tables.Table, **given: Any) -> ChoiceType:
+    """Return a choice. Fields that are not given are drawn from the table's fields of that name, in their order."""
+    values = dict(given)
+    for name in kind.__struct_fields__:
+        if name not in given:
+            value = getattr(table, name)
+            if isinstance(value, tuple):
+                value = (_color if isinstance(value[0], tuple) else uniform)(random, value)
+            values[name] = value
+    return kind(**values)
 
 
 def _color(random: np.random.Generator, colors: Sequence[Vector3]) -> Vector3:
@@ -92,25 +106,17 @@ class _Drawing:
             cameras=tuple(cameras),
             light=self._light(scenario.lights),
             background=self._background(scenario.backgrounds),
-            sensor=None if scenario.sensor is None else self._sensor(scenario.sensor),
+            sensor=_drawn(self._random("sensor"), SensorChoice, scenario.sensor) if scenario.sensor else None,
             notes=tuple(arrangement.notes),
         )
 
-    def _file(self, random: np.random.Generator, pattern: str, suffixes: tuple[str, ...], key: str) -> str:
-        """Return a drawn file of a path, folder or pattern; empty if that is."""
-        if not pattern:
-            return ""
-        files = self._catalogue.files(pattern, suffixes, key)
-        return files[int(random.integers(len(files)))]
+    def _file(self, random: np.random.Generator, key: str) -> str:
+        """Return a drawn file of those that a key names; empty if it names none."""
+        files = self._catalogue.other_files.get(key)
+        return files[int(random.integers(len(files)))] if files else ""
 
     def _material(self, random: np.random.Generator, table: tables.Materials, key: str) -> MaterialChoice:
-        return MaterialChoice(
-            texture=self._file(random, table.textures, IMAGE_SUFFIXES, f"{key}.textures"),
-            texture_size=table.texture_size,
-            color=_color(random, table.color),
-            metallic=uniform(random, table.metallic),
-            roughness=uniform(random, table.roughness),
-        )
+        return _drawn(random, MaterialChoice, table, texture=self._file(random, f"{key}.textures"))
 
     def _surface(self, index: int, table: tables.Surface) -> SurfaceChoice:
         random = self._random("surfaces", index)
@@ -157,15 +163,10 @@ class _Drawing:
         lamps = []
         for lamp in table.lamps:
             direction = lamp_direction(uniform(random, lamp.azimuth), uniform(random, lamp.elevation))
-            intensity = uniform(random, lamp.intensity)
-            lamps.append(LampChoice(direction=direction, intensity=intensity, color=_color(random, lamp.color)))
-        return LightChoice(
-            rig=self._file(random, table.rigs, RIG_SUFFIXES, "lights.rigs"),
-            environment=self._file(random, table.environments, (".hdr",), "lights.environments"),
-            turn=float(np.radians(uniform(random, table.turn))),
-            intensity=uniform(random, table.intensity),
-            lamps=tuple(lamps),
-        )
+            lamps.append(_drawn(random, LampChoice, lamp, direction=direction))
+        rig, environment = (self._file(random, key) for key in ("lights.rigs", "lights.environments"))
+        turn = float(np.radians(uniform(random, table.turn)))
+        return _drawn(random, LightChoice, table, rig=rig, environment=environment, turn=turn, lamps=tuple(lamps))
 
     def _background(self, table: tables.Backgrounds) -> BackgroundChoice:
         random = self._random("background")
@@ -173,18 +174,7 @@ class _Drawing:
         if table.color is not None:
             red, green, blue = (round(255.0 * channel) for channel in _color(random, table.color))
             color = red, green, blue
-        return BackgroundChoice(
-            image=self._file(random, table.images, IMAGE_SUFFIXES, "backgrounds.images"), color=color
-        )
-
-    def _sensor(self, table: tables.Sensor) -> SensorChoice:
-        random = self._random("sensor")
-        return SensorChoice(
-            blur=uniform(random, table.blur),
-            vignetting=table.vignetting,
-            exposure=uniform(random, table.exposure),
-            gain=uniform(random, table.gain),
-        )
+        return BackgroundChoice(image=self._file(random, "backgrounds.images"), color=color)
 
 
 def _joints(random: np.random.Generator, table: tables.Model, model: LoadedModel) -> dict[str, tuple[float, ...]]:

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from gateway.datasets.scenario.catalogue import IMAGE_SUFFIXES, RIG_SUFFIXES, Catalogue
+from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import Coordinates, ObjectChoice, SceneChoices
 from gateway.datasets.scenario.tables import ScenarioError
 
@@ -39,10 +39,9 @@ def _problems(choices: SceneChoices, catalogue: Catalogue, number: int) -> Itera
     ):
         if count != wanted:
             yield f"{key}: there are {count}, the scenario has {wanted}"
-    for surface, table in zip(choices.surfaces, scenario.surfaces, strict=False):
+    for index, surface in enumerate(choices.surfaces):
         yield from _pose_problems("surfaces", surface.X_world_surface)
-        used, pattern = {surface.material.texture}, table.material.textures
-        yield from _file_problems(catalogue, "surfaces.material.texture", used, pattern, IMAGE_SUFFIXES)
+        yield from _file_problems(catalogue, f"surfaces[{index}].material.textures", {surface.material.texture})
     names: set[str] = set()
     for each in choices.objects:
         yield from _object_problems(each, catalogue)
@@ -54,16 +53,11 @@ def _problems(choices: SceneChoices, catalogue: Catalogue, number: int) -> Itera
             yield f"cameras: X_world_camera has {len(camera.X_world_camera)} poses, not 1 or one for each frame"
         for pose in camera.X_world_camera:
             yield from _pose_problems("cameras", pose)
-    materials = "" if scenario.materials is None else scenario.materials.textures
     textures = {each.material.texture for each in choices.objects if each.material is not None}
-    light, lights, image = choices.light, scenario.lights, choices.background.image
-    for key, used, pattern, suffixes in (
-        ("objects.material.texture", textures, materials, IMAGE_SUFFIXES),
-        ("light.rig", {light.rig}, lights.rigs, RIG_SUFFIXES),
-        ("light.environment", {light.environment}, lights.environments, (".hdr",)),
-        ("background.image", {image}, scenario.backgrounds.images, IMAGE_SUFFIXES),
-    ):
-        yield from _file_problems(catalogue, key, used, pattern, suffixes)
+    yield from _file_problems(catalogue, "materials.textures", textures)
+    yield from _file_problems(catalogue, "lights.rigs", {choices.light.rig})
+    yield from _file_problems(catalogue, "lights.environments", {choices.light.environment})
+    yield from _file_problems(catalogue, "backgrounds.images", {choices.background.image})
 
 
 def _object_problems(choice: ObjectChoice, catalogue: Catalogue) -> Iterator[str]:
@@ -76,11 +70,8 @@ def _object_problems(choice: ObjectChoice, catalogue: Catalogue) -> Iterator[str
     yield from _pose_problems("objects", choice.X_world_object)
 
 
-def _file_problems(
-    catalogue: Catalogue, key: str, used: set[str], pattern: str, suffixes: tuple[str, ...]
-) -> Iterator[str]:
-    used = used - {""}
-    for file in sorted(used - set(catalogue.files(pattern, suffixes, key) if used and pattern else ())):
+def _file_problems(catalogue: Catalogue, key: str, used: set[str]) -> Iterator[str]:
+    for file in sorted(used - {"", *catalogue.other_files.get(key, ())}):
         yield f"{key}: {file!r} is not among the files of the scenario"
 
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 import zlib
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
-from typing import Final
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.assets.light_rig_file import read_rig
+from gateway.assets.light_rig_file import cached_rig
 from gateway.datasets.scenario.choices import BackgroundChoice, LightChoice, SceneChoices, SensorChoice
 from gateway.datasets.scenario.materials import read_image
 from renderers.camera import Camera
@@ -26,9 +24,6 @@ from renderers.stereo.model import Intrinsics
 from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, REFERENCE_EXPOSURE, Exposure
 from renderers.stereo.sensor.noise import NoiseStream, frame_key
 from renderers.stereo.sensor.sensor_image import image_from_light
-
-_CACHED_RIGS: Final = 16
-"""Number of rigs in memory. An environment map has some megabytes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,10 +99,10 @@ def scenery_of(choices: SceneChoices, folder: Path, frame: int) -> Scenery:
 
 
 def _rig_of(light: LightChoice, folder: Path) -> Rig:
-    rig = _read_rig(folder / light.rig) if light.rig else STUDIO
+    rig = cached_rig(folder / light.rig) if light.rig else STUDIO
     surroundings = rig.surroundings
     if light.environment:
-        environment = _read_rig(folder / light.environment).surroundings  # a .hdr file is a rig of its surroundings
+        environment = cached_rig(folder / light.environment).surroundings  # a .hdr file is a rig of its surroundings
         surroundings = Surroundings(image=None if environment is None else environment.image)
     if surroundings is not None:
         surroundings = replace(surroundings, turn=surroundings.turn + light.turn)
@@ -121,11 +116,6 @@ def _rig_of(light: LightChoice, folder: Path) -> Rig:
         for lamp in light.lamps
     )
     return replace(rig, lights=lamps or rig.lights, surroundings=surroundings, exposure=rig.exposure * light.intensity)
-
-
-@lru_cache(_CACHED_RIGS)
-def _read_rig(path: Path) -> Rig:
-    return read_rig(path)
 
 
 def lamp_direction(azimuth: float, elevation: float) -> tuple[float, float, float]:
