@@ -169,6 +169,10 @@ def read_rig(path: Path) -> Rig:
         raise RigFileError(f"{path}: {error}") from None
 
 
+cached_rig: Final = functools.lru_cache(16)(read_rig)
+"""``read_rig`` with a cache of few rigs: an environment map has some megabytes."""
+
+
 def _radiance_image(path: Path) -> bytes:
     from renderers.shading.studio.environment_image import read_hdr
 

@@ -122,9 +122,9 @@ class _Models:
         """
         if key not in self._names:
             model = make_model(geometry.instances, X_model_node)
-            self._names[key] = None if model is None else self._unique(name, model.record)
+            self._names[key] = None if model is None else self._unique(name, model[0])
             if model is not None:
-                self._save(model.record, model.data)
+                self._save(*model)
         return self._names[key]
 
     def _unique(self, name: str, record: ModelRecord) -> str:

@@ -3,43 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Final, Literal
 
 import msgspec
 import numpy as np
 
-from gateway.datasets.views import Intrinsics, Matrix, View
+from gateway.datasets.views import Intrinsics, View
 from gateway.scene.cameras import CameraError
 from renderers.camera import OPENGL_FROM_OPTICAL
+from scenegate.datasets.manifest import Pose, pose_rows
 from scenegate.regular_files import errors_as, read_regular
 
 MAX_FILE_BYTES: Final = 256 << 20
 """Maximum size of the file. A camera takes about 400 bytes."""
 
-_Side = Annotated[int, msgspec.Meta(ge=1, le=16384)]
-"""Width or height in pixels."""
-_Positive = Annotated[float, msgspec.Meta(gt=0)]
-_Row = tuple[float, float, float, float]
 
-
-class _CameraEntry(msgspec.Struct, forbid_unknown_fields=True):
-    """A camera in the file. ``camera`` is a camera text; the other fields are those of ``View`` and ``Intrinsics``."""
+class _CameraEntry(Intrinsics, frozen=True, forbid_unknown_fields=True):
+    """A camera in the file: ``camera`` is a camera text, ``X_world_camera`` a pose in the ``convention``."""
 
     name: str | None = None
     camera: str | None = None
-    X_world_camera: tuple[_Row, _Row, _Row, _Row] | None = None
+    X_world_camera: Pose | None = None
     convention: Literal["optical", "opengl"] = "optical"
-    width: _Side | None = None
-    height: _Side | None = None
-    fovy: Annotated[float, msgspec.Meta(gt=0, lt=180)] | None = None
-    fx: _Positive | None = None
-    fy: _Positive | None = None
-    cx: float | None = None
-    cy: float | None = None
-    near: _Positive | None = None
-    far: _Positive | None = None
 
 
 class _FileContent(msgspec.Struct, forbid_unknown_fields=True):
@@ -79,7 +66,8 @@ def _views(entries: list[_CameraEntry], location: str) -> tuple[View, ...]:
     views: dict[str, View] = {}
     for index, entry in enumerate(entries):
         try:
-            view = View(entry.name or f"camera-{index:0{digits}d}", _pose(entry), _intrinsics(entry))
+            lens = Intrinsics(*(getattr(entry, name) for name in Intrinsics.__struct_fields__))
+            view = View(entry.name or f"camera-{index:0{digits}d}", _pose(entry), lens)
         except CameraError as error:
             raise CameraError(f"{location}[{index}]: {error}") from None
         if view.name in views:
@@ -88,7 +76,7 @@ def _views(entries: list[_CameraEntry], location: str) -> tuple[View, ...]:
     return tuple(views.values())
 
 
-def _pose(entry: _CameraEntry) -> str | Matrix:
+def _pose(entry: _CameraEntry) -> str | Pose:
     """Return the camera text, or X_world_camera of the optical frame."""
     if (entry.camera is None) == (entry.X_world_camera is None):
         raise CameraError("needs either 'camera' (a text such as fit) or 'X_world_camera' (4 x 4)")
@@ -97,10 +85,4 @@ def _pose(entry: _CameraEntry) -> str | Matrix:
         return entry.camera
     if entry.convention == "optical":
         return entry.X_world_camera
-    X_world_optical = np.array(entry.X_world_camera) @ OPENGL_FROM_OPTICAL
-    return tuple((a, b, c, d) for a, b, c, d in X_world_optical.tolist())
-
-
-def _intrinsics(entry: _CameraEntry) -> Intrinsics:
-    """Return the fields of an entry that ``Intrinsics`` has."""
-    return Intrinsics(**{field.name: getattr(entry, field.name) for field in fields(Intrinsics)})
+    return pose_rows(np.array(entry.X_world_camera) @ OPENGL_FROM_OPTICAL)

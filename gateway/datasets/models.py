@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -19,17 +18,8 @@ _DIGEST_CHARS: Final = 32
 """Number of hexadecimal digits in the name of a file."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ModelFile:
-    """File of a model, and its record."""
-
-    record: ModelRecord
-    data: bytes
-    """Content of the file."""
-
-
-def make_model(instances: Iterable[Instance], X_model_node: Matrix) -> ModelFile | None:
-    """Return the model of an object; None if it has no finite vertex.
+def make_model(instances: Iterable[Instance], X_model_node: Matrix) -> tuple[ModelRecord, bytes] | None:
+    """Return the record of the model of an object, and its file; None if it has no finite vertex.
 
     Args:
         instances: geometry of the object in the frame of its node. Points and lines have vertices, but no triangles.
@@ -56,4 +46,4 @@ def make_model(instances: Iterable[Instance], X_model_node: Matrix) -> ModelFile
     digest = hashlib.sha256(data).hexdigest()
     low, high = (tuple(corner.tolist()) for corner in (finite.min(axis=0), finite.max(axis=0)))
     path = f"{MODELS_FOLDER}/{digest[:_DIGEST_CHARS]}.ply"
-    return ModelFile(ModelRecord(path=path, sha256=digest, box=(low, high)), data)
+    return ModelRecord(path=path, sha256=digest, box=(low, high)), data

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache, reduce
+from functools import reduce
 from operator import or_
 from pathlib import Path
 from typing import Final, Literal
@@ -15,7 +15,7 @@ from typing import Final, Literal
 import msgspec
 import numpy as np
 
-from gateway.assets.light_rig_file import NO_LIGHT, read_rig
+from gateway.assets.light_rig_file import NO_LIGHT, cached_rig
 from gateway.datasets.annotated_scene import AnnotatedScene
 from gateway.datasets.annotations import ANNOTATION_OUTPUTS, annotate
 from gateway.datasets.base_color import BASE_COLOR_LOOK, unlit
@@ -87,7 +87,7 @@ def style_of(settings: Settings) -> Style:
         settings.background,
         settings.antialias,  # type: ignore[arg-type]  # as the look
         settings.samples,  # type: ignore[arg-type]  # as the look
-        STUDIO if settings.rig is None else _rig(settings.rig),
+        STUDIO if settings.rig is None else cached_rig(Path(settings.rig)),
         settings.alpha_threshold,
     )
 
@@ -104,18 +104,12 @@ def ignored_rig(scene: LoadedScene, settings: Settings) -> str | None:
         return None
     if settings.look == "auto" and (scene.request is not None or scene.look != "studio"):
         return "drawn as Drake shows it, without --rig; --look studio takes it"
-    rig = _rig(settings.rig)
+    rig = cached_rig(Path(settings.rig))
     if scene.draw_list.lights and rig.lights and rig.scene_lights:
         return "its own lights replace those of --rig; scene_lights = false in the rig's file keeps them"
     if rig.is_dark and not (scene.draw_list.lights and rig.scene_lights):
         return f"drawn black: {NO_LIGHT} (--rig)"
     return None
-
-
-@lru_cache(maxsize=4)
-def _rig(path: str) -> Rig:
-    """Read a rig file, or return it from the cache."""
-    return read_rig(Path(path))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -108,7 +108,7 @@ class LoadedScene:
         frame = view.pose.frame or 0
         camera = self.scenario.choices.cameras[view.pose.index]
         pose = camera.X_world_camera[frame if len(camera.X_world_camera) > 1 else 0]
-        view = replace(view, pose=pose, intrinsics=replace(view.intrinsics, fovy=camera.fovy))
+        view = replace(view, pose=pose, intrinsics=msgspec.structs.replace(view.intrinsics, fovy=camera.fovy))
         return (self if frame == self.scenario.frame else self._at(frame)), view
 
     def _at(self, frame: int) -> LoadedScene:

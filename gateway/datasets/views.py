@@ -9,9 +9,10 @@ import hashlib
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, field
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Annotated, Final
 
+import msgspec
 import numpy as np
 
 from gateway.gltf import GltfCamera
@@ -29,7 +30,7 @@ from gateway.scene.tree import Node
 from gateway.scene.viewpoints import orthographic_camera, resolve_camera
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
-from scenegate.datasets.manifest import CameraRecord, pose_rows
+from scenegate.datasets.manifest import CameraRecord, Pose, pose_rows
 
 NAME_PATTERN: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 """Allowed names of views. They become parts of file names."""
@@ -38,31 +39,30 @@ REQUEST_VIEW_NAME: Final = "request"
 MAX_ROTATION_ERROR: Final = 1e-4
 """Maximum deviation of an element of R^T R from the identity. It allows matrices with five digits."""
 
-Matrix = tuple[tuple[float, float, float, float], ...]
-"""4 x 4, row-major."""
+_Side = Annotated[int, msgspec.Meta(ge=1, le=16384)]
+_Positive = Annotated[float, msgspec.Meta(gt=0)]
 
 
-@dataclass(frozen=True, slots=True)
-class Intrinsics:
+class Intrinsics(msgspec.Struct, frozen=True):
     """Image size, intrinsics and clipping planes of a view. All are optional."""
 
-    width: int | None = None
+    width: _Side | None = None
     """Width of the image in pixels; None: the dataset's."""
-    height: int | None = None
+    height: _Side | None = None
     """Height of the image in pixels; None: the dataset's."""
-    fovy: float | None = None
+    fovy: Annotated[float, msgspec.Meta(gt=0, lt=180)] | None = None
     """Vertical field of view in degrees, an alternative to ``fy``; None: the dataset's."""
-    fx: float | None = None
+    fx: _Positive | None = None
     """Horizontal focal length in pixels; None: the vertical focal length."""
-    fy: float | None = None
+    fy: _Positive | None = None
     """Vertical focal length in pixels; None: computed from ``fovy``."""
     cx: float | None = None
     """Principal point in pixels from the left edge; None: the centre."""
     cy: float | None = None
     """Principal point in pixels from the top edge; None: the centre."""
-    near: float | None = None
+    near: _Positive | None = None
     """Near plane in metres; None: that of the scene file's camera, or computed from the scene's extent."""
-    far: float | None = None
+    far: _Positive | None = None
     """Far plane in metres; None: that of the scene file's camera, or computed from the scene's extent."""
 
 
@@ -80,7 +80,7 @@ class View:
     """Camera pose and intrinsics with a name. The constructor raises CameraError if they are invalid."""
 
     name: str
-    pose: str | Matrix | OrbitCamera | SceneCamera | None
+    pose: str | Pose | OrbitCamera | SceneCamera | None
     """Camera text, X_world_camera of the optical frame, position on an orbit, or camera of the scene; None: the scene
     file's first camera, or ``fit`` if it has none."""
     intrinsics: Intrinsics = field(default=Intrinsics())
@@ -108,7 +108,7 @@ class View:
         else:
             text = self.pose or "the file's own, or fit"
         if self.intrinsics != Intrinsics():
-            text += "; lens " + hashlib.sha256(repr(astuple(self.intrinsics)).encode()).hexdigest()[:16]
+            text += "; lens " + hashlib.sha256(repr(msgspec.structs.astuple(self.intrinsics)).encode()).hexdigest()[:16]
         return text
 
 
@@ -225,7 +225,7 @@ def _camera_from_file(file_camera: GltfCamera, width: int, height: int, draw_lis
         raise CameraError(f"the file's camera {file_camera.name!r}: {error}") from None
 
 
-def _check_pose(rows: Matrix) -> None:
+def _check_pose(rows: Pose) -> None:
     """Raise CameraError unless a matrix is a rotation and a translation."""
     pose = np.array(rows)
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or not (pose[3] == (0.0, 0.0, 0.0, 1.0)).all():

@@ -210,7 +210,8 @@ def _decode_triangles(stream_at, stream_size, indices_at, triangle_count, stop_a
         edges_a[k] = -1
     end = stream_size - _CODE_TABLE_BYTES
     position = 1 + triangle_count
-    edge_end = vertex_end = next_vertex = last_explicit = 0
+    edge_end = vertex_end = 0
+    next_vertex = last_explicit = np.int64(0)
     for triangle in range(triangle_count):
         if position > end:
             return _TRUNCATED
@@ -219,13 +220,13 @@ def _decode_triangles(stream_at, stream_size, indices_at, triangle_count, stop_a
         code = np.int64(stream[1 + triangle])
         shares_edge = code < 0xF0
         if shares_edge:
-            k = (edge_end - 1 - (code >> 4)) & (_FIFO - 1)
-            a, b, c_digit = edges_a[k], edges_b[k], code & 15
+            edge = (edge_end - 1 - (code >> 4)) & (_FIFO - 1)
+            a, b, c_digit = edges_a[edge], edges_b[edge], code & 15
             recent = vertices[(vertex_end - 1 - c_digit) & (_FIFO - 1)]
         else:
             a_digit, b_digit, c_digit, position = _triangle_digits(stream, code, position, end)
             if code >= 0xFE and b_digit == 0 and c_digit == 0:
-                next_vertex = 0
+                next_vertex = np.int64(0)
             newest = vertices[(vertex_end - b_digit) & (_FIFO - 1)]
             recent = vertices[(vertex_end - c_digit) & (_FIFO - 1)]
             a, position, next_vertex, last_explicit = _vertex_of(

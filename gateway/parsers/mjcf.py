@@ -13,13 +13,11 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from gateway.parsers.mjcf_data import CompiledModel
-
 _CANNOT_OPEN: Final = re.compile(r"Error opening file '(.+?)'")
 
 
-def compile_file(read_file: Callable[[str], bytes], path: str, max_model_bytes: int) -> CompiledModel | str:
-    """Return the model of a file, or an error text."""
+def compile_file(read_file: Callable[[str], bytes], path: str, max_model_bytes: int) -> tuple[bytes, list[str]] | str:
+    """Return the model of a file in MuJoCo's binary format and the compiler's warnings, or an error text."""
     warnings: dict[str, None] = {}
     mujoco.set_mju_user_warning(lambda text: warnings.setdefault(f"MuJoCo: {' '.join(text.split())}"))
     try:
@@ -31,7 +29,7 @@ def compile_file(read_file: Callable[[str], bytes], path: str, max_model_bytes: 
         mujoco.mj_saveModel(model, None, data)
     except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
         return " ".join(str(error).removeprefix("Error: ").split())
-    return CompiledModel(data.tobytes(), list(warnings))
+    return data.tobytes(), list(warnings)
 
 
 def _compile(path: str, warnings: dict[str, None]) -> mujoco.MjModel:

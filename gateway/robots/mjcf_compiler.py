@@ -7,7 +7,6 @@ from typing import Any, Final
 
 import msgspec
 
-from gateway.parsers.mjcf_data import CompiledModel
 from gateway.robots.limits import RobotLimits
 from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_limited
 from scenegate.robots.errors import RobotFileError
@@ -15,7 +14,7 @@ from scenegate.robots.errors import RobotFileError
 _OUT_OF_MEMORY: Final = ("Could not allocate memory", "Caught an unknown exception!")
 """Parts of MuJoCo's error messages when memory runs out; the second one is for std::bad_alloc."""
 
-_output_decoder: Final = msgspec.msgpack.Decoder(CompiledModel | str)
+_output_decoder: Final = msgspec.msgpack.Decoder(tuple[bytes, list[str]] | str)
 
 
 def compile_mjcf(mujoco: Any, path: Path, limits: RobotLimits) -> tuple[Any, list[str]]:
@@ -41,4 +40,5 @@ def compile_mjcf(mujoco: Any, path: Path, limits: RobotLimits) -> tuple[Any, lis
         if not result or any(message in result for message in _OUT_OF_MEMORY):
             result = f"it needs more than max_compiler_bytes = {process_limits.memory_bytes} of memory, or crashes"
         raise RobotFileError(f"MuJoCo cannot compile it: {result}")
-    return mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": result.model}), result.warnings
+    model, warnings = result
+    return mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": model}), warnings

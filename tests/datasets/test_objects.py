@@ -199,9 +199,10 @@ def test_a_mirrored_part_keeps_its_front() -> None:
     box = Node(None, IDENTITY, {"b": Node((Part(Box((1.0, 2.0, 3.0)), Material()),), scaling(-1.0, 1.0, 1.0))})
     model = make_model(flatten(box).instances, IDENTITY)
     assert model is not None
-    mesh = trimesh.load_mesh(trimesh.util.wrap_as_stream(model.data), file_type="ply")
+    record, data = model
+    mesh = trimesh.load_mesh(trimesh.util.wrap_as_stream(data), file_type="ply")
     assert mesh.volume == pytest.approx(6.0)
-    assert model.record.box == ((-0.5, -1.0, -1.5), (0.5, 1.0, 1.5))
+    assert record.box == ((-0.5, -1.0, -1.5), (0.5, 1.0, 1.5))
 
 
 def test_objects_of_drakes_files_are_those_of_the_tree(scenes: Path) -> None:

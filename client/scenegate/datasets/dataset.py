@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, TypeVar, overload
@@ -41,11 +42,10 @@ UNKNOWN_FLOW: Final = 1e9
 class Sample:
     """The images and the camera of one view of a scene. Images are read from disk on each access."""
 
-    def __init__(self, folder: Path, record: manifest.SampleRecord, depth_format: str) -> None:
+    def __init__(self, folder: Path, record: manifest.SampleRecord) -> None:
         self.record: Final = record
         """The sample's line in the manifest."""
         self._folder = folder
-        self._depth_format = depth_format
 
     @property
     def id(self) -> str:
@@ -242,7 +242,24 @@ def decode_flow(data: bytes, location: str) -> NDArray[np.float32]:
     return flow
 
 
-class Dataset(Sequence[Sample]):
+class _Items(Sequence[T]):
+    """A sequence whose items are made on each access."""
+
+    @abstractmethod
+    def _item(self, index: int) -> T:
+        """Return an item; raises IndexError."""
+
+    @overload
+    def __getitem__(self, index: int) -> T: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[T]: ...
+    def __getitem__(self, index: int | slice) -> T | list[T]:
+        if isinstance(index, slice):
+            return [self._item(k) for k in range(*index.indices(len(self)))]
+        return self._item(index)
+
+
+class Dataset(_Items[Sample]):
     """The samples of a dataset, in the order of its manifest. It can be pickled, as data loaders require.
 
     It takes 8 bytes of memory per sample. Lines of the manifest are read on access; an invalid line raises RecordError.
@@ -290,26 +307,14 @@ class Dataset(Sequence[Sample]):
     def __len__(self) -> int:
         return len(self._lines)
 
-    @overload
-    def __getitem__(self, index: int) -> Sample: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[Sample]: ...
-    def __getitem__(self, index: int | slice) -> Sample | list[Sample]:
-        if isinstance(index, slice):
-            return [self._sample(k) for k in range(*index.indices(len(self)))]
-        return self._sample(index)
-
-    def __iter__(self) -> Iterator[Sample]:
-        return map(self._sample, range(len(self)))
-
-    def _sample(self, index: int) -> Sample:
-        return Sample(self.folder, self._record(index), self.description.settings.depth_format)
+    def _item(self, index: int) -> Sample:
+        return Sample(self.folder, self._record(index))
 
     def _record(self, index: int) -> manifest.SampleRecord:
         return manifest.decode(self._lines[index], manifest.SampleRecord, self._lines.location(index))
 
 
-class Transformed(Sequence[T]):
+class Transformed(_Items[T]):
     """The results of a function for each sample of a dataset, computed on each access; made by ``Dataset.map``."""
 
     def __init__(self, dataset: Dataset, transform: Callable[[Sample], T]) -> None:
@@ -319,11 +324,5 @@ class Transformed(Sequence[T]):
     def __len__(self) -> int:
         return len(self.dataset)
 
-    @overload
-    def __getitem__(self, index: int) -> T: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[T]: ...
-    def __getitem__(self, index: int | slice) -> T | list[T]:
-        if isinstance(index, slice):
-            return [self._transform(sample) for sample in self.dataset[index]]
+    def _item(self, index: int) -> T:
         return self._transform(self.dataset[index])

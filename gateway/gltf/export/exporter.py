@@ -191,12 +191,9 @@ class _Writer:
         primitive = self._document.get_or_add_by_identity("primitive", mesh, lambda: self._primitive(mesh))
         if primitive is None:
             return None
-
-        def add() -> int:
-            with_material = {**self._primitives[primitive], "material": self._materials.material(material)}
-            return self._document.add("meshes", {"primitives": [with_material]})
-
-        return self._document.get_or_add("mesh", (primitive, material), add)
+        with_material = {**self._primitives[primitive], "material": self._materials.material(material)}
+        mesh_json = {"primitives": [with_material]}
+        return self._document.get_or_add("mesh", (primitive, material), lambda: self._document.add("meshes", mesh_json))
 
     def _primitive(self, mesh: Mesh) -> int | None:
         """Write a mesh's arrays and return its index in ``_primitives``; None and arguments as for ``_mesh``."""

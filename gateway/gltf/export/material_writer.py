@@ -26,11 +26,9 @@ class MaterialWriter:
 
     def material(self, material: Material) -> int:
         """Write a material if it is new, and return its index."""
-        index = self._document.get_or_add(
+        return self._document.get_or_add(
             "material", material, lambda: self._document.add("materials", self._item(material))
         )
-        assert index is not None
-        return index
 
     def _item(self, material: Material) -> dict[str, Any]:
         metallic_roughness: dict[str, Any] = {
@@ -103,21 +101,13 @@ class MaterialWriter:
         return self._document.add("images", item)
 
     def _sampler(self, sampler: Sampler) -> int:
-        index = self._document.get_or_add(
-            "sampler",
-            sampler,
-            lambda: self._document.add(
-                "samplers",
-                {
-                    "wrapS": sampler.wrap_s.value,
-                    "wrapT": sampler.wrap_t.value,
-                    "magFilter": _LINEAR if sampler.mag_linear else _NEAREST,
-                    "minFilter": _MIN_FILTERS[sampler.min_linear, sampler.mipmaps],
-                },
-            ),
-        )
-        assert index is not None
-        return index
+        item = {
+            "wrapS": sampler.wrap_s.value,
+            "wrapT": sampler.wrap_t.value,
+            "magFilter": _LINEAR if sampler.mag_linear else _NEAREST,
+            "minFilter": _MIN_FILTERS[sampler.min_linear, sampler.mipmaps],
+        }
+        return self._document.get_or_add("sampler", sampler, lambda: self._document.add("samplers", item))
 
 
 def _clamped_factors(values: Iterable[float]) -> list[float]:
