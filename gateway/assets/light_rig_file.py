@@ -148,16 +148,12 @@ def read_rig(path: Path) -> Rig:
         if _is_image(path):
             return Rig(surroundings=Surroundings(image=_radiance_image(path)))
         table = _Rig.model_validate(tomllib.loads(read_text(path, _MAX_FILE_BYTES)))
-        return Rig(
-            lights=tuple(_light(light, f"lights.{number}") for number, light in enumerate(table.lights)),
-            surroundings=_surroundings(table.surroundings, path.parent) if table.surroundings is not None else None,
-            scene_lights=table.scene_lights,
-            auto_exposure="exposure" not in table.model_fields_set,
-            exposure=table.exposure,
-            tone=table.tone,
-            shadow_size=table.shadow_size,
-            shadow_radius=table.shadow_radius,
-        )
+        changed = {
+            "lights": tuple(_light(light, f"lights.{number}") for number, light in enumerate(table.lights)),
+            "surroundings": table.surroundings and _surroundings(table.surroundings, path.parent),
+            "auto_exposure": "exposure" not in table.model_fields_set,
+        }
+        return Rig(**{**dict(table), **changed})
     except OSError as error:
         owner = f" (the surroundings of {path})" if error.filename not in (None, str(path)) else ""
         raise RigFileError(f"{error.filename or path} cannot be read: {error.strerror}{owner}") from None
@@ -205,17 +201,13 @@ def _light(table: _Light, table_name: str) -> Light:
         raise ValueError(
             f"{table_name}: inner_cone = {table.inner_cone:g} must be less than outer_cone = {table.outer_cone:g}"
         )
-    return Light(
-        LightKind(table.kind),
-        table.color,
-        table.intensity,
-        table.position,
-        _unit_vector(table.direction, table_name),
-        table.range,
-        math.radians(table.inner_cone),
-        math.radians(table.outer_cone),
-        table.casts_shadow,
-    )
+    changed = {
+        "kind": LightKind(table.kind),
+        "direction": _unit_vector(table.direction, table_name),
+        "inner_cone": math.radians(table.inner_cone),
+        "outer_cone": math.radians(table.outer_cone),
+    }
+    return Light(**{**dict(table), **changed})
 
 
 def _unit_vector(direction: Vector, table_name: str) -> Vector:

@@ -188,17 +188,12 @@ def make_job(
     timeout: float = 0.0,
     classes: ClassTable = NO_CLASSES,
 ) -> Job:
-    """Return the job for a command line.
+    """Return the job for a command line. Arguments that are not listed are fields of ``Job``.
 
     Args:
-        sources: scene files.
         views: views from the command line. If there are no default views at all, each scene has one: its file's first
             camera, or ``fit``.
         cameras: views from the camera file.
-        settings: settings of the images.
-        out: folder of the dataset.
-        timeout: ``Job.timeout``.
-        classes: ``Job.classes``.
 
     Raises:
         JobError: two views have the same name, or the camera file names a scene that does not exist.

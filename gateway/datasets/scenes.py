@@ -100,7 +100,7 @@ class LoadedScene:
         """Return the scene at the frame of a view, and the view with the pose of its camera; usually both unchanged.
 
         Raises:
-            SceneError: the frame cannot be made.
+            ScenarioError: the frame cannot be made.
         """
         if not isinstance(view.pose, SceneCamera):
             return self, view
@@ -116,10 +116,7 @@ class LoadedScene:
         from gateway.datasets.scenario.build import build_scene
 
         assert self.scenario is not None
-        try:
-            built = build_scene(self.scenario.catalogue, self.scenario.choices, frame)
-        except ScenarioError as error:
-            raise SceneError(str(error)) from None
+        built = build_scene(self.scenario.catalogue, self.scenario.choices, frame)
         draw_list, _ = _flatten_numbered(built.root)
         scenario = replace(self.scenario, frame=frame, scenery=built.scenery)
         return replace(self, root=built.root, draw_list=draw_list, scenario=scenario)

@@ -22,6 +22,7 @@ from gateway.datasets.classes import ClassTable
 from gateway.datasets.files import write_atomically
 from gateway.datasets.job import Result, Task, view_description
 from gateway.datasets.rendering import IMAGE_FORMATS, RequestRenderer, Shot, ignored_rig, render_sample, style_of
+from gateway.datasets.scenario.tables import ScenarioError
 from gateway.datasets.scenes import LoadedScene, SceneError, load_options, load_scene
 from gateway.datasets.sources import Source
 from gateway.datasets.stereo_sensor import StereoSensor, cached_profile, intrinsics_of
@@ -203,7 +204,7 @@ def _with_timeout(task: Task, call: Callable[[], T]) -> T:
 
 def _reason(error: Exception) -> str:
     """Return the text of an error. The type is added if it is not one of the expected types."""
-    if isinstance(error, SceneError | CameraError | ImageError | RequestError | OSError):
+    if isinstance(error, SceneError | ScenarioError | CameraError | ImageError | RequestError | OSError):
         return str(error)
     return f"{type(error).__name__}: {error}"
 

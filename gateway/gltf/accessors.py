@@ -58,6 +58,11 @@ class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
     """Indices and values that replace some of the accessor's values."""
 
     @property
+    def is_stored(self) -> bool:
+        """False if the file has no values for it; they are all zero, or in Draco data."""
+        return self.buffer is not None or self.sparse is not None
+
+    @property
     def key(self) -> bytes:
         """Identifies the content: accessors with equal keys have equal values.
 

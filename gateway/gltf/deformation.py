@@ -61,13 +61,14 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
             sha256.update(self.joint_matrices.tobytes())
         return sha256.digest()
 
-    def apply(self, attributes: dict[str, Floats], begin: int, name: str) -> None:
+    def apply(self, attributes: dict[str, Floats], begin: int, name: str, warnings: list[str]) -> None:
         """Deform the attributes of consecutive vertices in place, morph targets first.
 
         Args:
             attributes: Arrays of (number of vertices, components) by name.
             begin: Index of the first vertex in the accessors.
             name: Name of the primitive, for messages.
+            warnings: A sentence about vertices without weights is appended to this list.
 
         Raises:
             GltfError: A vertex refers to a joint that the skin does not have.
@@ -87,6 +88,12 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
         joint_count = len(self.joint_matrices)
         if joints.size and (largest := int(joints.max())) >= joint_count:
             raise GltfError(f"{name}: a vertex follows joint {largest} of a skin with {joint_count} joints")
+        totals = weights.sum(axis=1)
+        unbound = len(totals) - np.count_nonzero((totals > 0.0) & (totals < np.inf))
+        if unbound and self.influences:
+            warnings.append(
+                f"{name}: {unbound} of {len(totals)} vertices have no weights, they follow their first joint"
+            )
         skin_vertices(
             attributes["POSITION"],
             attributes.get("NORMAL"),

@@ -172,17 +172,36 @@ class Meshes:
             indices = self._accessors.get(primitive.indices, f"{name}.indices")
             if indices.components != 1 or indices.dtype.kind == "f":
                 raise GltfError(f"{name}.indices: {indices.name} is not an accessor of integers")
-        # If the exporter has also stored an uncompressed copy of the primitive, that copy is read.
-        draco = None
-        if position.buffer is None:
-            draco = extension(primitive.extensions, DRACO, DracoCompression, name, self._warnings)
-        if draco is not None:
-            attributes, indices = self._draco_meshes.read(draco, attributes, indices, f"{name}.extensions.{DRACO}")
-            mode = TRIANGLES
+        if primitive.extensions and DRACO in primitive.extensions:
+            attributes, indices, mode = self._decompressed(primitive, attributes, indices, mode, name)
         deformation = deformation_of(primitive, pose, attributes, self._accessors, name, self._warnings)
         if deformation is not None and deformation.joint_matrices is not None and not deformation.influences:
             self._warnings.append(f"{name}: no JOINTS_0 and WEIGHTS_0 to use, it follows the first joint of its skin")
         return _CheckedPrimitive(name, mode, attributes["POSITION"], indices, attributes, deformation, smooth)
+
+    def _decompressed(
+        self, primitive: Primitive, attributes: dict[str, Accessor], indices: Accessor | None, mode: int, name: str
+    ) -> tuple[dict[str, Accessor], Accessor | None, int]:
+        """Return the attributes, indices and mode of a primitive with Draco data.
+
+        If the exporter has also stored an uncompressed copy, that copy is read: all of it, or what it has of a
+        primitive whose data cannot be decompressed.
+        """
+        stored = {attribute: accessor for attribute, accessor in attributes.items() if accessor.is_stored}
+        has_copy = "POSITION" in stored and (indices is None or indices.is_stored)
+        if has_copy and len(stored) == len(attributes):
+            return attributes, indices, mode
+        draco = extension(primitive.extensions, DRACO, DracoCompression, name, self._warnings)
+        if draco is None:
+            return attributes, indices, mode
+        try:
+            return *self._draco_meshes.read(draco, attributes, indices, f"{name}.extensions.{DRACO}"), TRIANGLES
+        except GltfError as error:
+            if not has_copy or isinstance(error, GltfLimitError):
+                raise
+            missing = ", ".join(sorted(attributes.keys() - stored.keys()))
+            self._warnings.append(f"{error}; the uncompressed copy is drawn, which has no {missing}")
+            return stored, indices, mode
 
     def _count(self, new_vertices: int, new_elements: int, name: str) -> None:
         """Count vertices and elements towards the limits before they are allocated.
@@ -237,7 +256,7 @@ class Meshes:
             if name in _COMPONENT_COUNTS
         }
         if checked.deformation is not None:
-            checked.deformation.apply(attributes, begin, checked.name)
+            checked.deformation.apply(attributes, begin, checked.name, self._warnings)
         positions = attributes["POSITION"]
         if not np.isfinite(positions).all():
             positions, elements, dropped = without_invalid_vertices(positions, elements)

@@ -88,6 +88,26 @@ def test_stored_values_are_read_where_there_are_both() -> None:
     assert (corners(mesh) == POSITIONS[TRIANGLES] + 5).all()
 
 
+def test_broken_data_leaves_what_is_stored_beside_it() -> None:
+    b = document(b"not Draco", {"POSITION": 0, "COLOR_0": 1})
+    b.json["accessors"][0]["bufferView"] = b.view(POSITIONS.tobytes())
+    b.json["accessors"][2]["bufferView"] = b.view(TRIANGLES.astype(np.uint16).tobytes())
+    scene = b.read()
+    (mesh,) = meshes(scene)
+    assert (corners(mesh) == POSITIONS[TRIANGLES]).all()
+    assert mesh.colors is None
+    (warning,) = scene.warnings
+    assert "KHR_draco_mesh_compression: " in warning
+    assert warning.endswith("; the uncompressed copy is drawn, which has no COLOR_0")
+
+
+def test_data_is_read_where_the_stored_copy_has_no_indices() -> None:
+    b = document(encoded())
+    b.json["accessors"][0]["bufferView"] = b.view(POSITIONS.tobytes())
+    (mesh,) = meshes(b.read())
+    assert np.abs(corners(mesh) - POSITIONS[TRIANGLES]).max() < 1e-4
+
+
 def test_the_mode_of_strips_does_not_apply_to_decompressed_triangles() -> None:
     b = document(encoded())
     b.json["meshes"][0]["primitives"][0]["mode"] = 5

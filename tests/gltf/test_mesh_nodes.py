@@ -101,7 +101,10 @@ def test_weights_are_normalized() -> None:
 def test_vertices_without_weights_follow_their_first_joint() -> None:
     b = skinned()
     b.json["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"] = b.accessor(np.zeros((8, 4)))
-    (triangles,) = world_triangles(b.read())
+    scene = b.read()
+    (triangles,) = world_triangles(scene)
+    sentence = "meshes[0].primitives[0]: 8 of 8 vertices have no weights, they follow their first joint"
+    assert scene.warnings == (sentence,)
     expected = bent(weights=np.tile([1.0, 0, 0, 0], (8, 1)))
     assert np.abs(triangles - expected[QUADS.reshape(-1, 3)]).max() < 1e-5
 

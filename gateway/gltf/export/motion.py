@@ -36,19 +36,13 @@ class Track:
 
     node: Node
     """The node in the tree with all nodes that there were, as it was first."""
-    samples: list[int] = field(default_factory=list)
-    """Numbers of the samples at which the state changes, ascending."""
-    matrices: list[Matrix] = field(default_factory=list)
-    shown: list[bool] = field(default_factory=list)
+    states: dict[int, tuple[Matrix, bool]] = field(default_factory=dict)
+    """Transform, and True if the node is shown, by the number of the sample at which they change, ascending."""
 
-    def add(self, sample: int, matrix: Matrix, *, shown: bool) -> None:
-        """Append a state, or replace that of the same sample."""
-        if self.samples and self.samples[-1] == sample:
-            self.matrices[-1], self.shown[-1] = matrix, shown
-            return
-        self.samples.append(sample)
-        self.matrices.append(matrix)
-        self.shown.append(shown)
+    @property
+    def last_matrix(self) -> Matrix:
+        """The last transform."""
+        return next(reversed(self.states.values()))[0] if self.states else IDENTITY
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,20 +120,18 @@ class Motion:
             if path:
                 self._tracks[path[:-1]].node.children[path[-1]] = track.node
             if sample:
-                track.add(0, node.matrix if is_writable(node.matrix) else IDENTITY, shown=False)
+                track.states[0] = node.matrix if is_writable(node.matrix) else IDENTITY, False
         elif node.parts is not track.node.parts:
             self._note_change("geometry", path, node)
-        if is_writable(node.matrix):
-            track.add(sample, node.matrix, shown=node.visible)
-        else:
-            track.add(sample, track.matrices[-1] if track.matrices else IDENTITY, shown=False)
+        is_finite = is_writable(node.matrix)
+        track.states[sample] = node.matrix if is_finite else track.last_matrix, is_finite and node.visible
         self._key_count += 1
 
     def _hide(self, sample: int, path: Path) -> None:
         """Hide a node that was deleted, and its descendants: one that is added again may have others."""
         for below, _ in self._tracks[path].node.walk(path):
             track = self._tracks[below]
-            track.add(sample, track.matrices[-1], shown=False)
+            track.states[sample] = track.last_matrix, False
             self._key_count += 1
 
     def _note_change(self, kind: str, path: Path, node: Node) -> None:
@@ -156,10 +148,11 @@ class Motion:
         """
         animated: list[AnimatedNode] = []
         for path, track in self._tracks.items():
-            track.node.visible = any(track.shown)
-            first, channels, has_shear = animate(track, self.times) if len(track.samples) > 1 else (None, (), False)
-            if first is None or not channels:
-                track.node.set_matrix(track.matrices[0])
+            track.node.visible = any(shown for _, shown in track.states.values())
+            is_moving = len(track.states) > 1
+            first, channels, has_shear = animate(track, self.times) if is_moving else ({}, (), False)
+            if not channels:
+                track.node.set_matrix(next(iter(track.states.values()))[0])
                 continue
             animated.append(AnimatedNode(track.node, first, channels))
             if has_shear:
@@ -178,15 +171,15 @@ def animate(track: Track, times: list[float]) -> tuple[dict[str, list[float]], t
     Before a change after a rest, there is a key with the last values: values between two keys are interpolated.
     """
     samples: list[int] = []
-    states: list[int] = []
-    for number, sample in enumerate(track.samples):
-        if number and sample > samples[-1] + 1:
+    states: list[tuple[Matrix, bool]] = []
+    for sample, state in track.states.items():
+        if samples and sample > samples[-1] + 1:
             samples.append(sample - 1)
-            states.append(number - 1)
+            states.append(states[-1])
         samples.append(sample)
-        states.append(number)
-    translation, rotation, scale, has_shear = decompose(np.array(track.matrices)[states])
-    shown = np.array(track.shown)[states]
+        states.append(state)
+    translation, rotation, scale, has_shear = decompose(np.array([matrix for matrix, _ in states]))
+    shown = np.array([is_shown for _, is_shown in states])
     properties = {"translation": translation, "rotation": rotation, "scale": scale}
     first = {path: values[np.argmax(shown)].tolist() for path, values in properties.items()}
     scale[~shown] = 0.0
