@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from gateway.gltf import DRAKE_GENERATORS, AnimationTime, GltfCamera, GltfError, GltfLimits, read_gltf
+from gateway.gltf import DRAKE_GENERATORS, AnimationTime, GltfCamera, GltfError, read_gltf
 from gateway.scene.transforms import Y_UP_TO_Z_UP
 from gateway.scene.tree import Node
 from gateway.scene.tree import Path as TreePath
@@ -83,7 +83,6 @@ def read_scene_file(
     path: Path,
     *,
     up: Up = "auto",
-    limits: GltfLimits | None = None,
     variant: str | None = None,
     animation: AnimationTime | None = None,
 ) -> SceneFile:
@@ -91,7 +90,6 @@ def read_scene_file(
 
     Args:
         up: The file's up axis; ``auto``: Z for Drake's generators, else Y by the specification.
-        limits: None: ``GltfLimits()``.
         variant: Name of a variant of KHR_materials_variants; None: the default materials.
         animation: Animation whose pose the nodes have; None: the pose in which they are stored.
 
@@ -101,9 +99,7 @@ def read_scene_file(
     files = FolderFiles(path)
     with errors_as(SceneFileError, path, GltfError):
         data = files.read_scene()
-        scene = read_gltf(
-            data, resolve=files.resolve, limits=limits, variant=variant, decode_images=True, animation=animation
-        )
+        scene = read_gltf(data, resolve=files.resolve, variant=variant, decode_images=True, animation=animation)
     file = SceneFile(
         scene.root, scene.cameras, scene.warnings, (), scene.generator, scene.lights, files.digests, scene.models
     )

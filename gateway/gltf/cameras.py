@@ -31,8 +31,6 @@ class GltfCamera:
     """Distance of the near plane, metres; 0 if it is absent."""
     zfar: float | None
     """Distance of the far plane, metres; None for an infinite projection."""
-    aspect: float | None
-    """Width / height; None for the aspect of the viewport."""
     xmag: float | None = None
     """Half of the width of an orthographic camera's view, metres; None for a perspective camera."""
 
@@ -59,7 +57,6 @@ def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes, warning
                 xmag=orthographic.xmag,
                 znear=perspective.znear or orthographic.znear or 0.0,
                 zfar=perspective.zfar if source.perspective else orthographic.zfar,
-                aspect=perspective.aspect_ratio,
             )
             cameras.append(camera)
     return tuple(cameras)

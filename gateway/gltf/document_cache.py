@@ -90,8 +90,8 @@ class DocumentContent:
     """Size of the meshes' arrays, each mesh counted once."""
 
 
-_Key: TypeAlias = tuple[bytes, GltfLimits, bool]
-"""``HashedDocument.prefix_digest``, limits, and True if textures are read."""
+_Key: TypeAlias = tuple[bytes, GltfLimits]
+"""``HashedDocument.prefix_digest`` and limits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,17 +113,11 @@ class DocumentCache:
     def __init__(self, budget: CacheBudget) -> None:
         self.cache: Final[Cache[_Key, _Entry]] = Cache("documents", budget=budget)
 
-    def find(
-        self, document: HashedDocument, limits: GltfLimits, textures: bool
-    ) -> tuple[DocumentContent, schema.Document] | None:
-        """Return the content of a document, and its nodes and scenes; None if the whole document must be read.
-
-        Args:
-            textures: True if textures are read, as for ``read_gltf``.
-        """
+    def find(self, document: HashedDocument, limits: GltfLimits) -> tuple[DocumentContent, schema.Document] | None:
+        """Return the content of a document, and its nodes and scenes; None if the whole document must be read."""
         if document.nodes_offset == 0:
             return None
-        entry = self.cache.get((document.prefix_digest, limits, textures))
+        entry = self.cache.get((document.prefix_digest, limits))
         if entry is None:
             return None
         with memoryview(document.data) as view:
@@ -135,7 +129,6 @@ class DocumentCache:
         document: HashedDocument,
         container: Container,
         limits: GltfLimits,
-        textures: bool,
         content: DocumentContent,
     ) -> None:
         """Keep the content of a document, if its text can be split before its nodes.
@@ -146,7 +139,7 @@ class DocumentCache:
         entry = _new_entry(document, container, content)
         if entry is not None:
             nbytes = content.mesh_bytes + len(document.data)  # the file's size bounds that of its images, kept encoded
-            self.cache.put((document.prefix_digest, limits, textures), entry, nbytes)
+            self.cache.put((document.prefix_digest, limits), entry, nbytes)
 
 
 def _nodes_offset(text: bytes | bytearray) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import msgspec
@@ -79,28 +80,22 @@ class _CheckedPrimitive(msgspec.Struct, frozen=True, gc=False, eq=False):
         return key if self.deformation is None else key + self.deformation.key
 
 
+@dataclass(eq=False)
 class Meshes:
     """Reads the primitives of one document."""
 
-    def __init__(
-        self,
-        accessors: Accessors,
-        draco_meshes: DracoMeshes,
-        content: Cache[ContentKey, Mesh | Image],
-        limits: GltfLimits,
-        warnings: list[str],
-    ) -> None:
-        self._accessors = accessors
-        self._draco_meshes = draco_meshes
-        self._content = content
-        self._limits = limits
-        self._warnings = warnings
-        self._meshes: dict[MeshKey, Mesh | None] = {}
-        self._vertex_count = self._element_count = 0
-        self._max_nbytes = 0
-        """Upper limit of ``nbytes`` that is known before the meshes are read: all vertices have all attributes."""
-        self.nbytes = 0
-        """Bytes of all meshes, each counted once."""
+    _accessors: Accessors
+    _draco_meshes: DracoMeshes
+    _content: Cache[ContentKey, Mesh | Image]
+    _limits: GltfLimits
+    _warnings: list[str]
+    _meshes: dict[MeshKey, Mesh | None] = field(default_factory=dict)
+    _vertex_count: int = 0
+    _element_count: int = 0
+    _max_nbytes: int = 0
+    """Upper limit of ``nbytes`` that is known before the meshes are read: all vertices have all attributes."""
+    nbytes: int = 0
+    """Bytes of all meshes, each counted once."""
 
     def read(self, primitive: Primitive, name: str, pose: Pose = REST, *, smooth: bool = False) -> Mesh | None:
         """Return the mesh of a primitive; None if it draws nothing.
@@ -279,14 +274,14 @@ class Meshes:
             optional["normals"] = normals
         positions.setflags(write=False)
         elements.setflags(write=False)
-        for attribute, (field, convert) in _CONVERSIONS.items():
+        for attribute, (name, convert) in _CONVERSIONS.items():
             if attribute in attributes:
                 check_stop()
                 values = attributes[attribute]
                 if not np.isfinite(values).all():
                     self._warnings.append(f"{checked.name}.{attribute}: numbers that are not finite are read as 0")
                     values = np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
-                values = optional[field] = convert(values) if convert else values
+                values = optional[name] = convert(values) if convert else values
                 values.setflags(write=False)
         return Mesh(positions, elements, **optional)
 

@@ -51,7 +51,6 @@ def read_gltf(
     resolve: Resolver | None = None,
     limits: GltfLimits | None = None,
     cache: GltfCache | None = None,
-    textures: bool = True,
     variant: str | None = None,
     decode_images: bool = False,
     animation: AnimationTime | None = None,
@@ -63,7 +62,6 @@ def read_gltf(
         resolve: Returns the bytes of relative URIs; None: only data URIs are allowed.
         limits: None: ``GltfLimits()``.
         cache: Cache shared with other documents; None: equal meshes and images are shared within this document only.
-        textures: False to leave textures out, for renderings that need none.
         variant: Name of a variant of KHR_materials_variants; None: the default materials. Not with ``cache``.
         decode_images: True: leave out textures whose images cannot be decoded. False: rendering a colour image raises
             an ``ImageError``. Not with ``cache``.
@@ -81,7 +79,7 @@ def read_gltf(
         hashed = HashedDocument(bytes(data))
     if cache is None:
         cache = GltfCache(CacheBudget(limits.max_buffer_bytes + limits.max_mesh_bytes))
-    if hashed is not None and (cached := cache.documents.find(hashed, limits, textures)) is not None:
+    if hashed is not None and (cached := cache.documents.find(hashed, limits)) is not None:
         content, nodes_and_scenes = cached
         nodes = read_nodes(nodes_and_scenes, limits)
         has_posed_nodes = content.generator != DRAKE_MERGER and any(map(has_own_parts, nodes.sources))
@@ -106,7 +104,7 @@ def read_gltf(
     if has_posed_nodes:
         nodes, poses = expand_mesh_nodes(document, nodes, accessors, limits, warnings)
     meshes = Meshes(accessors, DracoMeshes(document, buffers, limits), cache.content, limits, warnings)
-    images = Textures(document, buffers, cache.content, limits, warnings, enabled=textures, decodes=decode_images)
+    images = Textures(document, buffers, cache.content, limits, warnings, decode_images)
     materials = Materials(document, images, warnings, variant)
     lights = read_lights(document, warnings)
     reader = _PartReader(document, meshes, materials, limits)
@@ -128,19 +126,18 @@ def read_gltf(
     scene = _combine(content, nodes, limits)
     is_flawed = has_wrong_types or nodes.warnings or len(content.warnings) > _MAX_LISTED_WARNINGS
     if hashed is not None and not has_posed_nodes and not is_flawed:
-        cache.documents.add(hashed, container, limits, textures, content)
+        cache.documents.add(hashed, container, limits, content)
     return scene
 
 
-def read_mesh_names(data: bytes, limits: GltfLimits | None = None) -> frozenset[str]:
+def read_mesh_names(data: bytes) -> frozenset[str]:
     """Return the names of the meshes in use, as ``GltfScene.models`` has them, without reading the meshes.
 
     Raises:
         GltfError: The document cannot be read.
     """
-    limits = limits or _DEFAULT_LIMITS
-    document = parse_document(open_container(data).json, limits, [])
-    return frozenset(read_nodes(document, limits).mesh_names(document.meshes).values())
+    document = parse_document(open_container(data).json, _DEFAULT_LIMITS, [])
+    return frozenset(read_nodes(document, _DEFAULT_LIMITS).mesh_names(document.meshes).values())
 
 
 class _PartReader:

@@ -68,4 +68,4 @@ class GltfScene:
                 return camera
         if not self.content.cameras:
             return None
-        return GltfCamera(0, "", OPENGL_FROM_OPTICAL, None, 0.0, None, None)
+        return GltfCamera(0, "", OPENGL_FROM_OPTICAL, None, 0.0, None)

@@ -177,7 +177,6 @@ class Material(Object):
 class Projection(Object):
     """``perspective`` or ``orthographic`` of a camera."""
 
-    aspect_ratio: float | None = None
     xmag: float | None = None
     yfov: float | None = None
     zfar: float | None = None

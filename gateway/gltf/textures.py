@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from typing import Final
 
 from gateway.gltf import schema
@@ -28,39 +29,24 @@ _TRANSFORM: Final = "KHR_texture_transform"
 _WRAPS: Final[dict[int | None, Wrap]] = {None: Wrap.REPEAT} | {wrap.value: wrap for wrap in Wrap}
 
 
+@dataclass(eq=False)
 class Textures:
     """The textures of one document, each read at its first use."""
 
-    def __init__(
-        self,
-        document: schema.Document,
-        buffers: Buffers,
-        content: Cache[ContentKey, Mesh | Image],
-        limits: GltfLimits,
-        warnings: list[str],
-        *,
-        enabled: bool = True,
-        decodes: bool = False,
-    ) -> None:
-        """
-        Args:
-            enabled: False to leave all textures out; then no images are read.
-            decodes: True: decode each image, and leave out those that cannot be decoded.
-        """
-        self._document = document
-        self._buffers = buffers
-        self._content = content
-        self._limits = limits
-        self._warnings = warnings
-        self._enabled = enabled
-        self._decodes = decodes
-        self._textures: dict[int, Texture | None] = {}
-        """Textures by index, with TEXCOORD_0 and no transform; None for those without a usable image."""
-        self._images: dict[int, tuple[Image, str]] = {}
-        """Images and their names for messages, by index."""
-        self._counted_images: set[Image] = set()
-        """Images whose pixels are counted towards ``max_total_image_pixels``."""
-        self._total_pixels = 0
+    _document: schema.Document
+    _buffers: Buffers
+    _content: Cache[ContentKey, Mesh | Image]
+    _limits: GltfLimits
+    _warnings: list[str]
+    _decodes: bool = False
+    """True: decode each image, and leave out those that cannot be decoded."""
+    _textures: dict[int, Texture | None] = field(default_factory=dict)
+    """Textures by index, with TEXCOORD_0 and no transform; None for those without a usable image."""
+    _images: dict[int, tuple[Image, str]] = field(default_factory=dict)
+    """Images and their names for messages, by index."""
+    _counted_images: set[Image] = field(default_factory=set)
+    """Images whose pixels are counted towards ``max_total_image_pixels``."""
+    _total_pixels: int = 0
 
     def get(self, info: schema.TextureInfo | None, path: str) -> Texture | None:
         """Return the texture of a material's property; None if there is none, or none that can be read.
@@ -72,7 +58,7 @@ class Textures:
         Raises:
             GltfLimitError: Images are beyond the limits.
         """
-        if info is None or not self._enabled:
+        if info is None:
             return None
         with as_warning(self._warnings, "the texture is left out"):
             if info.index is None:

@@ -128,12 +128,11 @@ def test_one_different_bit_of_a_buffer_is_a_miss() -> None:
     assert cache.documents.cache.hits == 0
 
 
-def test_limits_and_textures_are_part_of_the_key() -> None:
+def test_limits_are_part_of_the_key() -> None:
     cache = GltfCache()
     warm(cache, document())
     with pytest.raises(GltfError, match="max_vertices = 10"):
         read_gltf(dump(moved(document(), 3)), cache=cache, limits=GltfLimits(max_vertices=10))
-    read_gltf(dump(moved(document(), 3)), cache=cache, textures=False)
     assert cache.documents.cache.hits == 0
     read_gltf(dump(moved(document(), 3)), cache=cache)
     assert cache.documents.cache.hits == 1

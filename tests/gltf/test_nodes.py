@@ -218,7 +218,7 @@ def test_camera_pose_is_optical() -> None:
     camera = scene.camera
     assert camera is not None
     np.testing.assert_allclose(camera.X_world_camera, look_at((0, 0, 5), (0, 0, 0), (0, 1, 0)), atol=1e-12)
-    assert (camera.yfov, camera.znear, camera.zfar, camera.aspect) == (0.8, 0.01, 10, 1.5)
+    assert (camera.yfov, camera.znear, camera.zfar) == (0.8, 0.01, 10)
     assert camera.name == "Camera Node"
     assert scene.from_drake
 
@@ -260,7 +260,7 @@ def test_camera_without_a_node_has_the_identity_pose() -> None:
     assert scene.camera.X_world_camera.tolist() == np.diag((1, -1, -1, 1)).tolist()
     camera = scene.camera
     assert (camera.index, camera.name, camera.yfov, camera.znear) == (0, "", None, 0.0)
-    assert camera.zfar is camera.aspect is None
+    assert camera.zfar is None
 
 
 def test_meshes_without_any_camera() -> None:
@@ -384,12 +384,12 @@ def test_defaults_of_cameras() -> None:
     sources.append({"name": "own", "perspective": {"yfov": 1}})
     for camera in sources:
         b.node(name="node", camera=b.add("cameras", camera))
-    found = [(c.index, c.name, c.yfov, c.znear, c.zfar, c.aspect) for c in b.read().cameras]
+    found = [(c.index, c.name, c.yfov, c.znear, c.zfar) for c in b.read().cameras]
     assert found == [
-        (0, "node", None, 0.0, None, None),
-        (1, "node", None, 0.0, None, None),
-        (2, "node", None, 0.0, 5.0, None),
-        (3, "own", 1.0, 0.0, None, None),
+        (0, "node", None, 0.0, None),
+        (1, "node", None, 0.0, None),
+        (2, "node", None, 0.0, 5.0),
+        (3, "own", 1.0, 0.0, None),
     ]
 
 

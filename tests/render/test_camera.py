@@ -22,7 +22,7 @@ REQUEST = RenderRequest("color", 64, 48, 100.0, 90.0, 32.0, 20.0, 0.1, 10.0, 0.0
 
 
 def scene(X: Any = POSE, znear: float = 0.02) -> PreparedScene:
-    camera = GltfCamera(0, "head", X, 1.0, znear, None, None)
+    camera = GltfCamera(0, "head", X, 1.0, znear, None)
     return PreparedScene(camera, True, "VTK", 1, (), 0, DrawList(), 0)
 
 

@@ -41,7 +41,8 @@ def _problems(choices: SceneChoices, catalogue: Catalogue, number: int) -> Itera
             yield f"{key}: there are {count}, the scenario has {wanted}"
     for index, surface in enumerate(choices.surfaces):
         yield from _pose_problems("surfaces", surface.X_world_surface)
-        yield from _file_problems(catalogue, f"surfaces[{index}].material.textures", {surface.material.texture})
+        key = f"surfaces[{index}].material.textures"
+        yield from _file_problems("surfaces.material.texture", {surface.material.texture}, catalogue, key)
     names: set[str] = set()
     for each in choices.objects:
         yield from _object_problems(each, catalogue)
@@ -54,10 +55,10 @@ def _problems(choices: SceneChoices, catalogue: Catalogue, number: int) -> Itera
         for pose in camera.X_world_camera:
             yield from _pose_problems("cameras", pose)
     textures = {each.material.texture for each in choices.objects if each.material is not None}
-    yield from _file_problems(catalogue, "materials.textures", textures)
-    yield from _file_problems(catalogue, "lights.rigs", {choices.light.rig})
-    yield from _file_problems(catalogue, "lights.environments", {choices.light.environment})
-    yield from _file_problems(catalogue, "backgrounds.images", {choices.background.image})
+    yield from _file_problems("objects.material.texture", textures, catalogue, "materials.textures")
+    yield from _file_problems("light.rig", {choices.light.rig}, catalogue, "lights.rigs")
+    yield from _file_problems("light.environment", {choices.light.environment}, catalogue, "lights.environments")
+    yield from _file_problems("background.image", {choices.background.image}, catalogue, "backgrounds.images")
 
 
 def _object_problems(choice: ObjectChoice, catalogue: Catalogue) -> Iterator[str]:
@@ -70,9 +71,10 @@ def _object_problems(choice: ObjectChoice, catalogue: Catalogue) -> Iterator[str
     yield from _pose_problems("objects", choice.X_world_object)
 
 
-def _file_problems(catalogue: Catalogue, key: str, used: set[str]) -> Iterator[str]:
+def _file_problems(place: str, used: set[str], catalogue: Catalogue, key: str) -> Iterator[str]:
+    """Yield a sentence for each file at a place in the record that is not among those of the scenario's key."""
     for file in sorted(used - {"", *catalogue.other_files.get(key, ())}):
-        yield f"{key}: {file!r} is not among the files of the scenario"
+        yield f"{place}: {file!r} is not among the files of the scenario"
 
 
 def _pose_problems(key: str, pose: Coordinates) -> Iterator[str]:
