@@ -28,3 +28,12 @@ def test_arrays_come_back(analytic: Dataset, dest: Path) -> None:
                 np.testing.assert_array_equal(group["objects/X_camera_object"][k], record.X_camera_object)
                 np.testing.assert_array_equal(group["objects/box_visible"][k], record.box_visible)
                 assert group["objects/model"].asstr()[k] == record.model
+
+
+def test_no_object_has_a_time(analytic: Dataset, dest: Path) -> None:
+    export(analytic, dest, "hdf5")
+    times: dict[str, int] = {}
+    with h5py.File(dest / "samples.hdf5") as file:
+        file.visititems(lambda name, each: times.update({name: h5py.h5o.get_info(each.id).mtime}))
+    assert {"K", "objects"} <= {name.rpartition("/")[2] for name in times}
+    assert set(times.values()) == {0}

@@ -28,7 +28,9 @@ def write(dataset: Dataset, folder: Path, samples: Iterator[Sample]) -> None:
         file.attrs["classes"] = msgspec.json.encode(dataset.description.classes).decode()
         file.attrs["conventions"] = msgspec.json.encode(dataset.description.conventions).decode()
         for sample in samples:
-            group = file.create_group(sample.id)
+            group = _group(file, sample.id)
+            if sample.objects:
+                _group(group, "objects")
             for name, values in sample.arrays().items():
                 if values.dtype.kind == "U":
                     group[name] = values.tolist()
@@ -36,3 +38,10 @@ def write(dataset: Dataset, folder: Path, samples: Iterator[Sample]) -> None:
                     group[name] = values
                 else:  # an array is one chunk: it is read as a whole
                     group.create_dataset(name, data=values, chunks=values.shape, compression=COMPRESSION, shuffle=True)
+
+
+def _group(parent: h5py.Group, path: str) -> h5py.Group:
+    """Return a group. HDF5 gives groups that it creates on the way to another one a time; none of these has one."""
+    for name in path.split("/"):
+        parent = parent.require_group(name)
+    return parent
