@@ -68,8 +68,6 @@ def check_dataset(folder: Path, threads: int, show: Callable[[int, int], object]
     """Check all files of a dataset. Errors are not raised, but are in the report.
 
     Args:
-        folder: the dataset.
-        threads: number of threads that read images.
         show: called now and then with the numbers of checked and of all samples.
     """
     report = Report()
@@ -222,9 +220,7 @@ def _note_unknown_files(folder: Path, path_hashes: set[int], report: Report) -> 
     """Add a note for each file in the folders of scenes that is not in the manifest.
 
     Args:
-        folder: the dataset.
         path_hashes: hashes of the paths of all images in the manifest.
-        report: gets the notes.
     """
     for path, folders, files in os.walk(folder / manifest.SCENES_FOLDER):
         folders.sort()

@@ -20,7 +20,6 @@ def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
     If the process is killed before the rename, the temporary file stays until ``remove_temporary_files``.
 
     Args:
-        path: file to write or to replace.
         data: content, or consecutive parts of it.
     """
     with temporary_name(path) as temporary:

@@ -103,7 +103,6 @@ class Job:
 
         Args:
             is_done: returns True if the sample with a number exists.
-            renderer_digest: digest of the rasterizer's sources.
         """
         tasks: list[Task] = []
         for first_number, source in self._first_numbers.values():

@@ -25,7 +25,6 @@ class Journal:
         """Create an empty journal.
 
         Args:
-            job: the job whose samples are added.
             file: empty file, open for reading and writing.
         """
         self._job = job

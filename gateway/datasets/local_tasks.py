@@ -55,7 +55,6 @@ def _run_in_parallel(pending: deque[Task], worker_count: int, interrupted: list[
 
     Args:
         pending: tasks to run; becomes empty.
-        worker_count: number of processes.
         interrupted: list to which tasks are added whose process died.
     """
     with ExitStack() as stack:
@@ -110,11 +109,7 @@ def _submit(pool: ProcessPoolExecutor, task: Task) -> Future[Result]:
 
 
 def _initialize(parent_id: int) -> None:
-    """Make this process ignore Ctrl+C, which its parent handles, and die with its parent.
-
-    Args:
-        parent_id: process id of the parent.
-    """
+    """Make this process ignore Ctrl+C, which its parent handles, and die with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with contextlib.suppress(OSError, AttributeError):  # only Linux has prctl
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -23,7 +23,6 @@ def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
     """Yield the results of tasks in the order in which they finish.
 
     Args:
-        tasks: tasks to run.
         address: address of the cluster (``HOST:6379``, ``ray://HOST:10001``, ``auto``), or ``local`` to start one.
 
     Raises:
@@ -72,9 +71,6 @@ def run_pickled_task(task: bytes) -> bytes:
 
     Task and result are pickled here and not by Ray, because unpickling a task imports Numba. The kernel cache must be
     configured before that.
-
-    Args:
-        task: a pickled ``Task``.
     """
     from gateway.runtime.kernels.loading import ensure_compiled
 

@@ -72,7 +72,6 @@ def valid_samples(job: Job, threads: int = 1) -> Iterator[SampleRecord]:
     """Yield the samples whose scene, view and images have not changed.
 
     Args:
-        job: the job of this run.
         threads: number of threads that read and hash the images.
     """
 

@@ -71,8 +71,6 @@ def run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Progr
     """Render the samples of a job that its folder does not have.
 
     Args:
-        job: scenes, views, settings and folder.
-        execute: runs the tasks.
         report: called at the start and after each task.
 
     Raises:

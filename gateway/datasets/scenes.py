@@ -138,10 +138,6 @@ def load_options(settings: manifest.Settings) -> SceneOptions:
 def load_scene(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> LoadedScene:
     """Load a scene.
 
-    Args:
-        source: scene file.
-        options: options, of which most kinds of scenes use none.
-
     Raises:
         SceneError: the scene cannot be loaded.
     """

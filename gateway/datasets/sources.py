@@ -73,7 +73,6 @@ def find_sources(inputs: Iterable[Path], numbers: range | None = None) -> tuple[
     """Return the scenes of the inputs, which are files and folders, ordered by name.
 
     Args:
-        inputs: files and folders.
         numbers: numbers of the scenes of scenarios; None: all of them.
 
     Raises:

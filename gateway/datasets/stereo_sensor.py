@@ -49,7 +49,6 @@ class StereoSensor:
         """Return depth along the optical axis, (H, W) uint16, in millimetres; 0: not measured.
 
         Args:
-            scene: the scene.
             camera: left camera; has the lens of the profile.
             look: background, and what is cut out.
             number: seed of the noise.

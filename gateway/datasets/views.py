@@ -116,7 +116,6 @@ def scene_views(cameras: int, frames: int | None) -> tuple[View, ...]:
     """Return the views of a scene that has cameras of its own, which see each of its frames in turn.
 
     Args:
-        cameras: number of cameras.
         frames: number of frames; None: the scene does not move.
     """
     if frames is None:
@@ -140,9 +139,6 @@ def camera_of(
     """Return the camera of a view in a scene.
 
     Args:
-        view: pose and intrinsics.
-        root: root of the scene's tree.
-        draw_list: the tree as a draw list.
         file_camera: first camera of the scene file; None if it has none.
         width: default width of the image in pixels.
         height: default height of the image in pixels.

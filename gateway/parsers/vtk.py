@@ -111,6 +111,7 @@ class _Parser:
         return np.frombuffer(self._data[begin:end], dtype).astype(np.float64)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def read_vtk(data: bytes, max_vertices: int, max_triangles: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """Return the surface in a file.
 
@@ -124,11 +125,7 @@ def read_vtk(data: bytes, max_vertices: int, max_triangles: int) -> tuple[NDArra
     Raises:
         MeshFaultError: The file is damaged, not a legacy VTK file with points and cells, or beyond a limit.
     """
-    with np.errstate(over="ignore", invalid="ignore"):
-        return _parse(_Parser(data), max_vertices, max_triangles)
-
-
-def _parse(parser: _Parser, max_vertices: int, max_triangles: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    parser = _Parser(data)
     positions: NDArray[np.float32] | None = None
     cells: _Cells | None = None
     types: NDArray[np.int64] | None = None

@@ -116,15 +116,11 @@ def run(options: argparse.Namespace) -> None:
         changes.set(top, [MeshFile.read(source).body()])
     with TreeViewer(options.lcm_url, options.timeout) as viewer:
         answer = viewer.send(changes)
-        if source.suffix.lower() != ".json" and (failed := _failed(answer, strict=options.strict)):
+        failed = [warning for warning in answer.warnings if options.strict or warning.endswith(NOTHING_DRAWN)]
+        if source.suffix.lower() != ".json" and failed:
             viewer[top].delete()
             raise ValueError(f"{source}: {strict_refusal(failed) if options.strict else joined_warnings(failed)}")
     _print(answer)
-
-
-def _failed(answer: Answer, *, strict: bool) -> list[str]:
-    """Return the warnings of a mesh that is not drawn, or must not be."""
-    return [warning for warning in answer.warnings if strict or warning.endswith(NOTHING_DRAWN)]
 
 
 def _read_request(source: Path, root: NodePath, changes: Changes) -> None:

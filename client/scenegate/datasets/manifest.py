@@ -333,8 +333,6 @@ def decode(data: bytes, record_type: type[Record], location: str) -> Record:
     """Decode a record.
 
     Args:
-        data: the record as JSON.
-        record_type: type of the record.
         location: file and line, for the error message.
 
     Raises:
@@ -395,8 +393,6 @@ def read_lines(path: Path, record_type: type[Record], *, allow_partial_end: bool
     """Yield the records of a file that has one record per line.
 
     Args:
-        path: the file.
-        record_type: type of the records.
         allow_partial_end: ignore a last line without newline, which a killed process may have written.
 
     Raises:

@@ -21,7 +21,6 @@ def serve_dataset(dataset: Dataset, port: int, started: Callable[[str], object])
     """Serve the page until SIGINT or SIGTERM.
 
     Args:
-        dataset: what to show.
         port: TCP port; 0: any.
         started: called with the URL of the page.
 
