@@ -33,7 +33,7 @@ from gateway.gltf.meshes import Meshes
 from gateway.gltf.nodes import NodeParts, SceneNodes, read_nodes
 from gateway.gltf.parser import check_version, parse_document
 from gateway.gltf.scene import GltfScene
-from gateway.gltf.schema import DRAKE_MERGER, Document, Mesh
+from gateway.gltf.schema import DRAKE_MERGER, Document, Light, Mesh
 from gateway.gltf.textures import Textures
 from gateway.scene.geometry import Part, Surface
 from renderers.cache import CacheBudget
@@ -79,12 +79,8 @@ def read_gltf(
         hashed = HashedDocument(bytes(data))
     if cache is None:
         cache = GltfCache(CacheBudget(limits.max_buffer_bytes + limits.max_mesh_bytes))
-    if hashed is not None and (cached := cache.documents.find(hashed, limits)) is not None:
-        content, nodes_and_scenes = cached
-        nodes = read_nodes(nodes_and_scenes, limits)
-        has_posed_nodes = content.generator != DRAKE_MERGER and any(map(has_own_parts, nodes.sources))
-        if not has_posed_nodes and list(nodes.first_node_by_mesh()) == list(content.parts):
-            return _combine(content, nodes, limits)
+    if hashed is not None and (scene := _cached_scene(hashed, cache, limits)) is not None:
+        return scene
     check_stop()
     container = open_container(data)
     warnings: list[str] = []
@@ -108,20 +104,7 @@ def read_gltf(
     materials = Materials(document, images, warnings, variant)
     lights = read_lights(document, warnings)
     reader = _PartReader(document, meshes, materials, limits)
-    parts, posed_parts = reader.read(nodes, poses)
-    warnings += reader.left_out
-    content = DocumentContent(
-        generator=document.generator,
-        cameras=document.cameras or [],
-        lights=lights,
-        parts=parts,
-        posed_parts=posed_parts,
-        mesh_names=mesh_names,
-        element_counts={mesh: _element_count(mesh_parts) for mesh, mesh_parts in parts.items()},
-        morphed_mesh_count=sum(isinstance(mesh, Mesh) and any(mesh.weights or ()) for mesh in document.meshes or ()),
-        warnings=tuple(warnings),
-        mesh_bytes=meshes.nbytes,
-    )
+    content = reader.read(nodes, poses, mesh_names, lights, warnings)
     check_stop()
     scene = _combine(content, nodes, limits)
     is_flawed = has_wrong_types or nodes.warnings or len(content.warnings) > _MAX_LISTED_WARNINGS
@@ -140,6 +123,19 @@ def read_mesh_names(data: bytes) -> frozenset[str]:
     return frozenset(read_nodes(document, _DEFAULT_LIMITS).mesh_names(document.meshes).values())
 
 
+def _cached_scene(document: HashedDocument, cache: GltfCache, limits: GltfLimits) -> GltfScene | None:
+    """Return the scene of a document that differs from one in the cache only in its nodes; None if there is none."""
+    cached = cache.documents.find(document, limits)
+    if cached is None:
+        return None
+    content, nodes_and_scenes = cached
+    nodes = read_nodes(nodes_and_scenes, limits)
+    has_posed_nodes = content.generator != DRAKE_MERGER and any(map(has_own_parts, nodes.sources))
+    if has_posed_nodes or list(nodes.first_node_by_mesh()) != list(content.parts):
+        return None
+    return _combine(content, nodes, limits)
+
+
 class _PartReader:
     """Reads the primitives of the meshes in use as parts. What is invalid is left out with a warning."""
 
@@ -150,20 +146,47 @@ class _PartReader:
         self._limits = limits
         self._primitive_count = 0
         self._any_read = False
-        self.left_out: list[str] = []
+        self._left_out: list[str] = []
         """Sentences about primitives that are left out."""
 
     def read(
-        self, nodes: SceneNodes, poses: Mapping[int, Pose]
-    ) -> tuple[dict[int, tuple[Part, ...]], dict[int, tuple[Part, ...]]]:
-        """Return the parts by mesh index, and those of nodes with a pose of their own by position in ``nodes``.
+        self,
+        nodes: SceneNodes,
+        poses: Mapping[int, Pose],
+        mesh_names: Mapping[int, str],
+        lights: list[Light | None],
+        warnings: list[str],
+    ) -> DocumentContent:
+        """Return everything but the nodes.
 
         Args:
             poses: Poses of the nodes with parts of their own, by position in ``nodes``.
+            mesh_names: Names of the meshes in use, by mesh index.
+            warnings: Warnings so far; those about primitives that are left out are appended to this list.
 
         Raises:
             GltfError: A limit is exceeded, or nothing can be drawn.
         """
+        parts, posed_parts = self._parts(nodes, poses)
+        warnings += self._left_out
+        meshes = self._document.meshes or ()
+        return DocumentContent(
+            generator=self._document.generator,
+            cameras=self._document.cameras or [],
+            lights=lights,
+            parts=parts,
+            posed_parts=posed_parts,
+            mesh_names=mesh_names,
+            element_counts={mesh: _element_count(mesh_parts) for mesh, mesh_parts in parts.items()},
+            morphed_mesh_count=sum(isinstance(mesh, Mesh) and any(mesh.weights or ()) for mesh in meshes),
+            warnings=tuple(warnings),
+            mesh_bytes=self._meshes.nbytes,
+        )
+
+    def _parts(
+        self, nodes: SceneNodes, poses: Mapping[int, Pose]
+    ) -> tuple[dict[int, tuple[Part, ...]], dict[int, tuple[Part, ...]]]:
+        """Return the parts by mesh index, and those of nodes with a pose of their own by position in ``nodes``."""
         parts: dict[int, tuple[Part, ...]] = {}
         posed_parts: dict[int, tuple[Part, ...]] = {}
         parts_in_pose: dict[tuple[int, Pose], tuple[Part, ...]] = {}  # the instances of a node share a pose
@@ -186,8 +209,8 @@ class _PartReader:
                 parts[mesh_index] = self._parts_of(mesh, mesh_index, at_rest)
             else:
                 posed_parts[position] = parts_in_pose[mesh_index, pose] = self._parts_of(mesh, mesh_index, pose)
-        if not self._any_read and (missing or self.left_out):
-            raise GltfError(f"nothing can be drawn: {joined_warnings(missing + self.left_out)}")
+        if not self._any_read and (missing or self._left_out):
+            raise GltfError(f"nothing can be drawn: {joined_warnings(missing + self._left_out)}")
         nodes.warnings.extend(missing)
         return parts, posed_parts
 
@@ -207,7 +230,7 @@ class _PartReader:
                     parts.append(Part(Surface(surface), self._materials.get(primitive, name)))
                 self._any_read = True
             except GltfError:
-                with as_warning(self.left_out, f"{name} is left out"):
+                with as_warning(self._left_out, f"{name} is left out"):
                     raise
         return tuple(parts)
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pointers import address_of, f32_at, u16_at
+from renderers.compiler.pointers import address_of, f32_at, stack_array, u16_at
 from renderers.stop import current_stop
 
 _MATRIX_NUMBERS: Final = 12
 """Numbers of a joint matrix, (3, 4)."""
+_matrix: Final = stack_array(types.float32, _MATRIX_NUMBERS)
 _VERTICES_PER_STOP_CHECK: Final = 1 << 14
 
 
@@ -61,6 +63,7 @@ def _skin_vertices(
         stop_at: address of a ``StopFlag``; the result is incomplete once it is set.
     """
     joints, weights, matrices = u16_at(joints_at), f32_at(weights_at), f32_at(joint_matrices_at)
+    mean = _matrix()
     for vertex in range(count):
         if vertex % _VERTICES_PER_STOP_CHECK == 0 and is_set(stop_at):
             return
@@ -68,37 +71,22 @@ def _skin_vertices(
         total = np.float32(0.0)
         for k in range(first, first + joint_count):
             total += weights[k]
-        m00 = m01 = m02 = m03 = m10 = m11 = m12 = m13 = m20 = m21 = m22 = m23 = np.float32(0.0)
+        for i in range(_MATRIX_NUMBERS):
+            mean[i] = 0.0
         for k in range(first, first + joint_count):
             if 0.0 < total < np.inf:
                 weight = weights[k] / total
             else:
                 weight = np.float32(1.0) if k == first else np.float32(0.0)
             if weight != 0.0:
-                m = _MATRIX_NUMBERS * np.int64(joints[k])
-                m00, m01, m02, m03 = (
-                    m00 + weight * matrices[m],
-                    m01 + weight * matrices[m + 1],
-                    m02 + weight * matrices[m + 2],
-                    m03 + weight * matrices[m + 3],
-                )
-                m10, m11, m12, m13 = (
-                    m10 + weight * matrices[m + 4],
-                    m11 + weight * matrices[m + 5],
-                    m12 + weight * matrices[m + 6],
-                    m13 + weight * matrices[m + 7],
-                )
-                m20, m21, m22, m23 = (
-                    m20 + weight * matrices[m + 8],
-                    m21 + weight * matrices[m + 9],
-                    m22 + weight * matrices[m + 10],
-                    m23 + weight * matrices[m + 11],
-                )
+                matrix = _MATRIX_NUMBERS * np.int64(joints[k])
+                for i in range(_MATRIX_NUMBERS):
+                    mean[i] += weight * matrices[matrix + i]
         for vectors_at, size, w in ((positions_at, 3, 1), (normals_at, 3, 0), (tangents_at, 4, 0)):
             if vectors_at != 0:
                 vectors = f32_at(vectors_at)
                 v = vertex * size
                 x, y, z = vectors[v], vectors[v + 1], vectors[v + 2]
-                vectors[v] = m00 * x + m01 * y + m02 * z + w * m03
-                vectors[v + 1] = m10 * x + m11 * y + m12 * z + w * m13
-                vectors[v + 2] = m20 * x + m21 * y + m22 * z + w * m23
+                for row in range(3):
+                    m = 4 * row
+                    vectors[v + row] = mean[m] * x + mean[m + 1] * y + mean[m + 2] * z + w * mean[m + 3]
