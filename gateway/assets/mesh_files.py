@@ -68,8 +68,6 @@ class _LoadedFile:
     """Sentences about content that is not shown."""
     stamps: tuple[_Stamp, ...]
     """Stamps of the file and of those files that it refers to and that could be read."""
-    nbytes: int
-    """Approximate size of the parts."""
 
 
 class MeshFiles:
@@ -265,8 +263,8 @@ class MeshFiles:
             raise MeshFileError(f"{quoted(filename)} cannot be read: {error.strerror}") from error
         parts = tuple(msgspec.structs.replace(part, kind="mesh_file", source=filename) for part in parts)
         sentences = tuple(f"{quoted(filename)}: {text}" for text in warnings)
-        loaded = _LoadedFile(parts, sentences, tuple(reader.stamps), _nbytes(parts))
-        self.cache.put(str(path), loaded, loaded.nbytes)
+        loaded = _LoadedFile(parts, sentences, tuple(reader.stamps))
+        self.cache.put(str(path), loaded, _nbytes(parts))
         return loaded
 
 

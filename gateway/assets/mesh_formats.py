@@ -174,8 +174,7 @@ def _parse_in_child(
 
 def _parts_of_content(content: MeshData, limits: GltfLimits) -> tuple[Part, ...]:
     textures = [
-        Texture(image_from_bytes(file.data, max_pixels=limits.max_image_pixels), name=file.name)
-        for file in content.images
+        Texture(image_from_bytes(data, max_pixels=limits.max_image_pixels), name=name) for name, data in content.images
     ]
     shapes: list[tuple[Shape, Material]] = []
     for shape in content.shapes:

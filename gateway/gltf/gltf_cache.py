@@ -6,7 +6,7 @@ which prepares each ``Mesh`` and ``Image`` object only once, has nothing to prep
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, TypeAlias
 
 from gateway.gltf.document_cache import DocumentCache
 from renderers.cache import SHARED, Cache, CacheBudget
@@ -18,21 +18,8 @@ IMAGE_BYTES: Final = 256
 
 MeshKey: TypeAlias = bytes
 """The content of a primitive: its mode, and ``Accessor.key`` of its indices and of each attribute."""
-
-
-class ImageKey(NamedTuple):
-    """The content of an encoded image, and the limit with which it is decoded."""
-
-    digest: bytes
-    """SHA-256 of the buffer that holds the image."""
-    offset: int
-    """Bytes from the start of the buffer."""
-    length: int
-    """Bytes."""
-    max_pixels: int
-    """``GltfLimits.max_image_pixels``."""
-
-
+ImageKey: TypeAlias = tuple[bytes, int, int, int]
+"""SHA-256 of the buffer that holds an encoded image, its offset and length in bytes, and ``max_image_pixels``."""
 ContentKey: TypeAlias = MeshKey | ImageKey
 
 

@@ -9,7 +9,7 @@ from typing import Final
 from gateway.gltf import schema
 from gateway.gltf.buffers import Buffers
 from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
-from gateway.gltf.gltf_cache import IMAGE_BYTES, ContentKey, ImageKey
+from gateway.gltf.gltf_cache import IMAGE_BYTES, ContentKey
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension, vector_or_default
 from renderers.cache import Cache
@@ -145,7 +145,7 @@ class Textures:
         name = f"images[{index}] ({source.name[:60]})" if source.name else f"images[{index}]"
         # Count also images that share a buffer view: each of them is copied.
         self._buffers.count_bytes(length, f"images[{index}]")
-        key = ImageKey(buffer.digest, offset, length, self._limits.max_image_pixels)
+        key = (buffer.digest, offset, length, self._limits.max_image_pixels)
         image = self._content.get(key)
         data = memoryview(buffer.data)[offset : offset + length]
         if not isinstance(image, Image):

@@ -34,20 +34,12 @@ class Shape(msgspec.Struct):
     """Index of the texture in ``MeshData.images``."""
 
 
-class TextureFile(msgspec.Struct):
-    """A texture."""
-
-    name: str
-    """Name in the mesh file."""
-    data: bytes
-    """PNG, JPEG or WebP; not decoded, and perhaps damaged."""
-
-
 class MeshData(msgspec.Struct, tag=True):
     """Shapes and their instances."""
 
     shapes: list[Shape] = msgspec.field(default_factory=list)
-    images: list[TextureFile] = msgspec.field(default_factory=list)
+    images: list[tuple[str, bytes]] = msgspec.field(default_factory=list)
+    """Name of a texture in the mesh file, and its PNG, JPEG or WebP file: not decoded, and perhaps damaged."""
     instances: list[tuple[int, bytes]] = msgspec.field(default_factory=list)
     """Index of a shape, and its (4, 4) float64 transform, which includes the unit and up axis of a COLLADA file."""
     warnings: list[str] = msgspec.field(default_factory=list)

@@ -8,7 +8,7 @@ from typing import Final
 
 from PIL import Image
 
-from gateway.parsers.mesh_data import MeshData, TextureFile
+from gateway.parsers.mesh_data import MeshData
 
 ReadFile = Callable[[str], bytes]
 """Function that returns the bytes of a file that the mesh file refers to; raises OSError."""
@@ -43,7 +43,7 @@ class TextureFiles:
         """Return the index of a texture in the content's images, and add it if its bytes are new."""
         index = self._index_by_data.setdefault(data, len(self._images))
         if index == len(self._images):
-            self._images.append(TextureFile(name, data))
+            self._images.append((name, data))
         return index
 
     def encoded(self, name: str, data: bytes) -> bytes:

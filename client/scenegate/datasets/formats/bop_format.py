@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Final
@@ -29,33 +28,24 @@ DEPTH_SCALES: Final = (0.1, 1.0)
 MAX_DEPTH_UNITS: Final = 65535
 
 
-@dataclass(frozen=True, slots=True)
-class _Plan:
-    """Models and depth scale of all scenes."""
-
-    object_ids: Mapping[ModelKey, int]
-    """BOP's numbers of the models, from 1."""
-    depth_scale: float
-    """One of ``DEPTH_SCALES``."""
-
-
 def write(dataset: Dataset, folder: Path, samples: Iterator[Sample]) -> None:
     """Write the samples of a dataset into a folder."""
-    plan = _plan(dataset)
-    write_models(dataset.folder, folder / "models", plan.object_ids)
+    object_ids, depth_scale = _plan(dataset)
+    write_models(dataset.folder, folder / "models", object_ids)
     names: dict[str, str] = {}
     camera: CameraRecord | None = None
     for number, (scene, views) in enumerate(groupby(samples, key=lambda sample: sample.record.scene)):
         names[f"{number:06d}"] = scene
-        camera = _write_scene(folder / SPLIT / f"{number:06d}", views, plan, dataset.scene(scene).models)
-    objects = {str(number): {"model": key.name, "scale": key.scale} for key, number in plan.object_ids.items()}
+        models = dataset.scene(scene).models
+        camera = _write_scene(folder / SPLIT / f"{number:06d}", views, models, object_ids, depth_scale)
+    objects = {str(number): {"model": key.name, "scale": key.scale} for key, number in object_ids.items()}
     _write_json(folder / "dataset_info.json", {"scenes": names, "objects": objects})
     if camera is not None:
-        _write_json(folder / "camera.json", {**_intrinsics(camera), "depth_scale": plan.depth_scale})
+        _write_json(folder / "camera.json", {**_intrinsics(camera), "depth_scale": depth_scale})
 
 
-def _plan(dataset: Dataset) -> _Plan:
-    """Find the models and the depth scale of a dataset."""
+def _plan(dataset: Dataset) -> tuple[dict[ModelKey, int], float]:
+    """Return BOP's numbers of the models of a dataset, from 1, and one of ``DEPTH_SCALES``."""
     keys: set[ModelKey] = set()
     far: float | None = 0.0
     for scene, views in groupby(dataset, key=lambda sample: sample.record.scene):
@@ -65,10 +55,16 @@ def _plan(dataset: Dataset) -> _Plan:
             far = None if far is None or camera.far is None else max(far, camera.far + camera.depth_origin)
             keys.update(model_key(record, models) for record in sample.objects)
     reach = far is not None and far * MILLIMETRES <= MAX_DEPTH_UNITS * DEPTH_SCALES[0]
-    return _Plan({key: number for number, key in enumerate(sorted(keys), 1)}, DEPTH_SCALES[0 if reach else 1])
+    return {key: number for number, key in enumerate(sorted(keys), 1)}, DEPTH_SCALES[0 if reach else 1]
 
 
-def _write_scene(folder: Path, views: Iterator[Sample], plan: _Plan, models: Mapping[str, ModelRecord]) -> CameraRecord:
+def _write_scene(
+    folder: Path,
+    views: Iterator[Sample],
+    models: Mapping[str, ModelRecord],
+    object_ids: Mapping[ModelKey, int],
+    depth_scale: float,
+) -> CameraRecord:
     """Write the images and annotations of a scene; return its last camera."""
     for name in ("rgb", "depth", "mask", "mask_visib"):
         (folder / name).mkdir(parents=True)
@@ -78,10 +74,10 @@ def _write_scene(folder: Path, views: Iterator[Sample], plan: _Plan, models: Map
     for number, sample in enumerate(views):
         suffix = sample.path("color").suffix
         (folder / "rgb" / f"{number:06d}{suffix}").write_bytes(sample.file_bytes("color"))
-        depth = _depth_units(sample, plan.depth_scale)
+        depth = _depth_units(sample, depth_scale)
         (folder / "depth" / f"{number:06d}.png").write_bytes(encode_png(depth))
-        cameras[str(number)] = _camera(sample.record.camera, plan.depth_scale)
-        poses[str(number)] = [_pose(record, plan.object_ids[model_key(record, models)]) for record in sample.objects]
+        cameras[str(number)] = _camera(sample.record.camera, depth_scale)
+        poses[str(number)] = [_pose(record, object_ids[model_key(record, models)]) for record in sample.objects]
         infos[str(number)] = []
         instances = sample.instance
         for index, record in enumerate(sample.objects):
