@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gateway.assets.scene_file import Up
 from gateway.gltf import GltfLimits, read_gltf
-from gateway.parsers.mesh_data import MeshData, MeshFault, MeshLimits
+from gateway.parsers.mesh_data import MeshData, MeshLimits
 from gateway.parsers.mesh_data import Shape as ParsedShape
 from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_limited
 from gateway.scene.broken_textures import without_broken_textures
@@ -57,15 +57,11 @@ class ParserLimits:
 
 
 PARSER_LIMITS: Final = ParserLimits()
-_result_decoder: Final = msgspec.msgpack.Decoder(MeshData | MeshFault)
+_result_decoder: Final = msgspec.msgpack.Decoder(MeshData | str)
 
 
 class MeshFormatError(ValueError):
     """A file that cannot be parsed. The message does not name the file."""
-
-
-class EmptyMeshError(MeshFormatError):
-    """A file without triangles and points."""
 
 
 def parse_mesh(
@@ -162,13 +158,13 @@ def _parse_in_child(
     arguments = (data, extension, {name: getattr(limits, name) for name in names}, collada_up_axis)
     process_limits = PARSER_LIMITS.of(len(data))
     try:
-        result: MeshData | MeshFault = _result_decoder.decode(
+        result: MeshData | str = _result_decoder.decode(
             call_limited("gateway.parsers.mesh:read_mesh", arguments, process_limits, resolve)
         )
     except ProcessFailed as error:
         raise MeshFormatError(f"it cannot be read as {extension.upper()}: {error}") from None
-    if isinstance(result, MeshFault):
-        raise (EmptyMeshError if result.is_empty else MeshFormatError)(result.text)
+    if isinstance(result, str):
+        raise MeshFormatError(result)
     return result
 
 

@@ -29,6 +29,7 @@ from typing import Annotated, Final
 
 import msgspec
 
+from gateway.datasets.errors import DatasetError
 from gateway.scene.tree import Path as TreePath
 from scenegate.regular_files import errors_as, read_regular
 
@@ -38,10 +39,6 @@ _MAX_FILE_BYTES: Final = 1 << 20
 """Maximum size of the file, which has a line for each pattern."""
 
 _Pattern = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
-
-
-class ClassesError(ValueError):
-    """The classes cannot be used; the message is one sentence."""
 
 
 class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -115,11 +112,11 @@ def classes_of_models(models: Iterable[str]) -> ClassTable:
     """Return a class for each model, numbered by name.
 
     Raises:
-        ClassesError: there are more than ``MAX_CLASSES``.
+        DatasetError: there are more than ``MAX_CLASSES``.
     """
     names = sorted(set(models))
     if len(names) > MAX_CLASSES:
-        raise ClassesError(f"{len(names)} models are more than {MAX_CLASSES} classes; --classes can join some")
+        raise DatasetError(f"{len(names)} models are more than {MAX_CLASSES} classes; --classes can join some")
     return ClassTable(tuple((name, number) for number, name in enumerate(names, 1)))
 
 
@@ -127,9 +124,9 @@ def read_classes(path: Path) -> tuple[ClassTable, str]:
     """Return the classes of a file, and the SHA-256 of the file.
 
     Raises:
-        ClassesError: the file cannot be read, or an entry is invalid; the message names the entry.
+        DatasetError: the file cannot be read, or an entry is invalid; the message names the entry.
     """
-    with errors_as(ClassesError, path, ValueError, RecursionError):  # ValueErrors: those of msgspec, TOML and UTF-8
+    with errors_as(DatasetError, path, ValueError, RecursionError):  # ValueErrors: those of msgspec, TOML and UTF-8
         data = read_regular(path, _MAX_FILE_BYTES)
         values = msgspec.json.decode(data) if path.suffix.lower() == ".json" else tomllib.loads(data.decode())
         content = msgspec.convert(values, _FileContent)
@@ -141,17 +138,17 @@ def _numbered(entries: tuple[_Entry, ...]) -> tuple[tuple[str, int], ...]:
     given: dict[str, int] = {}
     for index, entry in enumerate(entries):
         if not entry.name.isprintable():
-            raise ClassesError(f"class[{index}].name = {entry.name!r}: must be of printable characters")
+            raise DatasetError(f"class[{index}].name = {entry.name!r}: must be of printable characters")
         if not (entry.model or entry.path or entry.file):
-            raise ClassesError(f"class[{index}] ({entry.name}) has none of model, path and file")
+            raise DatasetError(f"class[{index}] ({entry.name}) has none of model, path and file")
         if entry.whole and (entry.model or not entry.path):
-            raise ClassesError(f"class[{index}] ({entry.name}).whole needs a path, and no model")
+            raise DatasetError(f"class[{index}] ({entry.name}).whole needs a path, and no model")
         if entry.id is not None and given.setdefault(entry.name, entry.id) != entry.id:
-            raise ClassesError(
+            raise DatasetError(
                 f"class[{index}] ({entry.name}).id = {entry.id}: the class has the id {given[entry.name]}"
             )
     if len(set(given.values())) < len(given):  # of different names
-        raise ClassesError("two classes have the same id")
+        raise DatasetError("two classes have the same id")
     names = dict.fromkeys(entry.name for entry in entries)
     taken = set(given.values())
     free = (number for number in range(1, MAX_CLASSES + 1) if number not in taken)

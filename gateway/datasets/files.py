@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
+from gateway.datasets.errors import DatasetError
 from gateway.runtime.file_lock import Lock, try_lock
 
 TEMPORARY_SUFFIX: Final = ".part"
@@ -46,21 +47,17 @@ def remove_temporary_files(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-class InUseError(ValueError):
-    """Another process writes to the folder of the dataset."""
-
-
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Hold an exclusive lock on a folder, where its file system has locks.
 
     Raises:
-        InUseError: another process holds the lock.
+        DatasetError: another process holds the lock.
     """
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         if try_lock(descriptor) is Lock.TAKEN:
-            raise InUseError(f"another run works on {folder}")
+            raise DatasetError(f"another run works on {folder}")
         yield
     finally:
         os.close(descriptor)

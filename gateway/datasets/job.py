@@ -11,6 +11,7 @@ from typing import Final
 
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.classes import NO_CLASSES, ClassTable
+from gateway.datasets.errors import DatasetError
 from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import REQUEST_VIEW_NAME, SceneCamera, View
 from scenegate.datasets.manifest import FailureRecord, SampleRecord, Settings
@@ -25,10 +26,6 @@ _REQUEST_VIEWS: Final = (View(REQUEST_VIEW_NAME, None),)
 def view_description(view: View, next_view: View | None) -> str:
     """Return ``SampleRecord.view_description`` of a view, and of the view after it if the sample depends on it."""
     return view.description if next_view is None else f"{view.description}; then {next_view.description}"
-
-
-class JobError(ValueError):
-    """The job cannot be started; the message is one sentence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,12 +192,12 @@ def make_job(
         cameras: views from the camera file.
 
     Raises:
-        JobError: two views have the same name, or the camera file names a scene that does not exist.
+        DatasetError: two views have the same name, or the camera file names a scene that does not exist.
     """
     default_views = (*views, *cameras.default_views) or (View("default", None),)
     name, count = Counter(view.name for view in default_views).most_common(1)[0]
     if count > 1:
-        raise JobError(f"two views are called {name!r}")
+        raise DatasetError(f"two views are called {name!r}")
     if unknown_scenes := cameras.scene_views.keys() - {source.name for source in sources}:
-        raise JobError(f"the camera file names scenes that are not there: {', '.join(sorted(unknown_scenes)[:5])}")
+        raise DatasetError(f"the camera file names scenes that are not there: {', '.join(sorted(unknown_scenes)[:5])}")
     return Job(sources, default_views, cameras.scene_views, settings, out, timeout, classes)

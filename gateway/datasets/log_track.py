@@ -10,14 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from gateway.assets.mesh_files import MeshFiles
+from gateway.datasets.errors import DatasetError
 from gateway.datasets.scenario.tracks import POSE_COLUMNS
 from gateway.lcmlog.replay import LogReplay, is_shown
 from gateway.scene.transforms import Matrix, quaternions_of
 from gateway.scene.tree import Path as TreePath
-
-
-class LogTrackError(ValueError):
-    """A log has no track of the node; the message is one sentence."""
 
 
 def read_track_of_log(log: Path, node: TreePath) -> str:
@@ -30,7 +27,7 @@ def read_track_of_log(log: Path, node: TreePath) -> str:
         node: path of the node.
 
     Raises:
-        LogTrackError: the log never has the node, or its pose is not finite.
+        DatasetError: the log never has the node, or its pose is not finite.
         EventLogError: the file is not an LCM log.
         OSError: the file cannot be read.
     """
@@ -45,11 +42,11 @@ def read_track_of_log(log: Path, node: TreePath) -> str:
             axes = pose[:3, :3] / np.linalg.norm(pose[:3, :3], axis=0)  # tracks have no scale
         row = (seconds, *pose[:3, 3].tolist(), *quaternions_of(axes[None])[0].tolist())
         if not np.isfinite(row).all():
-            raise LogTrackError(f"{log}: at {seconds:g} s the pose of {list(node)} is not finite, or has a scale of 0")
+            raise DatasetError(f"{log}: at {seconds:g} s the pose of {list(node)} is not finite, or has a scale of 0")
         writer.writerow(row)
         last = pose
     if last is None:
-        raise LogTrackError(f"{log}: it has no node at {list(node)}")
+        raise DatasetError(f"{log}: it has no node at {list(node)}")
     return out.getvalue()
 
 

@@ -6,6 +6,8 @@ import pickle
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
+from gateway.datasets.errors import DatasetError
+
 if TYPE_CHECKING:
     from gateway.datasets.job import Result, Task
 
@@ -15,10 +17,6 @@ TASKS_PER_CORE: Final = 2
 """Number of tasks per core of the cluster that are submitted at a time. With 2, no core waits for its next task."""
 
 
-class RayUnavailableError(RuntimeError):
-    """Ray is not installed, or the cluster cannot be reached."""
-
-
 def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
     """Yield the results of tasks in the order in which they finish.
 
@@ -26,18 +24,18 @@ def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
         address: address of the cluster (``HOST:6379``, ``ray://HOST:10001``, ``auto``), or ``local`` to start one.
 
     Raises:
-        RayUnavailableError: Ray is not installed, or there is no cluster at the address.
+        DatasetError: Ray is not installed, or there is no cluster at the address.
     """
     try:
         import ray
     except ImportError:
-        raise RayUnavailableError("Ray is not installed: pip install 'scenegate[ray]'") from None
+        raise DatasetError("Ray is not installed: pip install 'scenegate[ray]'") from None
     must_start = not ray.is_initialized()
     if must_start:
         try:
             ray.init(address, log_to_driver=False, logging_level="ERROR", namespace="scenegate")
         except (ConnectionError, ValueError, RuntimeError, OSError) as error:
-            raise RayUnavailableError(f"there is no Ray cluster at {address}: {str(error).splitlines()[0]}") from None
+            raise DatasetError(f"there is no Ray cluster at {address}: {str(error).splitlines()[0]}") from None
     try:
         yield from _results(ray, tasks)
     finally:

@@ -10,7 +10,8 @@ from itertools import compress, islice
 from pathlib import Path
 from typing import Final
 
-from gateway.datasets.job import Job, JobError
+from gateway.datasets.errors import DatasetError
+from gateway.datasets.job import Job
 from gateway.datasets.scenes import scene_digest
 from gateway.datasets.sources import Source
 from renderers.stop import StopFlag, check_stop
@@ -31,27 +32,25 @@ def existing_dataset(job: Job) -> manifest.DatasetRecord | None:
     """Return the description of the dataset in the job's folder, or None if the folder is empty or missing.
 
     Raises:
-        JobError: the folder has other files, a dataset with other settings, or samples that are not part of the job.
+        DatasetError: the folder has other files, a dataset with other settings, or samples that the job does not have.
+        RecordError: the dataset cannot be read.
     """
     out = job.out
     if not (out / manifest.DATASET_FILE).exists():
         if out.is_dir() and any(out.iterdir()):
-            raise JobError(f"{out} is not empty and holds no dataset")
+            raise DatasetError(f"{out} is not empty and holds no dataset")
         return None
-    try:
-        dataset = manifest.read_dataset(out)
-    except RecordError as error:
-        raise JobError(str(error)) from None
+    dataset = manifest.read_dataset(out)
     for name in Settings.__struct_fields__:
         old, new = getattr(dataset.settings, name), getattr(job.settings, name)
         if old != new:
             if old and new and name in _CHANGES:
-                raise JobError(f"{out} holds a dataset with other settings: {_CHANGES[name]}; name another folder")
-            raise JobError(
+                raise DatasetError(f"{out} holds a dataset with other settings: {_CHANGES[name]}; name another folder")
+            raise DatasetError(
                 f"{out} holds a dataset with other settings ({name}: {old} there, {new} now); name another folder"
             )
     if dataset.classes != job.classes.names:
-        raise JobError(
+        raise DatasetError(
             f"{out} holds a dataset with other classes ({len(dataset.classes)} there, {len(job.classes.names)} now); "
             "name another folder, or give it a file of classes"
         )
@@ -61,7 +60,7 @@ def existing_dataset(job: Job) -> manifest.DatasetRecord | None:
             unknown_count += 1
             first_unknown = min(first_unknown or sample.id, sample.id)
     if unknown_count:
-        raise JobError(
+        raise DatasetError(
             f"{out} holds {unknown_count} samples of scenes or views that this command does not name "
             f"({first_unknown}); name another folder"
         )
@@ -114,12 +113,9 @@ def ends_in_partial_line(path: Path) -> bool:
 
 def _recorded_samples(job: Job) -> Iterator[SampleRecord]:
     """Yield the samples in the manifest, then those in the journal. A sample may be in both."""
-    try:
-        for name in (manifest.MANIFEST_FILE, manifest.JOURNAL_FILE):
-            if (job.out / name).exists():
-                yield from manifest.read_lines(job.out / name, SampleRecord, allow_partial_end=True)
-    except RecordError as error:
-        raise JobError(str(error)) from None
+    for name in (manifest.MANIFEST_FILE, manifest.JOURNAL_FILE):
+        if (job.out / name).exists():
+            yield from manifest.read_lines(job.out / name, SampleRecord, allow_partial_end=True)
 
 
 def _current_digest(job: Job, source: Source) -> str | None:

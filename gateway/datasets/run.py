@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from gateway import __version__
+from gateway.datasets.errors import DatasetError
 from gateway.datasets.files import locked, remove_temporary_files, temporary_name, write_atomically
-from gateway.datasets.job import Job, JobError, Result, Task
+from gateway.datasets.job import Job, Result, Task
 from gateway.datasets.journal import Journal
 from gateway.datasets.resume import ends_in_partial_line, existing_dataset, valid_samples
 from gateway.runtime.scheduling import usable_cpus
@@ -74,8 +75,7 @@ def run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Progr
         report: called at the start and after each task.
 
     Raises:
-        JobError: the folder has other files or another dataset.
-        InUseError: another run writes to the folder.
+        DatasetError: the folder has other files or another dataset, or another run writes to it.
         OSError: the dataset cannot be written.
     """
     job.out.mkdir(parents=True, exist_ok=True)
@@ -135,11 +135,11 @@ def _run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Prog
 
 
 def _check_space(job: Job, samples: list[SampleRecord], missing: int) -> None:
-    """Raise JobError if a disk cannot hold all missing samples, estimated from the first ones."""
+    """Raise DatasetError if a disk cannot hold all missing samples, estimated from the first ones."""
     mean = sum(image.bytes for sample in samples for image in sample.images.values()) / len(samples)
     needed, free = mean * (missing - len(samples)), shutil.disk_usage(job.out).free
     if needed > free:
-        raise JobError(
+        raise DatasetError(
             f"{job.out}: the samples need about {needed / 1e9:.1f} GB more, and {free / 1e9:.1f} GB are free; name a "
             "folder on another disk, or render fewer, smaller or other images (--depth-format png is compressed)"
         )

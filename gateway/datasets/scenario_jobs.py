@@ -7,8 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from gateway.datasets.camera_file import CameraFile
+from gateway.datasets.errors import DatasetError
 from gateway.datasets.scenario.catalogue import read_catalogue
-from gateway.datasets.sources import Source, SourceError, SourceKind, find_sources
+from gateway.datasets.sources import Source, SourceKind, find_sources
 from gateway.datasets.views import View, scene_views
 from scenegate.datasets import manifest
 
@@ -24,17 +25,17 @@ def find_scenes(
         has_views: the command names cameras, which replace those of scenarios.
 
     Raises:
-        SourceError, ScenarioError, RecordError: a file or folder cannot be used.
+        DatasetError, ScenarioError, RecordError: a file or folder cannot be used.
     """
     sources = find_sources(inputs, numbers)
     paths = sorted({source.path for source in sources if source.kind is SourceKind.SCENARIO})
     if not paths:
         if numbers is not None or recorded is not None:
-            raise SourceError("--scenes and --recorded are for scenarios (.toml)")
+            raise DatasetError("--scenes and --recorded are for scenarios (.toml)")
         return sources, cameras, None
     digest = hashlib.sha256("".join(read_catalogue(Path(path)).digest for path in paths).encode()).hexdigest()
     if recorded is not None and manifest.read_dataset(recorded).settings.scenario_sha256 != digest:
-        raise SourceError(f"--recorded {recorded}: it is not a dataset of {', '.join(paths)} as they are now")
+        raise DatasetError(f"--recorded {recorded}: it is not a dataset of {', '.join(paths)} as they are now")
     folder = str((recorded or out).absolute())
     sources = tuple(replace(s, recorded=folder) if s.kind is SourceKind.SCENARIO else s for s in sources)
     if has_views or cameras.default_views:

@@ -228,7 +228,7 @@ def _load_scenario(source: Source, files: FolderFiles, options: SceneOptions) ->
     if record is not None:
         try:
             choices = choices_of(record.scenario, catalogue, source.number)
-        except ScenarioError as error:
+        except (ScenarioError, msgspec.ValidationError) as error:
             raise SceneError(f"{_record_path(source)}: scenario: {error}") from None
         built = build_scene(catalogue, choices, 0)
     if record is None or record.sha256 != scene_digest(_sources(source, built.digests)):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway.assets.mesh_formats import FORMATS
+from gateway.datasets.errors import DatasetError
 from gateway.datasets.scenario.catalogue import read_catalogue
 
 
@@ -43,10 +44,6 @@ MAX_NAME_CHARS: Final = 200
 """Maximum length of a scene's name. It becomes a file name, for which file systems allow 255 bytes."""
 
 
-class SourceError(ValueError):
-    """The scene files of a command cannot be used; the message is one sentence."""
-
-
 @dataclass(frozen=True, slots=True)
 class Source:
     """A scene file."""
@@ -77,18 +74,18 @@ def find_sources(inputs: Iterable[Path], numbers: range | None = None) -> tuple[
 
     Raises:
         ScenarioError: a scenario cannot be used.
-        SourceError: an input has no scene file, or two scene files would have the same name.
+        DatasetError: an input has no scene file, or two scene files would have the same name.
     """
     by_name: dict[str, Source] = {}
     for path in inputs:
         sources = list(_sources_below(path)) if path.is_dir() else _named_sources(path, numbers)
         if not sources:
-            raise SourceError(f"{path} holds no scene: no .gltf, .glb, {', '.join(_suffixes())}")
+            raise DatasetError(f"{path} holds no scene: no .gltf, .glb, {', '.join(_suffixes())}")
         for source in sources:
             existing = by_name.setdefault(source.name, source)
             if existing.path != source.path:
                 advice = "rename one" if source.kind is SourceKind.SCENARIO else "pass the folder above them"
-                raise SourceError(f"{existing.path} and {source.path} would both be called {source.name}; {advice}")
+                raise DatasetError(f"{existing.path} and {source.path} would both be called {source.name}; {advice}")
     return tuple(by_name[name] for name in sorted(by_name))
 
 
@@ -115,7 +112,7 @@ def _named_sources(path: Path, numbers: range | None) -> list[Source]:
     count = read_catalogue(path.resolve()).scenario.scenes
     source = _make_source(f"{path.stem}-{0:06d}", path, SourceKind.SCENARIO)
     if numbers is not None and numbers.stop > count:
-        raise SourceError(f"--scenes: {path} has the scenes 0 to {count - 1}, not {numbers.stop - 1}")
+        raise DatasetError(f"--scenes: {path} has the scenes 0 to {count - 1}, not {numbers.stop - 1}")
     return [replace(source, name=f"{path.stem}-{k:06d}", number=k) for k in numbers or range(count)]
 
 
@@ -123,7 +120,7 @@ def _named_source(path: Path) -> Source:
     """Return the scene file that a command names."""
     kind = kind_of(path) or _NAMED_SUFFIXES.get(path.suffix.lower())
     if kind is None:
-        raise SourceError(f"{path} is not a scene: not .gltf, .glb, {', '.join((*_NAMED_SUFFIXES, *_suffixes()))}")
+        raise DatasetError(f"{path} is not a scene: not .gltf, .glb, {', '.join((*_NAMED_SUFFIXES, *_suffixes()))}")
     return _make_source(path.name, path, kind)
 
 

@@ -2,7 +2,8 @@
 
 ``read_gltf`` is the entry point; its module ``reader`` lists the steps. The reader decodes no images, opens no files by
 itself, and rejects documents beyond ``GltfLimits``. Documents that share a ``GltfCache`` share one ``Mesh`` or
-``Image`` object for equal bytes. ``export.export_glb`` writes a scene tree.
+``Image`` object for equal bytes. Functions append sentences about what is left out or repaired to the list
+``warnings``. ``export.export_glb`` writes a scene tree.
 """
 
 from gateway.gltf.animations import AnimationTime

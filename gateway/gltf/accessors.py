@@ -125,10 +125,6 @@ class Accessors:
     """The accessors of one document, each checked at its first use."""
 
     def __init__(self, document: Document, buffers: Buffers, limits: GltfLimits, warnings: list[str]) -> None:
-        """
-        Args:
-            warnings: Warnings are appended to this list.
-        """
         self._sources = document.accessors
         self._buffers = buffers
         self._max_count = max(limits.max_vertices, limits.max_elements) * 3  # a triangle has three indices

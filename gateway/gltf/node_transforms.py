@@ -25,7 +25,6 @@ def local_matrices(nodes: list[schema.Node], indices: list[int], warnings: list[
 
     Args:
         indices: Indices of the nodes in the document, for messages.
-        warnings: Warnings are appended to this list.
 
     Returns:
         (N, 4, 4) float64. The last row of each matrix is exactly (0, 0, 0, 1).

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trimesh.visual.material import SimpleMaterial
 
 from gateway.parsers.collada import read_collada
-from gateway.parsers.mesh_data import MeshData, MeshFault, MeshFaultError, MeshLimits, Shape
+from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshLimits, Shape
 from gateway.parsers.obj import without_broken_faces
 from gateway.parsers.shapes import checked_triangles, shape_of
 from gateway.parsers.texture_files import ReadFile, TextureFiles
@@ -30,7 +30,7 @@ _MAX_NAMED: Final = 5
 
 def read_mesh(
     read_file: ReadFile, data: bytes, extension: str, limits: dict[str, Any], use_up_axis: bool
-) -> MeshData | MeshFault:
+) -> MeshData | str:
     """Return the content of a mesh file, or the reason why it cannot be used.
 
     Args:
@@ -43,13 +43,13 @@ def read_mesh(
     except MemoryError:
         raise
     except MeshFaultError as error:
-        return MeshFault(str(error))
+        return str(error)
     except Exception as error:  # noqa: BLE001 - third-party code on damaged data
         # Only errors that the parsers raise on purpose have texts for users.
         reason = " ".join(str(error).split())[:200] if isinstance(error, ValueError) else ""
-        return MeshFault(f"it cannot be read as {extension.upper()}: {reason or 'it is damaged'}")
+        return f"it cannot be read as {extension.upper()}: {reason or 'it is damaged'}"
     if not result.instances:
-        return MeshFault("; ".join(("the file holds no triangles or points", *result.warnings)), is_empty=True)
+        return "; ".join(("the file holds no triangles or points", *result.warnings))
     _make_visible(result)
     return result
 

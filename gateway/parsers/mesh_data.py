@@ -34,7 +34,7 @@ class Shape(msgspec.Struct):
     """Index of the texture in ``MeshData.images``."""
 
 
-class MeshData(msgspec.Struct, tag=True):
+class MeshData(msgspec.Struct):
     """Shapes and their instances."""
 
     shapes: list[Shape] = msgspec.field(default_factory=list)
@@ -44,14 +44,6 @@ class MeshData(msgspec.Struct, tag=True):
     """Index of a shape, and its (4, 4) float64 transform, which includes the unit and up axis of a COLLADA file."""
     warnings: list[str] = msgspec.field(default_factory=list)
     """Sentences about content that was left out or repaired."""
-
-
-class MeshFault(msgspec.Struct, tag=True):
-    """The reason why a file cannot be used."""
-
-    text: str
-    is_empty: bool = False
-    """True if the file holds no triangles or points."""
 
 
 class MeshFaultError(ValueError):

@@ -17,7 +17,8 @@ from gateway.datasets import local_tasks
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.check import check_dataset
 from gateway.datasets.classes import classes_of_models
-from gateway.datasets.job import Job, JobError
+from gateway.datasets.errors import DatasetError
+from gateway.datasets.job import Job
 from gateway.datasets.run import run
 from gateway.datasets.views import View
 from scenegate.datasets import manifest
@@ -206,7 +207,7 @@ def test_damage_is_named(dataset: Path, damage: Callable[[Path], object], senten
 def test_a_run_with_other_classes_is_refused(dataset: Path, tmp_path: Path, draw: Draw) -> None:
     assert draw(plates_job(tmp_path, dataset)).rendered == 0
     before = contents(dataset)
-    with pytest.raises(JobError, match=r"holds a dataset with other classes \(3 there, 1 now\)"):
+    with pytest.raises(DatasetError, match=r"holds a dataset with other classes \(3 there, 1 now\)"):
         draw(plates_job(tmp_path, dataset, classes=classes_of_models(["a"])))
     assert contents(dataset) == before
 
@@ -246,7 +247,7 @@ def test_a_full_disk_is_found_after_the_first_task(tmp_path: Path, draw: Draw, m
         shutil.copy(tmp_path / "plates" / "p.gltf", tmp_path / "plates" / name)
     job = job_of(tmp_path / "plates", tmp_path / "out", orbit=0, settings=ALL, cameras=CameraFile(VIEWS))
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=1000))
-    with pytest.raises(JobError, match=r"the samples need about 0.0 GB more, and 0.0 GB are free; name a folder on"):
+    with pytest.raises(DatasetError, match=r"the samples need about 0.0 GB more, and 0.0 GB are free; name a folder"):
         draw(job)
     monkeypatch.undo()
     assert draw(job).finished == 9

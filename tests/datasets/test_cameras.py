@@ -12,15 +12,17 @@ import numpy as np
 import pytest
 
 from gateway.datasets.camera_file import CameraFile, read_camera_file
-from gateway.datasets.job import JobError, make_job
+from gateway.datasets.errors import DatasetError
+from gateway.datasets.job import make_job
 from gateway.datasets.scenes import load_scene
-from gateway.datasets.sources import SourceError, find_sources
+from gateway.datasets.sources import find_sources
 from gateway.datasets.views import Intrinsics, View, camera_of, record_of, usable_camera
 from gateway.gltf import GltfCamera
 from gateway.scene.cameras import CameraError, OrbitCamera
 from gateway.scene.tree import Node
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
+from scenegate.datasets.manifest import pose_rows
 from tests.datasets.conftest import SETTINGS, job_of
 
 POSE = [[1, 0, 0, 0], [0, 0, 1, -3], [0, -1, 0, 1], [0, 0, 0, 1]]
@@ -90,18 +92,18 @@ def test_bad_camera_files_are_explained(tmp_path: Path, content: Any, sentence: 
 def test_views_and_scenes_that_cannot_be_meant(scenes: Path, tmp_path: Path) -> None:
     sources = find_sources([scenes])
     file = read_camera_file(written(tmp_path, {"scenes": {"z.gltf": [{"camera": "fit"}]}}))
-    with pytest.raises(JobError, match=r"scenes that are not there: z.gltf"):
+    with pytest.raises(DatasetError, match=r"scenes that are not there: z.gltf"):
         make_job(sources, (), file, SETTINGS, tmp_path / "out")
-    with pytest.raises(JobError, match="two views are called 'x'"):
+    with pytest.raises(DatasetError, match="two views are called 'x'"):
         make_job(sources, (View("x", "fit"), View("x", "fit")), CameraFile(), SETTINGS, tmp_path)
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "a.gltf").write_text("{}")
-    with pytest.raises(SourceError, match=r"would both be called a.gltf"):
+    with pytest.raises(DatasetError, match=r"would both be called a.gltf"):
         find_sources([scenes, tmp_path / "other"])
     (tmp_path / "none").mkdir()
-    with pytest.raises(SourceError, match="holds no scene"):
+    with pytest.raises(DatasetError, match="holds no scene"):
         find_sources([tmp_path / "none"])
-    with pytest.raises(SourceError, match="is not a scene"):
+    with pytest.raises(DatasetError, match="is not a scene"):
         find_sources([scenes / "notes.txt"])
 
 
@@ -222,7 +224,7 @@ def test_camera_files_that_cannot_be_read(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_different_views_have_different_descriptions() -> None:
-    rows = tuple((float(a), float(b), float(c), float(d)) for a, b, c, d in POSE)
+    rows = pose_rows(np.array(POSE, np.float64))
     moved = (rows[0], rows[1], (*rows[2][:3], 2.0), rows[3])
     views = [
         View("v", None),

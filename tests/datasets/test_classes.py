@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from gateway.datasets import classes
-from gateway.datasets.classes import ClassesError, ClassTable, classes_of_models, read_classes
+from gateway.datasets.classes import ClassTable, classes_of_models, read_classes
+from gateway.datasets.errors import DatasetError
 
 FILE = """
 [[class]]
@@ -84,7 +85,7 @@ def test_without_a_file_each_model_is_a_class(monkeypatch: pytest.MonkeyPatch) -
     assert table.names == {"1": "a", "2": "b"}
     assert [class_of(table, "s", ("n",), model) for model in ("a", "b", "c")] == [1, 2, 0]
     monkeypatch.setattr(classes, "MAX_CLASSES", 1)
-    with pytest.raises(ClassesError, match="2 models are more than 1 classes"):
+    with pytest.raises(DatasetError, match="2 models are more than 1 classes"):
         classes_of_models(["b", "a"])
 
 
@@ -117,22 +118,22 @@ def test_without_a_file_each_model_is_a_class(monkeypatch: pytest.MonkeyPatch) -
 def test_files_that_cannot_be_used(tmp_path: Path, text: str, sentence: str) -> None:
     path = tmp_path / "classes.toml"
     path.write_text(text)
-    with pytest.raises(ClassesError, match=sentence) as error:
+    with pytest.raises(DatasetError, match=sentence) as error:
         read_classes(path)
     assert str(error.value).startswith(f"{path}: ")
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.toml")
-    with pytest.raises(ClassesError, match="not a regular file"):
+    with pytest.raises(DatasetError, match="not a regular file"):
         read_classes(tmp_path / "pipe.toml")
-    with pytest.raises(ClassesError, match="No such file"):
+    with pytest.raises(DatasetError, match="No such file"):
         read_classes(tmp_path / "none.toml")
     (tmp_path / "bytes.toml").write_bytes(b"\xff")
-    with pytest.raises(ClassesError, match="utf-8"):
+    with pytest.raises(DatasetError, match="utf-8"):
         read_classes(tmp_path / "bytes.toml")
     (tmp_path / "large.toml").write_bytes(b"#" * ((1 << 20) + 1))
-    with pytest.raises(ClassesError, match="more than 1048576 bytes"):
+    with pytest.raises(DatasetError, match="more than 1048576 bytes"):
         read_classes(tmp_path / "large.toml")
 
 

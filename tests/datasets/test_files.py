@@ -9,13 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.datasets.files import (
-    InUseError,
-    locked,
-    remove_temporary_files,
-    temporary_name,
-    write_atomically,
-)
+from gateway.datasets.errors import DatasetError
+from gateway.datasets.files import locked, remove_temporary_files, temporary_name, write_atomically
 from gateway.datasets.job import Job
 from gateway.datasets.journal import Journal
 from gateway.datasets.sources import Source, SourceKind
@@ -62,7 +57,7 @@ def test_only_temporary_files_are_removed(tmp_path: Path) -> None:
 
 
 def test_a_lock_is_exclusive_and_released(tmp_path: Path) -> None:
-    with locked(tmp_path), pytest.raises(InUseError, match=f"another run works on {tmp_path}"), locked(tmp_path):
+    with locked(tmp_path), pytest.raises(DatasetError, match=f"another run works on {tmp_path}"), locked(tmp_path):
         pass
     with locked(tmp_path):
         pass

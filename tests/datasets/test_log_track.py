@@ -9,7 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from gateway.cli.commands import app
-from gateway.datasets.log_track import LogTrackError, read_track_of_log
+from gateway.datasets.errors import DatasetError
+from gateway.datasets.log_track import read_track_of_log
 from gateway.datasets.scenario.tracks import read_track
 from gateway.scene.transforms import from_pose
 from scenegate.lcm.event_log import EventLogError, pack_event
@@ -57,7 +58,7 @@ def test_poses_are_those_in_the_world(tmp_path: Path) -> None:
 
 def test_what_is_no_track(tmp_path: Path) -> None:
     log = log_of(tmp_path / "run.lcm", (0.0, moved(["arm"], [1, 0, 0], [1, 0, 0, 0])))
-    with pytest.raises(LogTrackError, match=r"run\.lcm: it has no node at \['leg'\]$"):
+    with pytest.raises(DatasetError, match=r"run\.lcm: it has no node at \['leg'\]$"):
         read_track_of_log(log, ("leg",))
     (tmp_path / "text.lcm").write_text("no log")
     with pytest.raises(EventLogError):

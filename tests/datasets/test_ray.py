@@ -16,6 +16,7 @@ import msgspec
 import pytest
 
 from bench.ray_nodes import ENVIRONMENT as RAY_ENVIRONMENT
+from gateway.datasets.errors import DatasetError
 from tests.datasets.conftest import FACET, SETTINGS, TREE, Draw, contents, job_of
 from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS
@@ -139,8 +140,8 @@ def test_the_example_serves_on_a_cluster(python: str, cluster: dict[str, Any], t
 
 
 def test_without_ray_it_is_said_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from gateway.datasets.ray_tasks import RayUnavailableError, run_ray
+    from gateway.datasets.ray_tasks import run_ray
 
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(RayUnavailableError, match=r"pip install 'scenegate\[ray\]'"):
+    with pytest.raises(DatasetError, match=r"pip install 'scenegate\[ray\]'"):
         next(run_ray([], "auto"))

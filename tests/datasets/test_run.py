@@ -21,8 +21,9 @@ import pytest
 from gateway.datasets import local_tasks, resume
 from gateway.datasets import worker as worker_module
 from gateway.datasets.camera_file import CameraFile
-from gateway.datasets.files import InUseError, locked
-from gateway.datasets.job import JobError, Result, Task
+from gateway.datasets.errors import DatasetError
+from gateway.datasets.files import locked
+from gateway.datasets.job import Result, Task
 from gateway.datasets.run import run
 from gateway.datasets.scenes import LoadedScene, load_scene
 from gateway.datasets.sources import Source
@@ -276,7 +277,7 @@ def test_refuses_a_folder_with_other_files(scenes: Path, tmp_path: Path, draw: D
     out = tmp_path / "out"
     out.mkdir()
     (out / "thesis.tex").write_text("years of work")
-    with pytest.raises(JobError, match="not empty and holds no dataset"):
+    with pytest.raises(DatasetError, match="not empty and holds no dataset"):
         draw(job_of(scenes, out))
     assert contents(out) == {"thesis.tex": b"years of work"}
 
@@ -286,10 +287,10 @@ def test_refuses_a_dataset_with_other_settings_or_scenes(scenes: Path, tmp_path:
     draw(job_of(scenes, out))
     before = contents(out)
     other = msgspec.structs.replace(SETTINGS, width=64)
-    with pytest.raises(JobError, match=r"other settings \(width: 32 there, 64 now\)"):
+    with pytest.raises(DatasetError, match=r"other settings \(width: 32 there, 64 now\)"):
         draw(job_of(scenes, out, settings=other))
     (scenes / "a.gltf").unlink()
-    with pytest.raises(JobError, match=r"2 samples of scenes or views that this command does not name \(a.gltf"):
+    with pytest.raises(DatasetError, match=r"2 samples of scenes or views that this command does not name \(a.gltf"):
         draw(job_of(scenes, out))
     assert contents(out) == before
 
@@ -297,7 +298,7 @@ def test_refuses_a_dataset_with_other_settings_or_scenes(scenes: Path, tmp_path:
 def test_refuses_a_folder_in_use(scenes: Path, tmp_path: Path, draw: Draw) -> None:
     out = tmp_path / "out"
     out.mkdir()
-    with locked(out), pytest.raises(InUseError, match="another run works on"):
+    with locked(out), pytest.raises(DatasetError, match="another run works on"):
         draw(job_of(scenes, out))
     assert draw(job_of(scenes, out)).rendered == 7
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.datasets.sources import MAX_NAME_CHARS, Source, SourceError, SourceKind, find_sources, kind_of
+from gateway.datasets.errors import DatasetError
+from gateway.datasets.sources import MAX_NAME_CHARS, Source, SourceKind, find_sources, kind_of
 
 
 @pytest.mark.parametrize(
@@ -47,7 +48,7 @@ def test_a_named_file_keeps_its_name_and_may_be_any_json(tmp_path: Path) -> None
     path.write_text("{}")
     assert find_sources([path]) == (Source("robot.JSON", str(path), SourceKind.TREE),)
     suffixes = ".gltf, .glb, .dae, .obj, .ply, .stl, .vtk, .urdf, .sdf, .mjcf, .tree.json, .multipart"
-    with pytest.raises(SourceError, match=f"holds no scene: no {re.escape(suffixes)}$"):
+    with pytest.raises(DatasetError, match=f"holds no scene: no {re.escape(suffixes)}$"):
         find_sources([path.parent])
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from gateway.datasets import local_tasks, ray_tasks, worker
+from gateway.datasets.errors import DatasetError
 from gateway.datasets.job import Result, Task
 from tests.datasets.conftest import job_of
 from tests.support import forms
@@ -219,9 +220,9 @@ def test_a_task_that_ray_gave_up_fails_alone(task: Task, monkeypatch: pytest.Mon
 def test_ray_without_a_cluster_and_without_ray(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:
     ray = FakeRay(1)
     monkeypatch.setitem(sys.modules, "ray", ray)
-    with pytest.raises(ray_tasks.RayUnavailableError, match=r"^there is no Ray cluster at nowhere: no answer$"):
+    with pytest.raises(DatasetError, match=r"^there is no Ray cluster at nowhere: no answer$"):
         list(ray_tasks.run_ray([task], "nowhere"))
     assert ray.calls == ["nowhere"]
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(ray_tasks.RayUnavailableError, match=r"pip install 'scenegate\[ray\]'"):
+    with pytest.raises(DatasetError, match=r"pip install 'scenegate\[ray\]'"):
         list(ray_tasks.run_ray([task], "auto"))

@@ -12,7 +12,7 @@ import pytest
 
 from gateway.assets.mesh_formats import MESH_LIMITS, PARSER_LIMITS, MeshFormatError, parse_mesh
 from gateway.parsers.mesh import read_mesh
-from gateway.parsers.mesh_data import MeshData, MeshFault, MeshLimits
+from gateway.parsers.mesh_data import MeshData, MeshLimits
 from renderers.stop import StopFlag
 from tests.assets.mesh_files.files import DAE
 
@@ -26,15 +26,15 @@ def no_files(name: str) -> bytes:
     raise FileNotFoundError(name)
 
 
-def read(data: str | bytes, extension: str = "dae", **limits: int) -> MeshData | MeshFault:
+def read(data: str | bytes, extension: str = "dae", **limits: int) -> MeshData | str:
     raw = data.encode() if isinstance(data, str) else data
     return read_mesh(no_files, raw, extension, LIMITS | limits, True)
 
 
 def fault(data: str | bytes, extension: str = "dae", **limits: int) -> str:
     result = read(data, extension, **limits)
-    assert isinstance(result, MeshFault)
-    return result.text
+    assert isinstance(result, str)
+    return result
 
 
 def content(data: str | bytes, extension: str = "dae", **limits: int) -> MeshData:

@@ -1,4 +1,7 @@
-"""Reads robot files (URDF, SDF): links with their geometry, joints, and the poses of links for joint values."""
+"""Reads robot files (URDF, SDF): links with their geometry, joints, and the poses of links for joint values.
+
+Functions append sentences about what is left out or repaired to the list ``warnings``.
+"""
 
 from __future__ import annotations
 

@@ -24,12 +24,7 @@ def no_links(warnings: Sequence[str]) -> RobotFileError:
 
 
 def name_hint(name: str, names: Iterable[str]) -> str:
-    """Return the end of an error message about an unknown name: "; did you mean a, b?", or "; there are a, b, …".
-
-    Args:
-        name: The unknown name.
-        names: The names that exist.
-    """
+    """Return the end of an error message about an unknown name: "; did you mean a, b?", or "; there are a, b, …"."""
     known = list(names)
     similar: list[str] = []
     if 0 < len(name) <= MAX_COMPARED_CHARS:

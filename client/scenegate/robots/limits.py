@@ -29,15 +29,6 @@ class RobotFileLimits:
 
 
 def check_count(count: int, limit: int, what: str) -> None:
-    """Check a number of objects in a robot file.
-
-    Args:
-        count: Number of objects.
-        limit: Maximum number.
-        what: Name of the objects, in the plural.
-
-    Raises:
-        RobotFileError: There are more than the limit.
-    """
+    """Raise RobotFileError if a file has more objects than a limit; ``what`` names them, in the plural."""
     if count > limit:
         raise RobotFileError(f"it has {count} {what}, the limit is {limit}")

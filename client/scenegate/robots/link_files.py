@@ -28,10 +28,6 @@ class LinkFiles(Generic[MeshType, ImageType]):
     """Errors of files that cannot be read."""
 
     def __init__(self, files: RobotFiles, warnings: list[str]) -> None:
-        """
-        Args:
-            warnings: Warnings are appended to this list.
-        """
         self._files = files
         self._warnings = warnings
         self._meshes: dict[Path, MeshType] = {}

@@ -64,7 +64,6 @@ def parse_sdf(
         root: The element ``<sdf>``.
         files: Reads included files.
         use: Geometry to return; the other one is not read.
-        warnings: Warnings are appended to this list.
 
     Raises:
         RobotFileError: There are no links, two links have the same name, or a limit is exceeded.

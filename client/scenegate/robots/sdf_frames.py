@@ -36,10 +36,6 @@ class Frames:
     """Frames of a document by full name: ``model::nested::link``. The world is the frame ``world``."""
 
     def __init__(self, warnings: list[str]) -> None:
-        """
-        Args:
-            warnings: Warnings are appended to this list.
-        """
         self._warnings = warnings
         self._frames: dict[str, Frame] = {}
         self._poses: dict[tuple[str, str], NDArray[np.float64]] = {}

@@ -19,7 +19,6 @@ def parse_urdf(root: Element, use: GeometryUse, limits: RobotFileLimits, warning
 
     Args:
         use: Geometry to return; the other one is not read.
-        warnings: Warnings are appended to this list.
 
     Raises:
         RobotFileError: There are no links, two links have the same name, or a limit is exceeded.

@@ -34,7 +34,6 @@ class UrdfGeometryReader:
         Args:
             root: Root element, which has materials that geometry refers to by name.
             use: Geometry to read.
-            warnings: Warnings are appended to this list.
         """
         self._use = use
         self._warnings = warnings

@@ -30,7 +30,6 @@ class UrdfJointReader:
         """
         Args:
             links: Names of the links.
-            warnings: Warnings are appended to this list.
         """
         self._links = links
         self._warnings = warnings

@@ -30,9 +30,6 @@ def parse_xml(data: bytes, max_elements: int, warnings: list[str]) -> Element:
     As in ROS, Drake and MuJoCo, some invalid XML is accepted: white space before the XML declaration; with a warning,
     other text in comments and Latin-1 in place of UTF-8.
 
-    Args:
-        warnings: Warnings are appended to this list.
-
     Raises:
         RobotFileError: The data is not XML, declares entities, or has more elements or levels than allowed.
     """

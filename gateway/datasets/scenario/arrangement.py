@@ -21,6 +21,8 @@ from gateway.datasets.scenario.placement import Solid, are_apart, place_on
 from gateway.datasets.scenario.surfaces import solids_of
 from gateway.scene.transforms import translation
 from scenegate.datasets.manifest import pose_rows
+from scenegate.regular_files import errors_as
+from scenegate.robots.errors import RobotFileError
 
 MIN_EXTENT: Final = 1e-6
 """Minimum size of the box of an object, metres: cameras find no place around smaller ones."""
@@ -42,10 +44,8 @@ class Candidate:
     @property
     def solid(self) -> Solid:
         """The object in its own frame, scaled. Raises ScenarioError for joint values that the model cannot have."""
-        try:
+        with errors_as(tables.ScenarioError, self.choice.file, RobotFileError):
             hulls = self.model.hulls(self.choice.joints)
-        except SceneFileError as error:
-            raise tables.ScenarioError(f"{self.choice.file}: {error}") from None
         return Solid(tuple(body * self.choice.scale for body in hulls))
 
 

@@ -27,6 +27,7 @@ from gateway.scene.transforms import scaling
 from gateway.scene.tree import Node, PathElement
 from renderers.drawlist import ImageError
 from scenegate.regular_files import sha256_of
+from scenegate.robots.errors import RobotFileError
 
 MODEL_NODE: Final = "model"
 """Name of the node below an object that has the model's tree."""
@@ -161,7 +162,7 @@ class _Builder:
         """Return the tree of a model with its drawn material."""
         try:
             tree = model.tree(joints)
-        except SceneFileError as error:
+        except RobotFileError as error:
             raise SceneFileError(f"{choice.file}: {error}") from None
         materials = self._catalogue.scenario.materials
         if materials is None:

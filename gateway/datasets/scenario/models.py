@@ -47,16 +47,13 @@ class LoadedModel:
         """Return the tree for joint values.
 
         Raises:
-            SceneFileError: a value is invalid, or the model has no joints.
+            RobotFileError: a value is invalid, or the model has no joints.
         """
         if not joints:
             return self.root
         if self.robot is None:
-            raise SceneFileError(f"it has no joints, but there is a value for {next(iter(joints))!r}")
-        try:
-            return self.robot.tree(joints)
-        except RobotFileError as error:
-            raise SceneFileError(str(error)) from None
+            raise RobotFileError(f"it has no joints, but there is a value for {next(iter(joints))!r}")
+        return self.robot.tree(joints)
 
     def hulls(self, joints: Mapping[str, tuple[float, ...]]) -> tuple[Points, ...]:
         """Return the bodies of the model for joint values, in its own frame."""

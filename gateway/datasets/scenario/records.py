@@ -17,12 +17,10 @@ def choices_of(record: Any, catalogue: Catalogue, number: int) -> SceneChoices:
     """Return the choices in ``SceneRecord.scenario`` of the scene with a number.
 
     Raises:
-        ScenarioError: a value is beyond its limits, or contradicts the scenario.
+        ValidationError: a value is beyond its limits.
+        ScenarioError: a value contradicts the scenario.
     """
-    try:
-        choices = msgspec.convert(record, SceneChoices)
-    except msgspec.ValidationError as error:
-        raise ScenarioError(str(error)) from None
+    choices = msgspec.convert(record, SceneChoices)
     for problem in _problems(choices, catalogue, number):
         raise ScenarioError(problem)
     return choices

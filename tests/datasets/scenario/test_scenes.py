@@ -19,14 +19,15 @@ from numpy.typing import NDArray
 from gateway.cli.render import _parse_numbers
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.check import check_dataset
-from gateway.datasets.job import Job, JobError, make_job
+from gateway.datasets.errors import DatasetError
+from gateway.datasets.job import Job, make_job
 from gateway.datasets.rendering import Style, render_images
 from gateway.datasets.run import Progress, run
 from gateway.datasets.scenario.choices import SceneChoices
 from gateway.datasets.scenario.placement import Solid, are_apart, box_solid, rotation_of
 from gateway.datasets.scenario_jobs import find_scenes
 from gateway.datasets.scenes import LoadedScene, SceneError, load_scene, model_names
-from gateway.datasets.sources import SourceError, find_sources
+from gateway.datasets.sources import find_sources
 from gateway.datasets.views import SceneCamera, View, camera_of
 from gateway.datasets.worker import Worker
 from gateway.scene.flatten import flatten
@@ -70,7 +71,7 @@ def test_names_and_numbers_of_scenes(write: Write) -> None:
     path = write()
     assert [source.name for source in find_sources([path])][::4] == ["desk-000000", "desk-000004", "desk-000008"]
     assert [source.number for source in find_sources([path], range(2, 4))] == [2, 3]
-    with pytest.raises(SourceError, match=r"desk.toml has the scenes 0 to 8, not 9"):
+    with pytest.raises(DatasetError, match=r"desk.toml has the scenes 0 to 8, not 9"):
         find_sources([path], range(3, 10))
 
 
@@ -303,9 +304,9 @@ def test_a_dataset_of_a_scenario(write: Write, tmp_path: Path) -> None:
     for file in sorted((tmp_path / "first" / "scenes" / "desk-000003").iterdir()):
         assert (tmp_path / "alone" / "scenes" / "desk-000003" / file.name).read_bytes() == file.read_bytes()
     path.write_text(TABLE.replace("seed = 5", "seed = 6"))
-    with pytest.raises(SourceError, match=r"--recorded .*first: it is not a dataset of .*desk.toml as they are now"):
+    with pytest.raises(DatasetError, match=r"--recorded .*first: it is not a dataset of .*desk.toml as they are now"):
         make("other", 3, recorded=tmp_path / "first")
-    with pytest.raises(JobError, match="a dataset with other settings: the scenario has changed"):
+    with pytest.raises(DatasetError, match="a dataset with other settings: the scenario has changed"):
         render(make("first", 3))
 
 
@@ -363,7 +364,7 @@ def test_errors_name_the_scenario_once(write: Write) -> None:
 def test_two_scenarios_of_one_name(write: Write, tmp_path: Path) -> None:
     path = write()
     (tmp_path / path.name).write_text(path.read_text())
-    with pytest.raises(SourceError, match="would both be called desk-000000; rename one"):
+    with pytest.raises(DatasetError, match="would both be called desk-000000; rename one"):
         find_sources([path, tmp_path / path.name])
 
 
@@ -380,7 +381,7 @@ def test_numbers_that_are_no_range(text: str) -> None:
 
 def test_options_of_scenarios_without_a_scenario(write: Write, tmp_path: Path) -> None:
     model = write().parent / "models" / "can.urdf"
-    with pytest.raises(SourceError, match="--scenes and --recorded are for scenarios"):
+    with pytest.raises(DatasetError, match="--scenes and --recorded are for scenarios"):
         find_scenes([model], CameraFile(), range(1), None, tmp_path, False)
 
 
