@@ -17,7 +17,7 @@ from gateway.datasets.objects import SceneObject, objects_of
 from gateway.datasets.scenario.catalogue import Catalogue, read_catalogue
 from gateway.datasets.scenario.choices import SceneChoices
 from gateway.datasets.scenario.tables import ScenarioError
-from gateway.datasets.sources import Source, SourceKind
+from gateway.datasets.sources import GLTF_SUFFIXES, Source, SourceKind
 from gateway.datasets.views import SceneCamera, View, scene_views, usable_camera
 from gateway.gltf import GltfCamera, read_mesh_names
 from gateway.render.config import RenderConfig
@@ -157,7 +157,7 @@ def model_names(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> froz
             from gateway.datasets.scenario.build import model_names as scenario_model_names
 
             return scenario_model_names(read_catalogue(Path(source.path)))
-        if source.kind is SourceKind.GLTF:
+        if source.path.lower().endswith(GLTF_SUFFIXES):
             return read_mesh_names(FolderFiles(Path(source.path)).read_scene())
         return frozenset(each.model for each in load_scene(source, options).objects)
     except (OSError, ValueError):
@@ -260,9 +260,7 @@ def _record_path(source: Source) -> Path:
 
 
 _LOADERS: Final[dict[SourceKind, Callable[[Source, FolderFiles, SceneOptions], LoadedScene]]] = {
-    SourceKind.GLTF: _load_file,
-    SourceKind.MESH: _load_file,
-    SourceKind.ROBOT: _load_file,
+    SourceKind.FILE: _load_file,
     SourceKind.TREE: _load_tree,
     SourceKind.REQUEST: _load_request,
     SourceKind.SCENARIO: _load_scenario,

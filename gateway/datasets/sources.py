@@ -16,10 +16,7 @@ from gateway.datasets.scenario.catalogue import read_catalogue
 class SourceKind(Enum):
     """Kind of a scene file."""
 
-    GLTF = "glTF"
-    MESH = "mesh file"
-    ROBOT = "robot file"
-    """URDF or MJCF."""
+    FILE = "glTF, mesh or robot file"
     TREE = "request of a tree viewer client"
     """A request of Director's remote tree viewer protocol, as JSON."""
     REQUEST = "recorded render request"
@@ -27,17 +24,19 @@ class SourceKind(Enum):
     """A scene of a scenario file (TOML)."""
 
 
-_MESH_FORMATS: Final = FORMATS - {"gltf", "glb"}
 TREE_SUFFIX: Final = ".tree.json"
 """Suffix of tree viewer requests in folders. If the command names the file, .json suffices."""
-ROBOT_SUFFIXES: Final = (".urdf", ".sdf", ".mjcf")
-"""Suffixes of robot files in folders. If the command names the file, .xml, .world and .xacro are too."""
 REQUEST_SUFFIX: Final = ".multipart"
 """Suffix of render requests that ``--keep-failures`` recorded. The file is the unchanged body of the POST."""
+GLTF_SUFFIXES: Final = (".gltf", ".glb")
+_MESH_SUFFIXES: Final = tuple(f".{name}" for name in sorted(FORMATS - {"gltf", "glb"}))
+_FILE_SUFFIXES: Final = (*GLTF_SUFFIXES, *_MESH_SUFFIXES, ".urdf", ".sdf", ".mjcf")
+_SUFFIXES: Final = ", ".join((*_FILE_SUFFIXES, TREE_SUFFIX, REQUEST_SUFFIX))
+"""Suffixes of scene files, for error messages."""
 _NAMED_SUFFIXES: Final = {
     ".json": SourceKind.TREE,
     ".toml": SourceKind.SCENARIO,
-    **dict.fromkeys((".xml", ".world", ".xacro"), SourceKind.ROBOT),
+    **dict.fromkeys((".xml", ".world", ".xacro"), SourceKind.FILE),
 }
 """Suffixes of files that may be something else, so that they are scenes only if a command names them."""
 MAX_NAME_CHARS: Final = 200
@@ -80,18 +79,13 @@ def find_sources(inputs: Iterable[Path], numbers: range | None = None) -> tuple[
     for path in inputs:
         sources = list(_sources_below(path)) if path.is_dir() else _named_sources(path, numbers)
         if not sources:
-            raise DatasetError(f"{path} holds no scene: no .gltf, .glb, {', '.join(_suffixes())}")
+            raise DatasetError(f"{path} holds no scene: no {_SUFFIXES}")
         for source in sources:
             existing = by_name.setdefault(source.name, source)
             if existing.path != source.path:
                 advice = "rename one" if source.kind is SourceKind.SCENARIO else "pass the folder above them"
                 raise DatasetError(f"{existing.path} and {source.path} would both be called {source.name}; {advice}")
     return tuple(by_name[name] for name in sorted(by_name))
-
-
-def _suffixes() -> list[str]:
-    """Return the suffixes of scene files except those of glTF, for error messages."""
-    return [*sorted(f".{name}" for name in _MESH_FORMATS), *ROBOT_SUFFIXES, TREE_SUFFIX, REQUEST_SUFFIX]
 
 
 def _sources_below(folder: Path) -> Iterable[Source]:
@@ -120,7 +114,7 @@ def _named_source(path: Path) -> Source:
     """Return the scene file that a command names."""
     kind = kind_of(path) or _NAMED_SUFFIXES.get(path.suffix.lower())
     if kind is None:
-        raise DatasetError(f"{path} is not a scene: not .gltf, .glb, {', '.join((*_NAMED_SUFFIXES, *_suffixes()))}")
+        raise DatasetError(f"{path} is not a scene: not {_SUFFIXES}, {', '.join(_NAMED_SUFFIXES)}")
     return _make_source(path.name, path, kind)
 
 
@@ -137,12 +131,8 @@ def _make_source(name: str, path: Path, kind: SourceKind) -> Source:
 def kind_of(path: Path) -> SourceKind | None:
     """Return the kind of a scene file by its name, or None if it is not a scene file."""
     name = path.name.lower()
-    if name.endswith((".gltf", ".glb")):
-        return SourceKind.GLTF
     if name.endswith(TREE_SUFFIX):
         return SourceKind.TREE
     if name.endswith(REQUEST_SUFFIX):
         return SourceKind.REQUEST
-    if name.endswith(ROBOT_SUFFIXES):
-        return SourceKind.ROBOT
-    return SourceKind.MESH if name.rpartition(".")[2] in _MESH_FORMATS and "." in name else None
+    return SourceKind.FILE if name.endswith(_FILE_SUFFIXES) else None

@@ -87,7 +87,7 @@ def sample(view: str, digest: str = "0") -> SampleRecord:
 
 def test_the_journal_yields_samples_in_the_order_of_the_job() -> None:
     views = tuple(View(name, "fit") for name in "abcd")
-    job = Job((Source("a.stl", "/a.stl", SourceKind.MESH),), views, {}, SETTINGS, Path("/out"))
+    job = Job((Source("a.stl", "/a.stl", SourceKind.FILE),), views, {}, SETTINGS, Path("/out"))
     file = io.BytesIO()
     journal = Journal(job, file)
     assert list(journal.lines()) == []

@@ -14,13 +14,13 @@ from gateway.datasets.sources import MAX_NAME_CHARS, Source, SourceKind, find_so
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
-        ("a.gltf", SourceKind.GLTF),
-        ("A.GLB", SourceKind.GLTF),
-        ("a.obj", SourceKind.MESH),
-        ("a.STL", SourceKind.MESH),
-        ("a.ply", SourceKind.MESH),
-        ("a.dae", SourceKind.MESH),
-        ("a.vtk", SourceKind.MESH),
+        ("a.gltf", SourceKind.FILE),
+        ("A.GLB", SourceKind.FILE),
+        ("a.obj", SourceKind.FILE),
+        ("a.STL", SourceKind.FILE),
+        ("a.ply", SourceKind.FILE),
+        ("a.dae", SourceKind.FILE),
+        ("a.vtk", SourceKind.FILE),
         ("a.tree.json", SourceKind.TREE),
         ("a.json", None),
         ("a.multipart", SourceKind.REQUEST),
@@ -39,7 +39,7 @@ def test_folders_are_searched_and_sorted_by_name(tmp_path: Path) -> None:
         path.write_text("")
     sources = find_sources([tmp_path])
     assert [source.name for source in sources] == ["a/c.stl", "b.stl", "folder.stl/e.stl"]
-    assert sources[0] == Source("a/c.stl", str(tmp_path / "a" / "c.stl"), SourceKind.MESH)
+    assert sources[0] == Source("a/c.stl", str(tmp_path / "a" / "c.stl"), SourceKind.FILE)
 
 
 def test_a_named_file_keeps_its_name_and_may_be_any_json(tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_robots_in_folders_are_urdf_and_mjcf_but_any_named_xml(tmp_path: Path) -
     for name in ("a.urdf", "b.mjcf", "package.xml"):
         (tmp_path / name).write_text("")
     assert [(source.name, source.kind) for source in find_sources([tmp_path])] == [
-        ("a.urdf", SourceKind.ROBOT),
-        ("b.mjcf", SourceKind.ROBOT),
+        ("a.urdf", SourceKind.FILE),
+        ("b.mjcf", SourceKind.FILE),
     ]
-    assert find_sources([tmp_path / "package.xml"])[0].kind is SourceKind.ROBOT
+    assert find_sources([tmp_path / "package.xml"])[0].kind is SourceKind.FILE
