@@ -52,6 +52,8 @@ def run(options: RenderOptions) -> None:
     if names and single:
         raise ValueError(f"--format {names[0]} is for datasets: name a folder with -o")
     formats = _checked_formats(names, image_types, options.out)
+    if options.rig is not None and options.look not in ("auto", "studio"):
+        typer.echo(f"--rig lights the studio look only: --look {options.look} is rendered without it", err=True)
     from gateway.runtime.kernels.loading import ensure_compiled
     from scenegate.robots.joint_text import parse_joints
 
@@ -114,9 +116,6 @@ def _settings(options: RenderOptions, types: tuple[ImageType, ...], background: 
     values |= {"types": types, "background": background, "joints": tuple(options.joint or ())}
     values["roots"] = tuple(str(folder.absolute()) for folder in options.root or ())
     if options.rig is not None:
-        if options.look not in ("auto", "studio"):
-            text = f"--rig lights the studio look only: --look {options.look} is rendered without it"
-            typer.echo(text, err=True)
         values |= {"rig": str(options.rig.absolute()), "rig_sha256": rig_digest(options.rig)}
     settings = Settings(**values)
     return _with_profile(settings, options.stereo_profile) if options.stereo_profile else settings
