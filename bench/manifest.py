@@ -39,7 +39,7 @@ CAMERA = CameraRecord(
 
 
 def job_of(folder: Path, samples: int) -> Job:
-    sources = tuple(Source(f"robots/{n:06d}.glb", f"/{n}", SourceKind.GLTF) for n in range(samples // VIEWS))
+    sources = tuple(Source(f"robots/{n:06d}.glb", f"/{n}", SourceKind.FILE) for n in range(samples // VIEWS))
     return make_job(sources, tuple(View(f"orbit-{n:03d}", "fit") for n in range(VIEWS)), CameraFile(), SETTINGS, folder)
 
 

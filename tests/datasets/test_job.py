@@ -13,9 +13,9 @@ from gateway.datasets.views import View
 from scenegate.datasets.manifest import FailureRecord
 from tests.datasets.conftest import SETTINGS
 
-MESH = Source("mesh.stl", "/mesh.stl", SourceKind.MESH)
+MESH = Source("mesh.stl", "/mesh.stl", SourceKind.FILE)
 REQUEST = Source("a/request.multipart", "/request.multipart", SourceKind.REQUEST)
-SPECIAL = Source("special.glb", "/special.glb", SourceKind.GLTF)
+SPECIAL = Source("special.glb", "/special.glb", SourceKind.FILE)
 VIEWS = tuple(View(f"v{k}", "fit") for k in range(VIEWS_PER_TASK + 2))
 OWN_VIEWS = (View("own", "fit"),)
 
@@ -59,7 +59,7 @@ def test_tasks_leave_out_samples_that_exist(job: Job) -> None:
 
 
 def test_scenes_with_unusable_names_have_numbers_but_no_tasks() -> None:
-    bad = Source("bad", "/bad", SourceKind.MESH, problem="a bad name")
+    bad = Source("bad", "/bad", SourceKind.FILE, problem="a bad name")
     job = Job((bad, MESH), VIEWS[:2], {}, SETTINGS, Path("/out"))
     assert job.find("mesh.stl/v0") == PlannedSample(2, MESH, VIEWS[0])
     assert [task.source for task in job.tasks(lambda number: number < 3, "")] == [MESH]

@@ -33,7 +33,7 @@ _Byte = Annotated[int, Meta(ge=0, le=255)]
 
 
 class Choice(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Base of the choices. Values are as in the structs of ``file``, unless a docstring differs."""
+    """Base of the choices. Values are as in ``tables``, unless a docstring differs."""
 
 
 class MaterialChoice(Choice, frozen=True, kw_only=True):
