@@ -52,7 +52,8 @@ def export(
 ) -> None:
     """Write a scene and its motion into one file."""
     from gateway.datasets.files import write_atomically
-    from scenegate.tree.scene_file import fetch_scene_file
+    from scenegate.credentials import Credentials
+    from scenegate.gateway_http import fetch
 
     if out.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{out}: the file must end with {' or '.join(SUFFIXES)}")
@@ -61,7 +62,7 @@ def export(
         if start:
             raise ValueError("--start is for logs: of a gateway, --duration has the last seconds")
         name = "scene/motion.glb" if is_gltf else "view/scene.html"
-        data = fetch_scene_file(source, name, token=token, seconds=duration, rate=rate)
+        data = fetch(source, name, Credentials(token or None), name, seconds=duration, rate=rate)
     elif not Path(source).is_file():
         raise ValueError(f"{source}: there is no such log; the address of a gateway begins with http://")
     else:

@@ -14,6 +14,7 @@ from gateway.recording.snapshot_frames import SnapshotFrames
 from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.profiles import Profile, ProfileName
 from scenegate.recording.recorder import SceneWriter
+from scenegate.recording.view_frames import ViewFrame
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +57,6 @@ async def convert_log(
                 problems.add(event.channel, reasons)
             read += is_shown(event.channel)
             for frame in await frames.advance(replay.snapshot):
-                writer.write(frame, replay.clock.time_ns)
+                writer.write(ViewFrame(frame), replay.clock.time_ns)
             report(replay.position, read)
     return Converted(read, mcap.messages, mcap.bytes, [*problems.listed(), *writer.warnings])

@@ -15,9 +15,9 @@ import grpc
 
 from scenegate.camera import files
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.credentials import Credentials
 from scenegate.camera.imu import ImuRecorder
 from scenegate.camera.truth import fetch_truth
+from scenegate.credentials import Credentials
 
 METHOD = "/ImageInterface/StreamImageSets"
 """The gRPC method of the stream."""
@@ -217,8 +217,7 @@ def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lam
     Raises:
         StreamFailure: as ``receive``.
         OSError: a certificate cannot be read, or a file cannot be written.
-        TruthFailure: the ground truth of a set cannot be fetched.
-        ImuFailure: the IMU samples cannot be recorded.
+        GatewayError: ground truth or IMU samples cannot be received.
     """
     if options.output is not None:
         options.output.mkdir(parents=True, exist_ok=True)

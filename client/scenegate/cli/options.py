@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    from scenegate.camera.credentials import Credentials
+    from scenegate.credentials import Credentials
 
 Number = TypeVar("Number", int, float)
 
@@ -78,7 +78,7 @@ def pop_credentials(values: dict[str, Any]) -> Credentials:
     Raises:
         ValueError, OSError: a token is invalid or cannot be read, or a certificate has no key.
     """
-    from scenegate.camera.credentials import Credentials, read_token
+    from scenegate.credentials import Credentials, read_token
 
     token, token_file = values.pop("token"), values.pop("token_file")
     if token_file is not None:

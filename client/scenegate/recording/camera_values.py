@@ -57,7 +57,7 @@ class CameraConverter:
                 continue
             contents = by_time.setdefault(_nanoseconds(image_message.timestamp), {})
             contents.setdefault("images", {})[name] = _image(image_message, self._baseline if name == "right" else None)
-        return [CameraSet(time, **contents) for time, contents in sorted(by_time.items())]
+        return [CameraSet(time_ns, **contents) for time_ns, contents in sorted(by_time.items())]
 
 
 def _nanoseconds(time: pb.Time) -> int:
