@@ -99,15 +99,13 @@ def open_stream(
         connection.connect()
         connected = connection.sock
         connection.request("GET", f"{prefix}/{path}?{parameters}", headers=dict(credentials.metadata))
-        response = connection.getresponse()
-        if response.status == http.client.OK:
-            return Stream(connected, response)
-        text = _message(response.read(_MAX_ERROR_BYTES).decode("utf-8", "replace")) or response.reason
-    except (OSError, ValueError, http.client.HTTPException) as error:
+        stream = Stream(connected, connection.getresponse())
+    except (OSError, http.client.HTTPException) as error:
         connection.close()
         raise GatewayError(f"{address} gives no {wanted}: {reason_of(error)}") from None
-    connection.close()
-    raise GatewayRequestError(f"{address} gives no {wanted}: {response.status}: {text}")
+    if stream.body.status == http.client.OK:
+        return stream
+    raise GatewayRequestError(f"{address} gives no {wanted}: {stream.body.status}: {_refusal(stream)}")
 
 
 def fetch(
@@ -130,6 +128,8 @@ def reason_of(error: Exception) -> str:
             return "no response in time; a gateway that starts answers after its kernels are compiled"
         case ConnectionRefusedError():
             return "no gateway listens there"
+        case ConnectionResetError() | http.client.IncompleteRead():
+            return "the connection was closed"
         case socket.gaierror():
             return "the host is unknown"
         case ssl.SSLCertVerificationError():
@@ -144,9 +144,13 @@ def reason_of(error: Exception) -> str:
             return str(error) or type(error).__name__
 
 
-def _message(text: str) -> str:
-    """Return the message of an error response, or its first line."""
+def _refusal(stream: Stream) -> str:
+    """Return the message of an error response, its first line, or the reason phrase of HTTP; close the connection."""
+    text = ""
     try:
+        text = stream.body.read(_MAX_ERROR_BYTES).decode("utf-8", "replace")
         return str(json.loads(text)["message"])
-    except (ValueError, KeyError, TypeError):
-        return text.strip().partition("\n")[0]
+    except (OSError, ValueError, KeyError, TypeError, http.client.HTTPException):
+        return text.strip().partition("\n")[0] or stream.body.reason
+    finally:
+        stream.close()

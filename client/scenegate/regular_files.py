@@ -11,7 +11,8 @@ import io
 import os
 import select
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, Final
 
@@ -98,6 +99,17 @@ def read_file_or_pipe(
             data += piece
             if len(data) > max_bytes:
                 raise _too_large(path, max_bytes)
+
+
+@contextmanager
+def errors_name(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Add the path of a file to errors of writing it, such as a full disk: the system leaves it out."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None or error.filename is not None:
+            raise
+        raise OSError(error.errno, error.strerror, os.fspath(path)) from None
 
 
 def sha256_of(path: Path, check: Callable[[], object] = lambda: None) -> str | None:

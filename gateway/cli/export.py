@@ -55,6 +55,8 @@ def export(
     from scenegate.credentials import Credentials
     from scenegate.gateway_http import fetch
 
+    if out.is_dir():
+        raise ValueError(f"{out} is a folder; the file needs a name in it")
     if out.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{out}: the file must end with {' or '.join(SUFFIXES)}")
     is_gltf = out.suffix.lower() == ".glb"
@@ -63,6 +65,8 @@ def export(
             raise ValueError("--start is for logs: of a gateway, --duration has the last seconds")
         name = "scene/motion.glb" if is_gltf else "view/scene.html"
         data = fetch(source, name, Credentials(token or None), name, seconds=duration, rate=rate)
+    elif Path(source).is_dir():
+        raise ValueError(f"{source} is a folder, not a log")
     elif not Path(source).is_file():
         raise ValueError(f"{source}: there is no such log; the address of a gateway begins with http://")
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Iterable
 from typing import Any, Final
@@ -19,6 +20,17 @@ MAX_CLIENTS: Final = 8
 """Maximum number of clients that get messages: each can have a backlog, and pages of any site can connect."""
 
 _log = structlog.get_logger("foxglove")
+
+
+class _SdkLog(logging.Handler):
+    """Logs what the SDK reports of clients: its own lines are errors without a context."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.levelno >= logging.WARNING:
+            _log.info("A client of Foxglove's WebSocket was disconnected or ignored", reason=record.getMessage())
+
+
+_sdk_log: Final = _SdkLog()
 
 
 class Channels(ServerListener):
@@ -51,6 +63,9 @@ class Channels(ServerListener):
         Raises:
             OSError: the port is taken.
         """
+        for name in ("foxglove.websocket", "foxglove.runtime", "tungstenite"):
+            logger = logging.getLogger(name)
+            logger.handlers[:], logger.propagate = [_sdk_log], False
         try:
             self._server = foxglove.start_server(
                 name="Scenegate",

@@ -15,6 +15,7 @@ from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.profiles import Profile, ProfileName
 from scenegate.recording.recorder import SceneWriter
 from scenegate.recording.view_frames import ViewFrame
+from scenegate.regular_files import errors_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,7 @@ async def convert_log(
     frames = SnapshotFrames()
     problems = Problems()
     read = 0
-    with timeline.replay() as replay, closing(McapFiles(out, converter.mcap_profile)) as mcap:
+    with timeline.replay() as replay, errors_name(out), closing(McapFiles(out, converter.mcap_profile)) as mcap:
         writer = SceneWriter(mcap, converter)
         while (event := replay.next_event) is not None:
             reasons = replay.step()

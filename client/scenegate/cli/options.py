@@ -18,7 +18,9 @@ Number = TypeVar("Number", int, float)
 def existing_file(text: str) -> Path:
     """Return the path of an existing file or pipe."""
     path = Path(text)
-    if not path.exists() or path.is_dir():
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(f"{text!r} is a folder, not a file")
+    if not path.exists():
         raise argparse.ArgumentTypeError(f"there is no file {text!r}")
     return path
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from scenegate.recording.recorder import RecordingOptions, SceneWriter
 
 DEFAULT_GATEWAY: Final = "http://127.0.0.1:8000"
+MIN_FILE_MB: Final = 1.0
+"""Minimum size of a file, megabytes: that of one piece, ``mcap_file.CHUNK_BYTES``."""
 NEEDED: Final = ("mcap", "mcap_protobuf", "mcap_ros2", "foxglove_schemas_protobuf", "websockets", "grpc")
 """Packages of the extra ``mcap``."""
 
@@ -115,6 +117,13 @@ def _recording(options: argparse.Namespace) -> RecordingOptions:
 
     if not (options.scene or options.camera or options.imu):
         raise argparse.ArgumentTypeError("nothing is recorded: --no-scene needs --camera or --imu")
+    if 0.0 < options.max_mb < MIN_FILE_MB:
+        raise argparse.ArgumentTypeError(
+            f"--max-mb is {options.max_mb:g}; it must be 0, or at least {MIN_FILE_MB:g}: messages are written in "
+            "pieces of about a megabyte"
+        )
+    if options.mcap.is_dir():
+        raise argparse.ArgumentTypeError(f"--mcap: {str(options.mcap)!r} is a folder, not a file")
     if options.keep and not options.max_mb:
         raise argparse.ArgumentTypeError("--keep needs --max-mb")
     credentials = pop_credentials(vars(options))

@@ -23,6 +23,7 @@ from scenegate.recording.profiles import Messages, Profile, ProfileName
 from scenegate.recording.scene_mirror import SceneMirror
 from scenegate.recording.sources import QUEUED_ITEMS, Received, Source, camera_sets, imu_samples, scene_frames
 from scenegate.recording.view_frames import ViewFrame
+from scenegate.regular_files import errors_name
 
 FLUSH_SECONDS: Final = 1.0
 """Interval at which messages are written to the disk: a killed process loses this much."""
@@ -146,9 +147,8 @@ def record(
     if first is None:
         raise GatewayError("nothing was received, and no file is written")
     # Opened now: a gateway that cannot be reached costs no earlier recording.
-    with closing(
-        McapFiles(options.path, profile.mcap_profile, max_bytes=options.max_bytes, keep=options.keep)
-    ) as files:
+    limits = {"max_bytes": options.max_bytes, "keep": options.keep}
+    with errors_name(options.path), closing(McapFiles(options.path, profile.mcap_profile, **limits)) as files:
         writer = SceneWriter(files, profile)
         flush_time = time.monotonic() + FLUSH_SECONDS
         for received in chain((first,), values):
