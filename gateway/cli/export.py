@@ -92,7 +92,7 @@ async def _export_log(
         data = await write_section(
             writer, timeline, first, last, rate, asyncio.to_thread, lambda done: bar.update(done, round(100 * done))
         )
-    print_warnings(log, timeline.problems.listed())
+    print_warnings(log, timeline.incomplete.listed())
     return data
 
 

@@ -9,9 +9,9 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Final, TextIO
 
+from scenegate.closing import Closing
 from scenegate.credentials import Credentials
 from scenegate.gateway_http import GatewayError, Stream, open_stream
 
@@ -34,7 +34,7 @@ class ImuSample:
     """rad/s."""
 
 
-class ImuRecorder:
+class ImuRecorder(Closing):
     """Writes samples to a file in EuRoC's format until it is closed. A thread reads the stream."""
 
     def __init__(self, address: str, path: Path, credentials: Credentials, pipeline: int = 0) -> None:
@@ -66,14 +66,6 @@ class ImuRecorder:
         self._path.write_text(_HEADER, "ascii")
         self._thread = threading.Thread(target=self._read, name="IMU recorder", daemon=True)
         self._thread.start()
-
-    def __enter__(self) -> ImuRecorder:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
 
     def wait_for_sample(self, timestamp: int, seconds: float) -> bool:
         """Wait for a sample at or after a time; return True if there is one.

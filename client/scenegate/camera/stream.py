@@ -125,8 +125,6 @@ class Progress:
     """Bytes of all sets received."""
     seconds: float = 0.0
     """Time from the first to the newest set, in seconds."""
-    first_set_seconds: float = 0.0
-    """Time until the first set was received, in seconds."""
     timestamp: str = ""
     """Timestamp of the newest set, ``sec.nsec``."""
     imu_samples: int = 0
@@ -238,7 +236,7 @@ def _receive_sets(options: StreamOptions, report: Callable[[Progress], None], re
     for image_set, size in sets:
         now = time.monotonic()
         if progress.sets == 0:
-            progress.first_set_seconds, start = now - start, now
+            start = now
         progress.sets += 1
         progress.bytes += size
         progress.seconds = now - start

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--imu", action="store_true", help="record IMU samples of the gateway's camera")
     text = "number of the camera of --imu, if there are several (default: 0)"
     add("--pipeline", type=at_least(0), default=0, metavar="N", help=text)
-    text = "begin a new file, OUT_1.mcap, OUT_2.mcap, after this many megabytes; 0: never (default: 0)"
+    text = "begin a new file, OUT_1.mcap, OUT_2.mcap, after this many megabytes, at least 1; 0: never (default: 0)"
     add("--max-mb", type=at_least(0.0), default=0.0, metavar="MB", help=text)
     text = "with --max-mb: keep only this number of files, the newest ones; 0: all (default: 0)"
     add("--keep", type=at_least(0), default=0, metavar="N", help=text)

@@ -7,12 +7,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from os import PathLike
-from types import EllipsisType, TracebackType
+from types import EllipsisType
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from scenegate.closing import Closing
 from scenegate.messages.changes import Changes, Key, PublishedTree, path_of
 from scenegate.messages.colors import rgba
 from scenegate.messages.request_encoding import Response
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from scenegate.robots.robot import JointValue
 
 
-class TreeViewer(NotebookViews):
+class TreeViewer(NotebookViews, Closing):
     """Client of Scenegate or any other viewer with Director's protocol. Thread-safe.
 
     The client records what it published, and publishes it again when the viewer has lost it or was restarted.
@@ -67,14 +68,6 @@ class TreeViewer(NotebookViews):
 
     def __getitem__(self, key: Key) -> Node:
         return Node(self, path_of(key))
-
-    def __enter__(self) -> TreeViewer:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the connection. The published geometry stays in the viewer; the controls are removed."""
