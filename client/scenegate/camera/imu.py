@@ -67,16 +67,16 @@ class ImuRecorder(Closing):
         self._thread = threading.Thread(target=self._read, name="IMU recorder", daemon=True)
         self._thread.start()
 
-    def wait_for_sample(self, timestamp: int, seconds: float) -> bool:
+    def wait_for_sample(self, time_ns: int, seconds: float) -> bool:
         """Wait for a sample at or after a time; return True if there is one.
 
         Args:
-            timestamp: nanoseconds since the epoch.
+            time_ns: nanoseconds since the epoch.
             seconds: maximum time to wait.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._newest >= timestamp or self._ended, seconds)
-            return self._newest >= timestamp
+            self._changed.wait_for(lambda: self._newest >= time_ns or self._ended, seconds)
+            return self._newest >= time_ns
 
     def check(self) -> None:
         """Raise GatewayError if the gateway has ended the stream."""

@@ -152,7 +152,7 @@ def record(
         writer = SceneWriter(files, profile)
         flush_time = time.monotonic() + FLUSH_SECONDS
         for received in chain((first,), values):
-            if received is not None and not isinstance(received.value, Exception):
+            if received is not None:
                 writer.write(received.value, received.time_ns)
             if time.monotonic() >= flush_time:
                 files.flush()
@@ -161,9 +161,9 @@ def record(
         return writer
 
 
-def _start_sources(options: RecordingOptions) -> queue.Queue[Received]:
+def _start_sources(options: RecordingOptions) -> queue.Queue[Received | Exception]:
     """Start receiving; return the queue of what is received."""
-    received: queue.Queue[Received] = queue.Queue(QUEUED_ITEMS)
+    received: queue.Queue[Received | Exception] = queue.Queue(QUEUED_ITEMS)
     scene, camera, imu = options.scene, options.camera, options.imu
     if scene is not None:
         Source("scene", lambda: scene_frames(scene, options.credentials), received)
@@ -174,7 +174,7 @@ def _start_sources(options: RecordingOptions) -> queue.Queue[Received]:
     return received
 
 
-def _received(received: queue.Queue[Received], stop: threading.Event) -> Iterator[Received | None]:
+def _received(received: queue.Queue[Received | Exception], stop: threading.Event) -> Iterator[Received | None]:
     """Yield what is received until ``stop`` is set, and None whenever ``POLL_SECONDS`` have passed without.
 
     Raises:
@@ -186,6 +186,6 @@ def _received(received: queue.Queue[Received], stop: threading.Event) -> Iterato
         except queue.Empty:
             yield None
             continue
-        if isinstance(item.value, Exception):
-            raise item.value
+        if isinstance(item, Exception):
+            raise item
         yield item

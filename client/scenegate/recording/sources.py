@@ -33,9 +33,9 @@ ACKNOWLEDGEMENTS: Final = {"update": "k", "controls": "c"}
 
 
 class Received(NamedTuple):
-    """Something that a source has received, or the error that has ended it."""
+    """Something that a source has received."""
 
-    value: ViewFrame | pb.ImageSet | ImuSample | Exception
+    value: ViewFrame | pb.ImageSet | ImuSample
     time_ns: int
     """Time of reception, nanoseconds since the epoch."""
 
@@ -43,7 +43,9 @@ class Received(NamedTuple):
 class Source:
     """A thread that puts what an iterator yields into a queue. After an error it begins again, if it has yielded."""
 
-    def __init__(self, name: str, receive: Callable[[], Iterator[Any]], received: queue.Queue[Received]) -> None:
+    def __init__(
+        self, name: str, receive: Callable[[], Iterator[Any]], received: queue.Queue[Received | Exception]
+    ) -> None:
         self._receive = receive
         self._received = received
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -58,7 +60,7 @@ class Source:
                     self._received.put(Received(value, time.time_ns()))
             except Exception as error:  # noqa: BLE001 - the recorder raises the first one
                 if not has_begun:
-                    self._received.put(Received(error, time.time_ns()))
+                    self._received.put(error)
                     return
                 if not is_lost:
                     _log.warning("%s; the recording goes on when it is back", error)
