@@ -251,7 +251,7 @@ def _receive_sets(options: StreamOptions, report: Callable[[Progress], None], re
         if recorder is not None:
             recorder.check()
             if progress.sets == options.count:
-                recorder.wait_for_sample(image_set.timestamp.sec * 10**9 + image_set.timestamp.nsec, IMU_SECONDS)
+                recorder.wait_for_sample(files.nanoseconds(image_set.timestamp), IMU_SECONDS)
             progress.imu_samples, progress.imu_lost = recorder.samples, recorder.lost
         report(progress)
         if recorder is not None and progress.sets == options.count:

@@ -64,7 +64,7 @@ def matrices(frame: ViewFrame) -> Iterator[tuple[int, NDArray[np.float64], list[
                 yield node_id, matrix, None
 
 
-def split(scale: NDArray[np.float64], X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def rigid_part(scale: NDArray[np.float64], X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Split ``scale X`` into a rigid transform, (4, 4), and the rest, (3, 3), which has no translation."""
     matrix = X.copy()
     if scale is not IDENTITY:

@@ -23,7 +23,7 @@ from scenegate.recording.mirror_geometry import (
     node_geometry,
     quaternion_of,
     read_mesh,
-    split,
+    rigid_part,
 )
 from scenegate.recording.values import (
     LEFT_FRAME,
@@ -157,9 +157,9 @@ class SceneMirror:
             node.matrix, node.quaternion = matrix, quaternion
             moved[node] = None
         for node in {**redrawn, **moved}:
-            self._derive(node, moved, redrawn)
+            self._propagate(node, moved, redrawn)
         earlier = {node.frame: node for node in removed}
-        entities, clouds = self._redraw(redrawn, earlier)
+        entities, clouds = self._changed_geometry(redrawn, earlier)
         transforms = [_transform_of(node) for node in moved]
         if self._rig_changed:
             transforms += self._rig_transforms()
@@ -203,8 +203,8 @@ class SceneMirror:
         self._nodes = {0: self._root}
         return removed
 
-    def _derive(self, top: _Node, moved: dict[_Node, None], redrawn: dict[_Node, None]) -> None:
-        """Set what follows from a node and its ancestors; continue with its descendants if that has changed."""
+    def _propagate(self, top: _Node, moved: dict[_Node, None], redrawn: dict[_Node, None]) -> None:
+        """Compute frame, scale, visibility and opacity of a node, and of its descendants if these have changed."""
         stack = [top]
         while stack:
             node = stack.pop()
@@ -213,7 +213,7 @@ class SceneMirror:
             if above is IDENTITY and node.quaternion is not None:  # five times as fast
                 scale, node.X_parent_frame, node.frame_quaternion = IDENTITY, node.matrix, node.quaternion
             else:
-                node.X_parent_frame, scale = split(above, node.matrix)
+                node.X_parent_frame, scale = rigid_part(above, node.matrix)
                 node.frame_quaternion = quaternion_of(node.X_parent_frame)
             hidden = not node.visible or (parent is not None and parent.hidden)
             alpha = node.opacity * (1.0 if parent is None else parent.alpha)
@@ -225,7 +225,9 @@ class SceneMirror:
                 redrawn[node] = None
                 stack.extend(node.children.values())
 
-    def _redraw(self, redrawn: dict[_Node, None], earlier: dict[str, _Node]) -> tuple[list[Entity], list[Cloud]]:
+    def _changed_geometry(
+        self, redrawn: dict[_Node, None], earlier: dict[str, _Node]
+    ) -> tuple[list[Entity], list[Cloud]]:
         """Return the geometry of nodes that has changed.
 
         Args:
