@@ -136,45 +136,41 @@ class FoxgloveService:
     async def _send_images(self, camera: StereoService) -> None:
         """Send images while there are subscribers. The camera makes none otherwise."""
         while True:
-            await self._camera_changed.wait()
             self._camera_changed.clear()
-            topics = frozenset(topic for topic in self._channels.topics if not _is_of_scene(topic))
-            if not topics:
-                continue
-            sending = asyncio.create_task(self._stream(camera, topics))
-            changed = asyncio.create_task(self._camera_changed.wait())
-            try:
-                await asyncio.wait((sending, changed), return_when=asyncio.FIRST_COMPLETED)
-            finally:
-                for task in (sending, changed):
-                    task.cancel()
-                results = await asyncio.gather(sending, changed, return_exceptions=True)
-            for result in results:
-                if isinstance(result, Exception):
-                    raise result
+            wanted = self._wanted_images(camera)
+            if wanted is None or not await self._stream(camera, *wanted):
+                await self._camera_changed.wait()
 
-    async def _stream(self, camera: StereoService, topics: frozenset[str]) -> None:
-        """Send the images of some topics until cancelled, or until the camera ends."""
-        wants_depth = not topics.isdisjoint((*IMAGE_TOPICS["depth"], DISPARITY_TOPIC, CLOUD_TOPIC))
+    def _wanted_images(self, camera: StereoService) -> tuple[SetKind, bool] | None:
+        """Return the images that subscribers need, and whether they need points; None without subscribers."""
+        topics = {topic for topic in self._channels.topics if not _is_of_scene(topic)}
+        if not topics:
+            return None
         kind = SetKind(
             left=CLOUD_TOPIC in topics or not topics.isdisjoint(IMAGE_TOPICS["left"]),
             right=not topics.isdisjoint(IMAGE_TOPICS["right"]),
-            disparity=wants_depth,
+            disparity=not topics.isdisjoint((*IMAGE_TOPICS["depth"], DISPARITY_TOPIC, CLOUD_TOPIC)),
             color=camera.config.color,
         )
-        converter = CameraConverter(camera.config.model.baseline, cloud=CLOUD_TOPIC in topics)
+        return kind, CLOUD_TOPIC in topics
+
+    async def _stream(self, camera: StereoService, kind: SetKind, has_points: bool) -> bool:
+        """Send image sets; return True if subscribers need others, and False if the camera gives none."""
+        converter = CameraConverter(camera.config.model.baseline, cloud=has_points)
         try:
             with camera.hub.subscribe(kind) as subscription:
-                while True:
+                while self._wanted_images(camera) == (kind, has_points):
                     data = await subscription.get()
-                    await asyncio.to_thread(self._send_set, converter, data, topics)
+                    await asyncio.to_thread(self._send_set, converter, data)
         except (LimitError, StreamError) as error:
             _log.warning(f"Foxglove gets no images: {error}")
+            return False
+        return True
 
-    def _send_set(self, converter: CameraConverter, data: bytes, topics: frozenset[str]) -> None:
+    def _send_set(self, converter: CameraConverter, data: bytes) -> None:
         """Send what is subscribed of an image set."""
         for images in converter.convert(pb.ImageSet.FromString(data)):
-            for message in self._profile.camera(images, topics.__contains__):
+            for message in self._profile.camera(images, self._channels.topics.__contains__):
                 self._channels.send(message, images.time_ns)
 
 
