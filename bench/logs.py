@@ -122,7 +122,7 @@ async def measure(timeline: LogTimeline, begin: float) -> None:
     for k in range(count):
         snapshot = await timeline.snapshot_at(timeline.span[1] // 2 + timeline.span[0] // 2 + k * 1_000_000_000 // 60)
     print(f"played forward at 60 Hz: {1e3 * (time.perf_counter() - begin) / count:.1f} ms a frame")
-    print(f"{snapshot.root.node_count} nodes, {timeline.problems.count} messages not shown completely")
+    print(f"{snapshot.root.node_count} nodes, {timeline.incomplete.count} messages not shown completely")
     timeline.close()
 
 

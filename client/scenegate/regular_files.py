@@ -101,6 +101,17 @@ def read_file_or_pipe(
                 raise _too_large(path, max_bytes)
 
 
+@contextmanager
+def errors_name(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Add the path of a file to errors of writing it, such as a full disk: the system leaves it out."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None or error.filename is not None:
+            raise
+        raise OSError(error.errno, error.strerror, os.fspath(path)) from None
+
+
 def sha256_of(path: Path, check: Callable[[], object] = lambda: None) -> str | None:
     """Return the SHA-256 of a regular file as 64 hexadecimal digits; None if it is missing or cannot be read.
 

@@ -52,8 +52,11 @@ def export(
 ) -> None:
     """Write a scene and its motion into one file."""
     from gateway.datasets.files import write_atomically
-    from scenegate.tree.scene_file import fetch_scene_file
+    from scenegate.credentials import Credentials
+    from scenegate.gateway_http import fetch
 
+    if out.is_dir():
+        raise ValueError(f"{out} is a folder; the file needs a name in it")
     if out.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{out}: the file must end with {' or '.join(SUFFIXES)}")
     is_gltf = out.suffix.lower() == ".glb"
@@ -61,7 +64,9 @@ def export(
         if start:
             raise ValueError("--start is for logs: of a gateway, --duration has the last seconds")
         name = "scene/motion.glb" if is_gltf else "view/scene.html"
-        data = fetch_scene_file(source, name, token=token, seconds=duration, rate=rate)
+        data = fetch(source, name, Credentials(token or None), name, seconds=duration, rate=rate)
+    elif Path(source).is_dir():
+        raise ValueError(f"{source} is a folder, not a log")
     elif not Path(source).is_file():
         raise ValueError(f"{source}: there is no such log; the address of a gateway begins with http://")
     else:
@@ -87,7 +92,7 @@ async def _export_log(
         data = await write_section(
             writer, timeline, first, last, rate, asyncio.to_thread, lambda done: bar.update(done, round(100 * done))
         )
-    print_warnings(log, timeline.problems.listed())
+    print_warnings(log, timeline.incomplete.listed())
     return data
 
 

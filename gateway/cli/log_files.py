@@ -43,7 +43,12 @@ def open_log_file(path: Path, mesh_root: str) -> LogTimeline:
         raise typer.BadParameter(str(error)) from None
     files = MeshFiles(settings.mesh_folders, any_folder=settings.local_clients_read_all_folders)
     with progress_bar("Reading", "MB", path.stat().st_size) as bar:
-        return open_log(path, files, lambda position: bar.update(position, position // 1_000_000))
+        log = open_log(path, files, lambda position: bar.update(position, position // 1_000_000))
+    summary = log.summary
+    if summary.damaged_bytes:
+        text = f"{summary.damaged_bytes} of {summary.file_bytes} bytes are damaged or cut off"
+        print_warnings(path, [f"{text}; {summary.events} complete messages were read"])
+    return log
 
 
 def print_warnings(path: Path, sentences: Iterable[str]) -> None:

@@ -54,7 +54,7 @@ def view_log(path: Path, http_port: int, mesh_root: str, on_url: Callable[[str],
             app = create_app(settings, log=LogService(timeline, on_progress))
             on_url(f"http://{HOST}:{listener.getsockname()[1]}/view")
             code = serve_app(app, listener, None)
-    print_warnings(path, timeline.problems.listed())
+    print_warnings(path, timeline.incomplete.listed())
     return code
 
 

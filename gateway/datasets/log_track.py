@@ -53,7 +53,7 @@ def read_track_of_log(log: Path, node: TreePath) -> str:
 def _poses(log: Path, node: TreePath) -> Iterator[tuple[float, Matrix]]:
     """Yield the time and X_world_node after each message that the live tree shows, while it has the node."""
     with LogReplay(log, MeshFiles(())) as replay:  # the shapes of meshes do not matter
-        begin = replay.next_time
+        begin = replay.next_time_ns
         while (event := replay.next_event) is not None and begin is not None:
             replay.step()
             pose = replay.snapshot.root.world_matrix(node) if is_shown(event.channel) else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Iterable
 from typing import Any, Final
@@ -19,6 +20,17 @@ MAX_CLIENTS: Final = 8
 """Maximum number of clients that get messages: each can have a backlog, and pages of any site can connect."""
 
 _log = structlog.get_logger("foxglove")
+
+
+class _SdkLog(logging.Handler):
+    """Logs what the SDK reports of clients: its own lines are errors without a context."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.levelno >= logging.WARNING:
+            _log.info("A client of Foxglove's WebSocket was disconnected or ignored", reason=record.getMessage())
+
+
+_sdk_log: Final = _SdkLog()
 
 
 class Channels(ServerListener):
@@ -51,6 +63,9 @@ class Channels(ServerListener):
         Raises:
             OSError: the port is taken.
         """
+        for name in ("foxglove.websocket", "foxglove.runtime", "tungstenite"):
+            logger = logging.getLogger(name)
+            logger.handlers[:], logger.propagate = [_sdk_log], False
         try:
             self._server = foxglove.start_server(
                 name="Scenegate",
@@ -92,7 +107,7 @@ class Channels(ServerListener):
             new, self._new_subscribers = self._new_subscribers, {}
         return {topic: clients for topic, clients in new.items() if clients}
 
-    def declare(self, topic: str, schema: Schema) -> None:
+    def advertise(self, topic: str, schema: Schema) -> None:
         """Advertise a channel, if there is none of this topic."""
         with self._lock:
             if topic in self._channels:
@@ -104,17 +119,26 @@ class Channels(ServerListener):
         with self._lock:
             self._channels[topic] = channel
 
-    def send(self, message: EncodedMessage, time: int, clients: Iterable[int] | None = None) -> None:
+    def withdraw(self, topic: str) -> None:
+        """Close the channel of a topic, if there is one. Its subscriptions end."""
+        with self._lock:
+            channel = self._channels.pop(topic, None)
+            for subscribers in (self._subscribers, self._new_subscribers):
+                subscribers.pop(topic, None)
+        if channel is not None:
+            channel.close()
+
+    def send(self, message: EncodedMessage, time_ns: int, clients: Iterable[int] | None = None) -> None:
         """Queue a message for clients; None: for all subscribers of its topic.
 
         Args:
-            time: nanoseconds since the epoch.
+            time_ns: nanoseconds since the epoch.
         """
         with self._lock:
             channel = self._channels[message.topic]
             ids = list(self._subscribers.get(message.topic, ()) if clients is None else clients)
         for client in ids:
-            channel.log(message.data, log_time=time, sink_id=client)
+            channel.log(message.data, log_time=time_ns, sink_id=client)
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
         """Called by the server."""

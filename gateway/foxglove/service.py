@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any, Final
 
 import structlog
@@ -20,7 +19,6 @@ from gateway.viewer.sources import StereoRig
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.recording.camera_values import CameraConverter
 from scenegate.recording.foxglove_messages import cloud_schema, deletion_of_all, schemas
-from scenegate.recording.mcap_file import EncodedMessage
 from scenegate.recording.profiles import Profile
 from scenegate.recording.scene_mirror import SceneMirror
 from scenegate.recording.topics import (
@@ -31,7 +29,7 @@ from scenegate.recording.topics import (
     SCENE_TOPIC,
     TF_TOPIC,
 )
-from scenegate.recording.values import CameraSet, SceneChange, empty_cloud
+from scenegate.recording.values import SceneChange
 from scenegate.recording.view_frames import ViewFrame
 
 HOST: Final = "127.0.0.1"
@@ -88,7 +86,7 @@ class FoxgloveService:
         self._loop = asyncio.get_running_loop()
         for topic, schema in schemas().items():
             if self._camera is not None or topic in (TF_TOPIC, SCENE_TOPIC):
-                self._channels.declare(topic, schema)
+                self._channels.advertise(topic, schema)
         self.port = self._channels.start(HOST, self.port)
         _log.info(f"Foxglove's WebSocket on ws://{HOST}:{self.port}")
         loop = self._loop
@@ -138,47 +136,42 @@ class FoxgloveService:
     async def _send_images(self, camera: StereoService) -> None:
         """Send images while there are subscribers. The camera makes none otherwise."""
         while True:
-            await self._camera_changed.wait()
             self._camera_changed.clear()
-            topics = frozenset(topic for topic in self._channels.topics if not _is_of_scene(topic))
-            if not topics:
-                continue
-            sending = asyncio.create_task(self._stream(camera, topics))
-            changed = asyncio.create_task(self._camera_changed.wait())
-            try:
-                await asyncio.wait((sending, changed), return_when=asyncio.FIRST_COMPLETED)
-            finally:
-                for task in (sending, changed):
-                    task.cancel()
-                results = await asyncio.gather(sending, changed, return_exceptions=True)
-            for result in results:
-                if isinstance(result, Exception):
-                    raise result
+            wanted = self._wanted_images(camera)
+            if wanted is None or not await self._stream(camera, *wanted):
+                await self._camera_changed.wait()
 
-    async def _stream(self, camera: StereoService, topics: frozenset[str]) -> None:
-        """Send the images of some topics until cancelled, or until the camera ends."""
-        wants_depth = not topics.isdisjoint((*IMAGE_TOPICS["depth"], DISPARITY_TOPIC, CLOUD_TOPIC))
+    def _wanted_images(self, camera: StereoService) -> tuple[SetKind, bool] | None:
+        """Return the images that subscribers need, and whether they need points; None without subscribers."""
+        topics = {topic for topic in self._channels.topics if not _is_of_scene(topic)}
+        if not topics:
+            return None
         kind = SetKind(
             left=CLOUD_TOPIC in topics or not topics.isdisjoint(IMAGE_TOPICS["left"]),
             right=not topics.isdisjoint(IMAGE_TOPICS["right"]),
-            disparity=wants_depth,
+            disparity=not topics.isdisjoint((*IMAGE_TOPICS["depth"], DISPARITY_TOPIC, CLOUD_TOPIC)),
             color=camera.config.color,
         )
-        converter = CameraConverter(camera.config.model.baseline, cloud=CLOUD_TOPIC in topics)
+        return kind, CLOUD_TOPIC in topics
+
+    async def _stream(self, camera: StereoService, kind: SetKind, has_points: bool) -> bool:
+        """Send image sets; return True if subscribers need others, and False if the camera gives none."""
+        converter = CameraConverter(camera.config.model.baseline, cloud=has_points)
         try:
             with camera.hub.subscribe(kind) as subscription:
-                while True:
+                while self._wanted_images(camera) == (kind, has_points):
                     data = await subscription.get()
-                    await asyncio.to_thread(self._send_set, converter, data, topics)
+                    await asyncio.to_thread(self._send_set, converter, data)
         except (LimitError, StreamError) as error:
             _log.warning(f"Foxglove gets no images: {error}")
+            return False
+        return True
 
-    def _send_set(self, converter: CameraConverter, data: bytes, topics: frozenset[str]) -> None:
+    def _send_set(self, converter: CameraConverter, data: bytes) -> None:
         """Send what is subscribed of an image set."""
         for images in converter.convert(pb.ImageSet.FromString(data)):
-            for message in self._profile.camera(_subscribed(images, topics)):
-                if message.topic in topics:
-                    self._channels.send(message, images.time)
+            for message in self._profile.camera(images, self._channels.topics.__contains__):
+                self._channels.send(message, images.time_ns)
 
 
 class _SceneFeed:
@@ -189,8 +182,6 @@ class _SceneFeed:
         self._profile = profile
         self._frames = frames
         self._mirror = SceneMirror()
-        self._cloud_frames: set[str] = set()
-        """Frames of all clouds that clients may have."""
         self._repetition: float | None = None
         """Time from which the whole scene is sent again, on the loop's clock; None before the first time."""
 
@@ -207,60 +198,44 @@ class _SceneFeed:
             self._repetition = now + WHOLE_SCENE_SECONDS
         await asyncio.to_thread(self._send, frames, new_subscribers, repeat, snapshot.timestamp)
 
-    def _send(self, frames: list[bytes], new_subscribers: Mapping[str, Iterable[int]], repeat: bool, time: int) -> None:
+    def _send(
+        self, frames: list[bytes], new_subscribers: Mapping[str, Iterable[int]], repeat: bool, time_ns: int
+    ) -> None:
+        subscribed = self._channels.topics
         for frame in frames:
-            change = self._mirror.apply(ViewFrame(frame))
+            change = self._mirror.apply(ViewFrame(frame), time_ns)
             if change is not None:
-                for message in self._messages(change, self._channels.topics):
-                    self._channels.send(message, change.time)
+                self._advertise_clouds(change)
+                for message in self._profile.scene(change, subscribed.__contains__):
+                    self._channels.send(message, change.time_ns)
+                self._withdraw_clouds(change)
+        whole = self._mirror.whole(time_ns)
         if repeat:
-            self._repeat(time)
+            if SCENE_TOPIC in subscribed:  # a message of its own: early versions of the app delete at a message's end
+                self._channels.send(deletion_of_all(SCENE_TOPIC, time_ns), time_ns)
+            for message in self._profile.scene(whole, subscribed.__contains__):
+                self._channels.send(message, time_ns)
         elif new_subscribers:
-            for message in self._messages(self._mirror.whole(time), new_subscribers):
-                self._channels.send(message, time, new_subscribers[message.topic])
+            for message in self._profile.scene(whole, new_subscribers.__contains__):
+                self._channels.send(message, time_ns, new_subscribers[message.topic])
 
-    def _repeat(self, time: int) -> None:
-        """Send the whole scene to all clients, without nodes whose deletion they may have missed."""
-        topics = self._channels.topics
-        whole = self._mirror.whole(time)
-        missing = self._cloud_frames - {cloud.frame for cloud in whole.clouds}
-        whole = replace(whole, clouds=[*map(empty_cloud, missing), *whole.clouds])
-        if SCENE_TOPIC in topics:  # a message of its own: early versions of the app delete at the end of a message
-            self._channels.send(deletion_of_all(SCENE_TOPIC, time), time)
-        for message in self._messages(whole, topics):
-            self._channels.send(message, time)
-
-    def _messages(self, change: SceneChange, topics: Container[str]) -> Iterator[EncodedMessage]:
-        """Yield the messages of some topics; declare those of clouds."""
-        clouds = []
+    def _advertise_clouds(self, change: SceneChange) -> None:
         for cloud in change.clouds:
             topic = self._profile.clouds.topic(cloud.frame)
             if topic is not None:
-                self._channels.declare(topic, cloud_schema())
-                self._cloud_frames.add(cloud.frame)
-                clouds += [cloud] if topic in topics else []
-        return self._profile.scene(
-            SceneChange(
-                change.time,
-                change.transforms if TF_TOPIC in topics else (),
-                change.entities if SCENE_TOPIC in topics else (),
-                clouds,
-            )
-        )
+                self._channels.advertise(topic, cloud_schema())
+
+    def _withdraw_clouds(self, change: SceneChange) -> None:
+        """Close the channels of removed clouds, whose subscribers have got an empty cloud."""
+        for cloud in change.clouds:
+            if not len(cloud.points):
+                topic = self._profile.clouds.release(cloud.frame)
+                if topic is not None:
+                    self._channels.withdraw(topic)
 
 
 def _is_of_scene(topic: str) -> bool:
     return topic in (TF_TOPIC, SCENE_TOPIC) or topic.startswith(SCENE_CLOUDS_TOPIC)
-
-
-def _subscribed(images: CameraSet, topics: frozenset[str]) -> CameraSet:
-    """Return a set without what is not subscribed."""
-    return replace(
-        images,
-        images={name: image for name, image in images.images.items() if not topics.isdisjoint(IMAGE_TOPICS[name])},
-        disparity=images.disparity if DISPARITY_TOPIC in topics else None,
-        cloud=images.cloud if CLOUD_TOPIC in topics else None,
-    )
 
 
 def _notify(loop: asyncio.AbstractEventLoop, event: asyncio.Event) -> None:

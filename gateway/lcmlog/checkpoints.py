@@ -47,9 +47,9 @@ class Checkpoints:
             self._bytes = [0, *(bytes_besides(state, earlier) for state, earlier in pairs)]
             self.interval *= 2.0
 
-    def before(self, time: int) -> ReplayState:
+    def before(self, time_ns: int) -> ReplayState:
         """Return the last checkpoint with no event after a time, nanoseconds since the epoch."""
-        return self._states[max(0, bisect_right(self._states, time, key=lambda each: each.clock.time_ns) - 1)]
+        return self._states[max(0, bisect_right(self._states, time_ns, key=lambda each: each.clock.time_ns) - 1)]
 
 
 def bytes_besides(state: ReplayState, earlier: ReplayState) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Final
 
 import structlog
@@ -20,6 +19,7 @@ from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node
 from gateway.treeviewer.protocol import TreeViewerProtocol
 from gateway.treeviewer.responses import FormatResponse
+from scenegate.closing import Closing
 from scenegate.lcm.event_log import Event, read_events
 from scenegate.messages import wire
 from scenegate.regular_files import open_regular
@@ -51,7 +51,7 @@ class ReplayState:
     """Offset of the next event in the file."""
 
 
-class LogReplay:
+class LogReplay(Closing):
     """Replays a log from one of its states. Not thread-safe."""
 
     def __init__(self, path: Path, files: MeshFiles, state: ReplayState | None = None) -> None:
@@ -81,14 +81,6 @@ class LogReplay:
             self.close()
             raise
 
-    def __enter__(self) -> LogReplay:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
-
     def close(self) -> None:
         """Close the file."""
         self._file.close()
@@ -109,7 +101,7 @@ class LogReplay:
         return self._position
 
     @property
-    def next_time(self) -> int | None:
+    def next_time_ns(self) -> int | None:
         """Time of the next event, nanoseconds since the epoch; None at the end of the log."""
         return None if self.next_event is None else self._next_clock.time_ns
 
@@ -148,9 +140,9 @@ class LogReplay:
         finally:
             self._read_next()
 
-    def advance(self, time: int) -> None:
+    def advance(self, time_ns: int) -> None:
         """Apply all events up to a time, nanoseconds since the epoch."""
-        while (next_time := self.next_time) is not None and next_time <= time:
+        while (next_ns := self.next_time_ns) is not None and next_ns <= time_ns:
             self.step()
 
     def _begin(self, state: ReplayState) -> None:

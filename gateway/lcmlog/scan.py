@@ -39,6 +39,8 @@ class LogSummary:
     """Size of the file up to its last event."""
     clock_sets: int
     """Number of times that the recorder's clock was set."""
+    damaged_bytes: int = 0
+    """Bytes that belong to no complete message: the recorder was killed, or the file is damaged."""
 
 
 def scan(path: Path, on_progress: Callable[[int], None] = lambda position: None) -> LogSummary:
@@ -54,9 +56,10 @@ def scan(path: Path, on_progress: Callable[[int], None] = lambda position: None)
     """
     clock, begin, events, position = LogClock(), 0, 0, 0
     channels: Counter[str] = Counter()
+    damages: list[int] = []
     with open_regular(path) as file:
         try:
-            for event in read_events(file, lambda channel: False):
+            for event in read_events(file, lambda channel: False, damages.append):
                 clock = clock.after(event.time_us)
                 if not events:
                     begin = clock.time_ns
@@ -72,7 +75,7 @@ def scan(path: Path, on_progress: Callable[[int], None] = lambda position: None)
     shown = sum(count for channel, count in channels.items() if is_shown(channel))
     if not shown:
         raise LogError(f"{path}: {_nothing_to_show(events, channels)}")
-    return LogSummary((begin, clock.time_ns), events, shown, end, clock.sets)
+    return LogSummary((begin, clock.time_ns), events, shown, end, clock.sets, sum(damages))
 
 
 def _nothing_to_show(events: int, channels: Counter[str]) -> str:

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import asyncio
-import time as clocks
+import time
 from array import array
 from bisect import bisect_right
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import TracebackType
 from typing import Final, TypeVar
 
 from gateway.assets.mesh_files import MeshFiles
 from gateway.lcmlog.checkpoints import Checkpoints
-from gateway.lcmlog.problems import Problems
+from gateway.lcmlog.incomplete_messages import IncompleteMessages
 from gateway.lcmlog.replay import LogReplay, cost_of
 from gateway.lcmlog.scan import LogSummary, scan
 from gateway.scene.live import Snapshot
+from scenegate.closing import Closing
 
 Result = TypeVar("Result")
 
@@ -40,8 +40,8 @@ def open_log(
 
         with open_log(Path("run.lcmlog")) as timeline:
             begin, end = timeline.span
-            for time in range(begin, end, 40_000_000):
-                snapshot = await timeline.snapshot_at(time)
+            for time_ns in range(begin, end, 40_000_000):
+                snapshot = await timeline.snapshot_at(time_ns)
 
     Args:
         path: LCM log of requests of the tree viewer's clients, or of Drake's messages.
@@ -55,10 +55,10 @@ def open_log(
     return LogTimeline(path, files or MeshFiles(()), scan(path, on_progress))
 
 
-class LogTimeline:
+class LogTimeline(Closing):
     """States of the tree over the time of a log. It satisfies ``gateway.scene.timeline.Timeline``.
 
-    Used in one event loop, except ``problems`` and ``progress``.
+    Used in one event loop, except ``incomplete`` and ``progress``.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class LogTimeline:
             OSError: the log cannot be read.
         """
         self.summary = summary
-        self.problems = Problems()
+        self.incomplete = IncompleteMessages()
         """Messages that could not be shown completely, of the part that was indexed."""
         self.path, self._files = path, files
         self._checkpoints = checkpoints or Checkpoints()
@@ -107,7 +107,7 @@ class LogTimeline:
         """The last state of the part that is indexed."""
         return self._indexer.snapshot
 
-    async def snapshot_at(self, time: int) -> Snapshot:
+    async def snapshot_at(self, time_ns: int) -> Snapshot:
         """Return the state that was valid at a time, nanoseconds since the epoch; times outside are clamped.
 
         States of the same messages have the same revision. A time beyond the index waits until the index is there.
@@ -116,10 +116,10 @@ class LogTimeline:
             OSError: the log can no longer be read.
         """
         begin, end = self.span
-        time = min(max(time, begin), end)
-        while self._is_beyond_index(time):
+        time_ns = min(max(time_ns, begin), end)
+        while self._is_beyond_index(time_ns):
             await self._in_thread(self._index_slice)
-        return await self._in_thread(lambda: self._seek(time))
+        return await self._in_thread(lambda: self._seek(time_ns))
 
     async def build_index(self, on_progress: Callable[[float], None] = lambda progress: None) -> None:
         """Decode the log to its end, in slices between which seeks are served.
@@ -135,9 +135,9 @@ class LogTimeline:
         """Return this timeline: the states of a log stay."""
         return self
 
-    def simulation_seconds_at(self, time: int) -> float | None:
+    def simulation_seconds_at(self, time_ns: int) -> float | None:
         """Return the time of Drake's simulation, seconds, at a time of the log; None if none is known."""
-        index = bisect_right(self._simulation_times, time) - 1
+        index = bisect_right(self._simulation_times, time_ns) - 1
         return self._simulation_seconds[index] if index >= 0 else None
 
     def replay(self) -> LogReplay:
@@ -147,14 +147,6 @@ class LogTimeline:
             OSError: the log can no longer be read.
         """
         return LogReplay(self.path, self._files)
-
-    def __enter__(self) -> LogTimeline:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the thread, and close the log's files."""
@@ -166,39 +158,41 @@ class LogTimeline:
         """Call a function in the timeline's thread, after those of earlier calls."""
         return await asyncio.get_running_loop().run_in_executor(self._thread, work)
 
-    def _is_beyond_index(self, time: int) -> bool:
-        next_time = self._indexer.next_time
-        return next_time is not None and next_time <= time
+    def _is_beyond_index(self, time_ns: int) -> bool:
+        next_ns = self._indexer.next_time_ns
+        return next_ns is not None and next_ns <= time_ns
 
     def _index_slice(self) -> None:
         """Decode the next part of the log, for ``SLICE_SECONDS``."""
         indexer = self._indexer
-        deadline = clocks.perf_counter() + SLICE_SECONDS
+        deadline = time.perf_counter() + SLICE_SECONDS
         while (event := indexer.next_event) is not None:
             reasons = indexer.step()
             if reasons:
-                self.problems.add(event.channel, reasons)
+                self.incomplete.add(event.channel, reasons)
             self._note_simulation_time()
             self._cost += cost_of(event)
             if self._cost >= self._checkpoints.interval:
                 self._checkpoints.add(indexer.renew())
                 self._cost = 0.0
-            if clocks.perf_counter() >= deadline:
+            if time.perf_counter() >= deadline:
                 break
 
     def _note_simulation_time(self) -> None:
         seconds, times = self._indexer.simulation_seconds, self._simulation_times
         if seconds is None or (times and self._simulation_seconds[-1] == seconds):
             return
-        time = self._indexer.clock.time_ns
-        if not times or time - times[-1] >= LABEL_NS or seconds < self._simulation_seconds[-1]:
+        time_ns = self._indexer.clock.time_ns
+        if not times or time_ns - times[-1] >= LABEL_NS or seconds < self._simulation_seconds[-1]:
             self._simulation_seconds.append(seconds)  # first: another thread reads what both have
-            times.append(time)
+            times.append(time_ns)
 
-    def _seek(self, time: int) -> Snapshot:
+    def _seek(self, time_ns: int) -> Snapshot:
         """Return the state at a time that is indexed."""
-        checkpoint = self._checkpoints.before(time)
-        usable = (each for each in self._replays if each.clock.time_ns <= time and each.position >= checkpoint.position)
+        checkpoint = self._checkpoints.before(time_ns)
+        usable = (
+            each for each in self._replays if each.clock.time_ns <= time_ns and each.position >= checkpoint.position
+        )
         replay = max(usable, key=lambda each: each.position, default=None)
         if replay is None:
             replay = LogReplay(self.path, self._files, checkpoint)
@@ -207,5 +201,5 @@ class LogTimeline:
         self._replays.append(replay)
         if len(self._replays) > MAX_REPLAYS:
             self._replays.pop(0).close()
-        replay.advance(time)
+        replay.advance(time_ns)
         return replay.snapshot

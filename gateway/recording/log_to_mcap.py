@@ -7,13 +7,15 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from gateway.lcmlog.problems import Problems
+from gateway.lcmlog.incomplete_messages import IncompleteMessages
 from gateway.lcmlog.replay import is_shown
 from gateway.lcmlog.timeline import LogTimeline
 from gateway.recording.snapshot_frames import SnapshotFrames
 from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.profiles import Profile, ProfileName
 from scenegate.recording.recorder import SceneWriter
+from scenegate.recording.view_frames import ViewFrame
+from scenegate.regular_files import errors_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,16 +48,16 @@ async def convert_log(
     """
     converter = Profile(profile)
     frames = SnapshotFrames()
-    problems = Problems()
+    incomplete = IncompleteMessages()
     read = 0
-    with timeline.replay() as replay, closing(McapFiles(out, converter.mcap_profile)) as mcap:
+    with timeline.replay() as replay, errors_name(out), closing(McapFiles(out, converter.mcap_profile)) as mcap:
         writer = SceneWriter(mcap, converter)
         while (event := replay.next_event) is not None:
             reasons = replay.step()
             if reasons:
-                problems.add(event.channel, reasons)
+                incomplete.add(event.channel, reasons)
             read += is_shown(event.channel)
             for frame in await frames.advance(replay.snapshot):
-                writer.write(frame, replay.clock.time_ns)
+                writer.write(ViewFrame(frame), replay.clock.time_ns)
             report(replay.position, read)
-    return Converted(read, mcap.messages, mcap.bytes, [*problems.listed(), *writer.warnings])
+    return Converted(read, mcap.messages, mcap.bytes, [*incomplete.listed(), *writer.warnings])

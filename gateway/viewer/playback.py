@@ -22,6 +22,8 @@ WORKING_SECONDS: Final = 0.15
 """Time after which a page says that a state is being looked for."""
 AFTER_CHANGE_NS: Final = 1000
 """Time after a change at which a step stops: seconds as float64 are exact to 240 nanoseconds."""
+DRAG_NS: Final = 1_000_000_000
+"""Time before the first state to which a page still seeks while its bar is dragged: a live span moves meanwhile."""
 MAX_STEPS: Final = 10
 """Maximum number of steps that wait; each may take a second in a log."""
 
@@ -77,6 +79,7 @@ class Playback:
         """Execute a command of the page."""
         first, last = self._timeline.span
         position = self._position()
+        self._error = ""
         self._rate = self._rate if command.rate is None else command.rate
         if command.loop is not None:
             self._loop_end = last if command.loop else None
@@ -91,6 +94,8 @@ class Playback:
             case "seek":
                 wanted = round(command.at * 1e9) if command.by is None else position + round(command.by * 1e9)
                 position = min(max(wanted, first), last)
+                if command.by is None and wanted < first - DRAG_NS:
+                    self._error = "That time is older than what is kept: this is the oldest state"
                 if self._has_live and command.by is not None and wanted >= last:
                     self._go_live()
                 else:
@@ -101,7 +106,6 @@ class Playback:
             case _:
                 pass
         self._move(position)
-        self._error = ""
         self._changed.set()
 
     def tick(self) -> None:

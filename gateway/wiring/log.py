@@ -38,9 +38,9 @@ class LogService:
             "shown_messages": timeline.summary.shown,
             "seconds": (end - begin) / 1e9,
             "indexed": round(timeline.progress, 3),
-            "incomplete_messages": timeline.problems.count,
+            "incomplete_messages": timeline.incomplete.count,
         }
-        warnings = timeline.problems.listed()
+        warnings = timeline.incomplete.listed()
         if timeline.summary.clock_sets:
             warnings.append(
                 f"the recorder's clock was set during the recording, number of times: {timeline.summary.clock_sets}"

@@ -146,4 +146,10 @@ def test_the_scene_of_a_gateway(gateway: tuple[str, list[tuple[str, str | None]]
 def test_a_gateway_that_does_not_respond(tmp_path: Path) -> None:
     refused = export("http://127.0.0.1:1", tmp_path / "scene.html")
     assert isinstance(refused.exception, ConnectionError)
-    assert "http://127.0.0.1:1 gives no view/scene.html: [Errno" in str(refused.exception)
+    assert "http://127.0.0.1:1 gives no view/scene.html: no gateway listens there" in str(refused.exception)
+
+
+def test_folders_are_no_files(tmp_path: Path) -> None:
+    assert str(export(str(tmp_path), tmp_path / "a.html").exception) == f"{tmp_path} is a folder, not a log"
+    refused = export("http://127.0.0.1:1", tmp_path).exception
+    assert str(refused) == f"{tmp_path} is a folder; the file needs a name in it"

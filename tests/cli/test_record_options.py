@@ -13,6 +13,8 @@ from scenegate.cli import record
     ("arguments", "sentence"),
     [
         (["a.lcmlog", "--camera", "robot", "--max-mb", "5"], "--camera, --max-mb needs an MCAP file: --mcap OUT.mcap"),
+        (["--mcap", "a.mcap", "--max-mb", "0.0000001"], "--max-mb is 1e-07; it must be 0, or at least 1: messages"),
+        (["--mcap", "."], "--mcap: '.' is a folder, not a file"),
         (["--mcap", "a.mcap", "--lcm-url", "udpm://"], "--lcm-url needs an LCM log: OUT.lcmlog"),
     ],
 )

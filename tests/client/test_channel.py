@@ -8,7 +8,7 @@ from pathlib import Path
 import grpc
 import pytest
 
-from scenegate.camera.credentials import Credentials, read_token
+from scenegate.credentials import Credentials, read_token
 from tests.support.certificates import certificate
 from tests.support.waiting import SECONDS
 

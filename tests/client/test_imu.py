@@ -18,9 +18,10 @@ from gateway.server.http_server import PortService
 from gateway.stereo.device.clock import SimulatedClock
 from gateway.stereo.routes.imu_routes import imu_router
 from gateway.stereo.service import StereoService
-from scenegate.camera.credentials import Credentials
-from scenegate.camera.imu import ImuFailure, ImuRecorder
+from scenegate.camera.imu import ImuRecorder
 from scenegate.camera.stream import StreamOptions, receive_all
+from scenegate.credentials import Credentials
+from scenegate.gateway_http import GatewayError
 from tests.stereo.conftest import Start, renderer, start
 from tests.support.waiting import SECONDS, until
 
@@ -31,7 +32,7 @@ __all__ = ["renderer", "start"]
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wait for connections as long as every test does."""
     monkeypatch.setattr("scenegate.camera.stream.CONNECT_SECONDS", SECONDS)
-    monkeypatch.setattr("scenegate.camera.imu._CONNECT_SECONDS", SECONDS)
+    monkeypatch.setattr("scenegate.gateway_http.CONNECT_SECONDS", SECONDS)
 
 
 @asynccontextmanager
@@ -62,13 +63,13 @@ async def test_samples_are_written_beside_the_sets(start: Start, tmp_path: Path)
         assert f"{progress.imu_samples} IMU samples" in progress.line()
         assert progress.imu_lost == 0
         await until(lambda: len(camera.service.imu.hub) == 0)
-        with pytest.raises(ImuFailure, match="404: there is no pipeline 3"):
+        with pytest.raises(GatewayError, match="404: there is no pipeline 3"):
             await asyncio.to_thread(receive_all, replace(options, pipeline=3))
-    with pytest.raises(ImuFailure, match="gives no IMU samples"):
+    with pytest.raises(GatewayError, match="gives no IMU samples"):
         await asyncio.to_thread(receive_all, options)
-    with pytest.raises(ImuFailure, match="must be like http"):
+    with pytest.raises(GatewayError, match="must be like http"):
         await asyncio.to_thread(receive_all, replace(options, imu="camera:8000"))
-    with pytest.raises(ImuFailure, match="no valid port"):
+    with pytest.raises(GatewayError, match="no valid port"):
         await asyncio.to_thread(receive_all, replace(options, imu="http://camera:many"))
 
 
@@ -97,13 +98,13 @@ def test_streams_that_end_early(tmp_path: Path) -> None:
         thread.start()
         url = f"http://127.0.0.1:{server.server_address[1]}"
         path = tmp_path / "imu.csv"
-        with pytest.raises(ImuFailure, match="401: "):
+        with pytest.raises(GatewayError, match="401: "):
             ImuRecorder(url, path, Credentials())
         with ImuRecorder(url, path, Credentials("secret")) as recorder:
             assert recorder.wait_for_sample(1_000_000_005, SECONDS)
             assert not recorder.wait_for_sample(1_000_000_006, SECONDS), "the stream has ended"
             assert (recorder.samples, recorder.lost) == (1, 7)
-            with pytest.raises(ImuFailure, match="ended the IMU stream"):
+            with pytest.raises(GatewayError, match="ended the IMU stream"):
                 recorder.check()
         assert path.read_text().splitlines()[1:] == ["1000000005,4,5,6,1,2,3"]
         server.shutdown()

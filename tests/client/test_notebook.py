@@ -124,7 +124,9 @@ def test_without_a_gateway_static_pages_are_a_sentence() -> None:
         views.show(static=True)
     views.page_url = "/user/ann/proxy/8000"
     assert frame_of(views.show())["src"] == "/user/ann/proxy/8000/view"
-    with pytest.raises(ValueError, match="'/user/ann/proxy/8000': the address of a gateway begins with http://"):
+    with pytest.raises(
+        ValueError, match="the address of the gateway is '/user/ann/proxy/8000'; it must be like http://HOST:PORT"
+    ):
         views.show(static=True)
 
 

@@ -21,7 +21,7 @@ from gateway.stereo.routes.truth_routes import truth_router
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.camera.files import BadImageError, depth, pixels, preview
 from scenegate.camera.stream import Progress, StreamFailure, StreamOptions, receive_all
-from scenegate.camera.truth import TruthFailure
+from scenegate.gateway_http import GatewayError
 from tests.stereo.conftest import Start, renderer, start
 from tests.support.command import scenegate
 from tests.support.waiting import SECONDS, until
@@ -169,15 +169,15 @@ async def test_truth_is_written_for_each_set(start: Start, tmp_path: Path) -> No
     valid_in_both = np.isfinite(data["depth"]) & np.isfinite(truth["depth"])
     assert np.median(np.abs(data["depth"][valid_in_both] / truth["depth"][valid_in_both] - 1)) < 0.02
     assert len([p for p in tmp_path.iterdir() if p.name.endswith("_truth.npz")]) == 2  # noqa: ASYNC240 - nothing else runs
-    with pytest.raises(TruthFailure, match="404: there is no pipeline 3"):
+    with pytest.raises(GatewayError, match="404: there is no pipeline 3"):
         await asyncio.to_thread(receive_all, replace(options, pipeline=3))
     serving.cancel()
     await asyncio.gather(serving, return_exceptions=True)
-    with pytest.raises(TruthFailure, match="gives no ground truth"):
+    with pytest.raises(GatewayError, match="gives no ground truth"):
         await asyncio.to_thread(receive_all, options)
-    with pytest.raises(TruthFailure, match="does not speak HTTP"):
+    with pytest.raises(GatewayError, match="does not speak HTTP"):
         await asyncio.to_thread(receive_all, replace(options, truth=f"http://{options.target}"))
-    with pytest.raises(TruthFailure, match="must begin with http"):
+    with pytest.raises(GatewayError, match="must be like http"):
         await asyncio.to_thread(receive_all, replace(options, truth="camera:8000"))
 
 

@@ -9,10 +9,10 @@ import msgspec
 import pytest
 
 from scenegate.messages import wire
-from scenegate.messages.changes import Changes, PublishedTree, path_of
+from scenegate.messages.changes import Changes, Entry, PublishedTree, path_of
 from scenegate.messages.geometry import Sphere
 from scenegate.messages.request_encoding import encode_request
-from scenegate.tree import viewer as viewer_module
+from scenegate.tree import requests as requests_module
 from scenegate.tree.answer import Answer, TreeViewerError
 from scenegate.tree.viewer import TreeViewer
 from tests.support.waiting import SECONDS
@@ -22,6 +22,8 @@ class FakeConnection:
     """Answers every request with the next body."""
 
     url = "tcpq://fake"
+
+    is_connected = True
 
     def __init__(self, _: str | None, handlers: dict[str, Callable[[bytes], None]], __: float) -> None:
         self.respond, self.announce = handlers.values()
@@ -50,13 +52,13 @@ def response(**body: Any) -> bytes:
 
 @pytest.fixture
 def viewer(monkeypatch: pytest.MonkeyPatch) -> Iterator[TreeViewer]:
-    monkeypatch.setattr(viewer_module, "LcmConnection", FakeConnection)
+    monkeypatch.setattr(requests_module, "LcmConnection", FakeConnection)
     with TreeViewer(timeout=SECONDS, binary=False) as viewer:
         yield viewer
 
 
 def connection(viewer: TreeViewer) -> Any:
-    return viewer._connection  # noqa: SLF001 - the fake above
+    return viewer.requests.connection
 
 
 def test_paths_and_warnings_of_a_response(viewer: TreeViewer) -> None:
@@ -140,7 +142,7 @@ def test_a_viewer_that_has_just_started_gets_everything(viewer: TreeViewer) -> N
     assert len(fake.requests) == 1
     fake.announce(response(timestamp=0, status=0, ready=True))
     assert [entry["path"] for entry in fake.requests[1]["setgeometry"]] == [["a"]]
-    assert not viewer.pending
+    assert not viewer.requests.pending
 
 
 @pytest.mark.parametrize(
@@ -164,8 +166,8 @@ def test_paths(value: Any, path: tuple[str | int, ...]) -> None:
 def test_a_delete_discards_what_was_set_below_it() -> None:
     changes = Changes()
     for path in (("a",), ("a", "b"), ("ab",), ("c",)):
-        changes.set(path, [])
-    changes.transform(("a", "b"), {"x": 1})
+        changes.set(path, Entry([]))
+    changes.set(("a", "b"), Entry(transform={"x": 1}))
     changes.delete(("a",))
     assert changes.body() == {
         "delete": [{"path": ("a",)}],
@@ -176,17 +178,17 @@ def test_a_delete_discards_what_was_set_below_it() -> None:
 
 def test_missing_geometry_comes_with_the_transforms_of_its_parents() -> None:
     tree, changes = PublishedTree(), Changes()
-    changes.transform(("a",), {"x": 1})
-    changes.set(("a", "b"), [{}])
-    changes.set(("a", "c"), [{}])
-    changes.transform(("d",), {"x": 2})
+    changes.set(("a",), Entry(transform={"x": 1}))
+    changes.set(("a", "b"), Entry([{}]))
+    changes.set(("a", "c"), Entry([{}]))
+    changes.set(("d",), Entry(transform={"x": 2}))
     tree.update(changes)
     again = tree.missing([("a", "b")])
     assert list(again.entries) == [("a",), ("a", "b")]
     assert (again.entries["a",].geometries, again.entries["a",].transform) == (None, {"x": 1})
     assert tree.missing([("d",)]).entries == {}, "no geometry was published there"
     update = Changes()
-    update.transform(("a", "b"), {"x": 3})
+    update.set(("a", "b"), Entry(transform={"x": 3}))
     tree.update(update)
     entry = tree.all().entries["a", "b"]
     assert (entry.geometries, entry.transform) == ([{}], {"x": 3})

@@ -316,7 +316,7 @@ async def test_controls_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
         await until(lambda: shown(service) == {"speed": 0.0})
         await in_thread(viewer.close)
         await until(lambda: shown(service) == {})
-        assert not viewer.pending
+        assert not viewer.requests.pending
 
 
 async def test_controls_that_are_added_while_a_viewer_starts_are_kept() -> None:
@@ -368,7 +368,7 @@ async def test_controls_of_a_program_that_dies_are_removed() -> None:
         for viewer, name in ((alive, "here"), (dying, "gone")):
             await in_thread(viewer.controls.add_button, name)
             await in_thread(viewer.on_click, name, print)
-        dying._connection.close()  # noqa: SLF001 - without a last message
+        dying.requests.connection.close()  # without a last message
         await until(lambda: shown(service).keys() == {"here"})
         assert service.protocol.page.clicks.paths() == (("here",),)
         await in_thread(alive.close)

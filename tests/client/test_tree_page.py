@@ -207,7 +207,7 @@ async def test_the_subscription_is_repeated(monkeypatch: pytest.MonkeyPatch) -> 
         page.clicks = clicks.ClickSubscriptions()  # as if the lease had ended
         await until(lambda: page.clicks.paths() == (("robot",),))
         await in_thread(viewer.close)
-        assert not viewer.pending
+        assert not viewer.requests.pending
 
 
 async def test_a_restarted_viewer_gets_all_again() -> None:

@@ -193,7 +193,7 @@ async def test_falls_back_to_json(monkeypatch: pytest.MonkeyPatch) -> None:
         def talk() -> None:
             with TreeViewer(hub_of(service), timeout=SECONDS) as tree_viewer:
                 assert tree_viewer["a"].set(Sphere(1)).status == 0
-                assert tree_viewer.message_format == wire.JSON
+                assert tree_viewer.requests.message_format == wire.JSON
             with (
                 TreeViewer(hub_of(service), timeout=SECONDS, binary=True) as tree_viewer,
                 pytest.raises(TreeViewerError) as caught,
@@ -234,7 +234,7 @@ def test_reports_timeout() -> None:
         pytest.raises(TimeoutError, match=r"no viewer answered within 0\.05 s on udpm:.* big messages can get lost"),
     ):
         tree_viewer["a"].set(Sphere(1))
-    assert not tree_viewer.pending
+    assert not tree_viewer.requests.pending
     with pytest.raises(ConnectionError, match="closed"):
         tree_viewer["a"].delete()
 
@@ -261,7 +261,7 @@ def test_ignores_foreign_messages() -> None:
             bytes(encode_request({"timestamp": 0, "status": 0, "ready": True}, 0, wire.JSON)),
         ):
             other.publish(wire.RESPONSE, message)
-            other.publish(f"{wire.RESPONSE}_<{tree_viewer.client_id}>", message)
+            other.publish(f"{wire.RESPONSE}_<{tree_viewer.requests.client_id}>", message)
         with pytest.raises(TimeoutError):
             tree_viewer["a"].set(Sphere(1))
         assert threading.active_count() == threads

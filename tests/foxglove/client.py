@@ -70,6 +70,11 @@ class FoxgloveClient:
         """Try to set a parameter."""
         await self._socket.send(json.dumps({"op": "setParameters", "parameters": [{"name": name, "value": value}]}))
 
+    async def until_withdrawn(self, topic: str) -> None:
+        """Wait until the server withdraws a channel."""
+        while topic in self.channels:
+            await self._receive()
+
     async def next_message(self) -> tuple[str, int, Any]:
         """Return topic, time and content of the next message."""
         while not self._messages:
@@ -98,6 +103,10 @@ class FoxgloveClient:
             self.info = message
         elif message["op"] == "advertise":
             self.channels.update({channel["topic"]: channel for channel in message["channels"]})
+        elif message["op"] == "unadvertise":
+            self.channels = {
+                topic: each for topic, each in self.channels.items() if each["id"] not in message["channelIds"]
+            }
         elif message["op"] == "status":
             # foxglove-sdk advertises a new channel shortly before it takes subscriptions to it.
             assert message["message"].startswith("Unknown channel ID"), message

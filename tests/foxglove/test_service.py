@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from structlog.testing import capture_logs
 from websockets.asyncio.client import connect
 
 pytest.importorskip("foxglove", reason="needs the extra foxglove")
@@ -101,6 +102,43 @@ async def test_point_clouds_have_channels_of_their_own() -> None:
         found = await client.messages_of("/scene/points/scan")
         assert found["/scene/points/scan"].frame_id == "scene/scan"
         assert len(found["/scene/points/scan"].data) == 5 * found["/scene/points/scan"].point_stride
+
+
+async def test_channels_of_removed_clouds_are_withdrawn() -> None:
+    """And there again with the cloud, without a number in its name."""
+    tree, topic = LiveTree(), "/scene/points/scan"
+
+    def publish() -> None:
+        with tree.edit() as edit:
+            edit.set_parts(("scan",), (Part(PointCloud(np.ones((5, 3), np.float32)), Material()),))
+
+    publish()
+    async with running(FoxgloveService(0, tree, None)) as service, client_of(service) as client:
+        await client.subscribe("/tf")
+        for _ in range(2):
+            await client.subscribe(topic)
+            assert (await client.messages_of(topic))[topic].frame_id == "scene/scan"
+            with tree.edit() as edit:
+                edit.delete(("scan",))
+            await client.until_withdrawn(topic)
+            assert service.status()["topics"] == ["/tf"]
+            publish()
+
+
+async def test_what_the_sdk_reports_of_clients_is_a_sentence_of_ours() -> None:
+    with capture_logs() as log:
+        async with running(FoxgloveService(0, LiveTree(), None)) as service:
+            _, writer = await asyncio.open_connection("127.0.0.1", service.port)
+            writer.write(b"GET / HTTP/1.1\r\n\r\n")
+            await writer.drain()
+            writer.close()
+            await until(lambda: any("reason" in entry for entry in log))
+    (entry,) = [entry for entry in log if "reason" in entry]
+    assert (entry["event"], entry["log_level"]) == (
+        "A client of Foxglove's WebSocket was disconnected or ignored",
+        "info",
+    )
+    assert "handshake failed" in entry["reason"]
 
 
 async def test_nothing_is_made_without_subscribers(monkeypatch: pytest.MonkeyPatch, start: Start) -> None:

@@ -269,7 +269,7 @@ async def test_messages_keep_the_time_of_their_arrival() -> None:
     queue = ReceiveQueue(1 << 20)
     queue.start(lambda *_: arrivals.append(arrival_time()))
     for arrival in range(MAX_HANDLED + 2):
-        queue.put("a", b"x", arrival=arrival)
+        queue.put("a", b"x", arrival_ns=arrival)
     queue.handle()
     await until(lambda: len(arrivals) == MAX_HANDLED + 2)
     assert arrivals == list(range(MAX_HANDLED + 2))

@@ -19,6 +19,8 @@ from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST
 from scenegate.lcm import event_log, replay
 from scenegate.lcm.event_log import MAX_DATA_BYTES, SYNC, Event, EventLogError, pack_event, read_events
+from scenegate.lcm.limits import TransportLimits
+from scenegate.lcm.network import open_transport
 from scenegate.lcm.tcpq import HUB_HELLO, publish_header
 from tests.support.liblcm import liblcm
 from tests.support.waiting import until
@@ -147,8 +149,56 @@ async def test_loops_until_cancelled(tmp_path: Path) -> None:
         await until(lambda: service.status()["received"] >= 10)
         playing.cancel()
         await asyncio.gather(playing, return_exceptions=True)
-        # a loop without events must end, too
-        await replay.play(log, url, replay.PlayOptions(rate=0.0, loop=True, channels="nothing"), progress)
+
+
+async def test_no_channel_matches(tmp_path: Path) -> None:
+    """Also in a loop, which would never end."""
+    log = tmp_path / "in.lcmlog"
+    log.write_bytes(written(EVENTS))
+    async with serving() as service:
+        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
+        with pytest.raises(ValueError, match=r"no channel matches --channels 'nothing'; there are .*IMU"):
+            await replay.play(log, url, replay.PlayOptions(loop=True, channels="nothing"), replay.Progress())
+
+
+async def test_a_loop_of_one_message_does_not_flood(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log, progress, slept = tmp_path / "in.lcmlog", replay.Progress(), []
+    log.write_bytes(written(EVENTS[:1]))
+    sleep = asyncio.sleep
+
+    async def note(seconds: float) -> None:
+        slept.append((progress.events, seconds))
+        await sleep(0)
+        if progress.events >= 3:
+            raise asyncio.CancelledError
+
+    async with serving() as service:
+        monkeypatch.setattr(replay, "MIN_LOOP_SECONDS", 3600.0)
+        monkeypatch.setattr(asyncio, "sleep", note)
+        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
+        with pytest.raises(asyncio.CancelledError):
+            await replay.play(log, url, replay.PlayOptions(loop=True), progress)
+        monkeypatch.undo()
+    assert [count for count, seconds in slept if seconds > 3000.0] == [1, 2, 3]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+async def test_a_full_disk_ends_a_recording() -> None:
+    async with serving() as service:
+        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
+        stop = asyncio.Event()
+        recording = asyncio.create_task(replay.record(Path("/dev/full"), url, "IMU", replay.Progress(), stop))
+        sender = open_transport(url, ("NOTHING",), TransportLimits())
+        connected = asyncio.Event()
+        sender.start(lambda *message: None, connected.set)
+        await connected.wait()
+        while not recording.done():
+            sender.publish("IMU", b"sample")
+            await asyncio.sleep(0.01)  # short: until the recorder has subscribed
+        with pytest.raises(OSError, match="No space left on device") as caught:
+            await recording
+        assert caught.value.filename == "/dev/full"
+        await sender.close()
 
 
 async def test_finish_loses_nothing_when_the_hub_sends(tmp_path: Path) -> None:

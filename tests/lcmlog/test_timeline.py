@@ -262,8 +262,8 @@ async def test_messages_that_cannot_be_read(opened: Opener, tmp_path: Path) -> N
     )
     timeline = opened(log)
     await timeline.build_index()
-    assert timeline.problems.count == 3
-    first, second = timeline.problems.listed()
+    assert timeline.incomplete.count == 3
+    first, second = timeline.incomplete.listed()
     assert first.startswith(f"{CHANNEL}: messages that are not shown completely: 2; the first one: ")
     assert second.startswith("DRAKE_VIEWER_DRAW: messages that are not shown completely: 1; the first one: ")
     assert x_of(await timeline.snapshot_at(timeline.span[1])) == 2.0
@@ -275,8 +275,8 @@ async def test_too_many_channels(opened: Opener, tmp_path: Path) -> None:
     await timeline.build_index()
     root = (await timeline.snapshot_at(timeline.span[1])).root
     assert len(root.children["drake"].children["point clouds"].children) == MAX_CHANNELS
-    assert timeline.problems.count == 10
-    assert "256 channels of clouds and frames are shown, which is the limit" in timeline.problems.listed()[0]
+    assert timeline.incomplete.count == 10
+    assert "256 channels of clouds and frames are shown, which is the limit" in timeline.incomplete.listed()[0]
 
 
 async def test_the_clock_of_the_recorder_is_set(opened: Opener, tmp_path: Path) -> None:

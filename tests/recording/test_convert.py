@@ -72,6 +72,25 @@ def test_other_channels_do_not_count(tmp_path: Path) -> None:
     assert f"{out}: 1 messages of the scene, 1 written, " in result.stderr
 
 
+def test_a_log_that_was_cut_off(tmp_path: Path) -> None:
+    log = log_of(tmp_path / "a.lcm", *((float(second), moved(["arm"], [1, 2, 3], [1, 0, 0, 0])) for second in range(3)))
+    data = log.read_bytes()
+    log.write_bytes(data[:-10])
+    result = CliRunner().invoke(app, ["convert", str(log), str(tmp_path / "a.mcap")])
+    assert result.exit_code == 0, result.stderr
+    size, event = len(data) - 10, len(data) // 3
+    text = f"{log}: {size - 2 * event} of {size} bytes are damaged or cut off; 2 complete messages were read"
+    assert text in result.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk(tmp_path: Path) -> None:
+    log = log_of(tmp_path / "a.lcm", (0.0, moved(["arm"], [1, 2, 3], [1, 0, 0, 0])))
+    error = CliRunner().invoke(app, ["convert", str(log), "/dev/full"]).exception
+    assert isinstance(error, OSError)
+    assert (error.filename, error.strerror) == ("/dev/full", "No space left on device")
+
+
 def test_the_log_is_not_overwritten(tmp_path: Path) -> None:
     log = log_of(tmp_path / "a.lcm", (0.0, moved(["arm"], [1, 2, 3], [1, 0, 0, 0])))
     data = log.read_bytes()

@@ -90,12 +90,13 @@ class Logger:
 class Node:
     given: ClassVar[dict[str, Any]] = {}
     """Parameters, as ROS 2 takes them from the launch file."""
+    clock_ns: ClassVar[int] = 0
 
     def __init__(self, name: str) -> None:
         assert NAME.fullmatch(name)
         self.topics: dict[str, Publisher] = {}
         self.logger = Logger()
-        self._parameters: dict[str, Any] = {}
+        self._parameters: dict[str, Any] = {"use_sim_time": self.given.get("use_sim_time", False)}
         self._ended = threading.Event()
 
     def declare_parameter(self, name: str, default: Any) -> None:
@@ -118,6 +119,10 @@ class Node:
                 callback()
 
         threading.Thread(target=run, daemon=True).start()
+
+    def get_clock(self) -> Any:
+        """A simulated clock, which shows ``clock_ns``."""
+        return types.SimpleNamespace(now=lambda: types.SimpleNamespace(nanoseconds=self.clock_ns))
 
     def get_logger(self) -> Logger:
         return self.logger

@@ -17,8 +17,9 @@ from gateway.scene.geometry import Box, Part, PointCloud
 from gateway.scene.live import LiveTree
 from gateway.viewer.control_frames import ControlFrames
 from renderers.drawlist import Material
+from scenegate.gateway_http import GatewayError
 from scenegate.messages.controls import Slider
-from scenegate.recording.sources import RecordingError
+from scenegate.recording.view_frames import ViewFrame
 from tests.ros2 import stand_in
 
 pytest.importorskip("mcap_ros2", reason="needs the extra mcap")
@@ -66,14 +67,13 @@ def connect(monkeypatch: pytest.MonkeyPatch, feeds: Any) -> Connect:
     store.set_controls("client", [Slider(("arm", "lift"), 0.0, 2.0, value=1.5, unit="m")], lambda *_: None, 1)
 
     def connect(tree: LiveTree, *others: bytes) -> None:
-        def frames(*_: object) -> Iterator[bytes]:
-            yield from asyncio.run(SnapshotFrames().advance(tree.snapshot))
-            yield ControlFrames(store, tree).since(0)
-            yield from others
-            raise RecordingError("lost")
+        def frames(*_: object) -> Iterator[ViewFrame]:
+            snapshot = asyncio.run(SnapshotFrames().advance(tree.snapshot))
+            yield from map(ViewFrame, (*snapshot, ControlFrames(store, tree).since(0), *others))
+            raise GatewayError("lost")
 
         monkeypatch.setattr(module, "scene_frames", frames)
-        with pytest.raises(RecordingError):
+        with pytest.raises(GatewayError):
             feeds._publish_scene()  # noqa: SLF001 - one connection, in this thread
 
     return connect

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from tests.ros2 import stand_in
 from tests.ros2.stand_in import Node, Publisher, ReliabilityPolicy
 from tests.support import clients
+from tests.support.certificates import certificate
 from tests.support.gateway_process import gateway_process
 from tests.support.ports import free_ports
 from tests.support.waiting import wait_until
@@ -233,3 +235,33 @@ def test_quality_of_service(start: Start) -> None:
     node = start(camera="", url="", reliability="best_effort")
     best_effort = {name for name, each in node.topics.items() if each.qos.reliability is ReliabilityPolicy.BEST_EFFORT}
     assert best_effort == node.topics.keys() - {"/tf"}
+
+
+def test_the_scene_has_the_time_of_another_clock(
+    gateway: dict[str, str], start: Start, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Node, "clock_ns", 0)
+    node = start(url=gateway["url"], camera="", use_sim_time=True)
+    tf = node.topics["/tf"]
+    with tf.subscriber():
+        node.feeds.repeat_scene()
+        assert not tf.received, "the clock has not begun"
+        monkeypatch.setattr(Node, "clock_ns", 7_000_000_005)
+        (message,) = tf.wait_for(lambda each: len(each.transforms) > 3)
+    assert {stamp(each) for each in message.transforms} == {7_000_000_005}
+
+
+def test_a_gateway_with_tls_and_a_token(start: Start, tmp_path: Path) -> None:
+    pem, key = certificate(tmp_path)
+    tokens = tmp_path / "tokens"
+    tokens.write_text("secret-0123456789-0123\n")
+    (grpc_port,) = free_ports(1)
+    flags = ["--demo", "--grpc-port", str(grpc_port), "--tcpq-port", "0", "--lcm-url", "off"]
+    for edge in ("http", "grpc"):
+        flags += [f"--{edge}-certificate", str(pem), f"--{edge}-key", str(key), f"--{edge}-token-file", str(tokens)]
+    with gateway_process(*flags) as (_, url):
+        node = start(url=url, camera=f"127.0.0.1:{grpc_port}", token_file=str(tokens), ca=str(pem))
+        with node.topics["/tf"].subscriber() as tf, node.topics["stereo/left/image_rect"].subscriber() as left:
+            tf.wait_for(lambda message: len(message.transforms) > 3)
+            left.wait_for()
+        assert node.logger.warnings == []

@@ -79,26 +79,38 @@ def test_the_manifest_names_what_is_imported(parameters: dict[str, Any]) -> None
     assert needed - others <= described("exec_depend")
 
 
-def test_the_launch_file_starts_the_node(monkeypatch: pytest.MonkeyPatch) -> None:
+class Configuration(str):
+    """The value of a launch argument."""
+
+    def perform(self, context: dict[str, str]) -> str:
+        return context[self]
+
+
+def test_the_launch_file_starts_the_node(monkeypatch: pytest.MonkeyPatch, parameters: dict[str, Any]) -> None:
     def recorded(kind: str) -> Any:
         return lambda *arguments, **named: types.SimpleNamespace(kind=kind, arguments=arguments, **named)
 
     contents = {
         "ament_index_python": {},
         "ament_index_python.packages": {"get_package_share_directory": lambda name: f"/share/{name}"},
-        "launch": {"LaunchDescription": lambda entities: entities},
-        "launch.actions": {"DeclareLaunchArgument": recorded("argument")},
-        "launch.substitutions": {"LaunchConfiguration": lambda name: f"$({name})"},
+        "launch": {"LaunchDescription": lambda entities: entities, "LaunchContext": dict},
+        "launch.actions": {"DeclareLaunchArgument": recorded("argument"), "OpaqueFunction": recorded("function")},
+        "launch.substitutions": {"LaunchConfiguration": Configuration},
         "launch_ros": {},
         "launch_ros.actions": {"Node": recorded("node")},
+        "launch_ros.parameter_descriptions": {"ParameterValue": lambda value, value_type: (value, value_type)},
     }
     for name, values in contents.items():
         module = types.ModuleType(name)
         vars(module).update(values)
         monkeypatch.setitem(sys.modules, name, module)
     generate = runpy.run_path(str(PACKAGE / "launch" / "scenegate.launch.py"))["generate_launch_description"]
-    *arguments, node = generate()
+    *arguments, function = generate()
     defaults = {each.arguments[0]: each.default_value for each in arguments}
-    assert defaults == {"params_file": "/share/scenegate_ros2/config/scenegate.yaml", "namespace": ""}
+    assert defaults.pop("params_file") == "/share/scenegate_ros2/config/scenegate.yaml"
+    assert defaults == dict.fromkeys(("namespace", *parameters, "use_sim_time"), "")
+    context = defaults | {"url": "https://robot", "tf_rate": "30", "use_sim_time": "true"}
+    (node,) = function.function(context)
     assert (node.kind, node.package, node.executable) == ("node", "scenegate_ros2", "scenegate")
-    assert (node.namespace, node.parameters) == ("$(namespace)", ["$(params_file)"])
+    given = {"url": ("url", str), "tf_rate": ("tf_rate", float), "use_sim_time": ("use_sim_time", bool)}
+    assert (node.namespace, node.parameters) == ("namespace", ["params_file", given])

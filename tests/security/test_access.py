@@ -19,8 +19,9 @@ from websockets.exceptions import InvalidStatus
 from websockets.typing import Origin
 
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.credentials import Credentials
-from scenegate.camera.imu import ImuFailure, ImuRecorder
+from scenegate.camera.imu import ImuRecorder
+from scenegate.credentials import Credentials
+from scenegate.gateway_http import GatewayError
 from tests.support import clients
 from tests.support.certificates import certificate
 from tests.support.command import Ran, scenegate
@@ -111,7 +112,7 @@ async def test_imu_requires_the_token(secured: Secured, tmp_path: Path) -> None:
     ca, path = tmp_path / "ca.pem", tmp_path / "imu.csv"
     with ImuRecorder(secured.url, path, Credentials(TOKEN, ca=ca)) as recorder:
         assert await asyncio.to_thread(recorder.wait_for_sample, 0, SECONDS)
-    with pytest.raises(ImuFailure, match="401: A token is needed"):
+    with pytest.raises(GatewayError, match="401: A token is needed"):
         ImuRecorder(secured.url, path, Credentials(CAMERA, ca=ca))
 
 

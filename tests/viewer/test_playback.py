@@ -179,6 +179,19 @@ async def test_seeking_shows_each_moment_with_its_camera(scene: Scene) -> None:
     assert page.time["mode"] == "paused"
 
 
+async def test_a_time_before_the_history_shows_the_oldest_state_and_a_sentence(scene: Scene) -> None:
+    """As of an address that was shared long ago."""
+    for x in range(1, 9):
+        scene.move(float(x))
+    page = Page(scene.hub.connect())
+    await page.until(lambda: "update" in page.kinds)
+    page.send("seek", at=scene.seconds(400.0))
+    await page.until(lambda: page.x == 0.0 and page.time.get("mode") == "paused")
+    assert page.time["problem"] == "That time is older than what is kept: this is the oldest state"
+    page.send("seek", at=scene.seconds(2.5))
+    await page.until(lambda: page.x == 5.0 and not page.time["problem"])
+
+
 async def test_seeks_by_seconds_add_up(scene: Scene) -> None:
     for x in range(1, 9):
         scene.move(float(x))

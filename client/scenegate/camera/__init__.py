@@ -7,7 +7,7 @@ from __future__ import annotations
 
 try:
     from scenegate.camera import image_interface_pb2 as image_interface_pb2
-    from scenegate.camera.credentials import Credentials as Credentials
+    from scenegate.camera.stream import StreamFailure as StreamFailure
 except ImportError as _error:
     raise ImportError(f"{_error}; the camera needs pip install 'scenegate-client[camera]'") from None
 
@@ -17,11 +17,10 @@ from scenegate.camera.files import intrinsics as intrinsics
 from scenegate.camera.files import pixels as pixels
 from scenegate.camera.files import preview as preview
 from scenegate.camera.files import save as save
-from scenegate.camera.imu import ImuFailure as ImuFailure
 from scenegate.camera.imu import ImuRecorder as ImuRecorder
-from scenegate.camera.stream import StreamFailure as StreamFailure
 from scenegate.camera.stream import StreamOptions as StreamOptions
 from scenegate.camera.stream import receive as receive
 from scenegate.camera.stream import receive_all as receive_all
-from scenegate.camera.truth import TruthFailure as TruthFailure
 from scenegate.camera.truth import fetch_truth as fetch_truth
+from scenegate.credentials import Credentials as Credentials
+from scenegate.gateway_http import GatewayError as GatewayError

@@ -49,6 +49,11 @@ def timestamp_text(time: pb.Time) -> str:
     return f"{time.sec}.{time.nsec:09d}"
 
 
+def nanoseconds(time: pb.Time) -> int:
+    """Return a time as nanoseconds since the epoch."""
+    return int(time.sec * 10**9 + time.nsec)
+
+
 def pixels(image: pb.Image) -> NDArray[Any]:
     """Return the pixels of a received image: (H, W) uint8 or uint16, or (H, W, 3) uint8 RGB.
 
@@ -105,7 +110,7 @@ def save(image_set: pb.ImageSet, folder: Path, *, exposure: bool = False, gpio: 
         array = pixels(image)
         arrays[name] = array
         arrays[f"{name}_K"] = intrinsics(image)
-        arrays[f"{name}_timestamp"] = np.int64(image.timestamp.sec * 10**9 + image.timestamp.nsec)
+        arrays[f"{name}_timestamp"] = np.int64(nanoseconds(image.timestamp))
         if exposure:
             for field in ("exposure_time", "gain", "gamma", "noise", "out1_reduction", "brightness"):
                 arrays[f"{name}_{field}"] = np.float64(getattr(image, field))

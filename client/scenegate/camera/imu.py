@@ -6,15 +6,15 @@ import http.client
 import json
 import socket
 import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Final
-from urllib.parse import urlencode, urlsplit
+from typing import Final, TextIO
 
-from scenegate.camera.credentials import Credentials
+from scenegate.closing import Closing
+from scenegate.credentials import Credentials
+from scenegate.gateway_http import GatewayError, Stream, open_stream
 
-_CONNECT_SECONDS: Final = 10.0
-"""Timeout of the connection and of the response's headers."""
 _HEADER: Final = (
     "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
     "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]\n"
@@ -22,11 +22,19 @@ _HEADER: Final = (
 """First line of the file, as in the data sets EuRoC and TUM VI."""
 
 
-class ImuFailure(RuntimeError):  # noqa: N818 - public name
-    """The samples cannot be recorded; the message is one sentence."""
+@dataclass(frozen=True, slots=True)
+class ImuSample:
+    """A sample of an IMU, in the frame of the left camera."""
+
+    time_ns: int
+    """Nanoseconds since the epoch."""
+    acceleration: tuple[float, float, float]
+    """Specific force, m/s²."""
+    angular_velocity: tuple[float, float, float]
+    """rad/s."""
 
 
-class ImuRecorder:
+class ImuRecorder(Closing):
     """Writes samples to a file in EuRoC's format until it is closed. A thread reads the stream."""
 
     def __init__(self, address: str, path: Path, credentials: Credentials, pipeline: int = 0) -> None:
@@ -39,7 +47,7 @@ class ImuRecorder:
             pipeline: number of the camera.
 
         Raises:
-            ImuFailure: the gateway does not respond, or the camera has no IMU.
+            GatewayError: the gateway does not respond, or the camera has no IMU.
             OSError: a certificate cannot be read, or the file cannot be written.
         """
         self.samples = 0
@@ -54,133 +62,85 @@ class ImuRecorder:
         """Guards ``samples``, ``lost``, ``_newest``, ``_ended`` and ``_closing``; notified of samples and the end."""
         self._ended = False
         self._closing = False
-        self._socket, self._response = open_imu_stream(address, credentials, pipeline)
+        self._stream = open_imu_stream(address, credentials, pipeline)
         self._path.write_text(_HEADER, "ascii")
         self._thread = threading.Thread(target=self._read, name="IMU recorder", daemon=True)
         self._thread.start()
 
-    def __enter__(self) -> ImuRecorder:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def wait_for_sample(self, timestamp: int, seconds: float) -> bool:
+    def wait_for_sample(self, time_ns: int, seconds: float) -> bool:
         """Wait for a sample at or after a time; return True if there is one.
 
         Args:
-            timestamp: nanoseconds since the epoch.
+            time_ns: nanoseconds since the epoch.
             seconds: maximum time to wait.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._newest >= timestamp or self._ended, seconds)
-            return self._newest >= timestamp
+            self._changed.wait_for(lambda: self._newest >= time_ns or self._ended, seconds)
+            return self._newest >= time_ns
 
     def check(self) -> None:
-        """Raise ImuFailure if the gateway has ended the stream."""
+        """Raise GatewayError if the gateway has ended the stream."""
         with self._changed:
             if self._ended and not self._closing:
-                raise ImuFailure(f"{self._address} ended the IMU stream")
+                raise GatewayError(f"{self._address} ended the IMU stream")
 
     def close(self) -> None:
         """Disconnect, and wait until all samples received are in the file."""
         with self._changed:
             self._closing = True
         try:
-            self._socket.shutdown(socket.SHUT_RDWR)
+            self._stream.socket.shutdown(socket.SHUT_RDWR)
         except OSError:
             pass  # disconnected already
         self._thread.join()
-        self._response.close()
-        self._socket.close()
+        self._stream.close()
 
     def _read(self) -> None:
-        """Write the lines of the response to the file until the connection ends."""
+        """Write the samples to the file until the connection ends."""
         try:
             with self._path.open("a", encoding="ascii") as file:
-                for line in self._response:
-                    self._write(file, json.loads(line))
-        except (OSError, ValueError, http.client.HTTPException):
-            pass  # the connection has ended, perhaps in the middle of a line
+                for sample in read_samples(self._stream):
+                    self._write(file, sample)
+        except OSError:
+            pass  # the disk is full: the stream counts as ended
         finally:
             with self._changed:
                 self._ended = True
                 self._changed.notify_all()
 
-    def _write(self, file: Any, message: dict[str, Any]) -> None:
-        """Write a sample to the file, or count the lost samples that a message reports."""
-        if "lost" in message:
+    def _write(self, file: TextIO, sample: ImuSample | int) -> None:
+        if isinstance(sample, int):
             with self._changed:
-                self.lost += message["lost"]
+                self.lost += sample
             return
-        time, force, rate = message["timestamp"], message["linear_acceleration"], message["angular_velocity"]
-        timestamp = time["sec"] * 10**9 + time["nsec"]
-        numbers = (rate["x"], rate["y"], rate["z"], force["x"], force["y"], force["z"])
-        file.write(f"{timestamp},{','.join(f'{number:.9g}' for number in numbers)}\n")
+        numbers = (*sample.angular_velocity, *sample.acceleration)
+        file.write(f"{sample.time_ns},{','.join(f'{number:.9g}' for number in numbers)}\n")
         with self._changed:
             self.samples += 1
-            self._newest = timestamp
+            self._newest = sample.time_ns
             self._changed.notify_all()
 
 
-def open_imu_stream(
-    address: str, credentials: Credentials, pipeline: int
-) -> tuple[socket.socket, http.client.HTTPResponse]:
-    """Return the connection and the response of ``GET /stereo/imu``, of which only the headers have been read.
+def open_imu_stream(address: str, credentials: Credentials, pipeline: int) -> Stream:
+    """Return the response of ``GET /stereo/imu``; see ``open_stream`` for its errors."""
+    stream = open_stream(address, "stereo/imu", credentials, "IMU samples", pipeline=pipeline)
+    stream.socket.settimeout(None)  # with the simulated clock there are no samples between frames
+    return stream
 
-    Raises:
-        ImuFailure: the gateway does not respond, or the camera has no IMU.
-        OSError: a certificate cannot be read.
-    """
-    url = urlsplit(address)
-    if url.scheme not in ("http", "https") or not url.hostname:
-        raise ImuFailure(f"the address for IMU samples is {address!r}; it must be like http://HOST:PORT")
+
+def read_samples(stream: Stream) -> Iterator[ImuSample | int]:
+    """Yield samples, and the number of samples that were lost in between, until the connection ends."""
     try:
-        context = credentials.context(url.scheme)
-    except ValueError as error:
-        raise ImuFailure(f"{address}: {error}") from None
-    connection: http.client.HTTPConnection
-    if context is not None:
-        connection = http.client.HTTPSConnection(url.hostname, _port(url), timeout=_CONNECT_SECONDS, context=context)
-    else:
-        connection = http.client.HTTPConnection(url.hostname, _port(url), timeout=_CONNECT_SECONDS)
-    target = f"{url.path.rstrip('/')}/stereo/imu?{urlencode({'pipeline': pipeline})}"
-    try:
-        connection.connect()
-        connected = connection.sock
-        connection.request("GET", target, headers=dict(credentials.metadata))
-        response = connection.getresponse()
-    except TimeoutError:
-        connection.close()
-        reason = (
-            f"no answer within {_CONNECT_SECONDS:g} s; a gateway that starts answers after its kernels are compiled"
-        )
-        raise ImuFailure(f"{address} gives no IMU samples: {reason}") from None
-    except (OSError, http.client.HTTPException) as error:
-        connection.close()
-        raise ImuFailure(f"{address} gives no IMU samples: {error or type(error).__name__}") from None
-    if response.status != 200:
-        text = response.read(10_000).decode("utf-8", "replace")
-        connection.close()
-        raise ImuFailure(f"{address} gives no IMU samples: {response.status}: {_message(text)}")
-    connected.settimeout(None)  # with the simulated clock there are no samples between frames
-    return connected, response
-
-
-def _port(url: Any) -> int | None:
-    """Return the port of a URL, None if it has none; raise ImuFailure if it is not valid."""
-    try:
-        port: int | None = url.port
-    except ValueError as error:
-        raise ImuFailure(f"the address for IMU samples has no valid port: {error}") from None
-    return port
-
-
-def _message(text: str) -> str:
-    """Return the message of an error response, or its first line."""
-    try:
-        return str(json.loads(text)["message"])
-    except (ValueError, KeyError, TypeError):
-        return text.partition("\n")[0]
+        for line in stream.body:
+            message = json.loads(line)
+            if "lost" in message:
+                yield int(message["lost"])
+                continue
+            stamp, force, rate = message["timestamp"], message["linear_acceleration"], message["angular_velocity"]
+            yield ImuSample(
+                stamp["sec"] * 10**9 + stamp["nsec"],
+                (force["x"], force["y"], force["z"]),
+                (rate["x"], rate["y"], rate["z"]),
+            )
+    except (OSError, ValueError, http.client.HTTPException):
+        return  # the connection has ended, perhaps in the middle of a line

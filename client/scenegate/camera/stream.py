@@ -15,9 +15,9 @@ import grpc
 
 from scenegate.camera import files
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.credentials import Credentials
 from scenegate.camera.imu import ImuRecorder
 from scenegate.camera.truth import fetch_truth
+from scenegate.credentials import Credentials
 
 METHOD = "/ImageInterface/StreamImageSets"
 """The gRPC method of the stream."""
@@ -125,8 +125,6 @@ class Progress:
     """Bytes of all sets received."""
     seconds: float = 0.0
     """Time from the first to the newest set, in seconds."""
-    first_set_seconds: float = 0.0
-    """Time until the first set was received, in seconds."""
     timestamp: str = ""
     """Timestamp of the newest set, ``sec.nsec``."""
     imu_samples: int = 0
@@ -217,8 +215,7 @@ def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lam
     Raises:
         StreamFailure: as ``receive``.
         OSError: a certificate cannot be read, or a file cannot be written.
-        TruthFailure: the ground truth of a set cannot be fetched.
-        ImuFailure: the IMU samples cannot be recorded.
+        GatewayError: ground truth or IMU samples cannot be received.
     """
     if options.output is not None:
         options.output.mkdir(parents=True, exist_ok=True)
@@ -239,7 +236,7 @@ def _receive_sets(options: StreamOptions, report: Callable[[Progress], None], re
     for image_set, size in sets:
         now = time.monotonic()
         if progress.sets == 0:
-            progress.first_set_seconds, start = now - start, now
+            start = now
         progress.sets += 1
         progress.bytes += size
         progress.seconds = now - start
@@ -254,7 +251,7 @@ def _receive_sets(options: StreamOptions, report: Callable[[Progress], None], re
         if recorder is not None:
             recorder.check()
             if progress.sets == options.count:
-                recorder.wait_for_sample(image_set.timestamp.sec * 10**9 + image_set.timestamp.nsec, IMU_SECONDS)
+                recorder.wait_for_sample(files.nanoseconds(image_set.timestamp), IMU_SECONDS)
             progress.imu_samples, progress.imu_lost = recorder.samples, recorder.lost
         report(progress)
         if recorder is not None and progress.sets == options.count:

@@ -53,10 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
     except (OSError, ValueError, RuntimeError, ImportError) as error:
-        message = str(error)
-        if isinstance(error, OSError) and error.filename is not None:
-            message = f"{error.filename}: {error.strerror}"
-        sys.exit(f"scenegate: {message}")
+        sys.exit(f"scenegate: {_sentence(error)}")
 
 
 def command_parser(name: str) -> argparse.ArgumentParser:
@@ -83,6 +80,13 @@ def _parser() -> argparse.ArgumentParser:
     for name, text in helps.items():
         commands.add_parser(name, help=text)
     return parser
+
+
+def _sentence(error: Exception) -> str:
+    """Return the message of an error, without the system's number of it."""
+    if not isinstance(error, OSError) or not error.strerror:
+        return str(error)
+    return error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
 
 
 def _run_of_server(name: str, arguments: Sequence[str]) -> None:

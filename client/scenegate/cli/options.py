@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    from scenegate.camera.credentials import Credentials
+    from scenegate.credentials import Credentials
 
 Number = TypeVar("Number", int, float)
 
@@ -18,7 +18,9 @@ Number = TypeVar("Number", int, float)
 def existing_file(text: str) -> Path:
     """Return the path of an existing file or pipe."""
     path = Path(text)
-    if not path.exists() or path.is_dir():
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(f"{text!r} is a folder, not a file")
+    if not path.exists():
         raise argparse.ArgumentTypeError(f"there is no file {text!r}")
     return path
 
@@ -78,7 +80,7 @@ def pop_credentials(values: dict[str, Any]) -> Credentials:
     Raises:
         ValueError, OSError: a token is invalid or cannot be read, or a certificate has no key.
     """
-    from scenegate.camera.credentials import Credentials, read_token
+    from scenegate.credentials import Credentials, read_token
 
     token, token_file = values.pop("token"), values.pop("token_file")
     if token_file is not None:

@@ -12,8 +12,7 @@ from scenegate.cli.options import add_channels, add_lcm_url, at_least, existing_
 from scenegate.cli.progress_bar import progress_bar
 from scenegate.cli.record import run_with_bar
 from scenegate.lcm import replay
-from scenegate.lcm.event_log import EventLogError
-from scenegate.lcm.log_section import EmptySectionError, Section, StateChannels
+from scenegate.lcm.log_section import Section, StateChannels
 from scenegate.messages import wire
 
 STATE_CHANNELS: Final = StateChannels(edits=(wire.REQUEST,), values=("DRAKE_", "CONTACT_RESULTS"))
@@ -49,7 +48,7 @@ def run(options: argparse.Namespace) -> None:
 
     try:
         asyncio.run(play())
-    except (EventLogError, EmptySectionError) as error:
+    except ValueError as error:
         raise ValueError(f"{log}: {error}") from None
     except KeyboardInterrupt:
         pass

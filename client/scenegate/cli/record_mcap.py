@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from scenegate.recording.recorder import RecordingOptions, SceneWriter
 
 DEFAULT_GATEWAY: Final = "http://127.0.0.1:8000"
+MIN_FILE_MB: Final = 1.0
+"""Minimum size of a file, megabytes: that of one piece, ``mcap_file.CHUNK_BYTES``."""
 NEEDED: Final = ("mcap", "mcap_protobuf", "mcap_ros2", "foxglove_schemas_protobuf", "websockets", "grpc")
 """Packages of the extra ``mcap``."""
 
@@ -39,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--imu", action="store_true", help="record IMU samples of the gateway's camera")
     text = "number of the camera of --imu, if there are several (default: 0)"
     add("--pipeline", type=at_least(0), default=0, metavar="N", help=text)
-    text = "begin a new file, OUT_1.mcap, OUT_2.mcap, after this many megabytes; 0: never (default: 0)"
+    text = "begin a new file, OUT_1.mcap, OUT_2.mcap, after this many megabytes, at least 1; 0: never (default: 0)"
     add("--max-mb", type=at_least(0.0), default=0.0, metavar="MB", help=text)
     text = "with --max-mb: keep only this number of files, the newest ones; 0: all (default: 0)"
     add("--keep", type=at_least(0), default=0, metavar="N", help=text)
@@ -115,6 +117,13 @@ def _recording(options: argparse.Namespace) -> RecordingOptions:
 
     if not (options.scene or options.camera or options.imu):
         raise argparse.ArgumentTypeError("nothing is recorded: --no-scene needs --camera or --imu")
+    if 0.0 < options.max_mb < MIN_FILE_MB:
+        raise argparse.ArgumentTypeError(
+            f"--max-mb is {options.max_mb:g}; it must be 0, or at least {MIN_FILE_MB:g}: messages are written in "
+            "pieces of about a megabyte"
+        )
+    if options.mcap.is_dir():
+        raise argparse.ArgumentTypeError(f"--mcap: {str(options.mcap)!r} is a folder, not a file")
     if options.keep and not options.max_mb:
         raise argparse.ArgumentTypeError("--keep needs --max-mb")
     credentials = pop_credentials(vars(options))

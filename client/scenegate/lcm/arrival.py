@@ -18,6 +18,6 @@ def arrival_time() -> int:
     return time.time_ns() if arrival is None else arrival
 
 
-def set_arrival(timestamp: int | None) -> None:
+def set_arrival(arrival_ns: int | None) -> None:
     """Set the arrival of the message that this task or callback handles next; None: it arrives when it is handled."""
-    _arrival.set(timestamp)
+    _arrival.set(arrival_ns)

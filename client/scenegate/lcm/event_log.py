@@ -47,12 +47,17 @@ def pack_event(number: int, time_us: int, channel: str, data: bytes | memoryview
     return b"".join((_HEADER.pack(SYNC, number, time_us, len(name), len(data)), name, data))
 
 
-def read_events(file: BinaryIO, wanted: Callable[[str], bool] = lambda channel: True) -> Iterator[Event]:
+def read_events(
+    file: BinaryIO,
+    wanted: Callable[[str], bool] = lambda channel: True,
+    on_damage: Callable[[int], object] = lambda size: None,
+) -> Iterator[Event]:
     """Yield all complete events from the file's position to its end. Damaged and truncated parts are skipped.
 
     Args:
         file: log file, at its begin or at the position of an event.
         wanted: returns False for channels whose data is not read. Their events are yielded with empty data.
+        on_damage: called with the number of bytes of each part that is skipped.
 
     Raises:
         EventLogError: the file is not empty, but has no complete event.
@@ -62,7 +67,9 @@ def read_events(file: BinaryIO, wanted: Callable[[str], bool] = lambda channel: 
     while True:
         header = file.read(_HEADER.size)
         if len(header) < _HEADER.size:
-            has_damage = has_damage or bool(header)
+            if header:
+                has_damage = True
+                on_damage(len(header))
             break
         sync, number, time_us, name_bytes, data_bytes = _HEADER.unpack(header)
         size = name_bytes + data_bytes
@@ -77,9 +84,12 @@ def read_events(file: BinaryIO, wanted: Callable[[str], bool] = lambda channel: 
             valid = _skip(file, data_bytes)
         if not valid:
             has_damage = True
-            if not _seek_sync(file, position + 1):
+            is_found = _seek_sync(file, position + 1)
+            end = file.tell() if is_found else file.seek(0, io.SEEK_END)
+            on_damage(end - position)
+            if not is_found:
                 break
-            position = file.tell()
+            position = end
             continue
         has_events = True
         yield Event(number, time_us, channel, data, position)

@@ -35,19 +35,21 @@ class ReceiveQueue:
         """Set the callback that handles the messages."""
         self._on_message = on_message
 
-    def put(self, channel: str, data: bytes | memoryview, is_local: bool = False, arrival: int | None = None) -> None:
+    def put(
+        self, channel: str, data: bytes | memoryview, is_local: bool = False, arrival_ns: int | None = None
+    ) -> None:
         """Add a message, or drop it if the queue is full.
 
         Args:
             channel: see ``OnMessage``, also for ``data`` and ``is_local``.
-            arrival: time of its arrival, nanoseconds since the epoch; None: now.
+            arrival_ns: time of its arrival, nanoseconds since the epoch; None: now.
         """
         size = len(data) + OVERHEAD_BYTES
         if self.waiting_bytes + size > self._max_bytes:
             self.dropped += 1
             self.dropped_bytes += len(data)
             return
-        self._messages.append((channel, data, is_local, time.time_ns() if arrival is None else arrival))
+        self._messages.append((channel, data, is_local, time.time_ns() if arrival_ns is None else arrival_ns))
         self.waiting_bytes += size
 
     def handle(self) -> None:
@@ -55,10 +57,10 @@ class ReceiveQueue:
         for _ in range(MAX_HANDLED):
             if not self._messages:
                 break
-            channel, data, is_local, arrival = self._messages.popleft()
+            channel, data, is_local, arrival_ns = self._messages.popleft()
             self.waiting_bytes -= len(data) + OVERHEAD_BYTES
             if self._on_message is not None:
-                set_arrival(arrival)
+                set_arrival(arrival_ns)
                 self._on_message(channel, data, is_local)
         set_arrival(None)
         if self._messages and not self._resume_scheduled:

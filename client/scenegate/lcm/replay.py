@@ -15,7 +15,7 @@ from scenegate.lcm.limits import TransportLimits
 from scenegate.lcm.log_section import Section, section_events
 from scenegate.lcm.network import open_transport, resolve_url
 from scenegate.lcm.transport import OnMessage, Transport
-from scenegate.regular_files import open_regular
+from scenegate.regular_files import errors_name, open_regular
 
 CONNECT_SECONDS: Final = 10.0
 """Timeout for the connection to the network."""
@@ -25,6 +25,10 @@ UNUSED_PREFIX: Final = "SCENEGATE_PLAYS_ONLY"
 """Prefix of no channel. A transport opened with it receives no message."""
 MIN_SLEEP_SECONDS: Final = 0.001
 """Events that are due within this time are sent at once, because shorter sleeps are inaccurate."""
+MIN_LOOP_SECONDS: Final = 0.1
+"""Minimum time between the begins of two repetitions: a log of one message has no length."""
+MAX_NAMED_CHANNELS: Final = 10
+"""Maximum number of channels that an error names."""
 YIELD_EVENTS: Final = 64
 """Number of events sent before the event loop continues."""
 
@@ -64,14 +68,20 @@ async def record(
         ValueError: ``channels`` is not a regular expression.
     """
     pattern = _pattern(channels)
-    with path.open("wb") as file:
+    failures: list[OSError] = []
+    with errors_name(path), path.open("wb", buffering=0) as file:
 
         def on_message(channel: str, data: bytes | memoryview, is_local: bool) -> None:
-            if pattern.fullmatch(channel):
+            if not pattern.fullmatch(channel) or failures:
+                return
+            try:
                 file.write(pack_event(progress.events, time.time_ns() // 1000, channel, data))
-                file.flush()
-                progress.events += 1
-                progress.data_bytes += len(data)
+            except OSError as error:  # the disk is full
+                failures.append(error)
+                stop.set()
+                return
+            progress.events += 1
+            progress.data_bytes += len(data)
 
         transport = await _connect(url, "", on_message)
         try:
@@ -79,6 +89,8 @@ async def record(
             await stop.wait()
         finally:
             await transport.close()
+        if failures:
+            raise failures[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,17 +117,20 @@ async def play(path: Path, url: str | None, options: PlayOptions, progress: Prog
         LcmUnavailableError, ConnectionError: the network cannot be joined.
         EventLogError: the file is not an LCM log.
         OSError: the file cannot be read, or the connection is lost.
-        ValueError: ``options.channels`` is not a regular expression, a channel name or message does not fit into the
-            network, or the log ends before the section.
+        ValueError: ``options.channels`` is not a regular expression or matches no channel, a channel name or message
+            does not fit into the network, or the log ends before the section.
     """
     pattern = _pattern(options.channels)
     transport = await _connect(url, UNUSED_PREFIX, lambda *message: None)
     try:
         while True:
             events_before = progress.events
+            begin = time.monotonic()
             await _play_once(path, transport, options, pattern, progress)
             if not options.loop or progress.events == events_before:
                 break
+            if options.rate > 0.0:
+                await asyncio.sleep(max(0.0, begin + MIN_LOOP_SECONDS - time.monotonic()))
         await transport.finish()
     finally:
         await transport.close()
@@ -124,10 +139,18 @@ async def play(path: Path, url: str | None, options: PlayOptions, progress: Prog
 async def _play_once(
     path: Path, transport: Transport, options: PlayOptions, pattern: re.Pattern[str], progress: Progress
 ) -> None:
-    """Publish the section's messages once."""
+    """Publish the section's messages once; raise ValueError if it has channels, but none that matches."""
+    others: set[str] = set()
+
+    def is_wanted(channel: str) -> bool:
+        matches = pattern.fullmatch(channel) is not None
+        if not matches and len(others) < MAX_NAMED_CHANNELS:
+            others.add(channel)
+        return matches
+
     begin: float | None = None  # of the section, by time.monotonic(); its first message is sent at once
     with open_regular(path) as file:
-        for seconds, event in section_events(file, options.section, lambda channel: bool(pattern.fullmatch(channel))):
+        for seconds, event in section_events(file, options.section, is_wanted):
             if seconds is not None and options.rate > 0.0:
                 begin = time.monotonic() - seconds / options.rate if begin is None else begin
                 delay = begin + seconds / options.rate - time.monotonic()
@@ -140,6 +163,8 @@ async def _play_once(
             progress.position = event.position
             if progress.events % YIELD_EVENTS == 0:
                 await asyncio.sleep(0)
+    if others and not progress.events:
+        raise ValueError(f"no channel matches --channels {options.channels!r}; there are {', '.join(sorted(others))}")
 
 
 def _pattern(channels: str) -> re.Pattern[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 Path = tuple[str | int, ...]
@@ -50,49 +50,43 @@ class Entry:
         return {name: value for name, value in values.items() if value is not None}
 
 
+@dataclass(slots=True)
 class Changes:
     """Changes of one request.
 
     A viewer executes the deletions of a request before all else. Changes made before a deletion are therefore dropped.
     """
 
-    def __init__(self) -> None:
-        self.deleted: dict[Path, None] = {}
-        """Paths to delete, in order and without duplicates."""
-        self.entries: dict[Path, Entry] = {}
-        self.view: dict[str, Any] = {}
-        """Fields of a ``setview`` command."""
-        self.click_paths: list[Path] | None = None
-        """Paths of a ``setclicks`` command; None: no command."""
-        self.controls: list[Any] | None = None
-        """Controls of a ``setcontrols`` command; None: no command."""
-        self.control_values: list[dict[str, Any]] = []
-        """Commands of ``setvalues``."""
+    deleted: dict[Path, None] = field(default_factory=dict)
+    """Paths to delete, in order and without duplicates."""
+    entries: dict[Path, Entry] = field(default_factory=dict)
+    view: dict[str, Any] = field(default_factory=dict)
+    """Fields of a ``setview`` command."""
+    click_paths: list[Path] | None = None
+    """Paths of a ``setclicks`` command; None: no command."""
+    controls: list[Any] | None = None
+    """Controls of a ``setcontrols`` command; None: no command."""
+    control_values: list[dict[str, Any]] = field(default_factory=list)
+    """Commands of ``setvalues``."""
 
-    def set(self, path: Path, geometries: list[dict[str, Any]]) -> None:
-        """Replace the geometries at a path."""
-        self.entries.setdefault(path, Entry()).geometries = geometries
-
-    def transform(self, path: Path, transform: dict[str, Any]) -> None:
-        """Replace the transform at a path."""
-        self.entries.setdefault(path, Entry()).transform = transform
-
-    def set_property(self, path: Path, *, visible: bool | None = None, opacity: float | None = None) -> None:
-        """Replace visibility, opacity or both of a path."""
-        self.entries.setdefault(path, Entry()).update(Entry(visible=visible, opacity=opacity))
+    def set(self, path: Path, entry: Entry) -> Changes:
+        """Replace what is set in an entry at a path; return these changes."""
+        self.entries.setdefault(path, Entry()).update(entry)
+        return self
 
     def add(self, other: Changes) -> None:
         """Add changes that are made after these."""
         for path in other.deleted:
             self.delete(path)
         for path, entry in other.entries.items():
-            self.entries.setdefault(path, Entry()).update(entry)
+            self.set(path, entry)
         self.view.update(other.view)
 
-    def delete(self, path: Path) -> None:
-        """Delete a path and everything below it."""
+    def delete(self, path: Path) -> Changes:
+        """Delete a path and everything below it; return these changes."""
         self.entries = {other: entry for other, entry in self.entries.items() if not is_at_or_below(other, path)}
         self.deleted[path] = None
+        return self
 
     def body(self) -> dict[str, Any]:
         """Return the request as the protocol's JSON object, without its timestamp."""
@@ -131,16 +125,12 @@ class PublishedTree:
     """Content of a viewer that executed all requests."""
 
     def __init__(self) -> None:
-        self._entries: dict[Path, Entry] = {}
-        self._view: dict[str, Any] = {}
+        self._content = Changes()
 
     def update(self, changes: Changes) -> None:
         """Record the changes of a request."""
-        for path in changes.deleted:
-            self._entries = {other: entry for other, entry in self._entries.items() if not is_at_or_below(other, path)}
-        for path, change in changes.entries.items():
-            self._entries.setdefault(path, Entry()).update(change)
-        self._view.update(changes.view)
+        self._content.add(changes)
+        self._content.deleted.clear()
 
     def missing(self, paths: list[Path]) -> Changes:
         """Return changes that restore ``paths`` in a viewer that has no geometry there.
@@ -149,7 +139,7 @@ class PublishedTree:
         geometry was published at or below the paths.
         """
         changes = Changes()
-        for path, entry in self._entries.items():
+        for path, entry in self._content.entries.items():
             if any(is_at_or_below(path, top) for top in paths):
                 changes.entries[path] = entry
             elif any(is_at_or_below(top, path) for top in paths):
@@ -160,7 +150,4 @@ class PublishedTree:
 
     def all(self) -> Changes:
         """Return changes that restore everything in a viewer that has just started."""
-        changes = Changes()
-        changes.entries = dict(self._entries)
-        changes.view = dict(self._view)
-        return changes
+        return Changes(entries=dict(self._content.entries), view=dict(self._content.view))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.files import pixels
+from scenegate.camera.files import nanoseconds, pixels
 from scenegate.recording.values import LEFT_FRAME, Calibration, CameraImage, CameraSet, Cloud, Disparity
 
 OPENCV_OFFSET = 0.5
@@ -42,7 +42,7 @@ class CameraConverter:
         if image_set.HasField("disparity"):
             message = image_set.disparity
             self._baseline = message.baseline
-            contents = by_time.setdefault(_nanoseconds(message.image.timestamp), {})
+            contents = by_time.setdefault(nanoseconds(message.image.timestamp), {})
             disparity = _disparity(message)
             depth = _depth(disparity)
             image = CameraImage(disparity.image.calibration, "32FC1", depth.tobytes())
@@ -55,14 +55,9 @@ class CameraConverter:
         ):
             if image_message is None or (name == "right" and self._baseline is None):
                 continue
-            contents = by_time.setdefault(_nanoseconds(image_message.timestamp), {})
+            contents = by_time.setdefault(nanoseconds(image_message.timestamp), {})
             contents.setdefault("images", {})[name] = _image(image_message, self._baseline if name == "right" else None)
-        return [CameraSet(time, **contents) for time, contents in sorted(by_time.items())]
-
-
-def _nanoseconds(time: pb.Time) -> int:
-    nanoseconds: int = time.sec * 10**9 + time.nsec
-    return nanoseconds
+        return [CameraSet(time_ns, **contents) for time_ns, contents in sorted(by_time.items())]
 
 
 def _calibration(image: pb.Image, tx: float = 0.0) -> Calibration:

@@ -2,253 +2,172 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
-from typing import Any
+from importlib import import_module
+from typing import Any, Final
 
 import msgspec
 import numpy as np
-from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
-from foxglove_schemas_protobuf.Color_pb2 import Color
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform as FrameTransformMessage
-from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from foxglove_schemas_protobuf.JointState_pb2 import JointState
-from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
-from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
-from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
-from foxglove_schemas_protobuf.Point3_pb2 import Point3
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-from foxglove_schemas_protobuf.Pose_pb2 import Pose
-from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
-from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
-from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
-from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
-from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
-from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
-from google.protobuf.message import Message
-from google.protobuf.timestamp_pb2 import Timestamp
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from scenegate.camera.imu import ImuSample
+from scenegate.recording import message_fields
 from scenegate.recording.mcap_file import EncodedMessage, Schema
+from scenegate.recording.message_fields import DISTORTION_MODEL, IDENTITY, Fields, Message, quaternion, vector
 from scenegate.recording.topics import CLOUD_TOPIC, DISPARITY_TOPIC, IMAGE_TOPICS, SCENE_TOPIC, TF_TOPIC
-from scenegate.recording.values import (
-    Calibration,
-    CameraImage,
-    Cloud,
-    Disparity,
-    Entity,
-    FrameTransform,
-    ImuSample,
-    JointValues,
-    Primitive,
-)
+from scenegate.recording.values import Calibration, CameraImage, Cloud, Disparity, Entity, FrameTransform
 
-_IMU_SCHEMA = {
+_VECTOR_SCHEMA: Final = {"type": "object", "properties": {axis: {"type": "number"} for axis in "xyz"}}
+_IMU_TYPE: Final = "scenegate.Imu"
+_IMU_SCHEMA: Final = {
     "type": "object",
     "properties": {
         "timestamp": {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}},
-        **{
-            name: {"type": "object", "properties": {axis: {"type": "number"} for axis in "xyz"}}
-            for name in ("linear_acceleration", "angular_velocity")
-        },
+        "linear_acceleration": _VECTOR_SCHEMA,
+        "angular_velocity": _VECTOR_SCHEMA,
     },
 }
-LINE_PIXELS = 1.0
+"""Schema of IMU samples, for which Foxglove has none: they are JSON."""
+LINE_PIXELS: Final = 1.0
 """Width of lines."""
+_DELETE_ONE, _DELETE_ALL = 0, 1
+_LINE_LIST: Final = 2
+_UINT8, _FLOAT32 = 1, 7
 
 
-def encode(topic: str, message: Message | dict[str, Any]) -> EncodedMessage:
-    """Return an encoded message: protobuf, or JSON for a dict."""
-    if isinstance(message, dict):
-        schema = Schema("scenegate.Imu", "jsonschema", msgspec.json.encode(_IMU_SCHEMA), "json")
-        return EncodedMessage(topic, schema, msgspec.json.encode(message))
-    message_type: Any = type(message)
-    return EncodedMessage(topic, _schema(message_type), message.SerializeToString())
+def encode(topic: str, message: Message) -> EncodedMessage:
+    """Return an encoded message."""
+    schema, encode_fields = _type(message.type)
+    return EncodedMessage(topic, schema, encode_fields(message.fields))
 
 
 def schemas() -> dict[str, Schema]:
     """Return the schemas of the topics of scene and camera, without those of the scene's point clouds."""
-    return {
-        TF_TOPIC: _schema(FrameTransforms),
-        SCENE_TOPIC: _schema(SceneUpdate),
-        **{image_topic: _schema(RawImage) for image_topic, _ in IMAGE_TOPICS.values()},
-        **{info_topic: _schema(CameraCalibration) for _, info_topic in IMAGE_TOPICS.values()},
-        DISPARITY_TOPIC: _schema(RawImage),
-        CLOUD_TOPIC: cloud_schema(),
+    types = {
+        TF_TOPIC: "FrameTransforms",
+        SCENE_TOPIC: "SceneUpdate",
+        **{image_topic: "RawImage" for image_topic, _ in IMAGE_TOPICS.values()},
+        **{info_topic: "CameraCalibration" for _, info_topic in IMAGE_TOPICS.values()},
+        DISPARITY_TOPIC: "RawImage",
     }
+    return {topic: _type(name)[0] for topic, name in types.items()} | {CLOUD_TOPIC: cloud_schema()}
 
 
 def cloud_schema() -> Schema:
     """Return the schema of the topics of point clouds."""
-    return _schema(PointCloud)
+    return _type("PointCloud")[0]
 
 
 @cache
-def _schema(message_type: Any) -> Schema:
-    descriptors = build_file_descriptor_set(message_type)
-    return Schema(message_type.DESCRIPTOR.full_name, "protobuf", descriptors.SerializeToString(), "protobuf")
+def _type(name: str) -> tuple[Schema, Callable[[Fields], bytes]]:
+    """Return the schema and the encoder of a type."""
+    if name == _IMU_TYPE:
+        return Schema(name, "jsonschema", msgspec.json.encode(_IMU_SCHEMA), "json"), msgspec.json.encode
+    message: Any = getattr(import_module(f"foxglove_schemas_protobuf.{name}_pb2"), name)
+    descriptors = build_file_descriptor_set(message).SerializeToString()
+    schema = Schema(message.DESCRIPTOR.full_name, "protobuf", descriptors, "protobuf")
+    return schema, lambda fields: bytes(message(**fields).SerializeToString())
 
 
-def transforms(values: Iterable[FrameTransform], time: int) -> FrameTransforms:
+def transforms(values: Iterable[FrameTransform], time_ns: int) -> Message:
     """Return the message with transforms that are valid from a time."""
-    stamp = _timestamp(time)
-    messages = []
-    for each in values:
-        x, y, z = each.translation
-        messages.append(
-            FrameTransformMessage(
-                timestamp=stamp,
-                parent_frame_id=each.parent,
-                child_frame_id=each.child,
-                translation=Vector3(x=x, y=y, z=z),
-                rotation=_quaternion(each.quaternion),
-            )
-        )
-    return FrameTransforms(transforms=messages)
+    messages = [
+        {
+            "timestamp": _timestamp(time_ns),
+            "parent_frame_id": each.parent,
+            "child_frame_id": each.child,
+            "translation": vector(each.translation),
+            "rotation": quaternion(each.quaternion),
+        }
+        for each in values
+    ]
+    return Message("FrameTransforms", {"transforms": messages})
 
 
-def entities(values: Iterable[Entity], time: int) -> SceneUpdate:
+def entities(values: Iterable[Entity], time_ns: int) -> Message:
     """Return the message that replaces or deletes the geometry of nodes."""
-    stamp = _timestamp(time)
-    update = SceneUpdate()
+    stamp = _timestamp(time_ns)
+    added, deleted = [], []
     for entity in values:
         if not entity.primitives:
-            update.deletions.append(
-                SceneEntityDeletion(timestamp=stamp, type=SceneEntityDeletion.MATCHING_ID, id=entity.frame)
-            )
+            deleted.append({"timestamp": stamp, "type": _DELETE_ONE, "id": entity.frame})
             continue
-        update.entities.append(
-            SceneEntity(
-                timestamp=stamp,
-                frame_id=entity.frame,
-                id=entity.frame,
-                frame_locked=True,
-                triangles=[_triangles(each) for each in entity.primitives if not each.is_lines],
-                lines=[_lines(each) for each in entity.primitives if each.is_lines],
-            )
+        lines = {"type": _LINE_LIST, "thickness": LINE_PIXELS, "scale_invariant": True}
+        shapes = [(each.is_lines, {"pose": IDENTITY, **message_fields.points(each)}) for each in entity.primitives]
+        added.append(
+            {
+                "timestamp": stamp,
+                "frame_id": entity.frame,
+                "id": entity.frame,
+                "frame_locked": True,
+                "triangles": [fields for is_lines, fields in shapes if not is_lines],
+                "lines": [lines | fields for is_lines, fields in shapes if is_lines],
+            }
         )
-    return update
+    return Message("SceneUpdate", {"entities": added, "deletions": deleted})
 
 
-def deletion_of_all(topic: str, time: int) -> EncodedMessage:
+def deletion_of_all(topic: str, time_ns: int) -> EncodedMessage:
     """Return the message that deletes the geometry of all nodes."""
-    deletion = SceneEntityDeletion(timestamp=_timestamp(time), type=SceneEntityDeletion.ALL)
-    return encode(topic, SceneUpdate(deletions=[deletion]))
+    deletion = {"timestamp": _timestamp(time_ns), "type": _DELETE_ALL}
+    return encode(topic, Message("SceneUpdate", {"deletions": [deletion]}))
 
 
-def image(value: CameraImage, time: int) -> RawImage:
+def image(value: CameraImage, time_ns: int) -> Message:
     """Return an image."""
-    intrinsics = value.calibration
-    return RawImage(
-        timestamp=_timestamp(time),
-        frame_id=intrinsics.frame,
-        width=intrinsics.width,
-        height=intrinsics.height,
-        encoding=value.encoding,
-        step=value.step,
-        data=value.data,
-    )
+    return Message("RawImage", _header(value.calibration.frame, time_ns) | message_fields.image(value))
 
 
-def calibration(value: Calibration, time: int) -> CameraCalibration:
+def calibration(value: Calibration, time_ns: int) -> Message:
     """Return the intrinsics of a rectified image."""
-    return CameraCalibration(
-        timestamp=_timestamp(time),
-        frame_id=value.frame,
-        width=value.width,
-        height=value.height,
-        distortion_model="plumb_bob",
-        D=(0.0,) * 5,
-        K=value.K,
-        R=np.eye(3).ravel(),
-        P=value.P,
-    )
+    fields = {
+        "width": value.width,
+        "height": value.height,
+        "distortion_model": DISTORTION_MODEL,
+        "D": (0.0,) * 5,
+        "K": value.K,
+        "R": np.eye(3).ravel(),
+        "P": value.P,
+    }
+    return Message("CameraCalibration", _header(value.frame, time_ns) | fields)
 
 
-def disparity(value: Disparity, time: int) -> RawImage:
+def disparity(value: Disparity, time_ns: int) -> Message:
     """Return a disparity image, which has no schema of its own."""
-    return image(value.image, time)
+    return image(value.image, time_ns)
 
 
-def cloud(value: Cloud, time: int) -> PointCloud:
+def cloud(value: Cloud, time_ns: int) -> Message:
     """Return a point cloud: x, y, z, and red, green, blue, alpha if it has colours."""
-    number, byte = PackedElementField.FLOAT32, PackedElementField.UINT8
-    fields = [PackedElementField(name=name, offset=4 * index, type=number) for index, name in enumerate("xyz")]
-    columns: list[tuple[str, str, tuple[int, ...]]] = [("points", "<f4", (3,))]
+    fields = [{"name": name, "offset": 4 * index, "type": _FLOAT32} for index, name in enumerate("xyz")]
     if value.colors is not None:
         names = ("red", "green", "blue", "alpha")
-        fields += [PackedElementField(name=name, offset=12 + index, type=byte) for index, name in enumerate(names)]
-        columns.append(("colors", "u1", (4,)))
-    data = np.zeros(len(value.points), np.dtype(columns))
-    data["points"] = value.points
-    if value.colors is not None:
-        data["colors"][:, :3] = value.colors
-        data["colors"][:, 3] = 255
-    return PointCloud(
-        timestamp=_timestamp(time),
-        frame_id=value.frame,
-        pose=_identity_pose(),
-        point_stride=data.dtype.itemsize,
-        fields=fields,
-        data=data.tobytes(),
-    )
+        fields += [{"name": name, "offset": 12 + index, "type": _UINT8} for index, name in enumerate(names)]
+    records = message_fields.packed_points(value, (0, 1, 2), 255)
+    content = {"pose": IDENTITY, "point_stride": records.itemsize, "fields": fields, "data": records.tobytes()}
+    return Message("PointCloud", _header(value.frame, time_ns) | content)
 
 
-def imu(sample: ImuSample) -> dict[str, Any]:
-    """Return a sample of an IMU, which has no schema there: it is encoded as JSON."""
-    return {
-        "timestamp": {"sec": sample.time // 10**9, "nsec": sample.time % 10**9},
-        "linear_acceleration": dict(zip("xyz", sample.acceleration, strict=True)),
-        "angular_velocity": dict(zip("xyz", sample.angular_velocity, strict=True)),
+def imu(sample: ImuSample) -> Message:
+    """Return a sample of an IMU."""
+    fields = {
+        "timestamp": {"sec": sample.time_ns // 10**9, "nsec": sample.time_ns % 10**9},
+        "linear_acceleration": vector(sample.acceleration),
+        "angular_velocity": vector(sample.angular_velocity),
     }
+    return Message(_IMU_TYPE, fields)
 
 
-def joints(values: JointValues) -> JointStates:
+def joints(values: Mapping[str, float], time_ns: int) -> Message:
     """Return the values of joints."""
-    states = [JointState(name=name, position=value) for name, value in values.values.items()]
-    return JointStates(timestamp=_timestamp(values.time), joints=states)
+    states = [{"name": name, "position": value} for name, value in values.items()]
+    return Message("JointStates", {"timestamp": _timestamp(time_ns), "joints": states})
 
 
-def _triangles(primitive: Primitive) -> TriangleListPrimitive:
-    return TriangleListPrimitive(
-        pose=_identity_pose(), points=_points(primitive), color=_color(primitive.color), colors=_colors(primitive)
-    )
+def _header(frame: str, time_ns: int) -> Fields:
+    return {"timestamp": _timestamp(time_ns), "frame_id": frame}
 
 
-def _lines(primitive: Primitive) -> LinePrimitive:
-    return LinePrimitive(
-        type=LinePrimitive.LINE_LIST,
-        pose=_identity_pose(),
-        thickness=LINE_PIXELS,
-        scale_invariant=True,
-        points=_points(primitive),
-        color=_color(primitive.color),
-        colors=_colors(primitive),
-    )
-
-
-def _points(primitive: Primitive) -> list[Point3]:
-    return [Point3(x=x, y=y, z=z) for x, y, z in primitive.points.tolist()]
-
-
-def _colors(primitive: Primitive) -> list[Color]:
-    return [] if primitive.colors is None else [_color(row) for row in primitive.colors.tolist()]
-
-
-def _color(color: Sequence[float]) -> Color:
-    red, green, blue, alpha = color
-    return Color(r=red, g=green, b=blue, a=alpha)
-
-
-def _quaternion(quaternion: Sequence[float]) -> Quaternion:
-    w, x, y, z = quaternion
-    return Quaternion(w=w, x=x, y=y, z=z)
-
-
-def _identity_pose() -> Pose:
-    return Pose(position=Vector3(), orientation=Quaternion(w=1.0))
-
-
-def _timestamp(time: int) -> Timestamp:
-    return Timestamp(seconds=time // 10**9, nanos=time % 10**9)
+def _timestamp(time_ns: int) -> Fields:
+    return {"seconds": time_ns // 10**9, "nanos": time_ns % 10**9}

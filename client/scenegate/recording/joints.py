@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import Final
-
-from scenegate.recording.values import JointValues
-from scenegate.recording.view_frames import ViewFrame, ViewFrameError
+from typing import Any, Final
 
 JOINT_UNITS: Final = ("rad", "m")
 """Units of the sliders of joints."""
 
 
-class JointReader:
-    """Reads the frames of controls. A slider in radians or metres is a joint; its name is the joint's.
+class Joints:
+    """Joints of the page: the sliders in radians or metres, which have the joints' names.
 
     Joints of several robots that have the same name get those of their folders: ``left/elbow``, ``right/elbow``.
     """
@@ -24,41 +21,27 @@ class JointReader:
         self._values: dict[int, float] = {}
 
     @property
-    def has_joints(self) -> bool:
-        """True if there are sliders of joints."""
-        return bool(self._values)
+    def values(self) -> dict[str, float]:
+        """Values of all joints by name."""
+        return {name: self._values[slider] for slider, name in self._names.items()}
 
-    def read(self, frame: ViewFrame, time: int) -> JointValues | None:
-        """Return the values of all joints if a frame changes them, else None.
-
-        Args:
-            time: time of the values, nanoseconds since the epoch.
+    def apply(self, header: dict[str, Any]) -> bool:
+        """Apply the header of a frame of controls; return True if it changes joints.
 
         Raises:
-            ViewFrameError: the frame is invalid.
+            KeyError, TypeError, ValueError: the header is invalid.
         """
-        header = frame.header
-        if header.get("kind") != "controls":
-            return None
-        try:
-            if header.get("controls") is not None:
-                sliders = {
-                    each["id"]: each
-                    for each in header["controls"]
-                    if each["type"] == "slider" and each.get("unit") in JOINT_UNITS
-                }
-                self._names = _names({slider_id: tuple(map(str, each["path"])) for slider_id, each in sliders.items()})
-                self._values = {slider_id: float(each["value"]) for slider_id, each in sliders.items()}
-            changed = {number: value for number, value in header["values"] if number in self._names}
-            self._values.update({number: float(value) for number, value in changed.items()})
-        except (KeyError, TypeError, ValueError) as error:
-            raise ViewFrameError(f"a frame of controls is invalid: {error!r}") from None
-        if not self._values or (header.get("controls") is None and not changed):
-            return None
-        return JointValues(time, {name: self._values[number] for number, name in self._names.items()})
+        controls = header.get("controls")
+        if controls is not None:
+            sliders = [each for each in controls if each["type"] == "slider" and each.get("unit") in JOINT_UNITS]
+            self._names = _names({each["id"]: tuple(map(str, each["path"])) for each in sliders})
+            self._values = {each["id"]: float(each["value"]) for each in sliders}
+        changed = {slider: float(value) for slider, value in header["values"] if slider in self._names}
+        self._values.update(changed)
+        return bool(changed) or controls is not None
 
 
 def _names(paths: dict[int, tuple[str, ...]]) -> dict[int, str]:
     """Return the names of joints: the last element of a slider's path, or the whole path where that is not unique."""
     counts = Counter(path[-1] for path in paths.values())
-    return {number: path[-1] if counts[path[-1]] == 1 else "/".join(path) for number, path in paths.items()}
+    return {slider: path[-1] if counts[path[-1]] == 1 else "/".join(path) for slider, path in paths.items()}

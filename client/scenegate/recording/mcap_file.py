@@ -71,12 +71,12 @@ class McapFiles:
         """Bytes written to all files."""
         return self.bytes + self._file.tell()
 
-    def write(self, message: EncodedMessage, log_time: int, publish_time: int) -> None:
+    def write(self, message: EncodedMessage, log_time_ns: int, publish_time_ns: int) -> None:
         """Write a message.
 
         Args:
-            log_time: time of recording, nanoseconds since the epoch.
-            publish_time: time of the message.
+            log_time_ns: time of recording, nanoseconds since the epoch.
+            publish_time_ns: time of the message.
         """
         channel = self._channels.get(message.topic)
         if channel is None:
@@ -88,7 +88,7 @@ class McapFiles:
             channel = self._writer.register_channel(message.topic, schema.message_encoding, schema_id)
             self._channels[message.topic] = channel
         self._sequences[channel] = sequence = self._sequences.get(channel, -1) + 1
-        self._writer.add_message(channel, log_time, message.data, publish_time, sequence)
+        self._writer.add_message(channel, log_time_ns, message.data, publish_time_ns, sequence)
         self.messages += 1
 
     def flush(self) -> None:

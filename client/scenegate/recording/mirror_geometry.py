@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.recording.values import Cloud, Color
+from scenegate.recording.values import Cloud, Color, Primitive
 from scenegate.recording.view_frames import ViewFrame, ViewFrameError
 from scenegate.transforms import from_pose, quaternions_of
 
@@ -64,7 +64,7 @@ def matrices(frame: ViewFrame) -> Iterator[tuple[int, NDArray[np.float64], list[
                 yield node_id, matrix, None
 
 
-def split(scale: NDArray[np.float64], X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def rigid_part(scale: NDArray[np.float64], X: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Split ``scale X`` into a rigid transform, (4, 4), and the rest, (3, 3), which has no translation."""
     matrix = X.copy()
     if scale is not IDENTITY:
@@ -79,25 +79,73 @@ def split(scale: NDArray[np.float64], X: NDArray[np.float64]) -> tuple[NDArray[n
     return matrix, rest
 
 
-def draw_matrix(draw: dict[str, Any]) -> NDArray[np.float64] | None:
+def quaternion_of(X: NDArray[np.float64]) -> list[float]:
+    quaternion: list[float] = quaternions_of(X[None, :3, :3])[0].tolist()
+    return quaternion
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NodeGeometry:
+    """Geometry of a node, in its frame."""
+
+    primitives: tuple[Primitive, ...] = ()
+    cloud: Cloud | None = None
+    """All points of the node."""
+
+
+NO_GEOMETRY: Final = NodeGeometry()
+
+
+def node_geometry(
+    frame: str,
+    draws: Sequence[dict[str, Any]],
+    meshes: Mapping[int, Mesh],
+    scale: NDArray[np.float64],
+    alpha: float,
+) -> NodeGeometry:
+    """Return the geometry of a node. What has no mesh yet, or is not finite, is left out.
+
+    Args:
+        frame: name of the node's frame.
+        draws: objects of the frame of the view, which have mesh, matrix and material.
+        meshes: meshes by id.
+        scale: (3, 3), from the node to its frame.
+        alpha: factor of the opacity.
+    """
+    primitives: list[Primitive] = []
+    clouds: list[Cloud] = []
+    for draw in draws:
+        mesh, X_node_mesh = meshes.get(draw["mesh"]), _draw_matrix(draw)
+        if mesh is None or X_node_mesh is None or not len(mesh.positions):
+            continue
+        linear, offset = scale @ X_node_mesh[:3, :3], scale @ X_node_mesh[:3, 3]
+        points = np.nan_to_num((mesh.positions @ linear.T + offset).astype(np.float32))
+        red, green, blue, opacity = draw["material"]["color"]
+        color: Color = (red, green, blue, min(max(opacity * alpha, 0.0), 1.0))
+        if mesh.topology == POINTS:
+            clouds.append(_cloud_of(frame, points, mesh, color))
+            continue
+        colors = None if mesh.colors is None else (mesh.colors * (np.asarray(color) / 255.0)).astype(np.float32)
+        if mesh.indices is not None:
+            points, colors = points[mesh.indices], None if colors is None else colors[mesh.indices]
+        primitives.append(Primitive(points, color, colors, is_lines=mesh.topology == LINES))
+    return NodeGeometry(tuple(primitives), _joined(clouds))
+
+
+def _draw_matrix(draw: dict[str, Any]) -> NDArray[np.float64] | None:
     """Return X_node_mesh, (4, 4); None if it is not finite."""
     if "matrix" not in draw:
         return np.eye(4)
     return None if draw["matrix"] is None else np.asarray(draw["matrix"], np.float64).reshape(4, 4).T
 
 
-def quaternion_of(X: NDArray[np.float64]) -> list[float]:
-    quaternion: list[float] = quaternions_of(X[None, :3, :3])[0].tolist()
-    return quaternion
-
-
-def cloud_of(frame: str, points: NDArray[np.float32], mesh: Mesh, color: Color) -> Cloud:
+def _cloud_of(frame: str, points: NDArray[np.float32], mesh: Mesh, color: Color) -> Cloud:
     rgb = np.asarray(color[:3]) * (255.0 if mesh.colors is None else mesh.colors[:, :3])
     colors = np.broadcast_to(np.asarray(rgb + 0.5, np.uint8), (len(points), 3))
     return Cloud(frame, points, colors)
 
 
-def joined(clouds: list[Cloud]) -> Cloud | None:
+def _joined(clouds: list[Cloud]) -> Cloud | None:
     """Return one cloud of all points."""
     if len(clouds) < 2:
         return clouds[0] if clouds else None

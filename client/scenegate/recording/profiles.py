@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from importlib import import_module
 from typing import Literal
 
+from scenegate.camera.imu import ImuSample
 from scenegate.recording.mcap_file import EncodedMessage
 from scenegate.recording.topics import (
     CLOUD_TOPIC,
@@ -17,10 +18,17 @@ from scenegate.recording.topics import (
     TF_TOPIC,
     CloudTopics,
 )
-from scenegate.recording.values import CameraSet, ImuSample, JointValues, SceneChange
+from scenegate.recording.values import CameraSet, SceneChange
 
 ProfileName = Literal["foxglove", "ros2"]
 Messages = Iterator[EncodedMessage]
+Wanted = Callable[[str], bool]
+"""Returns True for the topics whose messages are made."""
+
+
+def every_topic(topic: str) -> bool:
+    """Return True, as the default of ``Wanted``."""
+    return True
 
 
 class Profile:
@@ -39,34 +47,34 @@ class Profile:
         self.clouds = CloudTopics(warn)
         self._messages = import_module(f"scenegate.recording.{name}_messages")
 
-    def scene(self, change: SceneChange) -> Messages:
+    def scene(self, change: SceneChange, wanted: Wanted = every_topic) -> Messages:
         """Yield the messages of a change of the scene."""
-        messages, time = self._messages, change.time
-        if change.transforms:
-            yield messages.encode(TF_TOPIC, messages.transforms(change.transforms, time))
-        if change.entities:
-            yield messages.encode(SCENE_TOPIC, messages.entities(change.entities, time))
+        messages, time_ns = self._messages, change.time_ns
+        if change.transforms and wanted(TF_TOPIC):
+            yield messages.encode(TF_TOPIC, messages.transforms(change.transforms, time_ns))
+        if change.entities and wanted(SCENE_TOPIC):
+            yield messages.encode(SCENE_TOPIC, messages.entities(change.entities, time_ns))
         for cloud in change.clouds:
             topic = self.clouds.topic(cloud.frame)
-            if topic is not None:
-                yield messages.encode(topic, messages.cloud(cloud, time))
+            if topic is not None and wanted(topic):
+                yield messages.encode(topic, messages.cloud(cloud, time_ns))
+        if change.joints and wanted(JOINTS_TOPIC):
+            yield messages.encode(JOINTS_TOPIC, messages.joints(change.joints, time_ns))
 
-    def camera(self, images: CameraSet) -> Messages:
+    def camera(self, images: CameraSet, wanted: Wanted = every_topic) -> Messages:
         """Yield the messages of a camera's images."""
-        messages, time = self._messages, images.time
+        messages, time_ns = self._messages, images.time_ns
         for name, image in images.images.items():
             image_topic, info_topic = IMAGE_TOPICS[name]
-            yield messages.encode(info_topic, messages.calibration(image.calibration, time))
-            yield messages.encode(image_topic, messages.image(image, time))
-        if images.disparity is not None:
-            yield messages.encode(DISPARITY_TOPIC, messages.disparity(images.disparity, time))
-        if images.cloud is not None:
-            yield messages.encode(CLOUD_TOPIC, messages.cloud(images.cloud, time))
+            if wanted(info_topic):
+                yield messages.encode(info_topic, messages.calibration(image.calibration, time_ns))
+            if wanted(image_topic):
+                yield messages.encode(image_topic, messages.image(image, time_ns))
+        if images.disparity is not None and wanted(DISPARITY_TOPIC):
+            yield messages.encode(DISPARITY_TOPIC, messages.disparity(images.disparity, time_ns))
+        if images.cloud is not None and wanted(CLOUD_TOPIC):
+            yield messages.encode(CLOUD_TOPIC, messages.cloud(images.cloud, time_ns))
 
     def imu(self, sample: ImuSample) -> Messages:
         """Yield the message of a sample of the IMU."""
         yield self._messages.encode(IMU_TOPIC, self._messages.imu(sample))
-
-    def joints(self, joints: JointValues) -> Messages:
-        """Yield the message of joint values."""
-        yield self._messages.encode(JOINTS_TOPIC, self._messages.joints(joints))

@@ -6,31 +6,24 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.credentials import Credentials
+from scenegate.camera.imu import ImuSample
 from scenegate.camera.stream import StreamOptions
+from scenegate.credentials import Credentials
+from scenegate.gateway_http import GatewayError
 from scenegate.recording.camera_values import CameraConverter
-from scenegate.recording.joints import JointReader
 from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.profiles import Messages, Profile, ProfileName
 from scenegate.recording.scene_mirror import SceneMirror
-from scenegate.recording.sources import (
-    QUEUED_ITEMS,
-    Received,
-    RecordingError,
-    Source,
-    camera_sets,
-    imu_samples,
-    scene_frames,
-)
-from scenegate.recording.values import ImuSample, SceneChange
+from scenegate.recording.sources import QUEUED_ITEMS, Received, Source, camera_sets, imu_samples, scene_frames
 from scenegate.recording.view_frames import ViewFrame
+from scenegate.regular_files import errors_name
 
 FLUSH_SECONDS: Final = 1.0
 """Interval at which messages are written to the disk: a killed process loses this much."""
@@ -72,22 +65,20 @@ class SceneWriter:
         self._mirror = SceneMirror()
         self._profile = profile
         self._camera = CameraConverter()
-        self._joints = JointReader()
-        self._has_scene = False
-        self._whole_scene_time = 0
-        """Log time, nanoseconds, from which the whole scene is written again."""
+        self._whole_scene_ns: int | None = None
+        """Log time from which the whole scene is written again; None before the first update, which has it all."""
 
     @property
     def warnings(self) -> list[str]:
         """Sentences about what of the scene is left out."""
         return [*self._mirror.warnings.values(), *self._profile.clouds.warnings]
 
-    def write(self, value: Any, log_time: int) -> None:
+    def write(self, value: ViewFrame | pb.ImageSet | ImuSample, log_time_ns: int) -> None:
         """Write a received value.
 
         Args:
-            value: frame of the view, image set or ``ImuSample``.
-            log_time: nanoseconds since the epoch.
+            value: frame of the view, image set or sample.
+            log_time_ns: nanoseconds since the epoch.
 
         Raises:
             ViewFrameError, BadImageError: the value is invalid.
@@ -95,44 +86,41 @@ class SceneWriter:
         """
         if self.files.is_full:
             self.files.next_file()
-            if self._has_scene:
-                self._write_whole(log_time)
-        if isinstance(value, bytes):
-            self._write_frame(ViewFrame(value), log_time)
-        elif isinstance(value, pb.ImageSet):
-            for images in self._camera.convert(value):
-                self._write_all(self._profile.camera(images), log_time, images.time)
+            if self._whole_scene_ns is not None:
+                self._write_whole(log_time_ns, log_time_ns)
+        if isinstance(value, ViewFrame):
+            self._write_frame(value, log_time_ns)
         elif isinstance(value, ImuSample):
-            self._write_all(self._profile.imu(value), log_time, value.time)
+            self._write_all(self._profile.imu(value), log_time_ns, value.time_ns)
+        else:
+            for images in self._camera.convert(value):
+                self._write_all(self._profile.camera(images), log_time_ns, images.time_ns)
 
-    def _write_frame(self, frame: ViewFrame, log_time: int) -> None:
-        change = self._mirror.apply(frame)
-        if change is not None:
-            self._has_scene = True
-            if log_time >= self._whole_scene_time:
-                self._write_whole(log_time, change)
-            else:
-                self._write_all(self._profile.scene(change), log_time, change.time)
-        joints = self._joints.read(frame, log_time)
-        if joints is not None:
-            self._write_all(self._profile.joints(joints), log_time, joints.time)
+    def _write_frame(self, frame: ViewFrame, log_time_ns: int) -> None:
+        change = self._mirror.apply(frame, log_time_ns)
+        if change is None:
+            return
+        size = self._write_all(self._profile.scene(change), log_time_ns, change.time_ns)
+        if self._whole_scene_ns is None and frame.header["kind"] == "update":
+            self._plan_whole(log_time_ns, size)
+        elif self._whole_scene_ns is not None and log_time_ns >= self._whole_scene_ns:
+            self._write_whole(log_time_ns, change.time_ns)
 
-    def _write_whole(self, log_time: int, change: SceneChange | None = None) -> None:
-        """Write the whole scene, and deletions of nodes that a change has removed."""
-        whole = self._mirror.whole(log_time if change is None else change.time)
-        if change is not None:
-            entities = {each.frame: each for each in (*whole.entities, *change.entities)}
-            clouds = {each.frame: each for each in (*whole.clouds, *change.clouds)}
-            whole = SceneChange(whole.time, whole.transforms, list(entities.values()), list(clouds.values()))
-        size = self._write_all(self._profile.scene(whole), log_time, whole.time)
+    def _write_whole(self, log_time_ns: int, time_ns: int) -> None:
+        """Write the whole scene."""
+        whole = self._profile.scene(self._mirror.whole(time_ns))
+        self._plan_whole(log_time_ns, self._write_all(whole, log_time_ns, time_ns))
+
+    def _plan_whole(self, log_time_ns: int, size: int) -> None:
+        """Set the time of the next record of the whole scene, whose messages have so many bytes."""
         seconds = max(WHOLE_SCENE_SECONDS, size / WHOLE_SCENE_BYTES)
-        self._whole_scene_time = log_time + int(seconds * 1e9)
+        self._whole_scene_ns = log_time_ns + int(seconds * 1e9)
 
-    def _write_all(self, messages: Messages, log_time: int, publish_time: int) -> int:
+    def _write_all(self, messages: Messages, log_time_ns: int, publish_time_ns: int) -> int:
         """Write messages; return their size in bytes."""
         size = 0
         for message in messages:
-            self.files.write(message, log_time, publish_time)
+            self.files.write(message, log_time_ns, publish_time_ns)
             size += len(message.data)
         return size
 
@@ -148,7 +136,7 @@ def record(
         report: called with the writer after each value, and then at least every ``POLL_SECONDS``.
 
     Raises:
-        RecordingError, ImuFailure: a source cannot be reached at first, or nothing was received.
+        GatewayError, StreamFailure: a source cannot be reached at first, or nothing was received.
         ViewFrameError, BadImageError: a source has sent something invalid.
         ImportError: packages of the profile are not installed.
         OSError: a file cannot be written, or a certificate not read.
@@ -157,13 +145,15 @@ def record(
     values = _received(_start_sources(options), stop)
     first = next(filter(None, values), None)
     if first is None:
-        raise RecordingError("nothing was received, and no file is written")
-    with _files(options, profile) as files:  # now: a gateway that cannot be reached costs no earlier recording
+        raise GatewayError("nothing was received, and no file is written")
+    # Opened now: a gateway that cannot be reached costs no earlier recording.
+    limits = {"max_bytes": options.max_bytes, "keep": options.keep}
+    with errors_name(options.path), closing(McapFiles(options.path, profile.mcap_profile, **limits)) as files:
         writer = SceneWriter(files, profile)
         flush_time = time.monotonic() + FLUSH_SECONDS
         for received in chain((first,), values):
             if received is not None:
-                writer.write(received.value, received.time)
+                writer.write(received.value, received.time_ns)
             if time.monotonic() >= flush_time:
                 files.flush()
                 flush_time = time.monotonic() + FLUSH_SECONDS
@@ -171,9 +161,9 @@ def record(
         return writer
 
 
-def _start_sources(options: RecordingOptions) -> queue.Queue[Received]:
+def _start_sources(options: RecordingOptions) -> queue.Queue[Received | Exception]:
     """Start receiving; return the queue of what is received."""
-    received: queue.Queue[Received] = queue.Queue(QUEUED_ITEMS)
+    received: queue.Queue[Received | Exception] = queue.Queue(QUEUED_ITEMS)
     scene, camera, imu = options.scene, options.camera, options.imu
     if scene is not None:
         Source("scene", lambda: scene_frames(scene, options.credentials), received)
@@ -184,7 +174,7 @@ def _start_sources(options: RecordingOptions) -> queue.Queue[Received]:
     return received
 
 
-def _received(received: queue.Queue[Received], stop: threading.Event) -> Iterator[Received | None]:
+def _received(received: queue.Queue[Received | Exception], stop: threading.Event) -> Iterator[Received | None]:
     """Yield what is received until ``stop`` is set, and None whenever ``POLL_SECONDS`` have passed without.
 
     Raises:
@@ -196,15 +186,6 @@ def _received(received: queue.Queue[Received], stop: threading.Event) -> Iterato
         except queue.Empty:
             yield None
             continue
-        if isinstance(item.value, Exception):
-            raise item.value
+        if isinstance(item, Exception):
+            raise item
         yield item
-
-
-@contextmanager
-def _files(options: RecordingOptions, profile: Profile) -> Iterator[McapFiles]:
-    files = McapFiles(options.path, profile.mcap_profile, max_bytes=options.max_bytes, keep=options.keep)
-    try:
-        yield files
-    finally:
-        files.close()

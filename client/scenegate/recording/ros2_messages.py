@@ -6,15 +6,26 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib.resources import files
-from typing import Any, NamedTuple
+from typing import Final
 
 import numpy as np
 from mcap_ros2.writer import serialize_dynamic
 
+from scenegate.camera.imu import ImuSample
+from scenegate.recording import message_fields
 from scenegate.recording.mcap_file import EncodedMessage, Schema
+from scenegate.recording.message_fields import (
+    DISTORTION_MODEL,
+    IDENTITY,
+    NO_ROTATION,
+    Fields,
+    Message,
+    quaternion,
+    vector,
+)
 from scenegate.recording.values import (
     IMU_FRAME,
     Calibration,
@@ -23,89 +34,76 @@ from scenegate.recording.values import (
     Disparity,
     Entity,
     FrameTransform,
-    ImuSample,
-    JointValues,
     Primitive,
 )
 
-Fields = dict[str, Any]
-Encoder = Callable[[Fields], bytes]
-LINE_METRES = 0.003
+LINE_METRES: Final = 0.003
 """Width of lines: markers have it in metres."""
 _ADD, _DELETE = 0, 2
 _LINE_LIST, _TRIANGLE_LIST = 5, 11
-_UINT32, _FLOAT32 = 6, 7
-_NO_ROTATION: Fields = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+_FLOAT32: Final = 7
 
 
-class Ros2Message(NamedTuple):
-    """A message."""
-
-    type: str
-    """Name of the type, ``sensor_msgs/msg/Image``."""
-    fields: Fields
-
-
-def encode(topic: str, message: Ros2Message) -> EncodedMessage:
+def encode(topic: str, message: Message) -> EncodedMessage:
     """Return an encoded message."""
     schema, encode_fields = _type(message.type)
     return EncodedMessage(topic, schema, encode_fields(message.fields))
 
 
-def transforms(values: Iterable[FrameTransform], time: int) -> Ros2Message:
+def transforms(values: Iterable[FrameTransform], time_ns: int) -> Message:
     """Return ``tf2_msgs/TFMessage`` with transforms that are valid from a time."""
     messages = [
         {
-            "header": header(each.parent, time),
+            "header": header(each.parent, time_ns),
             "child_frame_id": each.child,
-            "transform": {"translation": _vector(each.translation), "rotation": _quaternion(each.quaternion)},
+            "transform": {"translation": vector(each.translation), "rotation": quaternion(each.quaternion)},
         }
         for each in values
     ]
-    return Ros2Message("tf2_msgs/msg/TFMessage", {"transforms": messages})
+    return Message("tf2_msgs/msg/TFMessage", {"transforms": messages})
 
 
-def entities(values: Iterable[Entity], time: int) -> Ros2Message:
+def entities(values: Iterable[Entity], time_ns: int) -> Message:
     """Return ``visualization_msgs/MarkerArray``, which replaces or deletes the geometry of nodes.
 
     A node's frame is the namespace of its markers.
     """
     markers: list[Fields] = []
     for entity in values:
-        markers += [_marker(entity.frame, index, each, time) for index, each in enumerate(entity.primitives)]
+        markers += [_marker(entity.frame, index, each, time_ns) for index, each in enumerate(entity.primitives)]
         markers += [
-            {"header": header(entity.frame, time), "ns": entity.frame, "id": index, "action": _DELETE}
+            {"header": header(entity.frame, time_ns), "ns": entity.frame, "id": index, "action": _DELETE}
             for index in range(len(entity.primitives), entity.earlier_count)
         ]
-    return Ros2Message("visualization_msgs/msg/MarkerArray", {"markers": markers})
+    return Message("visualization_msgs/msg/MarkerArray", {"markers": markers})
 
 
-def image(value: CameraImage, time: int) -> Ros2Message:
+def image(value: CameraImage, time_ns: int) -> Message:
     """Return ``sensor_msgs/Image``."""
-    return Ros2Message("sensor_msgs/msg/Image", _image_fields(value, time))
+    return Message("sensor_msgs/msg/Image", _image_fields(value, time_ns))
 
 
-def calibration(value: Calibration, time: int) -> Ros2Message:
+def calibration(value: Calibration, time_ns: int) -> Message:
     """Return ``sensor_msgs/CameraInfo`` of a rectified image."""
     fields = {
-        "header": header(value.frame, time),
+        "header": header(value.frame, time_ns),
         "height": value.height,
         "width": value.width,
-        "distortion_model": "plumb_bob",
+        "distortion_model": DISTORTION_MODEL,
         "d": [0.0] * 5,
         "k": value.K,
         "r": np.eye(3).ravel().tolist(),
         "p": value.P,
     }
-    return Ros2Message("sensor_msgs/msg/CameraInfo", fields)
+    return Message("sensor_msgs/msg/CameraInfo", fields)
 
 
-def disparity(value: Disparity, time: int) -> Ros2Message:
+def disparity(value: Disparity, time_ns: int) -> Message:
     """Return ``stereo_msgs/DisparityImage``. Invalid disparities are below ``min_disparity``."""
     intrinsics = value.image.calibration
     fields = {
-        "header": header(intrinsics.frame, time),
-        "image": _image_fields(value.image, time),
+        "header": header(intrinsics.frame, time_ns),
+        "image": _image_fields(value.image, time_ns),
         "f": intrinsics.focal_length,
         "t": value.baseline,
         "valid_window": {"width": intrinsics.width, "height": intrinsics.height},
@@ -113,115 +111,82 @@ def disparity(value: Disparity, time: int) -> Ros2Message:
         "max_disparity": value.max_disparity,
         "delta_d": value.delta_d,
     }
-    return Ros2Message("stereo_msgs/msg/DisparityImage", fields)
+    return Message("stereo_msgs/msg/DisparityImage", fields)
 
 
-def cloud(value: Cloud, time: int) -> Ros2Message:
+def cloud(value: Cloud, time_ns: int) -> Message:
     """Return ``sensor_msgs/PointCloud2``: x, y, z, and rgb if it has colours."""
     fields = [{"name": name, "offset": 4 * index, "datatype": _FLOAT32, "count": 1} for index, name in enumerate("xyz")]
-    columns: list[tuple[str, str, tuple[int, ...]]] = [("points", "<f4", (3,))]
     if value.colors is not None:
         fields.append({"name": "rgb", "offset": 12, "datatype": _FLOAT32, "count": 1})
-        columns.append(("bgr", "u1", (4,)))  # a float32 of the bits of 0x00RRGGBB, as PCL has it
-    data = np.zeros(len(value.points), np.dtype(columns))
-    data["points"] = value.points
-    if value.colors is not None:
-        data["bgr"][:, :3] = value.colors[:, ::-1]
+    # The colour is a float32 of the bits of 0x00RRGGBB, as PCL has it.
+    records = message_fields.packed_points(value, (2, 1, 0), 0)
     message = {
-        "header": header(value.frame, time),
+        "header": header(value.frame, time_ns),
         "height": 1,
-        "width": len(data),
+        "width": len(records),
         "fields": fields,
         "is_bigendian": False,
-        "point_step": data.dtype.itemsize,
-        "row_step": data.nbytes,
-        "data": data.tobytes(),
+        "point_step": records.itemsize,
+        "row_step": records.nbytes,
+        "data": records.tobytes(),
         "is_dense": True,
     }
-    return Ros2Message("sensor_msgs/msg/PointCloud2", message)
+    return Message("sensor_msgs/msg/PointCloud2", message)
 
 
-def imu(sample: ImuSample) -> Ros2Message:
+def imu(sample: ImuSample) -> Message:
     """Return ``sensor_msgs/Imu`` without an orientation (REP 145: its first covariance is -1)."""
     fields = {
-        "header": header(IMU_FRAME, sample.time),
-        "orientation": _NO_ROTATION,
+        "header": header(IMU_FRAME, sample.time_ns),
+        "orientation": NO_ROTATION,
         "orientation_covariance": [-1.0] + [0.0] * 8,
-        "angular_velocity": _vector(sample.angular_velocity),
+        "angular_velocity": vector(sample.angular_velocity),
         "angular_velocity_covariance": [0.0] * 9,
-        "linear_acceleration": _vector(sample.acceleration),
+        "linear_acceleration": vector(sample.acceleration),
         "linear_acceleration_covariance": [0.0] * 9,
     }
-    return Ros2Message("sensor_msgs/msg/Imu", fields)
+    return Message("sensor_msgs/msg/Imu", fields)
 
 
-def joints(values: JointValues) -> Ros2Message:
+def joints(values: Mapping[str, float], time_ns: int) -> Message:
     """Return ``sensor_msgs/JointState``."""
     fields = {
-        "header": header("", values.time),
-        "name": list(values.values),
-        "position": list(values.values.values()),
+        "header": header("", time_ns),
+        "name": list(values),
+        "position": list(values.values()),
         "velocity": [],
         "effort": [],
     }
-    return Ros2Message("sensor_msgs/msg/JointState", fields)
+    return Message("sensor_msgs/msg/JointState", fields)
 
 
-def header(frame: str, time: int) -> Fields:
-    """Return ``std_msgs/Header``.
-
-    Args:
-        time: nanoseconds since the epoch.
-    """
-    return {"stamp": {"sec": time // 10**9, "nanosec": time % 10**9}, "frame_id": frame}
+def header(frame: str, time_ns: int) -> Fields:
+    """Return ``std_msgs/Header``."""
+    return {"stamp": {"sec": time_ns // 10**9, "nanosec": time_ns % 10**9}, "frame_id": frame}
 
 
-def _image_fields(value: CameraImage, time: int) -> Fields:
-    return {
-        "header": header(value.calibration.frame, time),
-        "height": value.calibration.height,
-        "width": value.calibration.width,
-        "encoding": value.encoding,
-        "is_bigendian": 0,
-        "step": value.step,
-        "data": value.data,
-    }
+def _image_fields(value: CameraImage, time_ns: int) -> Fields:
+    return {"header": header(value.calibration.frame, time_ns), "is_bigendian": 0, **message_fields.image(value)}
 
 
-def _marker(frame: str, index: int, primitive: Primitive, time: int) -> Fields:
+def _marker(frame: str, index: int, primitive: Primitive, time_ns: int) -> Fields:
     size = LINE_METRES if primitive.is_lines else 1.0
     return {
-        "header": header(frame, time),
+        "header": header(frame, time_ns),
         "ns": frame,
         "id": index,
         "type": _LINE_LIST if primitive.is_lines else _TRIANGLE_LIST,
         "action": _ADD,
-        "pose": {"position": {"x": 0.0, "y": 0.0, "z": 0.0}, "orientation": _NO_ROTATION},
-        "scale": {"x": size, "y": size, "z": size},
-        "color": _color(primitive.color),
+        "pose": IDENTITY,
+        "scale": vector((size, size, size)),
         "frame_locked": True,
-        "points": [{"x": x, "y": y, "z": z} for x, y, z in primitive.points.tolist()],
-        "colors": [] if primitive.colors is None else [_color(row) for row in primitive.colors.tolist()],
+        **message_fields.points(primitive),
     }
 
 
-def _color(color: Sequence[float]) -> Fields:
-    red, green, blue, alpha = color
-    return {"r": red, "g": green, "b": blue, "a": alpha}
-
-
-def _vector(numbers: Sequence[float]) -> Fields:
-    x, y, z = numbers
-    return {"x": x, "y": y, "z": z}
-
-
-def _quaternion(quaternion: Sequence[float]) -> Fields:
-    w, x, y, z = quaternion
-    return {"x": x, "y": y, "z": z, "w": w}
-
-
 @cache
-def _type(name: str) -> tuple[Schema, Encoder]:
+def _type(name: str) -> tuple[Schema, Callable[[Fields], bytes]]:
     """Return the schema and the encoder of a type, ``sensor_msgs/msg/Image``."""
     text = definition(name)
     # mcap_ros2.writer.Writer has the same encoders, but writes whole files, and does not flush them.

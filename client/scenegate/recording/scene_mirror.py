@@ -6,7 +6,6 @@ points of the geometry: with the rotation Q and the rest S of a node, X_world_no
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -14,28 +13,25 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from scenegate.recording.joints import Joints
 from scenegate.recording.mirror_geometry import (
     IDENTITY,
-    LINES,
-    POINTS,
+    NO_GEOMETRY,
     Mesh,
-    cloud_of,
-    draw_matrix,
-    joined,
+    NodeGeometry,
     matrices,
+    node_geometry,
     quaternion_of,
     read_mesh,
-    split,
+    rigid_part,
 )
 from scenegate.recording.values import (
     LEFT_FRAME,
     RIGHT_FRAME,
     WORLD,
     Cloud,
-    Color,
     Entity,
     FrameTransform,
-    Primitive,
     SceneChange,
     empty_cloud,
 )
@@ -71,10 +67,8 @@ class _Node:
     """True if the node or an ancestor is not visible."""
     alpha: float = 1.0
     """Product of the opacities of the node and its ancestors."""
-    primitives: tuple[Primitive, ...] = ()
-    """Triangles and lines that were recorded last."""
-    cloud: Cloud | None = None
-    """Points that were recorded last."""
+    geometry: NodeGeometry = NO_GEOMETRY
+    """Geometry of the last change."""
 
     def walk(self) -> Iterator[_Node]:
         """Iterate over this node and its descendants, parents first."""
@@ -92,6 +86,7 @@ class SceneMirror:
         self._root = _Node(ROOT_FRAME, None)
         self._nodes: dict[int, _Node] = {0: self._root}
         self._meshes: dict[int, Mesh] = {}
+        self._joints = Joints()
         self._rig: dict[str, Any] | None = None
         """Header of the newest frame with the stereo camera's pose."""
         self._rig_changed = False
@@ -101,9 +96,14 @@ class SceneMirror:
     def reconnect(self) -> None:
         """Prepare for the frames of a new connection. Its first update removes all nodes that it does not have."""
         self._meshes.clear()
+        self._joints = Joints()
 
-    def apply(self, frame: ViewFrame) -> SceneChange | None:
-        """Apply a frame; return the change of the scene if it is an update, else None.
+    def apply(self, frame: ViewFrame, now_ns: int) -> SceneChange | None:
+        """Apply a frame; return the change of the scene, None if nothing can be seen of it yet.
+
+        Args:
+            frame: frame of the view.
+            now_ns: time of a change that has none of its own, nanoseconds since the epoch.
 
         Raises:
             ViewFrameError: the frame is invalid.
@@ -118,32 +118,37 @@ class SceneMirror:
                         self._meshes.pop(mesh_id, None)
                 case "rig":
                     self._rig, self._rig_changed = header if header["pose"] is not None else None, True
+                case "controls":
+                    if self._joints.apply(header):
+                        return SceneChange(now_ns, joints=self._joints.values)
                 case "update":
-                    return self._update(frame)
+                    return self._update(frame, now_ns)
         except ViewFrameError:
             raise
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             raise ViewFrameError(f"a frame {header.get('kind')!r} of the view is invalid: {error!r}") from None
         return None
 
-    def whole(self, timestamp: int) -> SceneChange:
-        """Return the whole scene."""
+    def whole(self, time_ns: int) -> SceneChange:
+        """Return the whole scene, valid from a time in nanoseconds since the epoch."""
         nodes = list(self._root.walk())
+        shapes = [(node.frame, node.geometry.primitives) for node in nodes]
         return SceneChange(
-            timestamp,
+            time_ns,
             [*map(_transform_of, nodes), *self._rig_transforms()],
-            [Entity(node.frame, node.primitives, len(node.primitives)) for node in nodes if node.primitives],
-            [node.cloud for node in nodes if node.cloud is not None],
+            [Entity(frame, primitives, len(primitives)) for frame, primitives in shapes if primitives],
+            [node.geometry.cloud for node in nodes if node.geometry.cloud is not None],
+            self._joints.values,
         )
 
-    def _update(self, frame: ViewFrame) -> SceneChange:
+    def _update(self, frame: ViewFrame, now_ns: int) -> SceneChange:
         header = frame.header
         removed: list[_Node] = []
         if header["from"] == 0:  # the whole scene
             removed += self._remove_all()
         for node_id in header.get("removed", ()):
             removed += self._remove(node_id)
-        moved: dict[_Node, None] = {}
+        moved = {self._root: None} if header["from"] == 0 else {}
         redrawn: dict[_Node, None] = {}
         for fields in header.get("nodes", ()):
             redrawn[self._edit_node(fields)] = None
@@ -152,14 +157,14 @@ class SceneMirror:
             node.matrix, node.quaternion = matrix, quaternion
             moved[node] = None
         for node in {**redrawn, **moved}:
-            self._derive(node, moved, redrawn)
+            self._propagate(node, moved, redrawn)
         earlier = {node.frame: node for node in removed}
-        entities, clouds = self._redraw(redrawn, earlier)
+        entities, clouds = self._changed_geometry(redrawn, earlier)
         transforms = [_transform_of(node) for node in moved]
         if self._rig_changed:
             transforms += self._rig_transforms()
             self._rig_changed = False
-        return SceneChange(header.get("timestamp") or time.time_ns(), transforms, entities, clouds)
+        return SceneChange(header.get("timestamp") or now_ns, transforms, entities, clouds)
 
     def _edit_node(self, fields: dict[str, Any]) -> _Node:
         """Add or change a node."""
@@ -198,8 +203,8 @@ class SceneMirror:
         self._nodes = {0: self._root}
         return removed
 
-    def _derive(self, top: _Node, moved: dict[_Node, None], redrawn: dict[_Node, None]) -> None:
-        """Set what follows from a node and its ancestors; continue with its descendants if that has changed."""
+    def _propagate(self, top: _Node, moved: dict[_Node, None], redrawn: dict[_Node, None]) -> None:
+        """Compute frame, scale, visibility and opacity of a node, and of its descendants if these have changed."""
         stack = [top]
         while stack:
             node = stack.pop()
@@ -208,7 +213,7 @@ class SceneMirror:
             if above is IDENTITY and node.quaternion is not None:  # five times as fast
                 scale, node.X_parent_frame, node.frame_quaternion = IDENTITY, node.matrix, node.quaternion
             else:
-                node.X_parent_frame, scale = split(above, node.matrix)
+                node.X_parent_frame, scale = rigid_part(above, node.matrix)
                 node.frame_quaternion = quaternion_of(node.X_parent_frame)
             hidden = not node.visible or (parent is not None and parent.hidden)
             alpha = node.opacity * (1.0 if parent is None else parent.alpha)
@@ -220,7 +225,9 @@ class SceneMirror:
                 redrawn[node] = None
                 stack.extend(node.children.values())
 
-    def _redraw(self, redrawn: dict[_Node, None], earlier: dict[str, _Node]) -> tuple[list[Entity], list[Cloud]]:
+    def _changed_geometry(
+        self, redrawn: dict[_Node, None], earlier: dict[str, _Node]
+    ) -> tuple[list[Entity], list[Cloud]]:
         """Return the geometry of nodes that has changed.
 
         Args:
@@ -228,54 +235,32 @@ class SceneMirror:
         """
         entities: list[Entity] = []
         clouds: list[Cloud] = []
+        pairs = []
         for node in redrawn:
-            old = earlier.pop(node.frame, node)
-            primitives, cloud = self._primitives(node)
-            if primitives or old.primitives:
-                entities.append(Entity(node.frame, primitives, len(old.primitives)))
-            if cloud is not None or old.cloud is not None:
-                clouds.append(cloud or empty_cloud(node.frame))
-            node.primitives, node.cloud = primitives, cloud
-        for old in earlier.values():
-            if old.primitives:
-                entities.append(Entity(old.frame, (), len(old.primitives)))
-            if old.cloud is not None:
-                clouds.append(empty_cloud(old.frame))
+            old = earlier.pop(node.frame, node).geometry
+            node.geometry = self._geometry(node)
+            pairs.append((node.frame, old, node.geometry))
+        pairs += [(frame, node.geometry, NO_GEOMETRY) for frame, node in earlier.items()]
+        for frame, old, new in pairs:
+            if old.primitives or new.primitives:
+                entities.append(Entity(frame, new.primitives, len(old.primitives)))
+            if old.cloud is not None or new.cloud is not None:
+                clouds.append(new.cloud or empty_cloud(frame))
         return entities, clouds
 
-    def _primitives(self, node: _Node) -> tuple[tuple[Primitive, ...], Cloud | None]:
-        """Return the triangles and lines of a node, and all its points."""
-        if node.hidden:
-            return (), None
-        primitives: list[Primitive] = []
-        clouds: list[Cloud] = []
-        count = 0
-        for draw in node.draws:
-            mesh = self._meshes.get(draw["mesh"])
-            matrix = draw_matrix(draw)
-            if mesh is None or matrix is None or not len(mesh.positions):
-                continue
-            linear = node.scale @ matrix[:3, :3]
-            points = np.nan_to_num((mesh.positions @ linear.T + node.scale @ matrix[:3, 3]).astype(np.float32))
-            red, green, blue, alpha = draw["material"]["color"]
-            color: Color = (red, green, blue, min(max(alpha * node.alpha, 0.0), 1.0))
-            if mesh.topology == POINTS:
-                clouds.append(cloud_of(node.frame, points, mesh, color))
-                continue
-            colors = None
-            if mesh.colors is not None:
-                colors = (mesh.colors * (np.asarray(color) / 255.0)).astype(np.float32)
-            if mesh.indices is not None:
-                points, colors = points[mesh.indices], None if colors is None else colors[mesh.indices]
-            count += len(points)
-            primitives.append(Primitive(points, color, colors, is_lines=mesh.topology == LINES))
+    def _geometry(self, node: _Node) -> NodeGeometry:
+        """Return the geometry of a node; none if it is hidden or too large."""
         self.warnings.pop(node.frame, None)
-        if count > MAX_NODE_POINTS:
-            primitives = []
-            if len(self.warnings) < MAX_WARNINGS:
-                text = f"{node.frame} is left out: its triangles and lines have {count} points, the limit is"
-                self.warnings[node.frame] = f"{text} {MAX_NODE_POINTS}"
-        return tuple(primitives), joined(clouds)
+        if node.hidden:
+            return NO_GEOMETRY
+        geometry = node_geometry(node.frame, node.draws, self._meshes, node.scale, node.alpha)
+        count = sum(len(each.points) for each in geometry.primitives)
+        if count <= MAX_NODE_POINTS:
+            return geometry
+        if len(self.warnings) < MAX_WARNINGS:
+            text = f"{node.frame} is left out: its triangles and lines have {count} points, the limit is"
+            self.warnings[node.frame] = f"{text} {MAX_NODE_POINTS}"
+        return NodeGeometry(cloud=geometry.cloud)
 
     def _rig_transforms(self) -> list[FrameTransform]:
         """Return the transforms of the stereo camera."""

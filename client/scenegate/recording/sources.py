@@ -5,51 +5,47 @@ Their servers skip what a slow client has no time for, so nothing else is bounde
 
 from __future__ import annotations
 
-import http.client
-import json
 import logging
 import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
-from urllib.parse import urlsplit, urlunsplit
 
 from websockets.exceptions import InvalidStatus, WebSocketException
 from websockets.sync.client import connect
 
-from scenegate.camera.credentials import Credentials
-from scenegate.camera.imu import open_imu_stream
-from scenegate.camera.stream import StreamFailure, StreamOptions, receive
-from scenegate.recording.values import ImuSample
+from scenegate.camera import image_interface_pb2 as pb
+from scenegate.camera.imu import ImuSample, open_imu_stream, read_samples
+from scenegate.camera.stream import StreamOptions, receive
+from scenegate.credentials import Credentials
+from scenegate.gateway_http import CONNECT_SECONDS, GatewayError, parse_address, reason_of
+from scenegate.recording.view_frames import ViewFrame
 
 _log = logging.getLogger(__name__)
 
 QUEUED_ITEMS: Final = 32
 """Maximum number of received items that wait: image sets have megabytes."""
-CONNECT_SECONDS: Final = 10.0
-"""Timeout of the connection to the gateway's view."""
 RETRY_SECONDS: Final = 1.0
 """Time between two attempts to reach a gateway or camera that has gone."""
-
-
-class RecordingError(RuntimeError):
-    """A source cannot be reached, or has ended; the message is one sentence."""
+ACKNOWLEDGEMENTS: Final = {"update": "k", "controls": "c"}
+"""Responses that the gateway waits for, by the kind of the frame."""
 
 
 class Received(NamedTuple):
-    """Something that a source has received, or the error that has ended it."""
+    """Something that a source has received."""
 
-    value: Any
-    """A frame of the view (bytes), an image set, an ``ImuSample`` or an exception."""
-    time: int
+    value: ViewFrame | pb.ImageSet | ImuSample
+    time_ns: int
     """Time of reception, nanoseconds since the epoch."""
 
 
 class Source:
     """A thread that puts what an iterator yields into a queue. After an error it begins again, if it has yielded."""
 
-    def __init__(self, name: str, receive: Callable[[], Iterator[Any]], received: queue.Queue[Received]) -> None:
+    def __init__(
+        self, name: str, receive: Callable[[], Iterator[Any]], received: queue.Queue[Received | Exception]
+    ) -> None:
         self._receive = receive
         self._received = received
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -64,7 +60,7 @@ class Source:
                     self._received.put(Received(value, time.time_ns()))
             except Exception as error:  # noqa: BLE001 - the recorder raises the first one
                 if not has_begun:
-                    self._received.put(Received(error, time.time_ns()))
+                    self._received.put(error)
                     return
                 if not is_lost:
                     _log.warning("%s; the recording goes on when it is back", error)
@@ -72,95 +68,64 @@ class Source:
                 time.sleep(RETRY_SECONDS)
 
 
-def scene_frames(address: str, credentials: Credentials) -> Iterator[bytes]:
+def scene_frames(address: str, credentials: Credentials) -> Iterator[ViewFrame]:
     """Yield the frames of a gateway's view.
 
     Args:
         address: of the gateway's HTTP port, ``http://HOST:PORT``.
 
     Raises:
-        RecordingError: the gateway does not respond, or has closed the connection.
+        GatewayError: the gateway does not respond, or has closed the connection.
+        ViewFrameError: the gateway has sent something invalid.
         OSError: a certificate cannot be read.
     """
-    url = urlsplit(address)
-    if url.scheme not in ("http", "https") or not url.hostname:
-        raise RecordingError(f"the address of the gateway is {address!r}; it must be like http://HOST:PORT")
-    try:
-        context = credentials.context(url.scheme)
-    except ValueError as error:
-        raise RecordingError(f"{address}: {error}") from None
-    target = urlunsplit(("ws" if context is None else "wss", url.netloc, f"{url.path.rstrip('/')}/view/ws", "", ""))
-    headers = dict(credentials.metadata)
+    host, port, path, context = parse_address(address, credentials)
+    host = f"[{host}]" if ":" in host else host
+    authority = host if port is None else f"{host}:{port}"
     try:
         with connect(
-            target,
-            additional_headers=headers,
+            f"{'ws' if context is None else 'wss'}://{authority}{path}/view/ws",
+            additional_headers=dict(credentials.metadata),
             ssl=context,
             open_timeout=CONNECT_SECONDS,
             max_size=None,  # meshes
             compression=None,
             proxy=None,
         ) as socket:
-            for frame in socket:
-                if isinstance(frame, str):
+            for data in socket:
+                if isinstance(data, str):
                     continue
+                frame = ViewFrame(data)
                 yield frame
-                kind = _kind(frame)
-                if kind in ("update", "controls"):
-                    socket.send("k" if kind == "update" else "c")
+                if acknowledgement := ACKNOWLEDGEMENTS.get(frame.header.get("kind", "")):
+                    socket.send(acknowledgement)
+    except InvalidStatus as error:
+        status = error.response.status_code
+        hint = "; it may want another --token" if status in (401, 403) else ""
+        raise GatewayError(f"{address} gives no scene: it has refused the connection ({status}){hint}") from None
     except (OSError, WebSocketException) as error:
-        refused = isinstance(error, InvalidStatus) and error.response.status_code in (401, 403)
-        hint = "; it may want another --token" if refused else ""
-        raise RecordingError(f"{address} gives no scene: {error or type(error).__name__}{hint}") from None
-    raise RecordingError(f"{address} has closed the connection")
+        raise GatewayError(f"{address} gives no scene: {reason_of(error)}") from None
+    raise GatewayError(f"{address} has closed the connection")
 
 
-def camera_sets(options: StreamOptions) -> Iterator[Any]:
-    """Yield the image sets of a camera.
-
-    Raises:
-        RecordingError: the camera cannot be reached, refuses the request, or ends the stream.
-        OSError: a certificate cannot be read.
-    """
-    try:
-        for image_set, _ in receive(options):
-            yield image_set
-    except StreamFailure as error:
-        raise RecordingError(str(error)) from None
+def camera_sets(options: StreamOptions) -> Iterator[pb.ImageSet]:
+    """Yield the image sets of a camera; see ``receive`` for its errors."""
+    for image_set, _ in receive(options):
+        yield image_set
 
 
 def imu_samples(address: str, credentials: Credentials, pipeline: int) -> Iterator[ImuSample]:
     """Yield the samples of a camera's IMU.
 
     Raises:
-        ImuFailure: the gateway does not respond, or the camera has no IMU.
-        RecordingError: the gateway has ended the stream.
+        GatewayError: the gateway does not respond, the camera has no IMU, or the connection has ended.
         OSError: a certificate cannot be read.
     """
-    connection, response = open_imu_stream(address, credentials, pipeline)
+    stream = open_imu_stream(address, credentials, pipeline)
     try:
-        for line in response:
-            message = json.loads(line)
-            if "lost" in message:
-                continue
-            stamp, force, rate = message["timestamp"], message["linear_acceleration"], message["angular_velocity"]
-            yield ImuSample(
-                stamp["sec"] * 10**9 + stamp["nsec"],
-                (force["x"], force["y"], force["z"]),
-                (rate["x"], rate["y"], rate["z"]),
-            )
-    except (OSError, ValueError, http.client.HTTPException):
-        pass  # the connection has ended, perhaps in the middle of a line
+        for sample in read_samples(stream):
+            if isinstance(sample, ImuSample):
+                yield sample
     finally:
-        response.close()
-        connection.close()
-    raise RecordingError(f"{address} has ended the stream of IMU samples")
-
-
-def _kind(frame: bytes) -> str:
-    """Return ``update`` or ``controls`` for the frames that the gateway wants acknowledged; else an empty text.
-
-    The gateway writes ``kind`` first: parsing the header takes longer than this search.
-    """
-    start = frame[8:40]
-    return next((kind for kind in ("update", "controls") if f'"kind":"{kind}"'.encode() in start), "")
+        stream.close()
+    raise GatewayError(f"{address} has ended the stream of IMU samples")

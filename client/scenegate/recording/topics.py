@@ -25,7 +25,7 @@ JOINTS_TOPIC: Final = "/joint_states"
 MAX_TOPIC_CHARACTERS: Final = 150
 """Maximum length of the topic of a cloud of the scene, without a number: ROS 2 refuses 256 with the namespace."""
 MAX_SCENE_CLOUDS: Final = 1000
-"""Maximum number of topics of the scene's point clouds: writers and servers keep each topic until they end."""
+"""Maximum number of topics of the scene's point clouds: MCAP files and ROS 2 nodes keep each topic until they end."""
 
 
 class CloudTopics:
@@ -59,6 +59,11 @@ class CloudTopics:
                     return None
                 self._topics[frame] = self._free_topic(frame)
             return self._topics[frame]
+
+    def release(self, frame: str) -> str | None:
+        """Free the topic of a cloud that was removed, and return it; None if it has none."""
+        with self._lock:
+            return self._topics.pop(frame, None)
 
     def _free_topic(self, frame: str) -> str:
         names = re.sub(r"[^A-Za-z0-9/]+", "_", frame).split("/")[1:]

@@ -76,13 +76,15 @@ def empty_cloud(frame: str) -> Cloud:
 class SceneChange:
     """A change of the scene, or the whole scene."""
 
-    time: int
+    time_ns: int
     """Time from which it is valid."""
     transforms: Sequence[FrameTransform] = ()
     entities: Sequence[Entity] = ()
     """Changed nodes with geometry; one without primitives has none any more."""
     clouds: Sequence[Cloud] = ()
     """Changed point clouds of the scene, of which each frame has at most one; an empty one was removed."""
+    joints: Mapping[str, float] = field(default_factory=dict)
+    """Values of all joints, radians or metres by name, if one has changed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,29 +148,9 @@ class Disparity:
 class CameraSet:
     """The images of one exposure."""
 
-    time: int
+    time_ns: int
     """Time of the exposure."""
     images: Mapping[str, CameraImage] = field(default_factory=dict)
     """Images by name: ``left``, ``right``, ``depth`` (metres along the optical axis, NaN where it is invalid)."""
     disparity: Disparity | None = None
     cloud: Cloud | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class ImuSample:
-    """A sample of an IMU."""
-
-    time: int
-    acceleration: tuple[float, float, float]
-    """Specific force, m/s²."""
-    angular_velocity: tuple[float, float, float]
-    """rad/s."""
-
-
-@dataclass(frozen=True, slots=True)
-class JointValues:
-    """Values of the joints of robots that the page shows sliders for."""
-
-    time: int
-    values: Mapping[str, float]
-    """Radians or metres by the names of the joints."""

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import json
-import queue
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from scenegate.messages import wire
 from scenegate.messages.mesh_file import MeshFile
-from scenegate.messages.request_encoding import decode_response, encode_request
 from scenegate.regular_files import read_regular
-from scenegate.tree.connection import LcmConnection
+from scenegate.tree.requests import Requests
 
-_CLIENT_ID: Final = "scenegate-testing"
 _IDENTITY: Final = {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}
 
 
@@ -26,22 +22,17 @@ def publish(url: str, request: Mapping[str, Any], seconds: float) -> dict[str, A
         seconds: Maximum time to wait.
 
     Raises:
-        RuntimeError: The response has a negative status, or there is none in time.
+        RuntimeError: The response has a negative status.
+        TimeoutError: There is no response in time.
         ConnectionError: The gateway cannot be reached.
     """
-    responses: queue.Queue[bytes] = queue.Queue()
-    connection = LcmConnection(url, {f"{wire.RESPONSE}_<{_CLIENT_ID}>": responses.put}, seconds)
+    requests = Requests(url, seconds, binary=False)
     try:
-        message = encode_request({"timestamp": 0, **request}, 0, wire.JSON)
-        connection.publish(f"{wire.REQUEST}_<{_CLIENT_ID}>", message)
-        response = decode_response(responses.get(timeout=seconds))
-    except queue.Empty:
-        raise RuntimeError(f"the gateway did not respond within {seconds:g} s") from None
+        response = requests.send(dict(request))
     finally:
-        connection.close()
-    if response is None or response.status < 0:
-        reason = None if response is None else response.body.get("error", response.body)
-        raise RuntimeError(f"the gateway rejected a request: {reason}")
+        requests.connection.close()
+    if response.status < 0:
+        raise RuntimeError(f"the gateway rejected a request: {response.body.get('error', response.body)}")
     return response.body
 
 

@@ -23,6 +23,8 @@ Blocking = TypeVar("Blocking")
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 Converted = TypeVar("Converted")
+Wrapped = TypeVar("Wrapped")
+NodeType = TypeVar("NodeType", bound=Node)
 
 
 class _InThread(Generic[Arguments, Result]):
@@ -50,15 +52,17 @@ class _InThread(Generic[Arguments, Result]):
         return call
 
 
-class AsyncNode:
+class _Wrapper(Generic[Wrapped]):
+    """An object whose methods call those of a blocking one."""
+
+    def __init__(self, blocking: Wrapped) -> None:
+        self._blocking = blocking
+
+
+class AsyncNode(_Wrapper[NodeType]):
     """``Node`` whose methods are coroutines."""
 
-    __slots__ = ("_blocking",)
-
-    def __init__(self, node: Node) -> None:
-        self._blocking = node
-
-    def __getitem__(self, key: Key) -> AsyncNode:
+    def __getitem__(self, key: Key) -> AsyncNode[Node]:
         return AsyncNode(self._blocking[key])
 
     set = _InThread(Node.set)
@@ -68,13 +72,8 @@ class AsyncNode:
     delete = _InThread(Node.delete)
 
 
-class AsyncRobot:
+class AsyncRobot(AsyncNode[PublishedRobot]):
     """``PublishedRobot`` whose methods are coroutines."""
-
-    __slots__ = ("_blocking",)
-
-    def __init__(self, robot: PublishedRobot) -> None:
-        self._blocking = robot
 
     @property
     def published(self) -> PublishedRobot:
@@ -82,8 +81,6 @@ class AsyncRobot:
         return self._blocking
 
     set_joints = _InThread(PublishedRobot.set_joints)
-    transform = _InThread(PublishedRobot.transform)
-    delete = _InThread(PublishedRobot.delete)
 
 
 def _returning(
@@ -121,11 +118,8 @@ def _on_loop(callback: Callable[..., Any], method: str) -> Callable[..., None]:
     return schedule
 
 
-class AsyncControl(Generic[V]):
+class AsyncControl(_Wrapper[ControlHandle[V]]):
     """``ControlHandle`` whose methods that send are coroutines. The event loop calls the callbacks."""
-
-    def __init__(self, handle: ControlHandle[V]) -> None:
-        self._blocking = handle
 
     @property
     def path(self) -> Path:
@@ -163,11 +157,8 @@ class AsyncPlot(AsyncControl[None]):
     add_samples = _InThread(PlotHandle.add_samples)
 
 
-class AsyncJointSliders:
+class AsyncJointSliders(_Wrapper[JointSliders]):
     """``JointSliders`` whose methods that send are coroutines."""
-
-    def __init__(self, sliders: JointSliders) -> None:
-        self._blocking = sliders
 
     @property
     def values(self) -> dict[str, float]:
@@ -179,11 +170,8 @@ class AsyncJointSliders:
     delete = _InThread(JointSliders.delete)
 
 
-class AsyncControlFolder:
+class AsyncControlFolder(_Wrapper[ControlFolder]):
     """``ControlFolder`` whose methods are coroutines."""
-
-    def __init__(self, folder: ControlFolder) -> None:
-        self._blocking = folder
 
     def __getitem__(self, key: Key) -> AsyncControlFolder:
         return AsyncControlFolder(self._blocking[key])
@@ -221,7 +209,7 @@ class AsyncTreeViewer:
     ) -> None:
         await asyncio.to_thread(self._blocking.close)
 
-    def __getitem__(self, key: Key) -> AsyncNode:
+    def __getitem__(self, key: Key) -> AsyncNode[Node]:
         return AsyncNode(Node(self._blocking, path_of(key)))
 
     delete = _InThread(TreeViewer.delete)

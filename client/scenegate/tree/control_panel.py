@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.messages.changes import Changes, Path, is_at_or_below
+from scenegate.messages.changes import Changes, Entry, Path, is_at_or_below
 from scenegate.messages.controls import AnyControl, Gizmo
 from scenegate.tree.answer import Answer, TreeViewerError
 from scenegate.tree.callbacks import CallbackThreads, check_callback
@@ -94,9 +94,7 @@ class ControlPanel:
         if self._handles == old:
             return
         try:
-            changes = Changes()
-            changes.controls = self.definitions()
-            self._send(changes)
+            self._send(Changes(controls=self.definitions()))
         except BaseException:
             with self.lock:
                 self._handles = old
@@ -105,14 +103,13 @@ class ControlPanel:
     def set_values(self, values: dict[ControlHandle[Any], Any]) -> Answer:
         """Set values in one request. Callbacks are not called."""
         checked = {handle: handle.control.checked(value) for handle, value in values.items()}
-        changes = Changes()
+        commands = [{"path": handle.path, "value": value} for handle, value in checked.items()]
         with self.lock:
             old = {handle: handle.raw_value for handle in checked}
             for handle, value in checked.items():
                 handle.raw_value = value
-                changes.control_values.append({"path": handle.path, "value": value})
         try:
-            return self._send(changes)
+            return self._send(Changes(control_values=commands))
         except TreeViewerError:
             with self.lock:
                 for handle, value in checked.items():
@@ -122,9 +119,7 @@ class ControlPanel:
 
     def add_samples(self, path: Path, samples: NDArray[np.float64]) -> Answer:
         """Add samples to a plot."""
-        changes = Changes()
-        changes.control_values.append({"path": path, "samples": samples})
-        return self._send(changes)
+        return self._send(Changes(control_values=[{"path": path, "samples": samples}]))
 
     def sent(self, body: dict[str, Any], utime: int) -> None:
         """Note the time of a request, before it is sent: earlier values from the page are out of date."""
@@ -147,7 +142,7 @@ class ControlPanel:
                 if handle is not None and after >= handle.set_time:
                     handle.receive(handle.control.checked(fields["value"]))
                     if isinstance(handle.control, Gizmo):
-                        moved.transform(handle.control.node, msgspec.to_builtins(handle.raw_value))
+                        moved.set(handle.control.node, Entry(transform=msgspec.to_builtins(handle.raw_value)))
         if moved.entries:
             self._record(moved)
 

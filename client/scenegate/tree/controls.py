@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,7 @@ MAX_CLICK_CALLS: Final = 100
 
 MaybePose: TypeAlias = NDArray[np.float64] | None
 """(4, 4) float64 X_parent_node, or None."""
+Handle = TypeVar("Handle", bound=ControlHandle[Any])
 
 
 class ButtonHandle(ControlHandle[int]):
@@ -123,14 +124,13 @@ class ControlFolder:
     def _path(self, name: Key) -> Path:
         return self.path + path_of(name)
 
-    def _shown(self, handle: Any) -> Any:
+    def _shown(self, handle: Handle) -> Handle:
         self.panel.add([handle])
         return handle
 
     def add_button(self, name: Key) -> ButtonHandle:
         """Add a button."""
-        handle: ButtonHandle = self._shown(ButtonHandle(self.panel, messages.Button(self._path(name))))
-        return handle
+        return self._shown(ButtonHandle(self.panel, messages.Button(self._path(name))))
 
     def add_slider(
         self,
@@ -155,8 +155,7 @@ class ControlFolder:
         slider = messages.Slider(
             self._path(name), plain(min), plain(max), value=plain(value), step=plain(step), unit=unit
         )
-        handle: ControlHandle[float] = self._shown(ControlHandle(self.panel, slider))
-        return handle
+        return self._shown(ControlHandle[float](self.panel, slider))
 
     def add_number(
         self,
@@ -170,34 +169,27 @@ class ControlFolder:
     ) -> ControlHandle[float]:
         """Add a field for a number. See ``add_slider``."""
         number = messages.NumberInput(self._path(name), plain(value), plain(min), plain(max), plain(step), unit)
-        handle: ControlHandle[float] = self._shown(ControlHandle(self.panel, number))
-        return handle
+        return self._shown(ControlHandle[float](self.panel, number))
 
     def add_text(self, name: Key, value: str = "") -> ControlHandle[str]:
         """Add a field for a line of text."""
         text = messages.TextInput(self._path(name), value=value)
-        handle: ControlHandle[str] = self._shown(ControlHandle(self.panel, text))
-        return handle
+        return self._shown(ControlHandle[str](self.panel, text))
 
     def add_checkbox(self, name: Key, value: bool = False) -> ControlHandle[bool]:
         """Add a check box."""
         checkbox = messages.Checkbox(self._path(name), value=plain(value))
-        handle: ControlHandle[bool] = self._shown(ControlHandle(self.panel, checkbox))
-        return handle
+        return self._shown(ControlHandle[bool](self.panel, checkbox))
 
     def add_dropdown(self, name: Key, options: Sequence[str], value: str | None = None) -> ControlHandle[str]:
         """Add a menu; the first of the options is chosen if there is no value."""
         dropdown = messages.Dropdown(self._path(name), _texts(options), value=value)
-        handle: ControlHandle[str] = self._shown(ControlHandle(self.panel, dropdown))
-        return handle
+        return self._shown(ControlHandle[str](self.panel, dropdown))
 
     def add_color(self, name: Key, value: ArrayLike = (1.0, 1.0, 1.0)) -> ColorHandle:
         """Add a field for a colour, which is given as ``color`` of geometry, without alpha."""
         red, green, blue = rgba(value)[:3]
-        handle: ColorHandle = self._shown(
-            ColorHandle(self.panel, messages.ColorInput(self._path(name), value=(red, green, blue)))
-        )
-        return handle
+        return self._shown(ColorHandle(self.panel, messages.ColorInput(self._path(name), value=(red, green, blue))))
 
     def add_plot(self, name: Key, *series: str, seconds: float = 30.0, unit: str = "") -> PlotHandle:
         """Add a plot.
@@ -209,14 +201,12 @@ class ControlFolder:
             unit: unit of the values.
         """
         plot = messages.Plot(self._path(name), series, seconds=plain(seconds), unit=unit)
-        handle: PlotHandle = self._shown(PlotHandle(self.panel, plot))
-        return handle
+        return self._shown(PlotHandle(self.panel, plot))
 
     def add_gizmo(self, name: Key, node: Key) -> GizmoHandle:
         """Add handles in the view that move and turn a node, and fields for its pose in the panel."""
         gizmo = messages.Gizmo(self._path(name), path_of(node))
-        handle: GizmoHandle = self._shown(GizmoHandle(self.panel, gizmo))
-        return handle
+        return self._shown(GizmoHandle(self.panel, gizmo))
 
     def add_joint_sliders(self, robot: PublishedRobot, name: Key | None = None) -> JointSliders:
         """Add a folder with a slider for each joint of a robot, which moves it, and a button that resets them.

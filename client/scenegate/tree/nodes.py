@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scenegate.messages.changes import Changes, Key, Path, path_of
+from scenegate.messages.changes import Changes, Entry, Key, Path, path_of
 from scenegate.messages.field_kinds import describe
 from scenegate.messages.geometry import Geometry, Transform
 from scenegate.tree.answer import OK, Answer
@@ -41,38 +41,30 @@ class Node:
         for geometry in geometries:
             if not isinstance(geometry, Geometry):
                 raise TypeError(f"set takes geometries such as Box((1, 1, 1)), not {describe(geometry)}")
-        changes = Changes()
-        changes.set(self.path, [geometry.body() for geometry in geometries])
-        if transform is not None:
-            changes.transform(self.path, Transform.of(transform).body())
-        return self._sender.send(changes)
+        pose = None if transform is None else Transform.of(transform).body()
+        return self._send(Entry([geometry.body() for geometry in geometries], pose))
 
     def transform(self, value: Transform | ArrayLike) -> Answer:
         """Replace X_parent_node: a ``Transform``, (4, 4), or three numbers (a translation in metres)."""
-        changes = Changes()
-        changes.transform(self.path, Transform.of(value).body())
-        return self._sender.send(changes)
+        return self._send(Entry(transform=Transform.of(value).body()))
 
     def set_visible(self, visible: bool) -> Answer:
         """Show or hide this path and everything below it, in the browser and in images."""
-        changes = Changes()
-        changes.set_property(self.path, visible=bool(visible))
-        return self._sender.send(changes)
+        return self._send(Entry(visible=bool(visible)))
 
     def set_opacity(self, opacity: float) -> Answer:
         """Set the opacity of this path, 0 to 1: a factor of the alpha of everything at and below it."""
         opacity = float(opacity)
         if not 0.0 <= opacity <= 1.0:
             raise ValueError(f"opacity must be from 0 to 1, not {opacity:g}")
-        changes = Changes()
-        changes.set_property(self.path, opacity=opacity)
-        return self._sender.send(changes)
+        return self._send(Entry(opacity=opacity))
 
     def delete(self) -> Answer:
         """Delete this path and everything below it."""
-        changes = Changes()
-        changes.delete(self.path)
-        return self._sender.send(changes)
+        return self._sender.send(Changes().delete(self.path))
+
+    def _send(self, entry: Entry) -> Answer:
+        return self._sender.send(Changes().set(self.path, entry))
 
 
 class Batch:
@@ -123,5 +115,5 @@ def transforms_of(paths: Iterable[Key], poses: ArrayLike) -> Changes:
         raise ValueError(f"pose {int(np.argmin(array[:, 3:].any(axis=1)))} has a quaternion of zeros")
     changes = Changes()
     for key, row in zip(keys, array.tolist(), strict=True):
-        changes.transform(key, {"translation": row[:3], "quaternion": row[3:]})
+        changes.set(key, Entry(transform={"translation": row[:3], "quaternion": row[3:]}))
     return changes

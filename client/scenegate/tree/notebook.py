@@ -10,7 +10,8 @@ from ipaddress import ip_address
 from typing import Any, Final
 from urllib.parse import urlsplit
 
-from scenegate.tree.scene_file import fetch_scene_file
+from scenegate.credentials import Credentials
+from scenegate.gateway_http import fetch
 
 DEFAULT_HTTP_PORT: Final = 8000
 _STYLE: Final = "border: 0; width: 100%"
@@ -92,7 +93,7 @@ class NotebookViews:
         return NotebookImage(self._fetch("scene/render", camera=camera, width=width, height=height, **query))
 
     def _fetch(self, name: str, **query: Any) -> bytes:
-        return fetch_scene_file(self.page_url, name, token=os.environ.get("SCENEGATE_TOKEN"), **query)
+        return fetch(self.page_url, name, Credentials(os.environ.get("SCENEGATE_TOKEN") or None), name, **query)
 
 
 def _default_page_url(lcm_url: str) -> str:

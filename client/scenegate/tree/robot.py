@@ -8,13 +8,13 @@ from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from scenegate.messages.changes import Changes, Path, path_of
-from scenegate.messages.geometry import Geometry, Transform
+from scenegate.messages.changes import Changes, Entry, Path, path_of
+from scenegate.messages.geometry import Geometry
 from scenegate.transforms import quaternions_of
 from scenegate.tree.answer import OK, Answer
-from scenegate.tree.nodes import Sender
+from scenegate.tree.nodes import Node, Sender
 from scenegate.warning_text import NOTHING_DRAWN, strict_refusal
 
 _NEEDS_SERVER: Final = (
@@ -34,18 +34,16 @@ class Viewer(Sender, Protocol):
         """Return True if the viewer reads the content of mesh files."""
 
 
-class PublishedRobot:
-    """A robot in the viewer: a path for each link, below the robot's path. Thread-safe."""
+class PublishedRobot(Node):
+    """A robot in the viewer: the node of its path, with a node for each link below it. Thread-safe."""
 
     def __init__(self, viewer: Sender, path: Path, robot: Robot[Geometry], joints: Mapping[str, JointValue]) -> None:
         """Publish the links of a robot. See ``TreeViewer.robot``."""
-        self._viewer = viewer
+        super().__init__(viewer, path)
         self._robot = robot
         self._lock = threading.Lock()
         self._values = dict(joints)
         """Values of joints that have been set, by name."""
-        self.path = path
-        """Path of the robot. The links are at ``path + (link,)``."""
         self.warnings = robot.warnings
         """Sentences about content of the file that is not shown."""
         self.notes = robot.notes
@@ -54,10 +52,9 @@ class PublishedRobot:
         """Files that were read, by path relative to the folder of the robot file, which is first."""
         self._poses = robot.link_poses(self._values)
         """X_robot_link that the viewer shows, (number of links, 4, 4)."""
-        changes = Changes()
-        changes.delete(path)
+        changes = Changes().delete(path)
         for link, parts in zip(robot.links, robot.parts, strict=True):
-            changes.set((*path, link), [part.body() for part in parts])
+            changes.set((*path, link), Entry([part.body() for part in parts]))
         _add_poses(changes, path, robot.links, self._poses)
         self.answer: Answer = viewer.send(changes)
         """Result of publishing the robot."""
@@ -96,25 +93,9 @@ class PublishedRobot:
             moved = np.flatnonzero((poses != self._poses).any(axis=(1, 2)))
             changes = Changes()
             _add_poses(changes, self.path, [self.links[index] for index in moved], poses[moved])
-            answer = self._viewer.send(changes) if moved.size else Answer(OK)
+            answer = self._sender.send(changes) if moved.size else Answer(OK)
             self._values, self._poses = merged, poses
         return answer
-
-    def transform(self, value: Transform | ArrayLike) -> Answer:
-        """Set the robot's pose in the frame of the node above it.
-
-        Args:
-            value: (4, 4), three numbers (a translation in metres) or a ``Transform``.
-        """
-        changes = Changes()
-        changes.transform(self.path, Transform.of(value).body())
-        return self._viewer.send(changes)
-
-    def delete(self) -> Answer:
-        """Delete the robot."""
-        changes = Changes()
-        changes.delete(self.path)
-        return self._viewer.send(changes)
 
 
 def publish_robot(
@@ -164,4 +145,4 @@ def _add_poses(changes: Changes, path: Path, links: Iterable[str], poses: NDArra
     """
     quaternions = quaternions_of(poses[:, :3, :3]).tolist()
     for link, translation, quaternion in zip(links, poses[:, :3, 3].tolist(), quaternions, strict=True):
-        changes.transform((*path, link), {"translation": translation, "quaternion": quaternion})
+        changes.set((*path, link), Entry(transform={"translation": translation, "quaternion": quaternion}))

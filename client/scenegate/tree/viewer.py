@@ -2,58 +2,40 @@
 
 from __future__ import annotations
 
-import contextlib
-import itertools
-import os
-import secrets
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future
-from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import contextmanager
 from dataclasses import replace
 from os import PathLike
-from types import EllipsisType, TracebackType
-from typing import TYPE_CHECKING, Any, Literal
+from types import EllipsisType
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scenegate.messages import wire
+from scenegate.closing import Closing
 from scenegate.messages.changes import Changes, Key, PublishedTree, path_of
 from scenegate.messages.colors import rgba
-from scenegate.messages.request_encoding import Response, decode_response, encode_request
-from scenegate.tree.answer import (
-    MISSING_PATHS,
-    OK,
-    UNKNOWN_FORMAT,
-    UNKNOWN_VERSION,
-    UNSUPPORTED,
-    Answer,
-    TreeViewerError,
-    answer_of,
-)
+from scenegate.messages.request_encoding import Response
+from scenegate.tree.answer import MISSING_PATHS, OK, UNSUPPORTED, Answer, TreeViewerError, answer_of
 from scenegate.tree.callbacks import CallbackThreads
 from scenegate.tree.clicks import Callback, ClickListener
-from scenegate.tree.connection import LcmConnection
 from scenegate.tree.control_panel import ControlPanel
 from scenegate.tree.controls import ControlFolder
 from scenegate.tree.nodes import Batch, Node, transforms_of
 from scenegate.tree.notebook import NotebookViews
+from scenegate.tree.requests import Requests
 from scenegate.tree.robot import PublishedRobot, publish_robot
 
 if TYPE_CHECKING:
     from scenegate.robots.robot import JointValue
 
 
-class TreeViewer(NotebookViews):
+class TreeViewer(NotebookViews, Closing):
     """Client of Scenegate or any other viewer with Director's protocol. Thread-safe.
 
     The client records what it published, and publishes it again when the viewer has lost it or was restarted.
     """
-
-    _instance_numbers = itertools.count()
 
     def __init__(self, url: str | None = None, timeout: float = 5.0, binary: bool | None = None) -> None:
         """Connect to the LCM network.
@@ -67,47 +49,31 @@ class TreeViewer(NotebookViews):
         Raises:
             ConnectionError: no hub listens, or there is no route for multicast.
         """
-        self.timeout = timeout
-        self._negotiate = binary is None
-        self.message_format: str | None = {None: None, True: wire.BINARY, False: wire.JSON}[binary]
-        """Format of requests; None: not negotiated yet."""
         self._published = PublishedTree()
         self._lock = threading.Lock()
-        self._last_utime = 0
-        """``utime`` of the last request: microseconds since 1970, made unique."""
-        self.pending: dict[int, Future[Response]] = {}
-        """Requests without a response, by ``utime``."""
-        self.client_id = f"sg{os.getpid()}_{next(self._instance_numbers)}_{secrets.token_hex(4)}"
-        handlers = {f"{wire.RESPONSE}_<{self.client_id}>": self._on_response, wire.RESPONSE: self._on_announcement}
+        """Guards ``_published``."""
         self._threads = CallbackThreads(self._renew)
         self._clicks = ClickListener(self._threads)
         self._panel = ControlPanel(self.send, self._threads, self._record)
         self.controls = ControlFolder(self._panel)
         """Controls in the page: ``viewer.controls.add_slider("speed", 0, 10)``."""
-        self._connection = LcmConnection(url, handlers, timeout)
-        super().__init__(self._connection.url)
+        self.requests = Requests(url, timeout, binary, self._on_message, self._panel.sent)
+        """The connection, with its timeout."""
+        super().__init__(self.url)
 
     @property
     def url(self) -> str:
         """URL of the LCM network."""
-        return self._connection.url
+        return self.requests.connection.url
 
     def __getitem__(self, key: Key) -> Node:
         return Node(self, path_of(key))
-
-    def __enter__(self) -> TreeViewer:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the connection. The published geometry stays in the viewer; the controls are removed."""
         self._threads.close()
         self._renew(is_last=True)
-        self._connection.close()
+        self.requests.connection.close()
 
     def set_transforms(self, paths: Iterable[Key], poses: ArrayLike) -> Answer:
         """Replace the transforms of many paths in one request, faster than a batch.
@@ -181,9 +147,7 @@ class TreeViewer(NotebookViews):
     def _send_click_paths(self) -> None:
         """Subscribe to the clicks that have callbacks."""
         with self._panel.sending:
-            changes = Changes()
-            changes.click_paths = self._clicks.paths()
-            self.send(changes)
+            self.send(Changes(click_paths=self._clicks.paths()))
 
     def _renew(self, *, is_last: bool = False) -> None:
         """Send clickable paths and controls without waiting for the response, or for a connection that is lost.
@@ -197,20 +161,13 @@ class TreeViewer(NotebookViews):
                 changes.click_paths = [] if is_last else paths
             if controls := self._panel.definitions():
                 changes.controls = [] if is_last else controls
-            body = changes.newer_commands()
-            if body and self._connection.is_connected:
-                with contextlib.suppress(ConnectionError):
-                    self._post_only(body)
+            if body := changes.newer_commands():
+                self.requests.send_only(body)
 
     def _record(self, changes: Changes) -> None:
         """Record changes that the page has made."""
         with self._lock:
             self._published.update(changes)
-
-    def _post_only(self, body: dict[str, Any]) -> None:
-        """Send a request whose response is ignored."""
-        utime, _ = self._post(body, self.message_format or wire.JSON)
-        self.pending.pop(utime, None)
 
     @contextmanager
     def batch(self) -> Iterator[Batch]:
@@ -263,13 +220,13 @@ class TreeViewer(NotebookViews):
         """
         with self._lock:
             self._published.update(changes)
-        response = self._request(changes)
+        response = self.requests.send(changes.body())
         missing = [tuple(path) for path in response.body.get("missing_paths", ())]
         if response.status == MISSING_PATHS:
             with self._lock:
                 republished = self._published.missing(missing)
             if republished.entries:
-                second_response = self._request(republished)
+                second_response = self.requests.send(republished.body())
                 missing = []
                 if second_response.status == MISSING_PATHS:
                     missing = [tuple(path) for path in second_response.body.get("missing_paths", ())]
@@ -284,80 +241,26 @@ class TreeViewer(NotebookViews):
             raise TreeViewerError(answer)
         return answer
 
-    def _request(self, changes: Changes) -> Response:
-        """Send changes in the negotiated format, and return the response."""
-        response = self._exchange(changes.body(), self._negotiated_format())
-        refused = response.status in (UNKNOWN_FORMAT, UNKNOWN_VERSION)
-        if refused and self.message_format == wire.BINARY and self._negotiate:
-            self.message_format = wire.JSON  # another viewer, without MessagePack, runs now
-            response = self._exchange(changes.body(), self.message_format)
-        return response
-
-    def _negotiated_format(self) -> str:
-        """Return the format of requests. An empty request negotiates it."""
-        if self.message_format is None:
-            status = self._exchange({}, wire.BINARY).status
-            self.message_format = wire.JSON if status in (UNKNOWN_FORMAT, UNKNOWN_VERSION) else wire.BINARY
-        return self.message_format
-
     def reads_files(self) -> bool:
-        """Return True if the viewer reads the content of mesh files, as Scenegate does.
+        """Return True if the viewer reads the content of mesh files, as Scenegate does; see ``send`` for errors."""
+        return self.requests.reads_files()
 
-        Raises:
-            TimeoutError, ConnectionError: see ``send``.
+    def _on_message(self, message: Response) -> None:
+        """Take a message of the page, or publish everything for a viewer that has just started.
+
+        Runs in the receiving thread, so that no response can be waited for: the next request repeats what is missing.
         """
-        return not self._negotiate or self._negotiated_format() == wire.BINARY
-
-    def _exchange(self, body: dict[str, Any], message_format: str) -> Response:
-        """Send one request and wait for its response."""
-        utime, future = self._post(body, message_format)
-        try:
-            return future.result(self.timeout)
-        except FutureTimeoutError:
-            hint = "; big messages can get lost over UDP, tcpq:// loses none" if self.url.startswith("udpm") else ""
-            raise TimeoutError(f"no viewer answered within {self.timeout:g} s on {self.url}{hint}") from None
-        finally:
-            self.pending.pop(utime, None)
-
-    def _post(self, body: dict[str, Any], message_format: str) -> tuple[int, Future[Response]]:
-        """Send one request, and return its ``utime`` and the future of its response."""
-        with self._lock:
-            utime = self._last_utime = max(self._last_utime + 1, time.time_ns() // 1000)
-            future = self.pending[utime] = Future()
-        self._panel.sent(body, utime)
-        try:
-            message = encode_request({"timestamp": utime, **body}, utime, message_format)
-            self._connection.publish(f"{wire.REQUEST}_<{self.client_id}>", message, future.set_exception)
-        except BaseException:
-            self.pending.pop(utime, None)
-            raise
-        return utime, future
-
-    def _on_response(self, message: bytes) -> None:
-        """Complete the future of a response's request, or take a message of the page. Runs in the receiving thread."""
-        response = decode_response(message)
-        if response is not None and "click" in response.body:
-            self._clicks.receive(response.body["click"])
-            return
-        if response is not None and "controls" in response.body:
-            self._panel.receive(response.body)
-            return
-        future = self.pending.pop(response.timestamp, None) if response is not None else None
-        if future is not None and response is not None:
-            future.set_result(response)
-
-    def _on_announcement(self, message: bytes) -> None:
-        """Publish everything for a viewer that has just started. Runs in the receiving thread."""
-        response = decode_response(message)
-        if response is None or response.body.get("ready") is not True:
-            return
-        self._threads.renew_now()
-        with self._lock:
-            everything = self._published.all()
-        if everything.entries or everything.newer_commands():
-            # No caller waits. The next request publishes again what is missing.
-            with contextlib.suppress(ConnectionError):
-                self._post_only(everything.body())
+        body = message.body
+        if "click" in body:
+            self._clicks.receive(body["click"])
+        elif "controls" in body:
+            self._panel.receive(body)
+        elif body.get("ready") is True:
+            self._threads.renew_now()
+            with self._lock:
+                everything = self._published.all()
+            if everything.entries or everything.view:
+                self.requests.send_only(everything.body())
 
 
 def _home(vectors: Sequence[ArrayLike]) -> dict[str, list[float]]:

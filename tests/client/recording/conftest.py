@@ -19,6 +19,7 @@ from gateway.recording.snapshot_frames import SnapshotFrames
 from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.profiles import Profile, ProfileName
 from scenegate.recording.recorder import SceneWriter
+from scenegate.recording.view_frames import ViewFrame
 
 SECOND = 1_000_000_000
 
@@ -32,7 +33,7 @@ async def write_snapshots(
         writer = SceneWriter(files, converter)
         for second, snapshot in enumerate(snapshots, 1):
             for frame in await frames.advance(snapshot):
-                writer.write(frame, second * SECOND)
+                writer.write(ViewFrame(frame), second * SECOND)
     return writer
 
 
@@ -42,4 +43,4 @@ def write_values(path: Path, profile: ProfileName, values: Iterable[Any]) -> Non
     with closing(McapFiles(path, converter.mcap_profile)) as files:
         writer = SceneWriter(files, converter)
         for second, value in enumerate(values, 1):
-            writer.write(value, second * SECOND)
+            writer.write(ViewFrame(value) if isinstance(value, bytes) else value, second * SECOND)

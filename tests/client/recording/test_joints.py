@@ -11,7 +11,7 @@ from gateway.scene.controls import ControlStore
 from gateway.scene.live import LiveTree
 from gateway.viewer.control_frames import ControlFrames
 from scenegate.messages.controls import Slider
-from scenegate.recording.joints import JointReader
+from scenegate.recording.joints import Joints
 from scenegate.recording.profiles import ProfileName
 from scenegate.recording.view_frames import ViewFrame
 from tests.client.recording.conftest import write_values
@@ -54,6 +54,6 @@ def test_robots_with_equal_joints() -> None:
         for side, name, value in (("left", "elbow", 0.25), ("right", "elbow", 0.5), ("right", "wrist", 0.75))
     ]
     store.set_controls("client", sliders, lambda *_: None, 1)
-    joints = JointReader().read(ViewFrame(ControlFrames(store, LiveTree()).since(0)), 1)
-    assert joints is not None
+    joints = Joints()
+    assert joints.apply(ViewFrame(ControlFrames(store, LiveTree()).since(0)).header)
     assert joints.values == {"left/elbow": 0.25, "right/elbow": 0.5, "wrist": 0.75}

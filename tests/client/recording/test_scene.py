@@ -27,6 +27,7 @@ from renderers.drawlist import Material, Topology
 from scenegate.recording import mcap_file, scene_mirror
 from scenegate.recording.profiles import Profile, ProfileName
 from scenegate.recording.recorder import SceneWriter
+from scenegate.recording.view_frames import ViewFrame
 from tests.client.recording.conftest import SECOND, write_snapshots
 from tests.client.recording.readers import (
     ReadScene,
@@ -199,7 +200,7 @@ async def test_messages_are_in_the_file_after_a_flush(tmp_path: Path) -> None:
     with closing(mcap_file.McapFiles(path, converter.mcap_profile)) as files:
         writer = SceneWriter(files, converter)
         for frame in await frames.advance(small_tree().snapshot):
-            writer.write(frame, SECOND)
+            writer.write(ViewFrame(frame), SECOND)
         assert scanned_messages(path) == 0
         files.flush()
         assert scanned_messages(path) == files.messages > 2

@@ -47,7 +47,7 @@ def test_other_data_is_no_frame(data: bytes, sentence: str) -> None:
 )
 def test_invalid_frames_are_refused(header: dict[str, Any]) -> None:
     with pytest.raises(ViewFrameError):
-        SceneMirror().apply(ViewFrame(frame(header)))
+        SceneMirror().apply(ViewFrame(frame(header)), 1)
 
 
 def test_a_mesh_with_an_index_beyond_its_points() -> None:
@@ -55,8 +55,8 @@ def test_a_mesh_with_an_index_beyond_its_points() -> None:
     position = builder.add_array(np.zeros(9, np.float32))
     header = MeshPayload(id=1, topology=3, position=position, index=builder.add_array(np.array((0, 1, 3), np.uint32)))
     with pytest.raises(ViewFrameError, match="a mesh of 3 points has the index 3"):
-        SceneMirror().apply(ViewFrame(builder.finish(header)))
+        SceneMirror().apply(ViewFrame(builder.finish(header)), 1)
 
 
 def test_frames_of_kinds_to_come_are_skipped() -> None:
-    assert SceneMirror().apply(ViewFrame(frame({"kind": "new"}))) is None
+    assert SceneMirror().apply(ViewFrame(frame({"kind": "new"})), 1) is None

@@ -12,16 +12,14 @@ from dataclasses import replace
 
 from mcap_ros2.writer import serialize_dynamic
 
-from scenegate.camera import BadImageError, Credentials, ImuFailure, StreamOptions
+from scenegate.camera import BadImageError, StreamFailure, StreamOptions
 from scenegate.recording.camera_values import CameraConverter
-from scenegate.recording.joints import JointReader
 from scenegate.recording.mcap_file import EncodedMessage
 from scenegate.recording.profiles import Profile
 from scenegate.recording.scene_mirror import SceneMirror
-from scenegate.recording.sources import RecordingError, camera_sets, imu_samples, scene_frames
-from scenegate.recording.topics import CLOUD_TOPIC, DISPARITY_TOPIC, IMU_TOPIC, SCENE_TOPIC
-from scenegate.recording.values import JointValues, SceneChange
-from scenegate.recording.view_frames import ViewFrame, ViewFrameError
+from scenegate.recording.sources import camera_sets, imu_samples, scene_frames
+from scenegate.recording.topics import CLOUD_TOPIC, DISPARITY_TOPIC, IMU_TOPIC, JOINTS_TOPIC, SCENE_TOPIC, TF_TOPIC
+from scenegate.recording.view_frames import ViewFrameError
 from scenegate_ros2.parameters import NodeParameters
 from scenegate_ros2.topics import CLOCK_DEFINITION, CLOCK_TOPIC, CLOCK_TYPE, DEPTH, LEFT, RIGHT, Topics
 
@@ -36,28 +34,38 @@ POLL_SECONDS = 0.2
 class Feeds:
     """Publishes a stereo camera and the live scene of a gateway."""
 
-    def __init__(self, parameters: NodeParameters, topics: Topics, warn: Callable[[str], object]) -> None:
+    def __init__(
+        self,
+        parameters: NodeParameters,
+        topics: Topics,
+        warn: Callable[[str], object],
+        simulated_time: Callable[[], int] | None = None,
+    ) -> None:
         """
         Args:
             parameters: addresses and choices.
             topics: publishers.
             warn: logs a sentence about a lost connection.
+            simulated_time: returns the time of another node's ``/clock``, nanoseconds, 0 before it begins; None: the
+                scene has the gateway's times.
+
+        Raises:
+            ValueError, OSError: see ``NodeParameters.credentials``.
         """
         self._parameters = parameters
         self._topics = topics
         self._warn = warn
         self._profile = Profile("ros2", warn)
-        self._credentials = Credentials(parameters.token or None)
+        self._credentials = parameters.credentials()
         self._converter = CameraConverter()
         self._encode_clock = serialize_dynamic(CLOCK_TYPE, CLOCK_DEFINITION)[CLOCK_TYPE]
-        self._simulated_time: int | None = None
-        """Newest time on ``/clock``, nanoseconds."""
+        self._clock_ns = 0
+        """Newest time that this node has published on ``/clock``."""
+        self._simulated_time = (lambda: self._clock_ns) if parameters.publish_clock else simulated_time
         self._mirror = SceneMirror()
         self._scene_lock = threading.Lock()
         self._changed: dict[str, float] = {}
         """Monotonic time of recent changes of transforms, by child frame, seconds. ``_scene_lock`` guards it."""
-        self._joints: JointValues | None = None
-        """Newest values of joints."""
         self._subscribers: dict[str, int] = {}
         """Number of subscribers of the topics of the scene's geometry when it was last repeated."""
         self._stopping = threading.Event()
@@ -84,7 +92,7 @@ class Feeds:
             try:
                 publish()
                 reported = ""
-            except (RecordingError, ImuFailure, ViewFrameError, BadImageError, OSError) as error:
+            except (StreamFailure, ViewFrameError, BadImageError, OSError) as error:
                 if str(error) != reported:
                     reported = str(error)
                     self._warn(reported)
@@ -127,80 +135,61 @@ class Feeds:
                 break
         for image_set in camera_sets(options):
             for images in self._converter.convert(image_set):
-                self._advance_clock(images.time)
+                self._advance_clock(images.time_ns)
                 self._send(self._profile.camera(images))
             if self._stopping.is_set() or self._wanted_images() != options:
                 return
 
-    def _advance_clock(self, timestamp: int) -> None:
-        if self._parameters.publish_clock and timestamp > (self._simulated_time or 0):
-            self._simulated_time = timestamp
-            clock = {"sec": timestamp // 10**9, "nanosec": timestamp % 10**9}
+    def _advance_clock(self, time_ns: int) -> None:
+        if self._parameters.publish_clock and time_ns > self._clock_ns:
+            self._clock_ns = time_ns
+            clock = {"sec": time_ns // 10**9, "nanosec": time_ns % 10**9}
             self._topics.publish(CLOCK_TOPIC, CLOCK_TYPE, self._encode_clock({"clock": clock}))
 
     def _publish_scene(self) -> None:
         """Publish changes of the scene until the connection ends."""
-        joints = JointReader()
         with self._scene_lock:
             self._mirror.reconnect()
-        self._joints = None
-        for data in scene_frames(self._parameters.url, self._credentials):
+        for frame in scene_frames(self._parameters.url, self._credentials):
             if self._stopping.is_set():
                 return
-            frame, now = ViewFrame(data), self._now()
+            now_ns = self._now_ns()
             with self._scene_lock:
-                change = self._mirror.apply(frame)
+                change = self._mirror.apply(frame, now_ns)
                 if change is not None:
                     self._changed.update(dict.fromkeys((each.child for each in change.transforms), time.monotonic()))
-            values = joints.read(frame, now) if now is not None else None
-            if not joints.has_joints:
-                self._joints = None
-            if values is not None:
-                self._joints = values
-                self._send(self._profile.joints(values))
-            if change is None or now is None:
+            if change is None or not now_ns:
                 continue
-            if self._parameters.publish_clock:
-                change = replace(change, time=now)
-            if not self._topics.subscribers(SCENE_TOPIC):
-                change = replace(change, entities=())
-            self._send(self._profile.scene(change))
+            if self._simulated_time is not None:
+                change = replace(change, time_ns=now_ns)
+            self._send(self._profile.scene(change, lambda topic: topic != SCENE_TOPIC or self._is_read(SCENE_TOPIC)))
+
+    def _is_read(self, topic: str) -> bool:
+        return self._topics.subscribers(topic) > 0
 
     def repeat_scene(self) -> None:
         """Publish what late subscribers need: transforms that have not changed for a while, joints, and geometry.
 
         A transform is valid until its newest time only. Geometry is published if its topic has more subscribers.
         """
-        now = self._now()
-        if now is None or not self._parameters.scene:
+        now_ns = self._now_ns()
+        if not now_ns or not self._parameters.scene:
             return
         settled = time.monotonic() - SETTLED_SECONDS
         with self._scene_lock:
-            whole = self._mirror.whole(now)
+            whole = self._mirror.whole(now_ns)
             self._changed = {child: changed for child, changed in self._changed.items() if changed > settled}
             transforms = [each for each in whole.transforms if each.child not in self._changed]
-        clouds = {self._profile.clouds.topic(cloud.frame): cloud for cloud in whole.clouds}
-        clouds = {topic: cloud for topic, cloud in clouds.items() if topic is not None}
+        clouds = filter(None, (self._profile.clouds.topic(cloud.frame) for cloud in whole.clouds))
         earlier = self._subscribers
         self._subscribers = {topic: self._topics.subscribers(topic) for topic in (SCENE_TOPIC, *clouds)}
         new = {topic for topic, count in self._subscribers.items() if count > earlier.get(topic, 0)}
-        self._send(
-            self._profile.scene(
-                SceneChange(
-                    now,
-                    transforms,
-                    whole.entities if SCENE_TOPIC in new else (),
-                    [cloud for topic, cloud in clouds.items() if topic in new],
-                )
-            )
-        )
-        joints = self._joints  # another thread sets it
-        if joints is not None:
-            self._send(self._profile.joints(replace(joints, time=now)))
+        repeated = {TF_TOPIC, JOINTS_TOPIC, *new}
+        self._send(self._profile.scene(replace(whole, transforms=transforms), repeated.__contains__))
 
-    def _now(self) -> int | None:
-        """Return the current time, nanoseconds since the epoch; None if ``/clock`` has not begun."""
-        return self._simulated_time if self._parameters.publish_clock else time.time_ns()
+    def _now_ns(self) -> int:
+        """Return the current time, nanoseconds since the epoch; 0 if the simulated clock has not begun."""
+        return time.time_ns() if self._simulated_time is None else self._simulated_time()
 
     def _publish_imu(self) -> None:
         """Publish samples of the IMU while they have subscribers."""

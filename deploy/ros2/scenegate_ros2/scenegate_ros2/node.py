@@ -68,7 +68,9 @@ class ScenegateNode(Node):
         topics = NodeTopics(self, parameters.reliability)
         if parameters.publish_clock:
             topics.publisher(CLOCK_TOPIC, CLOCK_TYPE)
-        self.feeds = Feeds(parameters, topics, self.get_logger().warning)
+        uses_sim_time = self.get_parameter("use_sim_time").value  # which rclpy declares
+        clock = (lambda: self.get_clock().now().nanoseconds) if uses_sim_time else None
+        self.feeds = Feeds(parameters, topics, self.get_logger().warning, clock)
         self.create_timer(1.0 / parameters.tf_rate, self.feeds.repeat_scene)
 
 

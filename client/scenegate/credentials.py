@@ -1,7 +1,4 @@
-"""Credentials of the stream's client, and gRPC channels that use them.
-
-``stream`` uses both, ``truth`` uses the credentials for HTTP.
-"""
+"""Credentials of a client of a gateway or camera: a token, and certificates."""
 
 from __future__ import annotations
 
@@ -9,11 +6,14 @@ import ssl
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import grpc
+from typing import TYPE_CHECKING, Any, Final
 
 from scenegate.regular_files import read_regular
+
+if TYPE_CHECKING:
+    import grpc
+
+_MAX_TOKEN_FILE_BYTES: Final = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +42,11 @@ class Credentials:
         if (self.certificate is None) != (self.key is None):
             raise ValueError("a certificate of the client and its key need each other")
 
+    @property
+    def is_encrypted(self) -> bool:
+        """True if connections must be encrypted."""
+        return bool(self.tls or self.ca or self.certificate)
+
     def channel(self, target: str, options: Sequence[tuple[str, Any]] = ()) -> grpc.Channel:
         """Return a gRPC channel. The caller must close it.
 
@@ -52,22 +57,15 @@ class Credentials:
         Raises:
             OSError: a file cannot be read.
         """
-        if not (self.tls or self.ca or self.certificate):
+        import grpc  # of the extra ``camera``
+
+        if not self.is_encrypted:
             return grpc.insecure_channel(target, options)
         ca, key, chain = (read_regular(path) if path else None for path in (self.ca, self.key, self.certificate))
         return grpc.secure_channel(target, grpc.ssl_channel_credentials(ca, key, chain), options)
 
-    def context(self, scheme: str) -> ssl.SSLContext | None:
-        """Return the TLS context of an HTTP client; None for ``http``.
-
-        Raises:
-            ValueError: TLS is wanted, but the scheme is ``http``: a token would be readable.
-            OSError: a certificate cannot be read.
-        """
-        if scheme != "https":
-            if self.tls or self.ca or self.certificate:
-                raise ValueError("--tls, --ca and --certificate need an address with https://")
-            return None
+    def context(self) -> ssl.SSLContext:
+        """Return the TLS context of an HTTPS client; raise OSError if a certificate cannot be read."""
         context = ssl.create_default_context(cafile=self.ca)
         if self.certificate is not None:
             context.load_cert_chain(self.certificate, self.key)
@@ -77,9 +75,6 @@ class Credentials:
     def metadata(self) -> tuple[tuple[str, str], ...]:
         """gRPC metadata, or HTTP headers, to send with every call."""
         return () if self.token is None else (("authorization", f"Bearer {self.token.strip()}"),)
-
-
-_MAX_TOKEN_FILE_BYTES = 1 << 20
 
 
 def read_token(path: Path) -> str:

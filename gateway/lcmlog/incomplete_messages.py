@@ -9,7 +9,7 @@ MAX_CHANNELS: Final = 100
 """Maximum number of channels whose first reason is kept."""
 
 
-class Problems:
+class IncompleteMessages:
     """Counts messages that could not be shown completely; keeps the first reason of each channel."""
 
     def __init__(self) -> None:

@@ -1,0 +1,156 @@
+"""Requests to a gateway's HTTP port, with its token and certificates. Every error is one sentence."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import socket
+import ssl
+from typing import Final, NamedTuple
+from urllib.parse import urlencode, urlsplit
+
+from scenegate.credentials import Credentials
+
+CONNECT_SECONDS: Final = 10.0
+"""Timeout of the connection to a gateway."""
+FETCH_SECONDS: Final = 300.0
+"""Timeout of a whole file. A minute of a large scene takes seconds; others may wait before it."""
+_MAX_ERROR_BYTES: Final = 10_000
+"""Maximum bytes that are read of an error response."""
+
+
+class GatewayError(ConnectionError):
+    """A gateway does not respond, or has ended a connection; the message is one sentence."""
+
+
+class GatewayRequestError(GatewayError, ValueError):
+    """A request is wrong: its address, token or a parameter is invalid, or something does not exist."""
+
+
+class GatewayAddress(NamedTuple):
+    """Address of a gateway's HTTP port."""
+
+    host: str
+    port: int | None
+    path: str
+    """Path of the gateway behind a proxy; empty, or ``/name``."""
+    context: ssl.SSLContext | None
+    """TLS context; None: the connection is not encrypted."""
+
+
+class Stream(NamedTuple):
+    """A response whose body is read as it arrives."""
+
+    socket: socket.socket
+    body: http.client.HTTPResponse
+
+    def close(self) -> None:
+        """Disconnect."""
+        self.body.close()
+        self.socket.close()
+
+
+def parse_address(address: str, credentials: Credentials) -> GatewayAddress:
+    """Parse the address of a gateway, ``http://HOST:PORT``, or of its page.
+
+    Raises:
+        GatewayRequestError: it is invalid, or is not encrypted although the credentials want that.
+        OSError: a certificate cannot be read.
+    """
+    try:
+        url = urlsplit(address.partition("#")[0].partition("?")[0])
+        port = url.port
+    except ValueError as error:
+        raise GatewayRequestError(f"the address of the gateway, {address!r}, has no valid port: {error}") from None
+    if url.scheme not in ("http", "https") or not url.hostname:
+        raise GatewayRequestError(f"the address of the gateway is {address!r}; it must be like http://HOST:PORT")
+    if url.scheme == "http" and credentials.is_encrypted:
+        raise GatewayRequestError(f"{address}: --tls, --ca and --certificate need an address with https://")
+    path = url.path.rstrip("/").removesuffix("/view")
+    return GatewayAddress(url.hostname, port, path, credentials.context() if url.scheme == "https" else None)
+
+
+def open_stream(
+    address: str, path: str, credentials: Credentials, wanted: str, timeout: float = CONNECT_SECONDS, **query: object
+) -> Stream:
+    """Return the response to ``GET path``, of which only the headers have been read.
+
+    Args:
+        address: of the gateway's HTTP port, ``http://HOST:PORT``, or of its page.
+        path: such as ``stereo/imu``.
+        credentials: token and certificates.
+        wanted: what the response has, for errors: ``IMU samples``.
+        timeout: seconds for the connection, and for each part of the response.
+        query: parameters of the request. None: left out.
+
+    Raises:
+        GatewayRequestError: the gateway refuses the request.
+        GatewayError: the gateway does not respond.
+        OSError: a certificate cannot be read.
+    """
+    host, port, prefix, context = parse_address(address, credentials)
+    connection = (
+        http.client.HTTPConnection(host, port, timeout=timeout)
+        if context is None
+        else http.client.HTTPSConnection(host, port, timeout=timeout, context=context)
+    )
+    parameters = urlencode({key: value for key, value in query.items() if value is not None})
+    try:
+        connection.connect()
+        connected = connection.sock
+        connection.request("GET", f"{prefix}/{path}?{parameters}", headers=dict(credentials.metadata))
+        stream = Stream(connected, connection.getresponse())
+    except (OSError, http.client.HTTPException) as error:
+        connection.close()
+        raise GatewayError(f"{address} gives no {wanted}: {reason_of(error)}") from None
+    if stream.body.status == http.client.OK:
+        return stream
+    raise GatewayRequestError(f"{address} gives no {wanted}: {stream.body.status}: {_refusal(stream)}")
+
+
+def fetch(
+    address: str, path: str, credentials: Credentials, wanted: str, timeout: float = FETCH_SECONDS, **query: object
+) -> bytes:
+    """Return the whole body of a response; see ``open_stream`` for arguments and errors."""
+    stream = open_stream(address, path, credentials, wanted, timeout, **query)
+    try:
+        return stream.body.read()
+    except (OSError, http.client.HTTPException) as error:
+        raise GatewayError(f"{address} gives no {wanted}: {reason_of(error)}") from None
+    finally:
+        stream.close()
+
+
+def reason_of(error: Exception) -> str:
+    """Return why a gateway does not respond, as a clause without the numbers of the operating system."""
+    match error:
+        case TimeoutError():
+            return "no response in time; a gateway that starts answers after its kernels are compiled"
+        case ConnectionRefusedError():
+            return "no gateway listens there"
+        case ConnectionResetError() | http.client.IncompleteRead():
+            return "the connection was closed"
+        case socket.gaierror():
+            return "the host is unknown"
+        case ssl.SSLCertVerificationError():
+            return f"its certificate is not accepted: {error.verify_message}"
+        case ssl.SSLError():
+            return f"it does not speak TLS, or refuses this client's certificate ({error.reason})"
+        case OSError(strerror=str(text)):
+            return text[:1].lower() + text[1:]
+        case http.client.HTTPException():
+            return "it does not speak HTTP"
+        case _:
+            return str(error) or type(error).__name__
+
+
+def _refusal(stream: Stream) -> str:
+    """Return the message of an error response, its first line, or the reason phrase of HTTP; close the connection."""
+    text = ""
+    try:
+        text = stream.body.read(_MAX_ERROR_BYTES).decode("utf-8", "replace")
+        return str(json.loads(text)["message"])
+    except (OSError, ValueError, KeyError, TypeError, http.client.HTTPException):
+        return text.strip().partition("\n")[0] or stream.body.reason
+    finally:
+        stream.close()

@@ -1,0 +1,130 @@
+"""Sends requests of one client to a viewer, and receives their responses."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from typing import Any
+
+from scenegate.messages import wire
+from scenegate.messages.request_encoding import Response, decode_response, encode_request
+from scenegate.tree.answer import UNKNOWN_FORMAT, UNKNOWN_VERSION
+from scenegate.tree.connection import LcmConnection
+
+
+class Requests:
+    """Requests and responses of one client. Thread-safe."""
+
+    _instance_numbers = itertools.count()
+
+    def __init__(
+        self,
+        url: str | None,
+        timeout: float,
+        binary: bool | None,
+        on_message: Callable[[Response], None] = lambda message: None,
+        on_request: Callable[[dict[str, Any], int], None] = lambda body, utime: None,
+    ) -> None:
+        """Connect to the LCM network; see ``TreeViewer`` for the first three arguments and for errors.
+
+        Args:
+            on_message: called by the receiving thread with announcements, and messages of the page.
+            on_request: called with the body and the ``utime`` of each request before it is sent.
+        """
+        self.timeout = timeout
+        self._negotiate = binary is None
+        self.message_format: str | None = {None: None, True: wire.BINARY, False: wire.JSON}[binary]
+        """Format of requests; None: not negotiated yet."""
+        self._on_message = on_message
+        self._on_request = on_request
+        self._lock = threading.Lock()
+        self._last_utime = 0
+        """``utime`` of the last request: microseconds since 1970, made unique."""
+        self.pending: dict[int, Future[Response]] = {}
+        """Requests without a response, by ``utime``."""
+        self.client_id = f"sg{os.getpid()}_{next(self._instance_numbers)}_{secrets.token_hex(4)}"
+        handlers = {f"{wire.RESPONSE}_<{self.client_id}>": self._receive, wire.RESPONSE: self._receive_announcement}
+        self.connection = LcmConnection(url, handlers, timeout)
+
+    def send(self, body: dict[str, Any]) -> Response:
+        """Send a request in the negotiated format, and return the response.
+
+        Raises:
+            TimeoutError: there was no response in time.
+            ConnectionError: the connection is closed, or lost for longer than the timeout.
+        """
+        response = self._exchange(body, self._negotiated_format())
+        refused = response.status in (UNKNOWN_FORMAT, UNKNOWN_VERSION)
+        if refused and self.message_format == wire.BINARY and self._negotiate:
+            self.message_format = wire.JSON  # another viewer, without MessagePack, runs now
+            response = self._exchange(body, self.message_format)
+        return response
+
+    def send_only(self, body: dict[str, Any]) -> None:
+        """Send a request whose response is ignored. Nothing is sent while the connection is lost."""
+        if self.connection.is_connected:
+            try:
+                utime, _ = self._post(body, self.message_format or wire.JSON)
+            except ConnectionError:
+                return
+            self.pending.pop(utime, None)
+
+    def reads_files(self) -> bool:
+        """Return True if the viewer reads the content of mesh files, as Scenegate does; see ``send`` for errors."""
+        return not self._negotiate or self._negotiated_format() == wire.BINARY
+
+    def _negotiated_format(self) -> str:
+        """Return the format of requests. An empty request negotiates it."""
+        if self.message_format is None:
+            status = self._exchange({}, wire.BINARY).status
+            self.message_format = wire.JSON if status in (UNKNOWN_FORMAT, UNKNOWN_VERSION) else wire.BINARY
+        return self.message_format
+
+    def _exchange(self, body: dict[str, Any], message_format: str) -> Response:
+        """Send one request and wait for its response."""
+        utime, future = self._post(body, message_format)
+        try:
+            return future.result(self.timeout)
+        except FutureTimeoutError:
+            url = self.connection.url
+            hint = "; big messages can get lost over UDP, tcpq:// loses none" if url.startswith("udpm") else ""
+            raise TimeoutError(f"no viewer answered within {self.timeout:g} s on {url}{hint}") from None
+        finally:
+            self.pending.pop(utime, None)
+
+    def _post(self, body: dict[str, Any], message_format: str) -> tuple[int, Future[Response]]:
+        """Send one request, and return its ``utime`` and the future of its response."""
+        with self._lock:
+            utime = self._last_utime = max(self._last_utime + 1, time.time_ns() // 1000)
+            future = self.pending[utime] = Future()
+        self._on_request(body, utime)
+        try:
+            message = encode_request({"timestamp": utime, **body}, utime, message_format)
+            self.connection.publish(f"{wire.REQUEST}_<{self.client_id}>", message, future.set_exception)
+        except BaseException:
+            self.pending.pop(utime, None)
+            raise
+        return utime, future
+
+    def _receive(self, message: bytes) -> None:
+        """Complete a response's future, or pass on a message of the page. Runs in the receiving thread."""
+        response = decode_response(message)
+        if response is None:
+            return
+        future = self.pending.pop(response.timestamp, None)
+        if future is not None:
+            future.set_result(response)
+        else:
+            self._on_message(response)
+
+    def _receive_announcement(self, message: bytes) -> None:
+        """Pass on what a viewer sends to all clients. Runs in the receiving thread."""
+        response = decode_response(message)
+        if response is not None:
+            self._on_message(response)
