@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Awaitable
 from typing import Final
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -22,10 +23,9 @@ class EarlyResponse:
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] != "http" or _CLOSE not in scope["headers"]:
-            await self._app(scope, receive, send)
-            return
+            return self._app(scope, receive, send)
         has_body = True
 
         async def receive_body() -> Message:
@@ -49,4 +49,4 @@ class EarlyResponse:
                 pass
             await send({"type": "http.response.body", "body": b"", "more_body": False})
 
-        await self._app(scope, receive_body, send_last)
+        return self._app(scope, receive_body, send_last)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import re
 import time
-from collections.abc import Collection
+from collections.abc import Awaitable, Collection
 from typing import Final
 
 import structlog
@@ -38,12 +38,12 @@ class RequestContext:
         request_id = _request_id(dict(scope["headers"]).get(b"x-request-id", b""))
         status = 0
 
-        async def send_with_id(message: Message) -> None:
+        def send_with_id(message: Message) -> Awaitable[None]:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
                 message["headers"] = [*message.get("headers", ()), (b"x-request-id", request_id.encode())]
-            await send(message)
+            return send(message)
 
         start = time.perf_counter()
         with structlog.contextvars.bound_contextvars(request_id=request_id), self._metrics.in_flight.track_inprogress():
@@ -77,9 +77,8 @@ class TargetLimit:
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] == "http" and len(scope["raw_path"]) + len(scope["query_string"]) > MAX_TARGET_BYTES:
             text = f"The path with its query is longer than {MAX_TARGET_BYTES} bytes.\n"
-            await PlainTextResponse(text, status_code=414)(scope, receive, send)
-        else:
-            await self._app(scope, receive, send)
+            return PlainTextResponse(text, status_code=414)(scope, receive, send)
+        return self._app(scope, receive, send)

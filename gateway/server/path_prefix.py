@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable
 from urllib.parse import quote
 
-from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gateway.server.error_handlers import redirect
@@ -23,15 +23,12 @@ class PathPrefix:
         self._prefix = prefix
         self._raw_prefix = quote(prefix).encode()
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] == "http" and scope["path"] == self._prefix:
-            await self._to_index(scope)(scope, receive, send)
-            return
+            name = quote(self._prefix.rpartition("/")[2])
+            to_index = redirect(f"./{name}/", scope["query_string"].decode("latin-1"), 307)
+            return to_index(scope, receive, send)
         if scope["type"] != "lifespan" and scope["path"].startswith(f"{self._prefix}/"):
             raw_path = scope["raw_path"].removeprefix(self._raw_prefix)
             scope = {**scope, "path": scope["path"][len(self._prefix) :], "raw_path": raw_path}
-        await self._app(scope, receive, send)
-
-    def _to_index(self, scope: Scope) -> Response:
-        name = quote(self._prefix.rpartition("/")[2])
-        return redirect(f"./{name}/", scope["query_string"].decode("latin-1"), 307)
+        return self._app(scope, receive, send)
