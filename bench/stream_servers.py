@@ -88,7 +88,7 @@ async def shared(name: str, *, again: bool = False) -> tuple[int, Any]:
             hub.changed.clear()
             # As a camera does, not faster than its clients take: a new set when all have the last.
             if len(hub) and not hub.kinds_with_mailbox(MailboxState.FULL):
-                kinds = hub.kinds()
+                kinds = hub.kinds
                 number += 1
                 data = ready if again else await asyncio.to_thread(wire.join, chunks)
                 for kind in kinds:

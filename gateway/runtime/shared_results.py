@@ -1,17 +1,23 @@
-"""Compute an image once for all clients that request the same image at the same time.
-
-``scene_images`` and ``sensor_images`` use it.
-"""
+"""Compute a result once for all callers, concurrent and later ones."""
 
 from __future__ import annotations
 
 import asyncio
 from collections import OrderedDict
 from collections.abc import Callable, Coroutine, Hashable
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 K = TypeVar("K", bound=Hashable)
 V = TypeVar("V")
+
+
+@dataclass(slots=True, eq=False)
+class _Computation(Generic[V]):
+    """A task, and the number of callers that wait for it."""
+
+    task: asyncio.Task[V]
+    callers: int = 0
 
 
 class SharedResults(Generic[K, V]):
@@ -23,7 +29,7 @@ class SharedResults(Generic[K, V]):
 
     def __init__(self, max_count: int) -> None:
         self._max_count = max_count
-        self._tasks: OrderedDict[K, _SharedTask[V]] = OrderedDict()
+        self._computations: OrderedDict[K, _Computation[V]] = OrderedDict()
 
     async def get(self, key: K, compute: Callable[[], Coroutine[Any, Any, V]]) -> V:
         """Return the result for a key. Start ``compute`` if there is neither a result nor a running task.
@@ -31,43 +37,21 @@ class SharedResults(Generic[K, V]):
         Raises:
             Exception: the error of ``compute``.
         """
-        task = self._tasks.get(key)
-        if task is None or not task.usable:
-            task = self._tasks[key] = _SharedTask(compute())
-        self._tasks.move_to_end(key)
-        while len(self._tasks) > self._max_count:
-            self._tasks.popitem(last=False)
-        return await task.result()
-
-
-class _SharedTask(Generic[V]):
-    """A task that computes one result for any number of callers."""
-
-    def __init__(self, computation: Coroutine[Any, Any, V]) -> None:
-        self._task: asyncio.Task[V] = asyncio.get_running_loop().create_task(computation)
-        self._task.add_done_callback(_mark_retrieved)
-        self._callers = 0
-        """Number of callers that wait for the result."""
-
-    @property
-    def usable(self) -> bool:
-        """True unless the task has failed, was cancelled or is being cancelled."""
-        if not self._task.done():
-            return not self._task.cancelling()
-        return not self._task.cancelled() and self._task.exception() is None
-
-    async def result(self) -> V:
-        """Wait for the result. Cancel the task if its last caller is cancelled."""
-        self._callers += 1
+        computation = self._computations.get(key)
+        if computation is None:
+            computation = self._computations[key] = _Computation(asyncio.get_running_loop().create_task(compute()))
+            if len(self._computations) > self._max_count:
+                self._computations.popitem(last=False)
+        else:
+            self._computations.move_to_end(key)
+        computation.callers += 1
         try:
-            return await asyncio.shield(self._task)
+            return await asyncio.shield(computation.task)
+        except BaseException:
+            if computation.task.done() or computation.callers == 1:  # an error, or the last caller is cancelled
+                computation.task.cancel()
+                if self._computations.get(key) is computation:
+                    del self._computations[key]
+            raise
         finally:
-            self._callers -= 1
-            if self._callers == 0:
-                self._task.cancel()  # no effect on a task that is done
-
-
-def _mark_retrieved(task: asyncio.Task[Any]) -> None:
-    """Retrieve the task's exception. asyncio logs exceptions that are never retrieved."""
-    if not task.cancelled():
-        task.exception()
+            computation.callers -= 1

@@ -7,10 +7,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.device.stream_settings import StreamSettings
 from gateway.stereo.imaging.rendered_images import Capture, ColorImage, Imaging
-from gateway.stereo.imaging.scene_motion import MAX_INTERVAL, Motion, has_equal_instances
+from gateway.stereo.imaging.scene_motion import motion_since
 from renderers.camera import Camera
 from renderers.interface import Output
 from renderers.stereo.lens.color_camera import ColorCamera
@@ -41,13 +40,16 @@ def expose_color_camera(
 
 def _rolling_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera, capture: Capture) -> NDArray[np.uint8]:
     """Return the rendered image, (H, W, 3) uint8. With a rolling shutter, strips are rendered at their own times."""
-    motion, relative_readout = _motion(color_camera, camera, capture)
+    motion, earlier = None, capture.earlier
+    if color_camera.readout > 0.0 and earlier is not None:
+        X_world_before = earlier.X_world_left @ color_camera.X_left_color
+        motion = motion_since(earlier, capture.timestamp, capture.scene, X_world_before, camera.X_world_camera)
     image = np.empty((camera.height, camera.width, 3), np.uint8)
     edges = np.linspace(0, camera.height, (_STRIPS if motion is not None else 1) + 1).astype(int)
     for top, bottom in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         scene, pose = capture.scene, camera.X_world_camera
         if motion is not None:
-            time = ((top + bottom) / 2 / camera.height - 0.5) * relative_readout
+            time = ((top + bottom) / 2 / camera.height - 0.5) * (color_camera.readout / motion.seconds)
             scene, pose = motion.scene_at(time), motion.camera_at(time)
         strip = Camera(
             camera.width, bottom - top, camera.fx, camera.fy, camera.cx, camera.cy - top, camera.near, camera.far, pose
@@ -56,19 +58,3 @@ def _rolling_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera, 
         assert frame.color is not None
         image[top:bottom] = frame.color
     return image
-
-
-def _motion(color_camera: ColorCamera, camera: Camera, capture: Capture) -> tuple[Motion | None, float]:
-    """Return the motion since the previous frame, and the readout time in units of the time between the frames.
-
-    The motion is None for a global shutter, if nothing moves, and if the previous frame is too old or has other meshes.
-    """
-    earlier = capture.earlier
-    if earlier is None or color_camera.readout == 0.0:
-        return None, 0.0
-    seconds = (capture.timestamp - earlier.timestamp) / NANOSECONDS_PER_SECOND
-    is_at_rest = earlier.scene is capture.scene and np.array_equal(earlier.X_world_left, capture.X_world_left)
-    if is_at_rest or not 0.0 < seconds <= MAX_INTERVAL or not has_equal_instances(earlier.scene, capture.scene):
-        return None, 0.0
-    before = earlier.X_world_left @ color_camera.X_left_color
-    return Motion(earlier.scene, capture.scene, before, camera.X_world_camera), color_camera.readout / seconds

@@ -13,8 +13,7 @@ from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.profile import read_profile
 from gateway.stereo.device.stream_settings import read_settings
 from gateway.stereo.imaging.other_projector import OtherProjector, lit_projectors
-from gateway.stereo.imaging.realistic_images import make_imaging
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest
+from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
 from renderers.stereo.depth.downscale import fine_means
@@ -181,7 +180,7 @@ def test_textures_of_metal_return_the_mean_of_their_texels() -> None:
 
 
 def test_dots_fall_on_what_is_behind_glass_and_not_on_mirrors(renderer: CpuRenderer) -> None:
-    imaging = make_imaging(StereoConfig(noise=False), renderer)
+    imaging = Imaging(StereoConfig(noise=False), renderer)
 
     def board(z: float, material: Material, index: int) -> Instance:
         corners = np.array(((-4, -4, z), (4, -4, z), (4, 4, z), (-4, 4, z)), np.float32)
@@ -221,7 +220,7 @@ def other_projector(x: float, angle: float, mode: str = "High", light: float = 2
 
 
 def test_another_camera_at_the_same_place_has_the_light_of_the_own_projector(renderer: CpuRenderer) -> None:
-    imaging = make_imaging(StereoConfig(noise=False), renderer)
+    imaging = Imaging(StereoConfig(noise=False), renderer)
     own, other = Capture(0, table(), 1, pose(), 1), Capture(0, table(), 1, pose(), 0)
     other = replace(other, projectors=(replace(other_projector(0.0, 0.0), X_world_left=pose()),))
     assert imaging.image_kind(other) is ImageKind.DOTS
@@ -236,7 +235,7 @@ def test_another_camera_at_the_same_place_has_the_light_of_the_own_projector(ren
 
 
 def test_light_of_another_projector_is_fixed_to_surfaces_and_casts_shadows(renderer: CpuRenderer) -> None:
-    imaging = make_imaging(StereoConfig(noise=False, projector=False, dot_light=0.0), renderer)
+    imaging = Imaging(StereoConfig(noise=False, projector=False, dot_light=0.0), renderer)
     corners = np.array(((-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)), np.float32)
     mesh = Mesh(corners, np.array(((0, 1, 2), (0, 2, 3)), np.uint32))
     grey = Material((0.5, 0.5, 0.5, 1.0), metallic=0.0, double_sided=True)

@@ -33,7 +33,7 @@ async def publish(hub):
         if hub.kinds_with_mailbox(MailboxState.EMPTY, MailboxState.WAITING):
             number += 1
             data = pb.ImageSet(left=pb.Image(data=bytes({SET_MB} << 20))).SerializeToString()
-            for kind in hub.kinds():
+            for kind in hub.kinds:
                 hub.publish(kind, number, data)
 
 async def main():
