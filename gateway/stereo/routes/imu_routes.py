@@ -15,7 +15,7 @@ from gateway.server.access import same_origin
 from gateway.server.openapi import Responses
 from gateway.stereo.imaging.recorded_pairs import PairImaging
 from gateway.stereo.imu.imu_hub import ImuQueue
-from gateway.stereo.routes.rest_common import Pipeline, RestError, error_responses, find_pipeline, with_error_responses
+from gateway.stereo.routes.rest_common import Pipeline, RestError, error_responses, find_pipeline, new_router
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.subscriptions import LimitError, StreamError
 
@@ -41,7 +41,7 @@ _RESPONSES: Final[Responses] = {
 
 def imu_router(*services: StereoService) -> APIRouter:
     """Return the routes ``GET /stereo/imu`` and the WebSocket ``/stereo/imu/ws``."""
-    api = APIRouter(tags=["Stereo camera"])
+    api = new_router()
 
     @api.get(
         "/stereo/imu",
@@ -49,7 +49,6 @@ def imu_router(*services: StereoService) -> APIRouter:
         response_class=StreamingResponse,
         responses=_RESPONSES,
     )
-    @with_error_responses
     async def stream(pipeline: Pipeline = 0) -> Response:
         """Each line is a JSON object: specific force in m/s² and angular velocity in rad/s in the left optical frame.
 

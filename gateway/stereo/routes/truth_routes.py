@@ -12,7 +12,7 @@ from fastapi.responses import Response
 from gateway.server.openapi import Responses, example
 from gateway.stereo.depth.rendered_depth import measurable_depths
 from gateway.stereo.device.clock import parse_timestamp, timestamp_text
-from gateway.stereo.routes.rest_common import Pipeline, RestError, error_responses, find_pipeline, with_error_responses
+from gateway.stereo.routes.rest_common import Pipeline, RestError, error_responses, find_pipeline, new_router
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.frame import FrameRecord
 from renderers.interface import Output
@@ -36,7 +36,7 @@ _RESPONSES: Final[Responses] = {
 
 def truth_router(*services: StereoService) -> APIRouter:
     """Return the route ``GET /stereo/truth.npz``."""
-    api = APIRouter(tags=["Stereo camera"])
+    api = new_router()
 
     @api.get(
         "/stereo/truth.npz",
@@ -44,7 +44,6 @@ def truth_router(*services: StereoService) -> APIRouter:
         response_class=Response,
         responses=_RESPONSES,
     )
-    @with_error_responses
     async def truth(
         timestamp: Annotated[
             str,

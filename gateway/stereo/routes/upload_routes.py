@@ -12,7 +12,7 @@ from starlette.formparsers import MultiPartException, MultiPartParser
 
 from gateway.server.openapi import json_example
 from gateway.stereo.imaging.recorded_pairs import FACTOR_LIMIT, Pair, PairImaging, Pairs, pair_imaging
-from gateway.stereo.routes.rest_common import RestError, error_responses, with_error_responses
+from gateway.stereo.routes.rest_common import RestError, error_responses, new_router
 from gateway.stereo.service import StereoService
 from renderers.drawlist import ImageError
 
@@ -78,7 +78,7 @@ _BODY: Final = {
 
 def upload_router(*services: StereoService) -> APIRouter:
     """Return the routes ``/api/v2/pipelines/N/test/set``: ``POST`` shows a pair, ``DELETE`` the scene."""
-    api = APIRouter(tags=["Stereo camera"])
+    api = new_router()
     for number, service in enumerate(services):
         _add_routes(api, f"/api/v2/pipelines/{number}/test/set", service)
     return api
@@ -88,7 +88,6 @@ def _add_routes(api: APIRouter, path: str, service: StereoService) -> None:
     @api.post(
         path, summary="Show a stereo pair", responses=json_example(_SUCCESS) | _ERROR_RESPONSES, openapi_extra=_BODY
     )
-    @with_error_responses
     async def show_pair(request: Request) -> Any:
         try:
             form = await _read_form(request, service.config.max_upload)
