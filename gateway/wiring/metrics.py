@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from gateway import __version__
 from gateway.runtime.metrics_registry import Metrics, Reading
@@ -20,16 +20,10 @@ from gateway.scene.live import LiveTree
 from renderers.cache import CacheBudget
 
 if TYPE_CHECKING:
-    from gateway.render.events import RenderRecord
     from gateway.render.service import RenderService
     from gateway.stereo.service import StereoService
     from gateway.treeviewer.service import TreeViewerService
     from gateway.viewer.hub import ViewHub
-
-BUSY: Final = "busy"
-"""Outcome of a render request that found the queue full."""
-_OUTCOMES: Final[Mapping[int, str]] = {200: "ok", 499: "gone", 500: "failed", 503: BUSY}
-"""Outcome of a render request by status; all other statuses are ``rejected``."""
 
 
 def _watch(metrics: Metrics, name: str, text: str, read: Callable[[], Reading], label: str = "") -> None:
@@ -167,20 +161,13 @@ def watch_history(metrics: Metrics, history: TreeHistory) -> None:
 
 
 def watch_render(metrics: Metrics, service: RenderService) -> None:
-    """Add the metrics of the render endpoint; ``count_render`` counts its requests."""
+    """Add the metrics of the render endpoint."""
     watch = partial(_watch, metrics)
     watch(
         "scenegate_render_body_bytes",
         "Bytes of render request bodies that are being received, wait or are rendered.",
         lambda: service.inflight_bytes,
     )
-
-
-def count_render(metrics: Metrics, record: RenderRecord) -> None:
-    """Count one finished request of the render endpoint."""
-    kind = record.request.image_type if record.request is not None else "unknown"
-    stages = (("queue", record.queue_seconds), *record.image.stage_seconds) if record.image is not None else ()
-    metrics.count_render(kind, record.outcome or _OUTCOMES.get(record.status, "rejected"), stages)
 
 
 def watch_stereo(metrics: Metrics, *services: StereoService) -> None:
