@@ -15,7 +15,6 @@ from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.clock import Clock, SystemClock
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings
-from gateway.stereo.imaging.other_projector import lit_projectors
 from gateway.stereo.imaging.recorded_pairs import PairImaging
 from gateway.stereo.imaging.rendered_images import Capture, Imaging, MeteredExposure
 from gateway.stereo.imaging.scene_motion import SceneState
@@ -85,7 +84,7 @@ class StereoService:
             self.parameters,
             scene,
             clock,
-            self.imu.frame_captured,
+            self.imu.frame_captured if pose_log is None else None,
             on_streaming,
             has_messages_before,
         )
@@ -185,16 +184,7 @@ class StereoService:
             timestamp = state.timestamp
         self._captures += 1
         camera, depth = (
-            Capture(
-                timestamp,
-                state.scene,
-                state.revision,
-                state.X_world_left,
-                settings.gpio(depth=depth),
-                self._captures,
-                projectors=lit_projectors(state.projectors, depth=depth),
-            )
-            for depth in (False, True)
+            Capture.of_state(state, settings, timestamp, self._captures, depth=depth) for depth in (False, True)
         )
         return FrameImages(FrameRecord(self.imaging, settings, camera, depth), self.workers, (kind,))
 

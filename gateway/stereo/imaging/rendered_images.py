@@ -53,6 +53,30 @@ class Capture:
     projectors: tuple[OtherProjector, ...] = ()
     """Projectors of other cameras that are on."""
 
+    @classmethod
+    def of_state(
+        cls,
+        state: SceneState,
+        settings: StreamSettings,
+        timestamp: int,
+        frame_number: int,
+        earlier: SceneState | None = None,
+        *,
+        depth: bool,
+    ) -> Capture:
+        """Return a capture of a state of the scene.
+
+        All cameras expose at the same time and for the same purpose, as with a common trigger: so their parameters tell
+        which projectors are on.
+
+        Args:
+            timestamp: time that clients get, nanoseconds since the epoch.
+            depth: True: exposure for depth; False: exposure for camera images.
+        """
+        projectors = tuple([each for each in state.projectors if each.settings.gpio(depth=depth) & 1])
+        gpio = settings.gpio(depth=depth)
+        return cls(timestamp, state.scene, state.revision, state.X_world_left, gpio, frame_number, earlier, projectors)
+
     @cached_property
     def out1_high(self) -> bool:
         """True if Out1 is high."""

@@ -118,14 +118,12 @@ class Imu:
             poses.stop()
 
     def frame_captured(self, timestamp: int, pose: NDArray[np.float64]) -> None:
-        """Publish samples up to a captured frame. Does nothing if a ``PoseLog`` is the source of poses.
+        """Publish samples up to a captured frame. For an IMU without a ``PoseLog``.
 
         Args:
             timestamp: nanoseconds since the epoch.
             pose: (4, 4) float64 X_world_left.
         """
-        if self._poses is not None:
-            return
         if not self.hub.connected.is_set():
             self._sampler = None
             return

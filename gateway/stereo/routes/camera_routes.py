@@ -11,7 +11,7 @@ from fastapi.responses import Response
 from numpy.typing import NDArray
 
 from gateway.scene.timeline import MAX_SECONDS, TIME_DESCRIPTION, TimeError
-from gateway.server.openapi import Responses, example, json_example
+from gateway.server.openapi import Responses, example, file_response, json_example
 from gateway.stereo.device.clock import timestamp_text
 from gateway.stereo.imaging.recorded_pairs import PairImaging
 from gateway.stereo.routes.rest_common import RestError, error_responses, new_router
@@ -135,8 +135,7 @@ def camera_router(*services: StereoService) -> APIRouter:
 
 def _responses(media_type: str) -> Responses:
     """Return the OpenAPI responses of a route that returns a file."""
-    content = {media_type: {"schema": {"type": "string", "format": "binary"}}}
-    return {200: {"description": _IMAGE_DESCRIPTION, "content": content}, **error_responses(_ERRORS)}
+    return {**file_response(_IMAGE_DESCRIPTION, media_type), **error_responses(_ERRORS)}
 
 
 def _find(services: Sequence[StereoService], name: str) -> tuple[int, StereoService]:

@@ -9,7 +9,7 @@ import numpy as np
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
-from gateway.server.openapi import Responses, example
+from gateway.server.openapi import Responses, example, file_response
 from gateway.stereo.depth.rendered_depth import measurable_depths
 from gateway.stereo.device.clock import parse_timestamp, timestamp_text
 from gateway.stereo.routes.rest_common import Pipeline, RestError, error_responses, find_pipeline, new_router
@@ -20,10 +20,7 @@ from renderers.stereo.depth.true_disparity import true_disparity
 
 _TIMESTAMP = r"^([0-9]{1,12}(\.[0-9]{0,9})?)?$"
 _RESPONSES: Final[Responses] = {
-    200: {
-        "description": "NumPy's npz.",
-        "content": {"application/zip": {"schema": {"type": "string", "format": "binary"}}},
-    },
+    **file_response("NumPy's npz.", "application/zip"),
     **error_responses(
         {
             400: "Not a timestamp.",

@@ -18,7 +18,6 @@ from gateway.runtime.worker_pool import WorkerPool, until_compiled
 from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND, Clock
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import ALTERNATE_GAP_NS, StreamSettings, read_settings
-from gateway.stereo.imaging.other_projector import lit_projectors
 from gateway.stereo.imaging.rendered_images import Capture, Imaging
 from gateway.stereo.imaging.scene_motion import SceneState, state_before
 from gateway.stereo.stream.frame import FrameImages, FrameRecord
@@ -49,7 +48,7 @@ class FrameScheduler:
         parameters: Parameters,
         scene: SceneSource,
         clock: Clock,
-        on_capture: Callable[[int, NDArray[np.float64]], None] = lambda timestamp, pose: None,
+        on_capture: Callable[[int, NDArray[np.float64]], None] | None = None,
         on_streaming: Callable[[bool], None] = lambda streaming: None,
         has_messages_before: Callable[[int], bool] = lambda timestamp: False,
     ) -> None:
@@ -216,7 +215,8 @@ class FrameScheduler:
             return
         self._frame_number += 1
         clock.timestamp = timestamp
-        self._on_capture(timestamp, capture.X_world_left)
+        if self._on_capture is not None:
+            self._on_capture(timestamp, capture.X_world_left)
         frame = None
         if camera_kinds or not settings.separate_depth:
             shared_kinds = camera_kinds if settings.separate_depth else kinds
@@ -311,16 +311,7 @@ class FrameScheduler:
             self._last = state
             if earlier is not None:
                 earlier = replace(earlier, timestamp=earlier.timestamp + sent_timestamp - timestamp)
-            return Capture(
-                sent_timestamp,
-                state.scene,
-                state.revision,
-                state.X_world_left,
-                settings.gpio(depth=depth),
-                frame_number,
-                earlier,
-                lit_projectors(state.projectors, depth=depth),
-            )
+            return Capture.of_state(state, settings, sent_timestamp, frame_number, earlier, depth=depth)
         return None
 
     def _repeat_last_frame(self, kind: SetKind) -> None:

@@ -12,8 +12,9 @@ from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.profile import read_profile
 from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.other_projector import OtherProjector, lit_projectors
+from gateway.stereo.imaging.other_projector import OtherProjector
 from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
+from gateway.stereo.imaging.scene_motion import SceneState
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
 from renderers.stereo.depth.downscale import fine_means
@@ -276,8 +277,10 @@ def test_light_of_another_projector_is_fixed_to_surfaces_and_casts_shadows(rende
 
 def test_projectors_of_other_cameras_are_seen_while_they_are_on() -> None:
     projectors = [other_projector(0.0, 0.0, mode) for mode in ("Low", "High", "ExposureAlternateActive")]
-    assert lit_projectors(projectors, depth=False) == (projectors[1],)
-    assert lit_projectors(projectors, depth=True) == (projectors[1], projectors[2])
+    state, settings = SceneState(0, table(), pose(), projectors=tuple(projectors)), read_settings(Parameters())
+    camera, depth = (Capture.of_state(state, settings, 0, 1, depth=depth) for depth in (False, True))
+    assert camera.projectors == (projectors[1],)
+    assert depth.projectors == (projectors[1], projectors[2])
 
 
 @pytest.mark.parametrize("quality", [Quality.HIGH, Quality.MEDIUM, Quality.LOW])
