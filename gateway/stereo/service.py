@@ -20,11 +20,11 @@ from gateway.stereo.imaging.rendered_images import Capture, Imaging, MeteredExpo
 from gateway.stereo.imaging.scene_motion import SceneState
 from gateway.stereo.imu.imu_service import Imu, PoseLog
 from gateway.stereo.stream import grpc_server as server
+from gateway.stereo.stream.client_queues import ClientQueues
 from gateway.stereo.stream.faults import FaultInjector
 from gateway.stereo.stream.frame import FrameImages, FrameRecord
 from gateway.stereo.stream.frame_publisher import FramePublisher
 from gateway.stereo.stream.frame_scheduler import FrameScheduler, SceneSource
-from gateway.stereo.stream.image_events import EventHub
 from gateway.stereo.stream.set_kind import SetKind
 from gateway.stereo.stream.subscriptions import ImageSetHub
 from renderers.interface import Renderer
@@ -68,7 +68,7 @@ class StereoService:
         """Source of rendered images, also while recorded pairs are shown."""
         self.workers = workers
         self.hub = ImageSetHub(config.max_clients, config.max_kinds, self._generation)
-        self.events = EventHub(config.max_clients, config.max_events)
+        self.events = ClientQueues("event", config.max_clients, config.max_events)
         self.imu = Imu(config, pose_log)
         self.injector = FaultInjector(config.seed, config.max_late_bytes)
         self.started = time.time()

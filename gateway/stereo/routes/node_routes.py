@@ -23,13 +23,14 @@ def node_router(*services: StereoService) -> APIRouter:
         services: pipeline 0, 1, …; at least one.
     """
     api = new_router()
-    for number, service in enumerate(services):
-        _add_routes(api, f"/api/v2/pipelines/{number}/nodes", service)
-    _add_routes(api, "/api/v1/nodes", services[0])
+    bases = [f"/api/v2/pipelines/{number}/nodes" for number in range(len(services))]
+    for base, service in zip([*bases, "/api/v1/nodes"], [*services, services[0]], strict=True):
+        _add_node_routes(api, base, service)
+        _add_service_routes(api, base, service)
     return api
 
 
-def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
+def _add_node_routes(api: APIRouter, base: str, service: StereoService) -> None:
     @api.get(base, summary="Nodes", responses=schemas.NODES_RESPONSE)
     async def nodes() -> Any:
         return [device.node_info(name) for name in NODES]
@@ -84,6 +85,8 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
         value = await read_value(request)
         return (await _set_parameters(service, _current_name(node), [(name, value)]))[0]
 
+
+def _add_service_routes(api: APIRouter, base: str, service: StereoService) -> None:
     @api.get(
         base + "/{node}/services",
         summary="Services of a node",

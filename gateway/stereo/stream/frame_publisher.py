@@ -16,9 +16,10 @@ from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.stereo.device.camera_config import Rate
 from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.imaging.rendered_images import MeteredExposure
+from gateway.stereo.stream.client_queues import ClientQueues
 from gateway.stereo.stream.faults import FaultInjector
 from gateway.stereo.stream.frame import FrameImages
-from gateway.stereo.stream.image_events import EventHub
+from gateway.stereo.stream.image_messages import depth_acquisition_done
 from gateway.stereo.stream.set_kind import SetKind
 from gateway.stereo.stream.subscriptions import ImageSetHub
 
@@ -67,7 +68,7 @@ class FramePublisher:
     """Makes each kind of image set of a frame once, and publishes it to all clients."""
 
     def __init__(
-        self, hub: ImageSetHub, events: EventHub, injector: FaultInjector, rate: Rate, *, simulated: bool
+        self, hub: ImageSetHub, events: ClientQueues, injector: FaultInjector, rate: Rate, *, simulated: bool
     ) -> None:
         """
         Args:
@@ -112,7 +113,9 @@ class FramePublisher:
         duration = round((settings.averaged_images - 1) / settings.camera_rate * NANOSECONDS_PER_SECOND)
         if self._rate == "device":
             await asyncio.sleep(duration / NANOSECONDS_PER_SECOND)
-        self._events.depth_acquisition_done(timestamp, timestamp + duration if self._simulated else time.time_ns())
+        if len(self._events):
+            done = timestamp + duration if self._simulated else time.time_ns()
+            self._events.put(depth_acquisition_done(timestamp, done))
         await self.publish_sets(frame, kinds)
 
     def fail(self, kind: SetKind, problem: str, error: Exception) -> None:
