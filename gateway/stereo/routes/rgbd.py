@@ -41,10 +41,11 @@ async def rgbd_npz(frame: FrameImages, config: StereoConfig, workers: WorkerPool
         "X_world_depth": X_world_color if aligned else frame.record.depth_capture.X_world_left,
         "timestamp": np.int64(frame.record.camera_capture.timestamp),
     }
-    return await workers.run(_npz, arrays)
+    return await workers.run(npz_bytes, arrays)
 
 
-def _npz(arrays: dict[str, Any]) -> bytes:
+def npz_bytes(arrays: dict[str, Any]) -> bytes:
+    """Return arrays as an npz file."""
     file = io.BytesIO()
     np.savez(file, allow_pickle=False, **arrays)
     return file.getvalue()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from typing import Annotated, Any, Final
 
 import numpy as np
@@ -13,6 +12,7 @@ from gateway.server.openapi import Responses, example, file_response
 from gateway.stereo.depth.rendered_depth import measurable_depths
 from gateway.stereo.device.clock import parse_timestamp, timestamp_text
 from gateway.stereo.routes.rest_common import Pipeline, RestError, error_responses, find_pipeline, new_router
+from gateway.stereo.routes.rgbd import npz_bytes
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.frame import FrameRecord
 from renderers.interface import Output
@@ -140,6 +140,4 @@ def ground_truth_npz(record: FrameRecord) -> bytes:
         "timestamp": np.int64(record.depth_capture.timestamp),
         "camera_timestamp": np.int64(record.camera_capture.timestamp),
     }
-    file = io.BytesIO()
-    np.savez(file, allow_pickle=False, **arrays)
-    return file.getvalue()
+    return npz_bytes(arrays)
