@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.stereo.device.stream_settings import StreamSettings
+from gateway.stereo.imaging.auto_exposure import METERING_DIVISOR
 from gateway.stereo.imaging.rendered_images import Capture, ColorImage, Imaging
 from gateway.stereo.imaging.scene_motion import motion_since
 from renderers.camera import Camera
 from renderers.interface import Output
 from renderers.stereo.lens.color_camera import ColorCamera
+from renderers.stereo.lens.optics import light_on_sensor, relative_light
+from renderers.stereo.sensor.exposure import LUMA, auto_exposure
+from renderers.stereo.sensor.noise import NoiseStream, frame_key
+from renderers.stereo.sensor.sensor_image import image_from_light
 
+_METERED_PIXELS: Final = np.s_[::METERING_DIVISOR, ::METERING_DIVISOR]
+"""Pixels of the image that the camera meters."""
 _STRIPS: Final = 16
 """Number of horizontal strips of a rolling-shutter image. Each is rendered at the time of its middle row."""
 
@@ -32,10 +40,17 @@ def expose_color_camera(
     Raises:
         ImageError: a texture cannot be decoded.
     """
-    config = imaging.config
-    camera = color_camera.camera(capture.X_world_left, near=config.near, far=config.far)
-    rendered = _rolling_image(imaging, color_camera, camera, capture)
-    return imaging.develop(rendered, color_camera, capture, settings)
+    config, manual, limits = imaging.config, settings.manual_exposure, settings.auto_exposure
+    camera_at = partial(color_camera.camera, capture.X_world_left, near=config.near, far=config.far)
+    rendered = _rolling_image(imaging, color_camera, camera_at(), capture)
+    scene_light = imaging.scene_light(capture.scene, partial(camera_at, divisor=2), None)
+    light = light_on_sensor(rendered, color_camera.intrinsics, manual, scene_light, imaging.lens, color=True)
+    exposure = manual
+    if limits is not None:
+        exposure = auto_exposure(relative_light(light[_METERED_PIXELS]) @ LUMA.astype(np.float32), limits, manual)
+    key = frame_key(config.seed, capture.frame_number, NoiseStream.COLOR_CAMERA)
+    noise_factor = color_camera.noise if config.noise else 0.0
+    return ColorImage(image_from_light(light, exposure, key, noise_factor=noise_factor), exposure)
 
 
 def _rolling_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera, capture: Capture) -> NDArray[np.uint8]:

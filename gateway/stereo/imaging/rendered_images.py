@@ -23,12 +23,11 @@ from renderers.drawlist import DrawList, ImageError
 from renderers.interface import Frame, Look, Output, Renderer
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.pixel_classes import ImageKind
-from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.lens.optics import LENS_BLUR, Lens, SceneLight, light_on_sensor, relative_light
 from renderers.stereo.light.posed_projector import Surfaces, add_dots
 from renderers.stereo.light.projector import projected_dots, returned_shares
 from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh
-from renderers.stereo.sensor.exposure import LUMA, Exposure, auto_exposure
+from renderers.stereo.sensor.exposure import Exposure
 from renderers.stereo.sensor.fixed_pattern import fixed_pattern
 from renderers.stereo.sensor.noise import NoiseStream, frame_key
 from renderers.stereo.sensor.sensor_image import SensorImage, image_from_light
@@ -89,8 +88,6 @@ class Capture:
 
 DOT_ALPHA: Final = 0.5
 """Alpha below which a matcher and the projector's dots reach what is behind a blended surface."""
-METERED_PIXELS: Final = np.s_[::METERING_DIVISOR, ::METERING_DIVISOR]
-"""Pixels of a colour camera's image that it meters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +146,7 @@ class Imaging:
         return replace(self.look, alpha_threshold=max(self.look.alpha_threshold, DOT_ALPHA))
 
     @cached_property
-    def _lens(self) -> Lens:
+    def lens(self) -> Lens:
         """Lens of all cameras."""
         realism = self.config.realism
         return Lens(LENS_BLUR if "lens-blur" in realism else 0.0, "vignetting" in realism)
@@ -219,10 +216,10 @@ class Imaging:
         if "motion-blur" in config.realism:
             self._blur_motion(capture, offset, exposure.time, frame.color)
         dots = self._projected_dots(frame, capture, offset, 1)
-        scene_light = self._scene_light(capture.scene, partial(self.camera, capture, offset, 2), dots)
+        scene_light = self.scene_light(capture.scene, partial(self.camera, capture, offset, 2), dots)
         return {
             color: image_from_light(
-                light_on_sensor(frame.color, k, exposure, scene_light, self._lens, color=color),
+                light_on_sensor(frame.color, k, exposure, scene_light, self.lens, color=color),
                 exposure,
                 key,
                 pattern,
@@ -230,19 +227,6 @@ class Imaging:
             )
             for color in request.colors
         }
-
-    def develop(
-        self, rendered: NDArray[np.uint8], color_camera: ColorCamera, capture: Capture, settings: StreamSettings
-    ) -> ColorImage:
-        """Return the colour camera's image of a rendered image, (H, W, 3) uint8, which it meters itself."""
-        config, manual = self.config, settings.manual_exposure
-        half = partial(color_camera.camera, capture.X_world_left, near=config.near, far=config.far, divisor=2)
-        scene_light = self._scene_light(capture.scene, half, None)
-        light = light_on_sensor(rendered, color_camera.intrinsics, manual, scene_light, self._lens, color=True)
-        exposure = own_exposure(relative_light(light[METERED_PIXELS]) @ LUMA.astype(np.float32), settings)
-        key = frame_key(config.seed, capture.frame_number, NoiseStream.COLOR_CAMERA)
-        noise_factor = color_camera.noise if config.noise else 0.0
-        return ColorImage(image_from_light(light, exposure, key, noise_factor=noise_factor), exposure)
 
     def image_kind(self, capture: Capture) -> ImageKind:
         """Return the kind of a capture's images."""
@@ -297,9 +281,9 @@ class Imaging:
         """
         rendered, k = frame.color, self.config.model.intrinsics(METERING_DIVISOR)
         assert rendered is not None
-        lens = Lens(vignetting=self._lens.vignetting)
+        lens = Lens(vignetting=self.lens.vignetting)
         half = partial(self.camera, capture, 0.0, 2 * METERING_DIVISOR)
-        scene_light = self._scene_light(capture.scene, half, other_dots)
+        scene_light = self.scene_light(capture.scene, half, other_dots)
 
         def light(scene_light: SceneLight) -> NDArray[np.float32]:
             return relative_light(light_on_sensor(rendered, k, manual, scene_light, lens, color=False)[:, :, 0])
@@ -307,7 +291,7 @@ class Imaging:
         unlit = light(scene_light)
         return unlit, unlit if dots is None else light(replace(scene_light, dots=dots))
 
-    def _scene_light(self, scene: DrawList, half: Callable[[], Camera], dots: NDArray[np.uint16] | None) -> SceneLight:
+    def scene_light(self, scene: DrawList, half: Callable[[], Camera], dots: NDArray[np.uint16] | None) -> SceneLight:
         """Return the light on the scene besides the rendered one.
 
         Args:
@@ -386,14 +370,3 @@ class Imaging:
             strength = other.dot_light / self._dot_light
             add_dots(dots, surfaces, projector, projector_view.depth, strength, soft=soft, right=right)
         return dots
-
-
-def own_exposure(light: NDArray[np.float32], settings: StreamSettings) -> Exposure:
-    """Return the exposure of an image that is metered by itself, or the manual one.
-
-    Args:
-        light: float32 of any shape, 1 is white.
-        settings: parameters of the frame.
-    """
-    manual, limits = settings.manual_exposure, settings.auto_exposure
-    return manual if limits is None else auto_exposure(light, limits, manual)
