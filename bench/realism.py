@@ -26,8 +26,7 @@ from gateway.settings import Settings
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.realistic_images import make_imaging
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest
+from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
 from gateway.stereo.imaging.scene_motion import SceneState
 from renderers.raster import CpuRenderer
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
@@ -65,7 +64,7 @@ def left_image(
     renderer: CpuRenderer, capture: Capture, parts: Iterable[RealismPart], color: bool = True
 ) -> NDArray[Any]:
     """Return the left image with automatic exposure and a gamma for people, (H, W, 3) uint8 RGB or (H, W) uint8."""
-    imaging = make_imaging(StereoConfig(realism=frozenset(parts)), renderer)
+    imaging = Imaging(StereoConfig(realism=frozenset(parts)), renderer)
     parameters = Parameters()
     parameters.set("rc_camera", [("gamma", 0.45)])
     exposure = imaging.meter(capture, read_settings(parameters)).exposure
@@ -129,7 +128,7 @@ def print_times(renderer: CpuRenderer, seconds: float) -> None:
     for capture in captures():
         print("projector on" if capture.out1_high else "projector off")
         for parts in ((), *((part,) for part in REALISM_PARTS), REALISM_PARTS):
-            imaging = make_imaging(StereoConfig(realism=frozenset(parts)), renderer)
+            imaging = Imaging(StereoConfig(realism=frozenset(parts)), renderer)
             exposure = imaging.meter(capture, read_settings(Parameters())).exposure
             costs: list[float] = []
             end = time.monotonic() + seconds

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.imaging.realistic_images import make_imaging
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest
+from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
 from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
 from renderers.stereo.lens.optics import LENS_BLUR
@@ -87,7 +86,7 @@ class View:
         material = Material((WHITE, WHITE, WHITE, 1.0), Texture(image), double_sided=True, unlit=True)
         capture = Capture(0, DrawList((Instance(mesh, material, self.pose),), (image,)), 1, np.eye(4), 0, 1)
         request = ImageRequest(Exposure(), NoiseStream.LEFT, frozenset((False,)))
-        whole = make_imaging(self.config, renderer).expose(capture, request)[False].image
+        whole = Imaging(self.config, renderer).expose(capture, request)[False].image
         return np.ascontiguousarray(whole[self.top : self.top + self.side, self.left : self.left + self.side])
 
     def ideal_image(self, rays_per_side: int = 6) -> NDArray[np.uint8]:

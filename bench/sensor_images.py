@@ -19,7 +19,6 @@ from gateway.stereo.depth.rendered_depth import ImagePair, depth_noise_sigma, de
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import StreamSettings, read_settings
-from gateway.stereo.imaging.realistic_images import make_imaging
 from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
@@ -75,7 +74,7 @@ def samples(quality: Quality, seed: int, *, realism: bool = False) -> Iterator[S
         realism: images with all parts of ``--stereo-realism``.
     """
     config = StereoConfig(seed=seed, realism=frozenset(REALISM_PARTS if realism else ()))
-    imaging, settings = make_imaging(config, renderer()), replace(read_settings(Parameters()), quality=quality)
+    imaging, settings = Imaging(config, renderer()), replace(read_settings(Parameters()), quality=quality)
     for scene in SCENES:
         draw_list = make_scene(scene, seed)
         for projector in (False, True):
@@ -87,7 +86,7 @@ def demo_samples(*, realism: bool = False) -> Iterator[Sample]:
     tree = LiveTree()
     demo = Demo(tree)
     demo.populate()
-    imaging = make_imaging(StereoConfig(realism=frozenset(REALISM_PARTS if realism else ())), renderer())
+    imaging = Imaging(StereoConfig(realism=frozenset(REALISM_PARTS if realism else ())), renderer())
     settings, pose = read_settings(Parameters()), parse_mount_pose(Settings(only=()).stereo_pose)
     for frame, seconds in enumerate((1.3, 4.0, 7.0)):
         demo.move_to(seconds)

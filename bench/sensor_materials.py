@@ -21,8 +21,7 @@ from gateway.scene.transforms import translation
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.realistic_images import make_imaging
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest
+from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
 from renderers.drawlist import DrawList, Material
 from renderers.interface import Output
 from renderers.stereo.depth.depth_images import DepthImages
@@ -50,9 +49,7 @@ class Scenes:
     """Samples of scenes from the origin along +z."""
 
     def __init__(self, *, realism: bool) -> None:
-        self.imaging = make_imaging(
-            StereoConfig(seed=SEED, realism=frozenset(REALISM_PARTS if realism else ())), renderer()
-        )
+        self.imaging = Imaging(StereoConfig(seed=SEED, realism=frozenset(REALISM_PARTS if realism else ())), renderer())
         self.parameters = Parameters()
 
     def capture(self, scene: DrawList, *, projector: bool) -> Capture:

@@ -27,8 +27,7 @@ from gateway.scene.tree import Node, TreeEdit
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.realistic_images import make_imaging
-from gateway.stereo.imaging.rendered_images import Capture
+from gateway.stereo.imaging.rendered_images import Capture, Imaging
 from renderers.drawlist import DrawList, Instance
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.filters import Filters
@@ -104,7 +103,7 @@ class Camera:
 
     def __init__(self, *, realism: bool) -> None:
         config = StereoConfig(seed=SEED, realism=frozenset(REALISM_PARTS if realism else ()))
-        self.imaging = make_imaging(config, renderer())
+        self.imaging = Imaging(config, renderer())
         settings = read_settings(Parameters())
         self.settings = replace(settings, filters=Filters(minconf=0.0, seg=0, fill=0))
 

@@ -28,9 +28,9 @@ from gateway.stereo.service import StereoService
 from gateway.stereo.stream import grpc_server as server
 from gateway.stereo.stream import image_messages as messages
 from gateway.stereo.stream import image_wire as wire
+from gateway.stereo.stream.client_queues import ClientQueues
 from gateway.stereo.stream.faults import FaultInjector
 from gateway.stereo.stream.frame_scheduler import SceneSource
-from gateway.stereo.stream.image_events import EventHub
 from gateway.stereo.stream.image_messages import ImageMetadata
 from gateway.stereo.stream.subscriptions import ImageSetHub, MailboxState
 from renderers.interface import LookName
@@ -78,7 +78,7 @@ async def shared(name: str, *, again: bool = False) -> tuple[int, Any]:
         again: the set is joined once for all: what is left is sending, which is all that the raw TCP server does.
     """
     hub = ImageSetHub(64, 16)
-    running, port, _ = await server.start(hub, EventHub(64, 64), FaultInjector(0, 0), StereoConfig(port=0))
+    running, port, _ = await server.start(hub, ClientQueues("event", 64, 64), FaultInjector(0, 0), StereoConfig(port=0))
     chunks = payload(name)
     ready = wire.join(chunks)
 
@@ -88,7 +88,7 @@ async def shared(name: str, *, again: bool = False) -> tuple[int, Any]:
             hub.changed.clear()
             # As a camera does, not faster than its clients take: a new set when all have the last.
             if len(hub) and not hub.kinds_with_mailbox(MailboxState.FULL):
-                kinds = hub.kinds()
+                kinds = hub.kinds
                 number += 1
                 data = ready if again else await asyncio.to_thread(wire.join, chunks)
                 for kind in kinds:

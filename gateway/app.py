@@ -29,17 +29,15 @@ from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from gateway.server import error_handlers, health, openapi
 from gateway.server.docs_page import docs_page
-from gateway.server.early_response import EarlyResponse
 from gateway.server.index_page import index_page
-from gateway.server.middleware import RequestContext
-from gateway.server.path_prefix import PathPrefix
+from gateway.server.interface_names import NAMES, documentation_of, documentation_url
+from gateway.server.middleware import EarlyResponse, HeadAsGet, PathPrefix, RequestContext
 from gateway.server.security import Security
 from gateway.server.start_gate import StartGate
 from gateway.settings import MIB, Settings
 from gateway.viewer.sources import IMAGE_NAMES
 from gateway.wiring import metrics, telemetry
 from gateway.wiring.context import Context
-from gateway.wiring.interface_names import NAMES, documentation_of, documentation_url
 from gateway.wiring.interfaces import enabled_interfaces
 from gateway.wiring.startup import start
 from gateway.wiring.state import open_state
@@ -184,7 +182,7 @@ def _add_middleware(context: Context) -> None:
         progress=lambda: context.kernels.progress,
     )
     context.security.protect(app)
-    app.add_middleware(error_handlers.HeadAsGet)
+    app.add_middleware(HeadAsGet)
     app.add_middleware(RequestContext, metrics=context.metrics, quiet_paths=health.MONITORING_PATHS | POLLED_PATHS)
     app.add_middleware(EarlyResponse)
     if context.settings.root_path:

@@ -13,11 +13,10 @@ from fastapi import Request, Response
 from starlette.requests import ClientDisconnect
 
 from gateway.render.errors import RequestError, message_bytes
-from gateway.render.events import RenderRecord
 from gateway.render.form import RenderRequest, read_form
 from gateway.render.multipart import Form, FormReader, body_too_large
 from gateway.render.pipeline import EncodedImage
-from gateway.render.service import Admission, RenderService
+from gateway.render.service import Admission, RenderRecord, RenderService
 from gateway.runtime.pool_errors import DeadlineExceeded
 from gateway.server.disconnect import CLIENT_GONE, while_connected
 from gateway.server.unavailable import UnavailableErrors, retry_after, unavailable_message
@@ -51,7 +50,8 @@ class RenderHandler:
         try:
             self._admission = self._service.admit()
             request = read_form(await self._receive_form(), self._service.config)
-            image = await while_connected(self._http, self._render(request, self._admission))
+            work = self._service.render(request, self._admission)
+            image, self._queue_seconds = await while_connected(self._http, work)
         except RequestError as error:
             _log.warning("render request rejected", status=error.status, reason=error.sentence)
             return await self._error_response(error.status, error.sentence, request)
@@ -59,8 +59,7 @@ class RenderHandler:
             sentence = unavailable_message(error)
             _log.warning("render request not served", reason=sentence, request_id=self._request_id)
             self._headers |= retry_after(error)
-            outcome = "slow" if isinstance(error, DeadlineExceeded) else ""
-            return await self._error_response(503, sentence, request, outcome=outcome)
+            return await self._error_response(503, sentence, request, slow=isinstance(error, DeadlineExceeded))
         except asyncio.CancelledError:  # the grace period at shutdown is over
             self._headers["Retry-After"] = "1"
             return await self._error_response(503, "the server shut down before the image was ready", request)
@@ -75,8 +74,7 @@ class RenderHandler:
             if self._admission is not None:
                 self._admission.release()
             self._service.release_bytes(self._received_bytes)
-        self._record(200, request, image, "")
-        return self._image_response(request, image)
+        return self._image_response(request, image, self._record(200, request, image, ""))
 
     async def _receive_form(self) -> Form:
         """Receive the body and parse it piece by piece.
@@ -109,14 +107,10 @@ class RenderHandler:
         finally:
             reader.close()
 
-    async def _render(self, request: RenderRequest, admission: Admission) -> EncodedImage:
-        image, self._queue_seconds = await self._service.render(request, admission)
-        return image
-
-    def _image_response(self, request: RenderRequest, image: EncodedImage) -> Response:
+    def _image_response(self, request: RenderRequest, image: EncodedImage, record: RenderRecord) -> Response:
         for warning in (*request.warnings, *image.warnings):
             _log.warning("render request has a problem", warning=warning)
-        stage_seconds = (("queue", self._queue_seconds), *image.stage_seconds)
+        stage_seconds = record.stages
         if logging.getLogger("gateway.render").isEnabledFor(logging.DEBUG):
             _log.debug(
                 "rendered",
@@ -126,20 +120,18 @@ class RenderHandler:
                 generator=image.generator,
                 **{f"{name}_ms": round(seconds * 1e3, 2) for name, seconds in stage_seconds},
             )
-        self._headers["Server-Timing"] = ", ".join(f"{name};dur={seconds * 1e3:.2f}" for name, seconds in stage_seconds)
+        self._headers["Server-Timing"] = ", ".join(
+            [f"{name};dur={seconds * 1e3:.2f}" for name, seconds in stage_seconds]
+        )
         return Response(image.body, headers=self._headers, media_type=image.media_type)
 
     async def _error_response(
-        self, status: int, sentence: str, request: RenderRequest | None, *, outcome: str = ""
+        self, status: int, sentence: str, request: RenderRequest | None, *, slow: bool = False
     ) -> Response:
-        """Return an error response. Store the request for replay if the error is reproducible and there is a store.
-
-        Args:
-            outcome: ``RenderRecord.outcome``.
-        """
-        self._record(status, request, None, sentence, outcome)
+        """Return an error response. Store the request for replay if the error is reproducible and there is a store."""
+        self._record(status, request, None, sentence, slow)
         failures = self._service.failures
-        reproducible = status not in _TRANSIENT or outcome == "slow"
+        reproducible = status not in _TRANSIENT or slow
         if failures is not None and self._body_pieces is not None and reproducible:
             content_type = self._http.headers.get("content-type", "")
             try:
@@ -152,8 +144,9 @@ class RenderHandler:
         return Response(message_bytes(sentence), status, headers=self._headers, media_type="text/plain; charset=utf-8")
 
     def _record(
-        self, status: int, request: RenderRequest | None, image: EncodedImage | None, error: str, outcome: str = ""
-    ) -> None:
+        self, status: int, request: RenderRequest | None, image: EncodedImage | None, error: str, slow: bool = False
+    ) -> RenderRecord:
         seconds = time.perf_counter() - self._start_time
-        record = RenderRecord(self._request_id, status, seconds, self._queue_seconds, request, image, error, outcome)
+        record = RenderRecord(self._request_id, status, seconds, self._queue_seconds, request, image, error, slow)
         self._service.finish(record)
+        return record

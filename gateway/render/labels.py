@@ -7,7 +7,7 @@ from collections.abc import Callable
 from gateway.gltf import DEFAULT_MATERIAL, label_from_material
 from gateway.scene.geometry import Part
 from gateway.scene.tree import Node, Path
-from renderers.drawlist import LABEL_NONE, DrawList, Instance
+from renderers.drawlist import LABEL_NONE
 
 
 def labels_of(root: Node) -> Callable[[Path, Part], int]:
@@ -31,11 +31,3 @@ def labels_of(root: Node) -> Callable[[Path, Part], int]:
         return next(iter(labels)) if len(labels) == 1 else LABEL_NONE
 
     return label_of
-
-
-def unlabelled(scene: DrawList) -> DrawList:
-    """Return a draw list with the same instances without labels, which are white in label images."""
-    if all(instance.label == LABEL_NONE for instance in scene.instances):
-        return scene
-    instances = (Instance(i.mesh, i.material, i.X_world_mesh, LABEL_NONE, i.instance_id) for i in scene.instances)
-    return DrawList(tuple(instances), scene.images, scene.lights)

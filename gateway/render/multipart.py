@@ -55,7 +55,6 @@ class FormReader:
             self._parser = MultipartParser(
                 boundary,
                 {
-                    "on_part_begin": self._on_part_begin,
                     "on_header_field": self._on_header_name,
                     "on_header_value": self._on_header_value,
                     "on_header_end": self._on_header_end,
@@ -108,13 +107,6 @@ class FormReader:
             )
         return Form(self._fields, self._scene, self._scene_filename)
 
-    def _on_part_begin(self) -> None:
-        self._part_count += 1
-        if self._part_count > self._config.max_parts:
-            raise RequestError(400, f"the form has more than {self._config.max_parts} parts")
-        self._part_name = ""
-        self._disposition = self._encoding = self._header_name = self._header_value = self._field_bytes = b""
-
     def _on_header_name(self, data: bytes, start: int, end: int) -> None:
         self._header_name += data[start:end]
 
@@ -130,6 +122,9 @@ class FormReader:
         self._header_name = self._header_value = b""
 
     def _on_headers_finished(self) -> None:
+        self._part_count += 1
+        if self._part_count > self._config.max_parts:
+            raise RequestError(400, f"the form has more than {self._config.max_parts} parts")
         kind, options = parse_options_header(self._disposition)
         name = options.get(b"name", b"").decode("utf-8", "replace")
         filename = options.get(b"filename", b"").decode("utf-8", "replace")
@@ -175,6 +170,7 @@ class FormReader:
                     400, f"the field {quoted(self._part_name)} is not UTF-8 text: {quoted(self._field_bytes)}"
                 ) from None
         self._part_name = ""
+        self._disposition = self._encoding = self._field_bytes = b""
 
     def _on_end(self) -> None:
         self._is_complete = True

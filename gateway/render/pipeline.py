@@ -9,10 +9,9 @@ from typing import Final
 
 from gateway.gltf import DRAKE_MERGER, GltfError, HashedDocument
 from gateway.render.camera import camera_of
-from gateway.render.config import LookChoice, RenderConfig
+from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest
-from gateway.render.labels import unlabelled
 from gateway.render.scenes import PreparedScene, SceneStore
 from gateway.runtime.tracing import span
 from gateway.scene.flatten import flatten
@@ -24,11 +23,8 @@ from renderers.fxaa import fxaa
 from renderers.interface import Frame, Look, LookName, Output, Renderer
 from scenegate.warning_text import strict_refusal
 
-Backdrop = Callable[[], DrawList | Node | None]
-"""Function that returns a scene to draw in addition to the request's; None for none.
-
-It must return a new object if and only if that scene has changed.
-"""
+Backdrop = Callable[[], Node]
+"""Returns the root of a scene to draw in addition to the request's: a new object if and only if it has changed."""
 
 _OUTPUTS: Final = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
 _LOOKS: Final[dict[str, LookName]] = {"VTK": "phong", DRAKE_MERGER: "pbr"}
@@ -60,8 +56,8 @@ class Pipeline:
         self._renderer = renderer
         self._config = config
         self._backdrop = backdrop
-        self._last_backdrop: tuple[DrawList | Node, DrawList] | None = None
-        """Last result of ``backdrop``, and its draw list without labels."""
+        self._last_backdrop: tuple[Node, DrawList] | None = None
+        """Last result of ``backdrop``, and its draw list, without labels."""
         self.scenes = SceneStore(config)
 
     def render(self, request: RenderRequest) -> EncodedImage:
@@ -88,10 +84,11 @@ class Pipeline:
             if self._config.strict and scene.warnings:
                 raise RequestError(400, f"scene: {strict_refusal(scene.warnings)}")
             camera = camera_of(request, scene)
-            draw_list = self._with_backdrop(scene.draw_list)
+            draw_list = scene.draw_list if self._backdrop is None else _joined(scene.draw_list, self._flat_backdrop())
         parsed_time = time.perf_counter()
+        look_choice = request.look or self._config.look
         look = Look(
-            _look_of(request.look or self._config.look, scene.generator),
+            _LOOKS.get(scene.generator, "gltf") if look_choice == "auto" else look_choice,
             self._config.background,
             self._config.samples,
             self._config.rig,
@@ -113,20 +110,16 @@ class Pipeline:
             ),
             generator=scene.generator,
             element_count=scene.element_count,
-            warnings=scene.warnings + _label_warnings(scene, request),
+            warnings=scene.warnings + (_label_warnings(scene) if request.image_type == "label" else ()),
         )
 
-    def _with_backdrop(self, draw_list: DrawList) -> DrawList:
-        backdrop = self._backdrop() if self._backdrop is not None else None
-        if backdrop is None:
-            return draw_list
-        cached = self._last_backdrop
-        if cached is None or cached[0] is not backdrop:
-            cached = (backdrop, flatten(backdrop) if isinstance(backdrop, Node) else unlabelled(backdrop))
-            self._last_backdrop = cached
-        flattened = cached[1]
-        images = tuple(dict.fromkeys((*draw_list.images, *flattened.images)))
-        return DrawList((*draw_list.instances, *flattened.instances), images, draw_list.lights + flattened.lights)
+    def _flat_backdrop(self) -> DrawList:
+        """Return the draw list of the backdrop, which is flattened again only if it has changed."""
+        assert self._backdrop is not None
+        root, cached = self._backdrop(), self._last_backdrop
+        if cached is None or cached[0] is not root:
+            cached = self._last_backdrop = root, flatten(root)
+        return cached[1]
 
     def _encode(self, frame: Frame, request: RenderRequest) -> tuple[bytes, str]:
         if request.image_type == "color":
@@ -144,20 +137,20 @@ class Pipeline:
         return tiff_float32(frame.depth), "image/tiff"
 
 
-def _label_warnings(scene: PreparedScene, request: RenderRequest) -> tuple[str, ...]:
-    """Return a warning if a label image is requested of a scene with instances without a label."""
-    if request.image_type != "label" or scene.unlabelled_count == 0:
+def _joined(scene: DrawList, backdrop: DrawList) -> DrawList:
+    images = tuple(dict.fromkeys((*scene.images, *backdrop.images)))
+    return DrawList((*scene.instances, *backdrop.instances), images, scene.lights + backdrop.lights)
+
+
+def _label_warnings(scene: PreparedScene) -> tuple[str, ...]:
+    """Return a warning about instances without a label, if there are any."""
+    if scene.unlabelled_count == 0:
         return ()
     sentence = (
         f"meshes without a material are white in label images ({scene.unlabelled_count} here): Drake's client sends "
         "labels in materials. Give them one in their glTF file"
     )
     return (sentence,)
-
-
-def _look_of(choice: LookChoice, generator: str) -> LookName:
-    """Return the look of a scene, by its ``asset.generator`` if the choice is ``auto``."""
-    return choice if choice != "auto" else _LOOKS.get(generator, "gltf")
 
 
 def posted_document(request: RenderRequest) -> HashedDocument:

@@ -12,7 +12,7 @@ from gateway.render.config import RenderConfig
 from gateway.render.form import IMAGE_TYPES, LOOK_FIELD, LOOKS, MAX_FAR, MAX_FOCAL, MAX_FOV, MIN_FAR, MIN_FOV
 from gateway.render.handler import RenderHandler
 from gateway.render.service import RenderService
-from gateway.server.openapi import example
+from gateway.server.openapi import TEXT, example, file_response
 
 _NO_FRAMEWORK_LIMIT: Final = 1 << 62
 """Starlette's limit on the body: out of reach, so that the handler's own 413, which names the setting, comes first."""
@@ -124,16 +124,14 @@ def _angle_alone(name: str) -> dict[str, Any]:
 
 
 _RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
-    200: {
-        "description": "The image: colour and label as PNG (RGB, 8 bit), depth as TIFF (32-bit float, metres) or, as "
-        "configured, PNG (16 bit, millimetres).",
-        "content": {
-            "image/png": {"schema": {"type": "string", "format": "binary"}},
-            "image/tiff": {"schema": {"type": "string", "format": "binary"}},
-        },
-    },
+    **file_response(
+        "The image: colour and label as PNG (RGB, 8 bit), depth as TIFF (32-bit float, metres) or, as configured, PNG "
+        "(16 bit, millimetres).",
+        "image/png",
+        "image/tiff",
+    ),
     **{
-        status: {"description": text, "content": {"text/plain": {"schema": {"type": "string"}}}}
+        status: {"description": text, "content": dict(TEXT)}
         for status, text in {
             400: "The form, the scene or its camera is invalid; the text names the field or glTF element and why.",
             408: "The upload stalled.",

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 import structlog
 
 from gateway.render.config import RenderConfig
-from gateway.render.events import RenderRecord
 from gateway.render.failures import FailureStore
 from gateway.render.form import RenderRequest
 from gateway.render.pipeline import Backdrop, EncodedImage, Pipeline
@@ -23,6 +23,46 @@ _log = structlog.get_logger("gateway.render")
 
 _MEMORY_RETRY_SECONDS: Final = 5
 """Retry-After in seconds if ``max_inflight_bytes`` is reached."""
+
+
+_OUTCOMES: Final[Mapping[int, str]] = {200: "ok", 499: "gone", 500: "failed", 503: "busy"}
+"""Outcome of a request by status; all other statuses are ``rejected``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RenderRecord:
+    """One finished request, for observers such as metrics and the browser view's list of recent renders."""
+
+    request_id: str
+    status: int
+    """HTTP status of the response."""
+    seconds: float
+    """Time from the request's headers to the response."""
+    queue_seconds: float
+    """Part of ``seconds`` spent waiting for a worker thread."""
+    request: RenderRequest | None
+    """None if the form was invalid. Holds the whole scene: do not keep a reference."""
+    image: EncodedImage | None
+    """The response's image; None if there is an error."""
+    error: str
+    """Error message of the response; empty on success."""
+    slow: bool = False
+    """True for a 503 at the deadline."""
+
+    @property
+    def kind(self) -> str:
+        """Type of the image; ``unknown`` if the form was invalid."""
+        return self.request.image_type if self.request is not None else "unknown"
+
+    @property
+    def outcome(self) -> str:
+        """Outcome, for metrics."""
+        return "slow" if self.slow else _OUTCOMES.get(self.status, "rejected")
+
+    @property
+    def stages(self) -> tuple[tuple[str, float], ...]:
+        """Names and seconds of the stages of a successful request."""
+        return (("queue", self.queue_seconds), *self.image.stage_seconds) if self.image is not None else ()
 
 
 class Admission:

@@ -1,6 +1,6 @@
 """The process around the interfaces.
 
-- ``worker_pool``, ``scheduling``: work off the event loop.
+- ``worker_pool``, ``scheduling``: work off the event loop. ``shared_results``: work once for all callers.
 - ``process_tuning``: allocator, sockets, garbage collection.
 - ``kernels``: compiled kernels.
 - ``service_registry``: states of the interfaces.

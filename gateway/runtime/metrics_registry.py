@@ -38,10 +38,9 @@ class _Callback:
     description: str
     read: Callable[[], Reading]
     label: str
-    counter: bool
 
     def family(self) -> Metric:
-        kind = CounterMetricFamily if self.counter else GaugeMetricFamily
+        kind = CounterMetricFamily if self.name.endswith("_total") else GaugeMetricFamily
         labels = (self.label,) if self.label else ()
         family: CounterMetricFamily | GaugeMetricFamily = kind(self.name, self.description, labels=labels)
         reading = self.read()
@@ -118,17 +117,15 @@ class Metrics:
         for stage, seconds in stages:
             self.stage_seconds.labels(stage).observe(seconds)
 
-    def gauge(self, name: str, description: str, read: Callable[[], Reading], *, label: str = "") -> None:
-        """Add a gauge that is read in the event loop when Prometheus scrapes.
+    def watch(self, name: str, description: str, read: Callable[[], Reading], *, label: str = "") -> None:
+        """Add a metric that is read in the event loop when Prometheus scrapes.
+
+        It is a counter if its name ends in ``_total``, else a gauge.
 
         Args:
-            label: label of a gauge with several values; ``read`` returns them by the label's value.
+            label: label of a metric with several values; ``read`` returns them by the label's value.
         """
-        self._collector.callbacks.append(_Callback(name, description, read, label, counter=False))
-
-    def counter(self, name: str, description: str, read: Callable[[], Reading], *, label: str = "") -> None:
-        """Add a counter in the same way; its name ends in ``_total``."""
-        self._collector.callbacks.append(_Callback(name, description, read, label, counter=True))
+        self._collector.callbacks.append(_Callback(name, description, read, label))
 
     def exposition(self) -> bytes:
         """Return all metrics in Prometheus' text format."""

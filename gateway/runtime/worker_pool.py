@@ -53,7 +53,6 @@ async def until_compiled(*parts: str) -> None:
 class PoolStats:
     """Consistent snapshot of a pool."""
 
-    threads: int
     running: int
     waiting: int
     waiting_bytes: int
@@ -75,7 +74,7 @@ class _Call:
     nbytes: int
     future: Future[Any] = field(default_factory=Future)
     context: contextvars.Context = field(default_factory=contextvars.copy_context)
-    stop: StopFlag = field(default_factory=lambda: StopFlag(waits=False))
+    stop: StopFlag = field(default_factory=partial(StopFlag, waits=False))
     started: float = 0.0
     """Monotonic time at which the call began to run, seconds."""
 
@@ -164,35 +163,44 @@ class WorkerPool:
         """
         function = partial(fn, *args, **kwargs)
         while True:
+            call = _Call(tracing.after_queue(function), nbytes)
+            self._submit(call)
             try:
-                return await self._run(function, nbytes)
+                result: T = await asyncio.wrap_future(call.future)
+                return result
+            except asyncio.CancelledError:
+                self._abandon(call)
+                raise
             except KernelsPending as pending:
                 part = pending.part
+            finally:
+                del call  # a traceback must not keep the request alive in a reference cycle
             self._deferred += 1
             try:
                 await until_compiled(part)
             finally:
                 self._deferred -= 1
 
-    async def _run(self, function: Callable[[], T], nbytes: int) -> T:
-        call = _Call(tracing.after_queue(function), nbytes)
+    def _submit(self, call: _Call) -> None:
+        """Queue a call. Raises PoolClosed or QueueFull."""
         with self._lock:
             if self._closing:
                 raise PoolClosed("the server is shutting down")
             if len(self._running) + len(self._waiting) + self._deferred >= self.threads:
-                self._check_queue(nbytes)
+                waiting = self._queue_length()
+                if waiting >= self.max_waiting:
+                    raise self._queue_full(waiting)
+                if self._waiting and self._waiting_bytes + call.nbytes > self.max_waiting_bytes:
+                    reason = (
+                        f"the waiting requests hold {self._waiting_bytes} bytes; with {call.nbytes} more "
+                        f"they would exceed the limit of {self.max_waiting_bytes}"
+                    )
+                    raise self._queue_full(waiting, reason=reason)
             self._waiting.append(call)
-            self._waiting_bytes += nbytes
-            self._start_threads()
+            self._waiting_bytes += call.nbytes
+            if self._alive - self._retired < self.threads:
+                self._start_threads()
             self._wakeup.notify()
-        try:
-            result: T = await asyncio.wrap_future(call.future)
-            return result
-        except asyncio.CancelledError:
-            self._abandon(call)
-            raise
-        finally:
-            del call  # a traceback must not keep the request alive in a reference cycle
 
     def give_way(self, key: object, *, active: bool) -> None:
         """Let other threads of the process run first, from now until a call with the same key and ``active=False``.
@@ -245,7 +253,6 @@ class WorkerPool:
         with self._lock:
             now, slow_seconds = time.monotonic(), self.seconds / 2 if self.seconds is not None else math.inf
             return PoolStats(
-                threads=self.threads,
                 running=len(self._running),
                 waiting=self._queue_length(),
                 waiting_bytes=self._waiting_bytes,
@@ -289,17 +296,6 @@ class WorkerPool:
         """Return the number of calls that no idle thread is about to take."""
         return max(0, len(self._waiting) + self._deferred - (self.threads - len(self._running)))
 
-    def _check_queue(self, nbytes: int) -> None:
-        waiting = self._queue_length()
-        if waiting >= self.max_waiting:
-            raise self._queue_full(waiting)
-        if self._waiting and self._waiting_bytes + nbytes > self.max_waiting_bytes:
-            reason = (
-                f"the waiting requests hold {self._waiting_bytes} bytes; with {nbytes} more "
-                f"they would exceed the limit of {self.max_waiting_bytes}"
-            )
-            raise self._queue_full(waiting, reason=reason)
-
     def _queue_full(self, waiting: int, arriving: int = 0, reason: str = "") -> QueueFull:
         if not reason:
             part = f" ({arriving} of them still arriving)" if arriving else ""
@@ -323,7 +319,8 @@ class WorkerPool:
             threading.Thread(target=self._work, name=f"{self._name}-{self._alive}", daemon=True).start()
         if self.seconds is not None and not self._watching:
             self._watching = True
-            threading.Thread(target=self._enforce_deadlines, name=f"{self._name}-deadlines", daemon=True).start()
+            name = f"{self._name}-deadlines"
+            threading.Thread(target=self._enforce_deadlines, args=(self.seconds,), name=name, daemon=True).start()
 
     def _work(self) -> None:
         """Body of a worker thread."""
@@ -378,26 +375,19 @@ class WorkerPool:
                     self._running.add(call)
                     return call
 
-    def _enforce_deadlines(self) -> None:
-        """Body of the thread that sets the stop flags of calls whose time is over.
+    def _enforce_deadlines(self, seconds: float) -> None:
+        """Body of the thread that sets the stop flags of calls that have run for ``seconds``.
 
         It sleeps until the earliest deadline. A call that starts meanwhile has a later one.
         """
-        assert self.seconds is not None
-        pause = self.seconds
+        pause = seconds
         while not self._all_ended.wait(pause):
-            pause = self._stop_late_calls(self.seconds)
-
-    def _stop_late_calls(self, seconds: float) -> float:
-        """Set the stop flags of calls that have run for ``seconds``; return the time until the next one is due."""
-        now, pause = time.monotonic(), seconds
-        with self._lock:
-            for call in self._running:
-                left = seconds - (now - call.started)
-                if left > 0.0:
-                    pause = min(pause, left)
-                elif not call.stop.is_set:
-                    self._timed_out += 1
-                    error = DeadlineExceeded(f"it took longer than {self._limit_name} = {seconds:g} s")
-                    call.stop.set(error)
-        return pause
+            now, pause = time.monotonic(), seconds
+            with self._lock:
+                for call in self._running:
+                    left = seconds - (now - call.started)
+                    if left > 0.0:
+                        pause = min(pause, left)
+                    elif not call.stop.is_set:
+                        self._timed_out += 1
+                        call.stop.set(DeadlineExceeded(f"it took longer than {self._limit_name} = {seconds:g} s"))

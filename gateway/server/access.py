@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Awaitable, Callable, Collection
 from typing import Final
 from urllib.parse import parse_qsl, quote, urlencode, urlsplit
 
@@ -59,23 +59,21 @@ class Access:
         self._cookie_path = cookie_path
         self._clock = clock
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] == "lifespan":
-            await self._app(scope, receive, send)
-            return
+            return self._app(scope, receive, send)
         headers = Headers(scope=scope)
         authorized = self._tokens.accept_header(headers.get("authorization", "")) or self._tokens.accept_cookie(
             _cookie(headers), self._clock()
         )
-        if scope["path"] in self._open_paths:
+        is_open = scope["path"] in self._open_paths
+        if is_open:
             scope[AUTHORIZED] = authorized
-            await self._app(scope, receive, send)
-        elif authorized:
-            await self._app(scope, receive, send)
-        elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": _POLICY_VIOLATION, "reason": "a token is needed"})
-        else:
-            await self._redirect_or_reject(scope)(scope, receive, send)
+        if is_open or authorized:
+            return self._app(scope, receive, send)
+        if scope["type"] == "websocket":
+            return send({"type": "websocket.close", "code": _POLICY_VIOLATION, "reason": "a token is needed"})
+        return self._redirect_or_reject(scope)(scope, receive, send)
 
     def _redirect_or_reject(self, scope: Scope) -> Response:
         """Return a redirect that sets the cookie if the query has a valid token, else 401."""
@@ -127,13 +125,12 @@ class CsrfProtection:
         self._app = app
         self._origins = frozenset(origins)
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] == "http" and scope["method"] not in _SAFE_METHODS and (page := self._foreign_page(scope)):
             text = f"{scope['method']} refused: it was sent by a page of another site ({page}).\n"
             text += "To allow that site, add its origin to --cors-origins.\n"
-            await PlainTextResponse(text, 403)(scope, receive, send)
-        else:
-            await self._app(scope, receive, send)
+            return PlainTextResponse(text, 403)(scope, receive, send)
+        return self._app(scope, receive, send)
 
     def _foreign_page(self, scope: Scope) -> str:
         """Return the header that identifies a page of another site, for messages; empty if it is not one."""
@@ -167,13 +164,13 @@ class SecurityHeaders:
             (b"x-content-type-options", b"nosniff"),
         )
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        async def send_with_headers(message: Message) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
+        def send_with_headers(message: Message) -> Awaitable[None]:
             if message["type"] == "http.response.start":
                 message["headers"] = [*message.get("headers", ()), *self._headers]
-            await send(message)
+            return send(message)
 
-        await self._app(scope, receive, send_with_headers if scope["type"] == "http" else send)
+        return self._app(scope, receive, send_with_headers if scope["type"] == "http" else send)
 
 
 class TrustedHosts:
@@ -192,16 +189,14 @@ class TrustedHosts:
         self._app = app
         self._names = frozenset(name.lower() for name in names)
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] == "lifespan" or self._trusts(scope):
-            await self._app(scope, receive, send)
-        elif scope["type"] == "websocket":
-            await send(
-                {"type": "websocket.close", "code": _POLICY_VIOLATION, "reason": "the Host header names another host"}
-            )
-        else:
-            text = "This gateway is not the host that the Host header names; --trusted-hosts adds names.\n"
-            await PlainTextResponse(text, 421)(scope, receive, send)
+            return self._app(scope, receive, send)
+        if scope["type"] == "websocket":
+            reason = "the Host header names another host"
+            return send({"type": "websocket.close", "code": _POLICY_VIOLATION, "reason": reason})
+        text = "This gateway is not the host that the Host header names; --trusted-hosts adds names.\n"
+        return PlainTextResponse(text, 421)(scope, receive, send)
 
     def _trusts(self, scope: Scope) -> bool:
         hosts = [value for name, value in scope["headers"] if name == b"host"]

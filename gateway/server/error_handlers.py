@@ -1,4 +1,4 @@
-"""Responses to requests that reach no route (404, 405, invalid parameters), and HEAD for every route with GET."""
+"""Responses to requests that reach no route: 404, 405, invalid parameters."""
 
 from __future__ import annotations
 
@@ -9,39 +9,6 @@ from fastapi.exceptions import RequestValidationError
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Match
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
-
-
-class HeadAsGet:
-    """ASGI middleware: run GET for HEAD and omit the body, so that status and headers are the same (RFC 9110, 9.3.2).
-
-    The response ends at the first piece of the body. The application of a stream then gets a disconnect, and stops.
-    """
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http" or scope["method"] != "HEAD":
-            await self._app(scope, receive, send)
-            return
-        complete = False
-
-        async def send_head(message: Message) -> None:
-            nonlocal complete
-            if message["type"] != "http.response.body":
-                await send(message)
-            elif not complete:
-                complete = True
-                await send({"type": "http.response.body", "body": b"", "more_body": False})
-
-        get_scope = {**scope, "method": "GET"}
-        try:
-            await self._app(get_scope, receive, send_head)
-        finally:
-            if "route" in get_scope:  # metrics use it
-                scope["route"] = get_scope["route"]
-
 
 _METHODS: Final = ("DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT")
 _MAX_ECHO: Final = 200

@@ -54,7 +54,8 @@ def router(
     own_readiness = readiness or registry.verdict
 
     async def describe(request: Request) -> dict[str, Any]:
-        described = _health(registry, request)
+        details = _may_see_details(request)
+        described = registry.describe(details=details) | ({} if details else {"details": _DETAILS})
         if reports is not None:
             described["status"], described["workers"] = await asyncio.to_thread(reports.describe, own_readiness())
         return described
@@ -94,12 +95,4 @@ def router(
 
 
 def _may_see_details(request: Request) -> bool:
-    authorized: bool = request.scope.get(AUTHORIZED, True)
-    return authorized
-
-
-def _health(registry: ServiceRegistry, request: Request) -> dict[str, Any]:
-    """Return the state of the interfaces, with figures and problems if the request is authorized."""
-    if _may_see_details(request):
-        return registry.describe()
-    return {**registry.describe(details=False), "details": _DETAILS}
+    return bool(request.scope.get(AUTHORIZED, True))

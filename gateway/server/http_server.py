@@ -114,7 +114,7 @@ class PortService:
             listener = process_tuning.listen(self._host, self._port)
         except OSError as error:
             raise OSError(f"cannot listen: {process_tuning.listen_error(error, self._host, self._port)}") from None
-        self._bound_port = _port_of(listener)
+        self._bound_port = int(listener.getsockname()[1])
         self._server = server = _SecondaryServer(server_config(self._app, 1.0, lifespan=False, tls=self._tls))
         try:
             await server.serve(sockets=[listener])
@@ -123,7 +123,3 @@ class PortService:
                 await server.shutdown([listener])
             listener.close()
             self._server = None
-
-
-def _port_of(listener: socket.socket) -> int:
-    return int(listener.getsockname()[1])

@@ -15,6 +15,8 @@ Responses = dict[int | str, dict[str, Any]]
 
 TEXT: Final[Mapping[str, Any]] = {"text/plain": {"schema": {"type": "string"}}}
 """Content of error responses: one sentence."""
+BINARY: Final[Mapping[str, Any]] = {"type": "string", "format": "binary"}
+"""Schema of a file."""
 SECURITY_SCHEMES: Final[Mapping[str, Any]] = {
     "token": {
         "type": "http",
@@ -51,6 +53,11 @@ def example(value: Any, name: str = "example") -> dict[str, Any]:
 def json_example(value: Any, description: str = "Success.") -> Responses:
     """Return the description of a 200 response with JSON."""
     return {200: {"description": description, "content": {"application/json": {"example": value}}}}
+
+
+def file_response(description: str, *media_types: str) -> Responses:
+    """Return the description of a 200 response with a file of one of these types."""
+    return {200: {"description": description, "content": {each: {"schema": BINARY} for each in media_types}}}
 
 
 def describe(app: FastAPI, *, token: bool, open_paths: Collection[str]) -> None:

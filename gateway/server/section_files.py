@@ -14,7 +14,7 @@ from gateway.scene.live import LiveTree
 from gateway.scene.sampling import FileTooLargeError, SectionWriter, write_section
 from gateway.scene.timeline import Timeline
 from gateway.server.disconnect import CLIENT_GONE, while_connected
-from gateway.server.openapi import TEXT, Responses, example
+from gateway.server.openapi import TEXT, Responses, example, file_response
 from renderers.drawlist import ImageError
 
 DEFAULT_RATE: Final = 30.0
@@ -38,7 +38,7 @@ Rate = Annotated[
 def section_responses(media_type: str, description: str = "The file.") -> Responses:
     """Return the OpenAPI descriptions of the responses of ``SectionFiles``."""
     return {
-        200: {"description": description, "content": {media_type: {"schema": {"type": "string", "format": "binary"}}}},
+        **file_response(description, media_type),
         413: {"description": "The file would be larger than the limit.", "content": dict(TEXT)},
         500: {"description": "A texture of the scene cannot be decoded.", "content": dict(TEXT)},
     }

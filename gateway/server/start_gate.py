@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Collection
+from collections.abc import Awaitable, Callable, Collection
 
 from starlette.responses import HTMLResponse, PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -39,20 +39,23 @@ class StartGate:
         self._open_paths = open_paths
         self._progress = progress
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] == "lifespan" or scope["path"] in self._open_paths:
-            await self._app(scope, receive, send)
-            return
+            return self._app(scope, receive, send)
         if not self._started.is_set():
-            if scope["type"] == "http" and scope["method"] == "GET" and _accepts_html(scope):
-                headers = {"Retry-After": "1", "Cache-Control": "no-store"}
-                await HTMLResponse(starting_page(self._progress()), 503, headers)(scope, receive, send)
-                return
-            await self._started.wait()
+            return self._respond_after_start(scope, receive, send)
         if scope["type"] == "http" and (problem := self._problem()):
-            await PlainTextResponse(f"The gateway did not start: {problem}\n", status_code=503)(scope, receive, send)
+            text = f"The gateway did not start: {problem}\n"
+            return PlainTextResponse(text, status_code=503)(scope, receive, send)
+        return self._app(scope, receive, send)
+
+    async def _respond_after_start(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http" and scope["method"] == "GET" and _accepts_html(scope):
+            headers = {"Retry-After": "1", "Cache-Control": "no-store"}
+            await HTMLResponse(starting_page(self._progress()), 503, headers)(scope, receive, send)
             return
-        await self._app(scope, receive, send)
+        await self._started.wait()
+        await self(scope, receive, send)
 
 
 def _accepts_html(scope: Scope) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Final, Literal
 from urllib.parse import unquote
@@ -27,25 +28,14 @@ def _split(separator: str) -> BeforeValidator:
     return BeforeValidator(split)
 
 
-def _check_pose(text: str) -> str:
-    from gateway.scene.mount import parse_mount_pose  # imports NumPy: only where the setting is used
+def _parsed_by(function: str) -> AfterValidator:
+    """Return a check by a function of ``gateway.scene.mount``. It imports NumPy: only where the setting is used."""
 
-    parse_mount_pose(text)
-    return text
+    def check(text: str) -> str:
+        getattr(import_module("gateway.scene.mount"), function)(text)
+        return text
 
-
-def _check_path(text: str) -> str:
-    from gateway.scene.mount import parse_mount_path  # imports NumPy
-
-    parse_mount_path(text)
-    return text
-
-
-def _check_camera(text: str) -> str:
-    from gateway.scene.mount import parse_camera_spec  # imports NumPy
-
-    parse_camera_spec(text)
-    return text
+    return AfterValidator(check)
 
 
 def _check_color(value: object) -> object:
@@ -84,9 +74,9 @@ Byte = Annotated[int, Field(ge=0, le=255)]
 Port = Annotated[int, Field(ge=0, le=65535)]
 ProcessCount = Annotated[int, BeforeValidator(lambda value: 0 if value == "auto" else value)]
 PortOrOff = Annotated[Port | None, BeforeValidator(lambda value: None if value == "off" else value)]
-MountPose = Annotated[str, AfterValidator(_check_pose)]
-MountPath = Annotated[str, AfterValidator(_check_path)]
-AnyCamera = Annotated[str, AfterValidator(_check_camera)]
+MountPose = Annotated[str, _parsed_by("parse_mount_pose")]
+MountPath = Annotated[str, _parsed_by("parse_mount_path")]
+AnyCamera = Annotated[str, _parsed_by("parse_camera_spec")]
 Cameras = Annotated[tuple[AnyCamera, ...], NoDecode, _split("|"), Field(max_length=15)]
 Paths = Annotated[tuple[Path, ...], NoDecode, _split(os.pathsep)]
 Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, BeforeValidator(_check_color)]

@@ -15,18 +15,16 @@ from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.clock import Clock, SystemClock
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings
-from gateway.stereo.imaging.other_projector import lit_projectors
-from gateway.stereo.imaging.realistic_images import make_imaging
 from gateway.stereo.imaging.recorded_pairs import PairImaging
 from gateway.stereo.imaging.rendered_images import Capture, Imaging, MeteredExposure
 from gateway.stereo.imaging.scene_motion import SceneState
 from gateway.stereo.imu.imu_service import Imu, PoseLog
 from gateway.stereo.stream import grpc_server as server
+from gateway.stereo.stream.client_queues import ClientQueues
 from gateway.stereo.stream.faults import FaultInjector
-from gateway.stereo.stream.frame import Frame, FrameRecord
-from gateway.stereo.stream.frame_publisher import FrameCounts
+from gateway.stereo.stream.frame import FrameImages, FrameRecord
+from gateway.stereo.stream.frame_publisher import FramePublisher
 from gateway.stereo.stream.frame_scheduler import FrameScheduler, SceneSource
-from gateway.stereo.stream.image_events import EventHub
 from gateway.stereo.stream.set_kind import SetKind
 from gateway.stereo.stream.subscriptions import ImageSetHub
 from renderers.interface import Renderer
@@ -66,25 +64,27 @@ class StereoService:
         file."""
         self.earlier_state: Callable[[float], Awaitable[SceneState]] | None = None
         """Returns the scene at an earlier time, as ``gateway.scene.timeline.state_at``; None: the scene is a file."""
-        self.scene_imaging = make_imaging(config, renderer)
+        self.scene_imaging = Imaging(config, renderer)
         """Source of rendered images, also while recorded pairs are shown."""
         self.workers = workers
         self.hub = ImageSetHub(config.max_clients, config.max_kinds, self._generation)
-        self.events = EventHub(config.max_clients, config.max_events)
+        self.events = ClientQueues("event", config.max_clients, config.max_events)
         self.imu = Imu(config, pose_log)
         self.injector = FaultInjector(config.seed, config.max_late_bytes)
         self.started = time.time()
         """Time of the start, seconds since the epoch."""
+        clock = clock or SystemClock()
+        self._publisher = FramePublisher(self.hub, self.events, self.injector, config.rate, simulated=clock.simulated)
+        self.counts = self._publisher.counts
+        """Counters since start."""
         self._scheduler = FrameScheduler(
             self.scene_imaging,
             workers,
-            self.hub,
-            self.events,
-            self.injector,
+            self._publisher,
             self.parameters,
             scene,
-            clock or SystemClock(),
-            self.imu.frame_captured,
+            clock,
+            self.imu.frame_captured if pose_log is None else None,
             on_streaming,
             has_messages_before,
         )
@@ -133,12 +133,7 @@ class StereoService:
     @property
     def last_metered(self) -> MeteredExposure:
         """Exposure of the newest left image; before the first, the manual one."""
-        return self._scheduler.last_metered or MeteredExposure(self.settings.manual_exposure, 0.0)
-
-    @property
-    def counts(self) -> FrameCounts:
-        """Counters since start."""
-        return self._scheduler.counts
+        return self._publisher.last_metered or MeteredExposure(self.settings.manual_exposure, 0.0)
 
     @property
     def history(self) -> list[FrameRecord]:
@@ -167,7 +162,7 @@ class StereoService:
             await asyncio.gather(imu, return_exceptions=True)
             await server.stop(grpc_server, shut_down_health)
 
-    async def capture(self, kind: SetKind, earlier: float | None = None) -> Frame:
+    async def capture(self, kind: SetKind, earlier: float | None = None) -> FrameImages:
         """Capture the scene apart from the stream, with the current parameters, and return a frame for sets of a kind.
 
         Nothing in the frame is blurred by motion.
@@ -189,18 +184,9 @@ class StereoService:
             timestamp = state.timestamp
         self._captures += 1
         camera, depth = (
-            Capture(
-                timestamp,
-                state.scene,
-                state.revision,
-                state.X_world_left,
-                settings.gpio(depth=depth),
-                self._captures,
-                projectors=lit_projectors(state.projectors, depth=depth),
-            )
-            for depth in (False, True)
+            Capture.of_state(state, settings, timestamp, self._captures, depth=depth) for depth in (False, True)
         )
-        return Frame(self.imaging, self.workers, settings, camera, depth, (kind,))
+        return FrameImages(FrameRecord(self.imaging, settings, camera, depth), self.workers, (kind,))
 
     def set_parameters(self, node: str, values: Iterable[tuple[str, object]]) -> list[str]:
         """Set parameters, all or none; see ``Parameters.set``.
@@ -210,6 +196,7 @@ class StereoService:
         had_auto_exposure, exposure = self.settings.auto_exposure is not None, self.last_metered.exposure
         had_auto_white_balance = self.parameters.values("rc_camera")["wb_auto"]
         names = self.parameters.set(node, values)
+        self.hub.changed.set()
         manual: dict[str, float] = {}
         if had_auto_exposure and self.settings.auto_exposure is None:
             manual |= {"exp_value": exposure.time, "gain_value": exposure.gain}
@@ -218,11 +205,16 @@ class StereoService:
         self.parameters.set("rc_camera", [(name, value) for name, value in manual.items() if name not in names])
         return names
 
+    def reset_parameters(self, node: str) -> None:
+        """Restore the default values of a node."""
+        self.parameters.reset(node)
+        self.hub.changed.set()
+
     def fire_trigger(self) -> tuple[int, str]:
         """Request one depth image in a single-frame mode. Return the device's return code and a message."""
         if not self.settings.single_frame:
             return -8, "Triggering is only possible in SingleFrame acquisition mode"
-        if not any(kind.has_depth for kind in self.hub.kinds()):
+        if not any(kind.has_depth for kind in self.hub.kinds):
             return 102, "Trigger is ignored, because there are no subscribers"
         if self._scheduler.trigger_time is not None:
             return 101, "Trigger is ignored, because there is a trigger call pending"
@@ -239,7 +231,7 @@ class StereoService:
             "clients": len(self.hub),
             "event_clients": len(self.events),
             "imu_clients": len(self.imu.hub),
-            "kinds": sorted(map(str, self.hub.kinds())),
+            "kinds": sorted(map(str, self.hub.kinds)),
             "depth_mode": self.config.depth_mode,
             "quality": self.settings.quality.value,
             "frames": counts.frames,

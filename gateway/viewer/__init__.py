@@ -14,13 +14,13 @@
 ``image_routes``     JPEG and MJPEG of the scene, images of the stereo camera, images of render requests
 ``scene_images``     the live scene, rendered by the gateway
 ``sensor_images``    the stereo camera's images
+``gateway_status``   the content of the status bar
 ``recent_renders``   the last requests of the render endpoint
 ``recording``        the frames of a scene over time, in one block
 ``scene_file``       page and recording in one HTML file
 ``share_routes``     ``/view/scene.html``
 
 ``colormaps``        depth, disparity and confidence as RGB images
-``shared_results``   one computation for all clients that request the same image
 
 ``config``           limits and defaults
 ``sources``          types of the values that other interfaces provide

@@ -10,6 +10,7 @@ from typing import Final
 import structlog
 
 from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
+from gateway.runtime.shared_results import SharedResults
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.cameras import CameraSpec
 from gateway.scene.flatten import Flattener
@@ -20,7 +21,6 @@ from gateway.scene.timeline import Timeline, state_at
 from gateway.scene.tree import Path
 from gateway.scene.viewpoints import resolve_camera
 from gateway.viewer.config import ViewerConfig
-from gateway.viewer.shared_results import SharedResults
 from renderers.camera import Camera
 from renderers.encode import jpeg_rgb
 from renderers.interface import Look, LookName, Output, Renderer

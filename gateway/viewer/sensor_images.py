@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.runtime.shared_results import SharedResults
 from gateway.viewer.colormaps import confidence_to_rgb, disparity_to_rgb, gray_to_rgb, shrink_to_width
-from gateway.viewer.shared_results import SharedResults
 from gateway.viewer.sources import ImageName, StereoImages
 from renderers.encode import jpeg_rgb
 

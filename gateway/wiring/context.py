@@ -22,15 +22,15 @@ from gateway.scene.history import TreeHistory
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
+from gateway.server.interface_names import title_of
 from gateway.server.security import Security
 from gateway.settings import MIB, Settings
-from gateway.wiring.interface_names import title_of
 from renderers.camera import Camera
 from renderers.interface import Renderer
 
 if TYPE_CHECKING:
     from gateway.assets.mesh_files import MeshFiles
-    from gateway.render.events import RenderRecord
+    from gateway.render.service import RenderRecord
     from gateway.runtime.supervised_process import Heartbeat
     from gateway.runtime.worker_reports import WorkerReports
     from gateway.scene.timeline import Timeline
@@ -127,15 +127,14 @@ class Context:
         if self._renderer is None:
             from renderers.raster import CpuRenderer
 
-            threads = self.settings.frame_threads or self.workers.threads
-            extra = max(0, threads - self.workers.threads)
-            self._renderer = CpuRenderer(threads, lambda: extra + self._spare_threads)
+            self._renderer = CpuRenderer(self.settings.frame_threads or self.workers.threads, self._spare_threads)
         return self._renderer
 
-    @property
     def _spare_threads(self) -> int:
-        """Number of worker threads that no call needs."""
-        return max(0, self.workers.threads - self.workers.calls - self.camera_workers.calls)
+        """Return the number of threads that no call needs, of the worker threads and those for one image beyond."""
+        threads = self.workers.threads
+        idle = max(0, threads - self.workers.calls - self.camera_workers.calls)
+        return idle + max(0, self.settings.frame_threads - threads)
 
     @property
     def mesh_files(self) -> MeshFiles:
@@ -173,8 +172,11 @@ class Context:
 
     def has_messages_before(self, timestamp: int) -> bool:
         """Return True if a message that arrived before a time, nanoseconds, is not applied to the tree yet."""
-        arrivals = [oldest() for oldest in self.oldest_arrivals]
-        return any(arrival is not None and arrival <= timestamp for arrival in arrivals)
+        for oldest_arrival in self.oldest_arrivals:
+            arrival = oldest_arrival()
+            if arrival is not None and arrival <= timestamp:
+                return True
+        return False
 
     async def return_memory_when_idle(self) -> None:
         """Return the memory of earlier frames and scenes to the system after a while without work; never ends."""

@@ -7,12 +7,11 @@ value of the label. Names that end in ``_total`` are counters, all others gauges
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from gateway import __version__
-from gateway.runtime.metrics_registry import Metrics, Reading
+from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.service_registry import ServiceRegistry, State
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.history import TreeHistory
@@ -20,21 +19,10 @@ from gateway.scene.live import LiveTree
 from renderers.cache import CacheBudget
 
 if TYPE_CHECKING:
-    from gateway.render.events import RenderRecord
     from gateway.render.service import RenderService
     from gateway.stereo.service import StereoService
     from gateway.treeviewer.service import TreeViewerService
     from gateway.viewer.hub import ViewHub
-
-BUSY: Final = "busy"
-"""Outcome of a render request that found the queue full."""
-_OUTCOMES: Final[Mapping[int, str]] = {200: "ok", 499: "gone", 500: "failed", 503: BUSY}
-"""Outcome of a render request by status; all other statuses are ``rejected``."""
-
-
-def _watch(metrics: Metrics, name: str, text: str, read: Callable[[], Reading], label: str = "") -> None:
-    add = metrics.counter if name.endswith("_total") else metrics.gauge
-    add(name, text, read, label=label)
 
 
 def watch_process(metrics: Metrics, registry: ServiceRegistry, workers: WorkerPool) -> None:
@@ -47,7 +35,7 @@ def watch_process(metrics: Metrics, registry: ServiceRegistry, workers: WorkerPo
         ends = ("done", "rejected", "abandoned", "timed_out")
         return {end: float(getattr(workers.stats, end)) for end in ends}
 
-    watch = partial(_watch, metrics)
+    watch = metrics.watch
     watch(
         "scenegate_build_info",
         "Constant 1; the label version is the version of this gateway.",
@@ -106,7 +94,7 @@ def watch_process(metrics: Metrics, registry: ServiceRegistry, workers: WorkerPo
 
 def watch_caches(metrics: Metrics, caches: CacheBudget) -> None:
     """Add the metrics of the caches, which share one limit."""
-    watch = partial(_watch, metrics)
+    watch = metrics.watch
     watch(
         "scenegate_cache_hits_total",
         "Number of cache hits, by cache.",
@@ -134,7 +122,7 @@ def watch_caches(metrics: Metrics, caches: CacheBudget) -> None:
 
 def watch_tree(metrics: Metrics, tree: LiveTree) -> None:
     """Add the metrics of the live scene."""
-    watch = partial(_watch, metrics)
+    watch = metrics.watch
     watch(
         "scenegate_tree_revision",
         "Number of edits of the live scene.",
@@ -159,7 +147,7 @@ def watch_history(metrics: Metrics, history: TreeHistory) -> None:
         first, last = history.span
         return (last - first) / 1e9
 
-    watch = partial(_watch, metrics)
+    watch = metrics.watch
     watch(
         "scenegate_history_bytes", "Bytes of earlier states of the live scene, approximately.", lambda: history.nbytes
     )
@@ -167,8 +155,8 @@ def watch_history(metrics: Metrics, history: TreeHistory) -> None:
 
 
 def watch_render(metrics: Metrics, service: RenderService) -> None:
-    """Add the metrics of the render endpoint; ``count_render`` counts its requests."""
-    watch = partial(_watch, metrics)
+    """Add the metrics of the render endpoint."""
+    watch = metrics.watch
     watch(
         "scenegate_render_body_bytes",
         "Bytes of render request bodies that are being received, wait or are rendered.",
@@ -176,17 +164,10 @@ def watch_render(metrics: Metrics, service: RenderService) -> None:
     )
 
 
-def count_render(metrics: Metrics, record: RenderRecord) -> None:
-    """Count one finished request of the render endpoint."""
-    kind = record.request.image_type if record.request is not None else "unknown"
-    stages = (("queue", record.queue_seconds), *record.image.stage_seconds) if record.image is not None else ()
-    metrics.count_render(kind, record.outcome or _OUTCOMES.get(record.status, "rejected"), stages)
-
-
 def watch_stereo(metrics: Metrics, *services: StereoService) -> None:
     """Add the metrics of the stereo cameras, summed over all of them."""
     hubs, counts = [s.hub for s in services], [s.counts for s in services]
-    watch = partial(_watch, metrics)
+    watch = metrics.watch
     watch(
         "scenegate_stereo_streams",
         "Number of open gRPC image streams.",
@@ -240,7 +221,7 @@ def watch_treeviewer(metrics: Metrics, service: TreeViewerService) -> None:
             "undecodable": float(status["undecodable"]),
         }
 
-    watch = partial(_watch, metrics)
+    watch = metrics.watch
     watch(
         "scenegate_lcm_messages_total",
         "Number of tree viewer messages, by what: requests received, responses sent (answered), responses "
@@ -286,7 +267,7 @@ def watch_treeviewer(metrics: Metrics, service: TreeViewerService) -> None:
 
 def watch_view(metrics: Metrics, hub: ViewHub) -> None:
     """Add the metrics of the browser view."""
-    watch = partial(_watch, metrics)
+    watch = metrics.watch
     watch(
         "scenegate_view_browsers",
         "Number of pages connected to the browser view's WebSocket.",

@@ -9,9 +9,8 @@ from typing import Final
 from gateway.assets.light_rig_file import rig_of
 from gateway.gltf import GltfLimits
 from gateway.render.config import RenderConfig
-from gateway.render.events import RenderRecord
 from gateway.render.routes import router
-from gateway.render.service import RenderService
+from gateway.render.service import RenderRecord, RenderService
 from gateway.scene.tree import Node
 from gateway.settings import MIB, Settings
 from gateway.wiring import metrics
@@ -26,7 +25,7 @@ async def setup(context: Context) -> None:
     """Add the render endpoint."""
 
     def count_and_report(record: RenderRecord) -> None:
-        metrics.count_render(context.metrics, record)
+        context.metrics.count_render(record.kind, record.outcome, record.stages)
         context.on_render(record)
         if record.request is not None and record.image is not None:
             context.registry.warn("render", _LAST_IMAGE, *record.request.warnings, *record.image.warnings)

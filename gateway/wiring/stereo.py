@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -17,9 +16,9 @@ from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.mount import CameraSpec, Mount, parse_camera_spec, parse_mount_path, parse_mount_pose
 from gateway.scene.timeline import state_at
-from gateway.server.early_response import EarlyResponse
-from gateway.server.error_handlers import HeadAsGet, invalid_parameters
+from gateway.server.error_handlers import invalid_parameters
 from gateway.server.http_server import PortService
+from gateway.server.middleware import EarlyResponse, HeadAsGet
 from gateway.settings import Settings
 from gateway.stereo.device.camera_config import StereoConfig, Tls
 from gateway.stereo.device.clock import SimulatedClock
@@ -30,7 +29,7 @@ from gateway.stereo.imaging.other_projector import OtherProjector
 from gateway.stereo.imaging.pair_files import find_pairs, read_geometry
 from gateway.stereo.imaging.recorded_pairs import PairImaging, pair_imaging
 from gateway.stereo.imaging.scene_motion import SceneState
-from gateway.stereo.imaging.scene_view import SceneView
+from gateway.stereo.imaging.scene_view import ProjectorSource, SceneView
 from gateway.stereo.imu.imu_service import PoseLog
 from gateway.stereo.routes.camera_routes import camera_router
 from gateway.stereo.routes.fault_routes import fault_router
@@ -51,9 +50,6 @@ from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
 from renderers.stereo.sensor.noise import NoiseStream
 
-ProjectorSource = Callable[[Snapshot], OtherProjector]
-"""Returns a camera's projector in a snapshot of the scene."""
-
 _VIEW_IMAGES: Final = SetKind(left=True, right=True, disparity=True, confidence=True, color=True)
 _CAPTION_PERCENTILES: Final = (1.0, 99.0)
 """Percentiles of the valid disparities between which a caption's range of depths lies."""
@@ -64,7 +60,7 @@ async def setup(context: Context) -> None:
     settings = context.settings
     configs, mounts = await asyncio.to_thread(_cameras, settings)
     scene = await _scene(context)
-    projectors: list[ProjectorSource] = []
+    projectors: dict[SceneView, ProjectorSource] = {}
     services = [
         _start_camera(context, number, replace(config, tokens=context.security.grpc), mount, scene, projectors)
         for number, (config, mount) in enumerate(zip(configs, mounts, strict=True))
@@ -113,7 +109,7 @@ def _start_camera(
     config: StereoConfig,
     mount: Mount,
     scene: LiveTree | None,
-    projectors: list[ProjectorSource],
+    projectors: dict[SceneView, ProjectorSource],
 ) -> StereoService:
     """Start the camera of pipeline ``number``. Camera 0 is the one shown by the browser view and the scene API.
 
@@ -121,64 +117,55 @@ def _start_camera(
         scene: the scene that all cameras see; None: the live tree.
         projectors: projectors that all cameras see; this camera's is added.
     """
-    settings = context.settings
-    if scene is None:
-        view = SceneView(context.tree, context.flattener, mount)
-    else:
-        view = SceneView(scene, Flattener(LabelTable()), mount)
+    settings, live = context.settings, scene is None
+    flattener = context.flattener if scene is None else Flattener(LabelTable())
+    view = SceneView(context.tree if scene is None else scene, flattener, mount, projectors)
 
     def on_streaming(streaming: bool) -> None:
         view.tree.keep_recent(number, active=streaming)
         context.workers.give_way(number, active=streaming)
 
-    def projector(snapshot: Snapshot) -> OtherProjector:
-        return OtherProjector(view.pose_in(snapshot), config.model, config.dot_light, service.settings)
-
-    def others(snapshot: Snapshot) -> tuple[OtherProjector, ...]:
-        return tuple([other(snapshot) for other in projectors if other is not projector])
-
-    def state(timestamp: int | None) -> SceneState:
-        return replace(view.state(timestamp), projectors=others(view.snapshot_at(timestamp)))
-
     async def earlier_state(time: float) -> SceneState:
         snapshot = await state_at(context.history, time)
-        found = await context.camera_workers.run(view.state_in, snapshot, Flattener(context.labels))
-        return replace(found, projectors=others(snapshot))
+        return await context.camera_workers.run(view.state_in, snapshot, Flattener(context.labels))
 
     simulated = settings.clock == "simulated"
     service = StereoService(
         config,
-        state,
+        view.state,
         context.renderer,
         context.camera_workers,
         SimulatedClock() if simulated else None,
         None if simulated else PoseLog(view.tree, view.pose_in),
         on_streaming,
-        context.has_messages_before if scene is None else lambda timestamp: False,
+        context.has_messages_before if live else lambda timestamp: False,
     )
-    if scene is None:
-        service.earlier_state = earlier_state
+    service.earlier_state = earlier_state if live else None
     if settings.stereo_projectors == "shared" and config.projector and config.dot_light > 0.0:
-        projectors.append(projector)
+        projectors[view] = lambda snapshot: OtherProjector(
+            view.pose_in(snapshot), config.model, config.dot_light, service.settings
+        )
     if settings.stereo_images is not None:
         service.show_pairs(_pairs(settings.stereo_images, service))
-
-    def status() -> dict[str, Any]:
-        values, warning = dict(service.status()), view.warning()
-        where = {"where": f"gRPC on port {values['port']}"}  # the actual port, if 0 is configured
-        if warning:
-            values["warnings"] = [*values.get("warnings", ()), warning]
-        return {**values, **where}
-
     if context.state is not None:
         context.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
         service.wait_until_stored = context.state.commits.wait_until_stored
     if number == 0:
-        context.stereo_camera = lambda snapshot: view.camera(config, snapshot) if scene is None else None
+        context.stereo_camera = lambda snapshot: view.camera(config, snapshot) if live else None
         context.stereo_service = service
-        context.stereo_sensor = StereoSensor(service, view, live=scene is None)
-    context.run_service(f"stereo {number}" if number else "stereo", service, figures=status)
+        context.stereo_sensor = StereoSensor(service, view, live=live)
+    name = f"stereo {number}" if number else "stereo"
+    context.run_service(name, service, figures=lambda: _figures(service, view))
     return service
+
+
+def _figures(service: StereoService, view: SceneView) -> dict[str, Any]:
+    """Return figures and warnings of a camera for ``/healthz``."""
+    values, warning = service.status(), view.warning()
+    values["where"] = f"gRPC on port {values['port']}"  # the actual port, if 0 is configured
+    if warning:
+        values["warnings"] = [*values.get("warnings", ()), warning]
+    return values
 
 
 async def _scene(context: Context) -> LiveTree | None:
@@ -285,19 +272,15 @@ class StereoSensor:
         """
         service = self._service
         frame = await service.capture(_VIEW_IMAGES)
-        try:
-            left, right, images, metered = await asyncio.gather(
-                frame.image(NoiseStream.LEFT, color=True),
-                frame.image(NoiseStream.RIGHT, color=True),
-                frame.depth_images(),
-                frame.metered(frame.camera_capture),
-            )
-        except BaseException:
-            frame.cancel()
-            raise
+        left, right, images, metered = await asyncio.gather(
+            frame.image(NoiseStream.LEFT, color=True),
+            frame.image(NoiseStream.RIGHT, color=True),
+            frame.depth_images(),
+            frame.metered(frame.record.camera_capture),
+        )
         exposure = f"{metered.exposure.time * 1e3:.3g} ms, {metered.exposure.gain:.3g} dB"
         captions: dict[ImageName, str] = {"left": exposure, "right": exposure}
-        captions.update(await service.workers.run(self._depth_captions, images, frame.settings))
+        captions.update(await service.workers.run(self._depth_captions, images, frame.record.settings))
         return StereoImages(left.image, right.image, images.disparity, images.confidence, captions)
 
     def _depth_captions(self, images: DepthImages, settings: StreamSettings) -> dict[ImageName, str]:

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from gateway.assets.light_rig_file import rig_of
-from gateway.render.events import RenderRecord
+from gateway.render.service import RenderRecord
 from gateway.viewer.config import ViewerConfig
+from gateway.viewer.gateway_status import gateway_status
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.image_routes import image_router
-from gateway.viewer.messages import Fact, InterfaceState, Status
 from gateway.viewer.routes import router
 from gateway.viewer.scene_images import SceneImages
 from gateway.viewer.sensor_images import SensorImages
 from gateway.viewer.share_routes import share_router
 from gateway.viewer.sources import RenderSummary
 from gateway.wiring.context import Context
-from gateway.wiring.interface_names import documentation_of, title_of
 from gateway.wiring.metrics import watch_view
 
 
@@ -28,7 +24,7 @@ async def setup(context: Context) -> None:
     hub = ViewHub(
         config,
         context.tree,
-        status=lambda: gateway_status(context),
+        status=lambda: gateway_status(context.registry, context.workers.stats),
         stereo=stereo,
         page=context.page,
         timeline=context.timeline,
@@ -52,48 +48,6 @@ async def setup(context: Context) -> None:
     context.run_service("view", hub, where="/view")
     if context.log is not None:
         context.run_service("log", context.log, where=str(context.log.timeline.path))
-
-
-def gateway_status(context: Context) -> Status:
-    """Return what the page's status bar shows.
-
-    That is the interfaces' states, the time of Drake's simulation, the queue, lost messages and streams.
-    """
-    interfaces: dict[str, InterfaceState] = {}
-    details: dict[str, dict[str, Any]] = {}
-    for name, entry in context.registry.entries.items():
-        described = details[name] = entry.describe()
-        interfaces[name] = InterfaceState(
-            state=described["state"],
-            title=title_of(name),
-            documentation=documentation_of(name),
-            problem=described.get("problem", ""),
-            warnings=described.get("warnings", []),
-        )
-    stats = context.workers.stats
-    facts: list[Fact] = []
-    seconds = details.get("drakeviewer", {}).get("simulation_seconds")
-    if seconds is not None:
-        facts.append(Fact(name="simulation", value=f"{seconds:.2f} s"))
-    indexed = details.get("log", {}).get("indexed", 1.0)
-    if indexed < 1.0:
-        facts.append(Fact(name="indexed", value=f"{100 * indexed:.0f} %"))
-    facts.append(Fact(name="queue", value=stats.waiting, warn=stats.rejected > 0))
-    lost = lost_lcm_messages(details.get("treeviewer", {}))
-    if lost is not None:
-        facts.append(Fact(name="lost LCM", value=lost, warn=lost > 0))
-    clients = details.get("stereo", {}).get("clients")
-    if clients is not None:
-        facts.append(Fact(name="streams", value=clients))
-    return Status(interfaces=interfaces, facts=facts)
-
-
-def lost_lcm_messages(treeviewer: Mapping[str, Any]) -> int | None:
-    """Return the number of datagrams dropped by the kernel and messages dropped by a full queue; None without LCM."""
-    lcm = treeviewer.get("lcm")
-    if not isinstance(lcm, dict) or "dropped" not in lcm:
-        return None
-    return int(lcm["dropped"]) + int(lcm.get("lost_datagrams", 0))
 
 
 def render_summary(record: RenderRecord) -> RenderSummary:

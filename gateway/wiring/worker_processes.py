@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from functools import partial
 from typing import Final
 
 from gateway.runtime.worker_reports import INTERVAL_SECONDS, WorkerReports
@@ -30,8 +29,8 @@ async def write_worker_reports(context: Context) -> AsyncIterator[None]:
         await asyncio.to_thread(reports.register)
     tasks = [asyncio.create_task(_write_repeatedly(context, reports), name="reports")]
     if context.heartbeat is not None:
-        is_ready = partial(_is_ready, context)
-        tasks.append(asyncio.create_task(context.heartbeat.beat(is_ready), name="heartbeat"))
+        beat = context.heartbeat.beat(lambda: context.readiness() in ("ready", "degraded", "busy"))
+        tasks.append(asyncio.create_task(beat, name="heartbeat"))
     while reports.is_replacement and not context.started.is_set() and not context.app.state.closing():  # noqa: ASYNC110
         await asyncio.sleep(_POLL_SECONDS)  # uvicorn tells nobody of a signal before the block has started
     try:
@@ -42,10 +41,6 @@ async def write_worker_reports(context: Context) -> AsyncIterator[None]:
         await asyncio.gather(*tasks, return_exceptions=True)
         with contextlib.suppress(OSError):
             await _write(context, reports)
-
-
-def _is_ready(context: Context) -> bool:
-    return context.readiness() in ("ready", "degraded", "busy")
 
 
 async def _write_repeatedly(context: Context, reports: WorkerReports) -> None:

@@ -165,7 +165,7 @@ async def test_nothing_is_made_without_subscribers(monkeypatch: pytest.MonkeyPat
         assert not len(camera.hub)
         await client.subscribe("/tf", "/stereo/left/image_rect")
         await client.messages_of("/tf", "/stereo/left/image_rect")
-        (kind,) = camera.hub.kinds()
+        (kind,) = camera.hub.kinds
         assert (kind.left, kind.right, kind.has_depth) == (True, False, False)
         assert advanced
         await client.unsubscribe("/tf", "/stereo/left/image_rect")

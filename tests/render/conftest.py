@@ -16,10 +16,9 @@ from fastapi import FastAPI
 from numpy.typing import NDArray
 
 from gateway.render.config import RenderConfig
-from gateway.render.events import RenderRecord
 from gateway.render.pipeline import Backdrop
 from gateway.render.routes import router
-from gateway.render.service import RenderService
+from gateway.render.service import RenderRecord, RenderService
 from gateway.runtime.worker_pool import WorkerPool
 from renderers.camera import Camera
 from renderers.drawlist import LABEL_NONE, DrawList

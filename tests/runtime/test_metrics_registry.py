@@ -36,9 +36,9 @@ def test_renders_are_counted_with_their_stages() -> None:
 def test_gauges_and_counters_are_read_at_each_scrape() -> None:
     metrics = Metrics()
     values = {"left": 1.0}
-    metrics.gauge("scenegate_level", "Level.", lambda: values["left"])
-    metrics.gauge("scenegate_levels", "Levels by side.", lambda: values, label="side")
-    metrics.counter("scenegate_steps_total", "Steps.", lambda: 7.0)
+    metrics.watch("scenegate_level", "Level.", lambda: values["left"])
+    metrics.watch("scenegate_levels", "Levels by side.", lambda: values, label="side")
+    metrics.watch("scenegate_steps_total", "Steps.", lambda: 7.0)
     assert {"scenegate_level 1.0", 'scenegate_levels{side="left"} 1.0', "scenegate_steps_total 7.0"} <= {
         *lines(metrics)
     }

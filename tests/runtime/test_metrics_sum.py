@@ -10,9 +10,9 @@ def process(renders: int, seconds: float, level: float) -> str:
     metrics = Metrics()
     for _ in range(renders):
         metrics.count_render("color", "ok", [("queue", seconds)])
-    metrics.gauge("scenegate_level", "Level.", lambda: level)
-    metrics.gauge("scenegate_interface_ready", "State.", lambda: {"render": min(level, 1.0)}, label="interface")
-    metrics.counter("scenegate_steps_total", "Steps.", lambda: {"up": level}, label="way")
+    metrics.watch("scenegate_level", "Level.", lambda: level)
+    metrics.watch("scenegate_interface_ready", "State.", lambda: {"render": min(level, 1.0)}, label="interface")
+    metrics.watch("scenegate_steps_total", "Steps.", lambda: {"up": level}, label="way")
     return metrics.exposition().decode()
 
 

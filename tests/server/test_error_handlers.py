@@ -14,8 +14,8 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, StreamingResponse
 
 from gateway.runtime.metrics_registry import Metrics
-from gateway.server.error_handlers import HeadAsGet, invalid_parameters, not_allowed
-from gateway.server.middleware import RequestContext
+from gateway.server.error_handlers import invalid_parameters, not_allowed
+from gateway.server.middleware import HeadAsGet, RequestContext
 from tests.server.listening import listening
 from tests.support.waiting import SECONDS
 

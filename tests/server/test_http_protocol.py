@@ -11,7 +11,7 @@ import pytest
 from fastapi import FastAPI, Request, Response
 
 from gateway.server import http_protocol
-from gateway.server.early_response import EarlyResponse
+from gateway.server.middleware import EarlyResponse
 from tests.server.listening import listening
 from tests.support.waiting import SECONDS
 

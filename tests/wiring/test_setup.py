@@ -16,7 +16,7 @@ import pytest
 from gateway.app import create_app
 from gateway.demo import ROOT
 from gateway.gltf import GltfLimits
-from gateway.render.events import RenderRecord
+from gateway.render.service import RenderRecord
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene import transforms as tf
 from gateway.scene.flatten import Flattener
@@ -29,7 +29,8 @@ from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.profile import read_profile
 from gateway.stereo.imaging.scene_view import SceneView
 from gateway.stereo.service import StereoService
-from gateway.viewer.messages import Fact
+from gateway.viewer.gateway_status import gateway_status
+from gateway.viewer.messages import Fact, Status
 from gateway.wiring import demo, render, sceneapi, stereo, treeviewer, view
 from gateway.wiring.context import Context
 from gateway.wiring.interfaces import enabled_interfaces
@@ -316,22 +317,17 @@ async def test_captions_have_the_range_and_the_share_of_depth(sensor: Sensor) ->
     assert (await sensor.source.capture()).captions["disparity"] == "1.0–2.0 m"
 
 
-def test_lost_messages_of_lcm() -> None:
-    assert view.lost_lcm_messages({}) is None
-    assert view.lost_lcm_messages({"lcm": "off"}) is None
-    assert view.lost_lcm_messages({"lcm": {"url": "udpm://"}}) is None
-    assert view.lost_lcm_messages({"lcm": {"dropped": 3}}) == 3
-    assert view.lost_lcm_messages({"lcm": {"dropped": 3, "lost_datagrams": 4}}) == 7
-
-
 async def test_the_status_bar(contexts: Any) -> None:
     context = contexts()
+
+    def status() -> Status:
+        return gateway_status(context.registry, context.workers.stats)
+
     context.registry.fail("treeviewer", "no route")
     context.registry.ready("stereo 1", figures=lambda: {"warnings": ["no node"]})
     context.registry.warn("render", "robot.urdf", "a mesh is missing")
     context.registry.ready("render")
-    status = msgspec.to_builtins(view.gateway_status(context))
-    assert status["interfaces"] == {
+    assert msgspec.to_builtins(status())["interfaces"] == {
         "treeviewer": {"state": "failed", "problem": "no route", "title": "Tree viewer", "documentation": ""},
         "stereo 1": {"state": "ready", "warnings": ["no node"], "title": "Stereo camera 1", "documentation": ""},
         "render": {
@@ -342,12 +338,18 @@ async def test_the_status_bar(contexts: Any) -> None:
         },
     }
     context.registry.ready("stereo", figures=lambda: {"clients": 2})
-    assert view.gateway_status(context).facts == [Fact(name="queue", value=0), Fact(name="streams", value=2)]
+    assert status().facts == [
+        Fact(name="queue", value=0),
+        Fact(name="streams", value=2),
+    ]
     context.registry.ready("drakeviewer", figures=lambda: {"simulation_seconds": 1.5})
-    assert view.gateway_status(context).facts[0] == Fact(name="simulation", value="1.50 s")
-    for lost, warn in ((0, False), (1, True)):
-        context.registry.ready("treeviewer", figures=lambda lost=lost: {"lcm": {"dropped": lost}})
-        assert Fact(name="lost LCM", value=lost, warn=warn) in view.gateway_status(context).facts
+    assert status().facts[0] == Fact(name="simulation", value="1.50 s")
+    for lcm, lost in (({"dropped": 0}, 0), ({"dropped": 3}, 3), ({"dropped": 3, "lost_datagrams": 4}, 7)):
+        context.registry.ready("treeviewer", figures=lambda lcm=lcm: {"lcm": lcm})
+        assert Fact(name="lost LCM", value=lost, warn=lost > 0) in status().facts
+    for without in ({}, {"lcm": "off"}, {"lcm": {"url": "udpm://"}}):
+        context.registry.ready("treeviewer", figures=lambda without=without: without)
+        assert "lost LCM" not in [fact.name for fact in status().facts]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -34,7 +35,7 @@ class Tls:
     """Certificate of the authority that must have signed clients' certificates; None: clients need no certificate."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class StereoConfig:
     """Configuration of one stereo camera. Defaults are the device's where it has them."""
 
@@ -116,32 +117,32 @@ class StereoConfig:
     frames_in_flight: int = 2
     """Maximum number of frames in flight: one is rendered while the other is filtered and serialised."""
 
-    @property
+    @cached_property
     def noise_factor(self) -> float:
         """``image_noise``, or 0 if noise is disabled."""
         return self.image_noise if self.noise else 0.0
 
-    @property
+    @cached_property
     def models_errors(self) -> bool:
         """True if rendered depth gets modelled errors."""
         return self.depth_mode == "modelled" and self.noise
 
-    @property
+    @cached_property
     def measures_images(self) -> bool:
         """True if depth is computed from the camera images: by matching, or for the errors of modelled depth."""
         return self.depth_mode == "matched" or self.models_errors
 
-    @property
+    @cached_property
     def color_intrinsics(self) -> Intrinsics:
         """Intrinsics of colour images: those of the colour camera or, without one, of the left camera."""
         return self.model.intrinsics() if self.color_camera is None else self.color_camera.intrinsics
 
-    @property
+    @cached_property
     def X_left_color(self) -> NDArray[np.float64]:
         """Pose of the camera of colour images in the left optical frame, (4, 4) float64."""
         return np.eye(4) if self.color_camera is None else self.color_camera.X_left_color
 
-    @property
+    @cached_property
     def uses_motion(self) -> bool:
         """True if images depend on the previous frame: with a rolling shutter, or motion blur."""
         rolling = self.color_camera is not None and self.color_camera.readout > 0.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,14 +27,3 @@ class OtherProjector:
     def camera(self, divisor: int, *, near: float, far: float) -> Camera:
         """Return the camera at the projector, with that camera's intrinsics at 1/``divisor`` of the resolution."""
         return self.model.camera(self.X_world_left, offset=self.model.baseline / 2, divisor=divisor, near=near, far=far)
-
-
-def lit_projectors(projectors: Iterable[OtherProjector], *, depth: bool) -> tuple[OtherProjector, ...]:
-    """Return the projectors that are on during an exposure.
-
-    All cameras expose at the same time and for the same purpose, as with a common trigger.
-
-    Args:
-        depth: True: exposure for depth; False: exposure for camera images.
-    """
-    return tuple(each for each in projectors if each.settings.gpio(depth=depth) & 1)

@@ -90,7 +90,7 @@ class Pairs:
         return image
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PairImaging(Imaging):
     """Source of recorded images. Depth is matched.
 

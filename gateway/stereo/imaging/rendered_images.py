@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Final
 
 import numpy as np
@@ -14,24 +16,24 @@ from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.stream_settings import StreamSettings
 from gateway.stereo.imaging.auto_exposure import METERING_DIVISOR, ExposureMemory, choose_exposure
 from gateway.stereo.imaging.other_projector import OtherProjector
-from gateway.stereo.imaging.scene_motion import SceneState
+from gateway.stereo.imaging.realistic_images import blur_motion, key_light_factors
+from gateway.stereo.imaging.scene_motion import SceneState, motion_since
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, ImageError
 from renderers.interface import Frame, Look, Output, Renderer
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.pixel_classes import ImageKind
-from renderers.stereo.lens.color_camera import ColorCamera
-from renderers.stereo.lens.optics import Lens, SceneLight, light_on_sensor, relative_light
+from renderers.stereo.lens.optics import LENS_BLUR, Lens, SceneLight, light_on_sensor, relative_light
 from renderers.stereo.light.posed_projector import Surfaces, add_dots
 from renderers.stereo.light.projector import projected_dots, returned_shares
 from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh
-from renderers.stereo.sensor.exposure import LUMA, Exposure, auto_exposure
-from renderers.stereo.sensor.fixed_pattern import FixedPattern
+from renderers.stereo.sensor.exposure import Exposure
+from renderers.stereo.sensor.fixed_pattern import fixed_pattern
 from renderers.stereo.sensor.noise import NoiseStream, frame_key
 from renderers.stereo.sensor.sensor_image import SensorImage, image_from_light
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Capture:
     """Scene, camera pose and digital outputs at one instant."""
 
@@ -50,7 +52,31 @@ class Capture:
     projectors: tuple[OtherProjector, ...] = ()
     """Projectors of other cameras that are on."""
 
-    @property
+    @classmethod
+    def of_state(
+        cls,
+        state: SceneState,
+        settings: StreamSettings,
+        timestamp: int,
+        frame_number: int,
+        earlier: SceneState | None = None,
+        *,
+        depth: bool,
+    ) -> Capture:
+        """Return a capture of a state of the scene.
+
+        All cameras expose at the same time and for the same purpose, as with a common trigger: so their parameters tell
+        which projectors are on.
+
+        Args:
+            timestamp: time that clients get, nanoseconds since the epoch.
+            depth: True: exposure for depth; False: exposure for camera images.
+        """
+        projectors = tuple([each for each in state.projectors if each.settings.gpio(depth=depth) & 1])
+        gpio = settings.gpio(depth=depth)
+        return cls(timestamp, state.scene, state.revision, state.X_world_left, gpio, frame_number, earlier, projectors)
+
+    @cached_property
     def out1_high(self) -> bool:
         """True if Out1 is high."""
         return bool(self.gpio & 1)
@@ -62,8 +88,6 @@ class Capture:
 
 DOT_ALPHA: Final = 0.5
 """Alpha below which a matcher and the projector's dots reach what is behind a blended surface."""
-METERED_PIXELS: Final = np.s_[::METERING_DIVISOR, ::METERING_DIVISOR]
-"""Pixels of a colour camera's image that it meters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,20 +122,39 @@ class ColorImage:
     exposure: Exposure
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Imaging:
-    """Source of images and depth: the rendered scene."""
+    """Source of images and depth: the rendered scene, with the effects of ``config.realism``.
+
+    Rendered depth does not depend on these effects.
+    """
 
     config: StereoConfig
     renderer: Renderer
     exposure_memory: ExposureMemory = field(default_factory=ExposureMemory)
     """State of automatic exposure."""
 
-    @property
+    @cached_property
     def look(self) -> Look:
         """Look of the rendered images, depth and labels."""
         config = self.config
         return Look(config.look, config.background, alpha_threshold=config.alpha_threshold, area_filter=True)
+
+    @cached_property
+    def _lit_look(self) -> Look:
+        """Look of ``render_lit``."""
+        return replace(self.look, alpha_threshold=max(self.look.alpha_threshold, DOT_ALPHA))
+
+    @cached_property
+    def lens(self) -> Lens:
+        """Lens of all cameras."""
+        realism = self.config.realism
+        return Lens(LENS_BLUR if "lens-blur" in realism else 0.0, "vignetting" in realism)
+
+    @cached_property
+    def _dot_light(self) -> float:
+        """Light that a full dot adds, relative to the rendered light; 1 if the camera's own dots add none."""
+        return self.config.dot_light or 1.0
 
     def render(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
         """Render the view from ``offset`` metres to the right of the left camera. The caller closes the frame.
@@ -129,12 +172,7 @@ class Imaging:
 
         Depth and instances ignore surfaces that are mostly transparent.
         """
-        return self._render_lit(capture.scene, self.camera(capture, offset, divisor), outputs)
-
-    def _render_lit(self, scene: DrawList, camera: Camera, outputs: Output) -> Frame:
-        """Render as ``render_lit``, with any camera."""
-        look = replace(self.look, alpha_threshold=max(self.look.alpha_threshold, DOT_ALPHA))
-        return self.renderer.render(scene, camera, outputs, look)
+        return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, self._lit_look)
 
     def camera(self, capture: Capture, offset: float, divisor: int) -> Camera:
         """Return the camera of ``render`` with the same arguments."""
@@ -169,16 +207,19 @@ class Imaging:
         right = request.stream.is_right
         offset = config.model.baseline if right else 0.0
         key = frame_key(config.seed, capture.frame_number, request.stream)
-        k, pattern = config.model.intrinsics(), self._fixed_pattern(right=right)
+        k, pattern = config.model.intrinsics(), None
+        if "fixed-pattern" in config.realism and config.noise_factor > 0.0:
+            pattern = fixed_pattern(config.seed, right=right, height=k.height, width=k.width)
         noise_factor = config.noise_factor / request.averaged_images**0.5
         frame = self.render_lit(capture, offset, 1, self._outputs(capture))
         assert frame.color is not None
-        self._blur_motion(capture, offset, exposure.time, frame.color)
+        if "motion-blur" in config.realism:
+            self._blur_motion(capture, offset, exposure.time, frame.color)
         dots = self._projected_dots(frame, capture, offset, 1)
-        scene_light = self._scene_light(capture.scene, self.camera(capture, offset, 2), dots)
+        scene_light = self.scene_light(capture.scene, partial(self.camera, capture, offset, 2), dots)
         return {
             color: image_from_light(
-                light_on_sensor(frame.color, k, exposure, scene_light, self._lens, color=color),
+                light_on_sensor(frame.color, k, exposure, scene_light, self.lens, color=color),
                 exposure,
                 key,
                 pattern,
@@ -186,23 +227,6 @@ class Imaging:
             )
             for color in request.colors
         }
-
-    def develop(
-        self, rendered: NDArray[np.uint8], color_camera: ColorCamera, capture: Capture, settings: StreamSettings
-    ) -> ColorImage:
-        """Return the colour camera's image of a rendered image, (H, W, 3) uint8, which it meters itself."""
-        config, manual = self.config, settings.manual_exposure
-        camera = color_camera.camera(capture.X_world_left, near=config.near, far=config.far, divisor=2)
-        scene_light = self._scene_light(capture.scene, camera, None)
-        light = light_on_sensor(rendered, color_camera.intrinsics, manual, scene_light, self._lens, color=True)
-        exposure = own_exposure(relative_light(light[METERED_PIXELS]) @ LUMA.astype(np.float32), settings)
-        key = frame_key(config.seed, capture.frame_number, NoiseStream.COLOR_CAMERA)
-        return ColorImage(
-            image_from_light(light, exposure, key, noise_factor=self._noise_factor(color_camera)), exposure
-        )
-
-    def _noise_factor(self, color_camera: ColorCamera) -> float:
-        return color_camera.noise if self.config.noise else 0.0
 
     def image_kind(self, capture: Capture) -> ImageKind:
         """Return the kind of a capture's images."""
@@ -257,8 +281,9 @@ class Imaging:
         """
         rendered, k = frame.color, self.config.model.intrinsics(METERING_DIVISOR)
         assert rendered is not None
-        lens = Lens(vignetting=self._lens.vignetting)
-        scene_light = self._scene_light(capture.scene, self.camera(capture, 0.0, 2 * METERING_DIVISOR), other_dots)
+        lens = Lens(vignetting=self.lens.vignetting)
+        half = partial(self.camera, capture, 0.0, 2 * METERING_DIVISOR)
+        scene_light = self.scene_light(capture.scene, half, other_dots)
 
         def light(scene_light: SceneLight) -> NDArray[np.float32]:
             return relative_light(light_on_sensor(rendered, k, manual, scene_light, lens, color=False)[:, :, 0])
@@ -266,36 +291,21 @@ class Imaging:
         unlit = light(scene_light)
         return unlit, unlit if dots is None else light(replace(scene_light, dots=dots))
 
-    def _scene_light(self, scene: DrawList, half: Camera, dots: NDArray[np.uint16] | None) -> SceneLight:
+    def scene_light(self, scene: DrawList, half: Callable[[], Camera], dots: NDArray[np.uint16] | None) -> SceneLight:
         """Return the light on the scene besides the rendered one.
 
         Args:
             scene: scene of the image.
-            half: camera with half the resolution of the image.
+            half: returns the camera with half the resolution of the image.
             dots: (H, W) uint16, light of projectors; None: all are off.
         """
-        return SceneLight(dots, self._dot_light, self._light_factors(scene, half), self.config.background)
-
-    @property
-    def _dot_light(self) -> float:
-        """Light that a full dot adds, relative to the rendered light; 1 if the camera's own dots add none."""
-        return self.config.dot_light or 1.0
-
-    @property
-    def _lens(self) -> Lens:
-        """Lens of all cameras."""
-        return Lens()
-
-    def _fixed_pattern(self, *, right: bool) -> FixedPattern | None:
-        """Return the fixed pattern of the left or right sensor; None: all pixels are alike."""
-        return None
-
-    def _light_factors(self, scene: DrawList, half: Camera) -> NDArray[np.uint8] | None:
-        """Return ``key_light.light_factors`` for a camera with half the resolution of an image; None: all are 1."""
-        return None
+        factors = None
+        if "shadows" in self.config.realism:
+            factors = key_light_factors(self.renderer, self.look, scene, half())
+        return SceneLight(dots, self._dot_light, factors, self.config.background)
 
     def _blur_motion(self, capture: Capture, offset: float, exposure_time: float, color: NDArray[np.uint8]) -> None:
-        """Blur the parts of a rendered image in which something moves.
+        """Blur the parts of a rendered image in which something has moved since ``capture.earlier``.
 
         Args:
             capture: scene and pose of this frame and of the frame before.
@@ -303,6 +313,14 @@ class Imaging:
             exposure_time: seconds.
             color: (H, W, 3) uint8, rendered image, changed.
         """
+        earlier = capture.earlier
+        if earlier is None:
+            return
+        camera = self.camera(capture, offset, 1)
+        X_world_before = self.camera(replace(capture, X_world_left=earlier.X_world_left), offset, 1).X_world_camera
+        motion = motion_since(earlier, capture.timestamp, capture.scene, X_world_before, camera.X_world_camera)
+        if motion is not None:
+            blur_motion(self.renderer, self.look, motion, camera, exposure_time, color)
 
     def _outputs(self, capture: Capture) -> Output:
         """Return the outputs to render for a camera image: colour, and what the light of projectors depends on."""
@@ -318,8 +336,10 @@ class Imaging:
 
         The arguments are those with which the frame was rendered.
         """
+        if frame.depth is None or frame.instance is None:
+            return None
         has_own = capture.has_projection(self.config)
-        if frame.depth is None or frame.instance is None or not (has_own or capture.projectors):
+        if not (has_own or capture.projectors):
             return None
         returned = frame.instance, returned_shares(capture.scene.instances)
         model, soft = self.config.model, "projector" in self.config.realism
@@ -345,19 +365,8 @@ class Imaging:
             assert frame.normal is not None
             surfaces = Surfaces(self.camera(capture, offset, divisor), frame.depth, frame.normal, returned)
             projector = other.camera(divisor, near=self.config.near, far=self.config.far)
-            projector_view = self._render_lit(capture.scene, projector, Output.DEPTH)
+            projector_view = self.renderer.render(capture.scene, projector, Output.DEPTH, self._lit_look)
             assert projector_view.depth is not None
             strength = other.dot_light / self._dot_light
             add_dots(dots, surfaces, projector, projector_view.depth, strength, soft=soft, right=right)
         return dots
-
-
-def own_exposure(light: NDArray[np.float32], settings: StreamSettings) -> Exposure:
-    """Return the exposure of an image that is metered by itself, or the manual one.
-
-    Args:
-        light: float32 of any shape, 1 is white.
-        settings: parameters of the frame.
-    """
-    manual, limits = settings.manual_exposure, settings.auto_exposure
-    return manual if limits is None else auto_exposure(light, limits, manual)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.bounds import Bounds, corners_of, mesh_bounds
+from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.imaging.other_projector import OtherProjector
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Instance
@@ -104,6 +105,8 @@ class Motion:
     """(4, 4) float64, pose of the rendered camera in the previous frame."""
     X_world_camera: NDArray[np.float64]
     """(4, 4) float64, pose of the rendered camera."""
+    seconds: float = 1.0
+    """Time between the frames."""
 
     def scene_at(self, time: float) -> DrawList:
         """Return the scene at a time: 0 is this frame, -1 the previous one."""
@@ -121,6 +124,31 @@ class Motion:
             self.X_world_camera_before[None], self.X_world_camera[None], time
         )[0]
         return X_world_camera
+
+
+def motion_since(
+    earlier: SceneState,
+    timestamp: int,
+    scene: DrawList,
+    X_world_before: NDArray[np.float64],
+    X_world_camera: NDArray[np.float64],
+) -> Motion | None:
+    """Return the motion since the previous frame, if something moves.
+
+    None: nothing does, or the previous frame is too old or has other meshes.
+
+    Args:
+        earlier: previous frame.
+        timestamp: timestamp of this frame, nanoseconds since the epoch.
+        scene: scene of this frame.
+        X_world_before: (4, 4) float64, pose of the rendered camera in the previous frame.
+        X_world_camera: (4, 4) float64, its pose in this frame.
+    """
+    seconds = (timestamp - earlier.timestamp) / NANOSECONDS_PER_SECOND
+    is_at_rest = earlier.scene is scene and np.array_equal(X_world_before, X_world_camera)
+    if is_at_rest or not 0.0 < seconds <= MAX_INTERVAL or not has_equal_instances(earlier.scene, scene):
+        return None
+    return Motion(earlier.scene, scene, X_world_before, X_world_camera, seconds)
 
 
 def has_equal_instances(before: DrawList, now: DrawList) -> bool:

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.imu.imu_hub import ImuHub
-from gateway.stereo.imu.imu_sampler import ImuSampler
+from gateway.stereo.imu.imu_lines import json_lines
+from gateway.stereo.imu.imu_sampler import ImuSampler, ImuSamples
+from gateway.stereo.stream.client_queues import ClientQueues
 from renderers.stereo.imu.imu_model import ImuNoise
 
 PUBLISH_SECONDS: Final = 0.05
@@ -84,7 +85,8 @@ class Imu:
             config: fixed configuration.
             poses: source of poses; None: those of the captured frames (``frame_captured``).
         """
-        self.hub = ImuHub(config.max_clients, config.max_imu_samples)
+        self.hub = ClientQueues("IMU", config.max_clients, config.max_imu_samples)
+        """Lines of JSON, with their number of samples."""
         self._config = config
         self._poses = poses
         self._sampler: ImuSampler | None = None
@@ -113,26 +115,28 @@ class Imu:
                 now = poses.clock()
                 for timestamp, pose in poses.take():
                     sampler.add(timestamp, pose)
-                self.hub.publish(sampler.take(now))
+                self._publish(sampler.take(now))
         finally:
             poses.stop()
 
     def frame_captured(self, timestamp: int, pose: NDArray[np.float64]) -> None:
-        """Publish samples up to a captured frame. Does nothing if a ``PoseLog`` is the source of poses.
+        """Publish samples up to a captured frame. For an IMU without a ``PoseLog``.
 
         Args:
             timestamp: nanoseconds since the epoch.
             pose: (4, 4) float64 X_world_left.
         """
-        if self._poses is not None:
-            return
         if not self.hub.connected.is_set():
             self._sampler = None
             return
         if self._sampler is None:
             self._sampler = self._new_sampler()
         self._sampler.add(timestamp, pose)
-        self.hub.publish(self._sampler.take(timestamp))
+        self._publish(self._sampler.take(timestamp))
+
+    def _publish(self, samples: ImuSamples) -> None:
+        if len(samples) and len(self.hub):
+            self.hub.put(json_lines(samples), len(samples))
 
     def _new_sampler(self) -> ImuSampler:
         return ImuSampler(ImuNoise() if self._config.noise else None, self._config.seed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Mapping, Sequence
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
@@ -11,13 +11,13 @@ from fastapi.responses import Response
 from numpy.typing import NDArray
 
 from gateway.scene.timeline import MAX_SECONDS, TIME_DESCRIPTION, TimeError
-from gateway.server.openapi import Responses, example, json_example
+from gateway.server.openapi import Responses, example, file_response, json_example
 from gateway.stereo.device.clock import timestamp_text
 from gateway.stereo.imaging.recorded_pairs import PairImaging
-from gateway.stereo.routes.rest_common import RestError, error_responses, with_error_responses
+from gateway.stereo.routes.rest_common import RestError, error_responses, new_router
 from gateway.stereo.routes.rgbd import rgbd_npz
 from gateway.stereo.service import StereoService
-from gateway.stereo.stream.frame import Frame
+from gateway.stereo.stream.frame import FrameImages
 from gateway.stereo.stream.set_kind import SetKind
 from renderers.drawlist import ImageError
 from renderers.encode import png_gray8, png_gray16, png_rgb
@@ -75,7 +75,7 @@ Time = Annotated[
 
 def camera_router(*services: StereoService) -> APIRouter:
     """Return the routes below ``/cameras``. A camera's pipeline number is its index in ``services``."""
-    api = APIRouter(tags=["Stereo camera"])
+    api = new_router()
     names = [service.config.name for service in services]
     camera_name = Path(
         description="Name of the camera, or number of its pipeline",
@@ -88,7 +88,6 @@ def camera_router(*services: StereoService) -> APIRouter:
         return {"cameras": [_describe(number, service) for number, service in enumerate(services)]}
 
     @api.get("/cameras/{name}", summary="A camera", responses=json_example(_CAMERA_EXAMPLE) | error_responses(_ERRORS))
-    @with_error_responses
     async def camera(name: str = camera_name) -> dict[str, Any]:
         return _describe(*_find(services, name))
 
@@ -98,11 +97,10 @@ def camera_router(*services: StereoService) -> APIRouter:
         response_class=Response,
         responses=_responses("application/zip"),
     )
-    @with_error_responses
     async def rgbd(name: str = camera_name, aligned: Aligned = False, time: Time = None) -> Response:
         service = _find_with_color(services, name)
         frame = await _capture(service, _RGBD, time)
-        data = await _compute(frame, lambda: rgbd_npz(frame, service.config, service.workers, aligned=aligned))
+        data = await _compute(rgbd_npz(frame, service.config, service.workers, aligned=aligned))
         return _response(data, "application/zip", frame)
 
     @api.get(
@@ -111,7 +109,6 @@ def camera_router(*services: StereoService) -> APIRouter:
         response_class=Response,
         responses=_responses("image/png"),
     )
-    @with_error_responses
     async def image(
         image: Annotated[
             ImageName,
@@ -130,7 +127,7 @@ def camera_router(*services: StereoService) -> APIRouter:
         if image in ("raw_left", "raw_right") and isinstance(service.imaging, PairImaging):
             raise RestError(404, "the camera shows recorded pairs, which are rectified")
         frame = await _capture(service, _SETS_BY_IMAGE[image], time)
-        pixels = await _compute(frame, lambda: _pixels(frame, image, aligned=aligned))
+        pixels = await _compute(_pixels(frame, image, aligned=aligned))
         return _response(await service.workers.run(_png, pixels), "image/png", frame)
 
     return api
@@ -138,8 +135,7 @@ def camera_router(*services: StereoService) -> APIRouter:
 
 def _responses(media_type: str) -> Responses:
     """Return the OpenAPI responses of a route that returns a file."""
-    content = {media_type: {"schema": {"type": "string", "format": "binary"}}}
-    return {200: {"description": _IMAGE_DESCRIPTION, "content": content}, **error_responses(_ERRORS)}
+    return {**file_response(_IMAGE_DESCRIPTION, media_type), **error_responses(_ERRORS)}
 
 
 def _find(services: Sequence[StereoService], name: str) -> tuple[int, StereoService]:
@@ -190,7 +186,7 @@ def _intrinsics(k: Intrinsics) -> dict[str, Any]:
     return {"width": k.width, "height": k.height, **{name: k.round(6).tolist() for name, k in matrices.items()}}
 
 
-async def _capture(service: StereoService, kind: SetKind, time: float | None) -> Frame:
+async def _capture(service: StereoService, kind: SetKind, time: float | None) -> FrameImages:
     """Return a frame of a time. Raises RestError if there is no state of it."""
     try:
         return await service.capture(kind, time)
@@ -198,21 +194,15 @@ async def _capture(service: StereoService, kind: SetKind, time: float | None) ->
         raise RestError(404, str(error)) from None
 
 
-async def _compute(frame: Frame, compute: Callable[[], Any]) -> Any:
-    """Return the result of the coroutine function ``compute``, and cancel other work of the frame.
-
-    Raises:
-        RestError: a texture of the scene cannot be decoded.
-    """
+async def _compute(work: Awaitable[Any]) -> Any:
+    """Return an awaited result. Raises RestError if a texture of the scene cannot be decoded."""
     try:
-        return await compute()
+        return await work
     except ImageError as error:
         raise RestError(500, f"a texture of the scene cannot be decoded: {error}") from None
-    finally:
-        frame.cancel()
 
 
-async def _pixels(frame: Frame, name: ImageName, *, aligned: bool) -> NDArray[np.uint8] | NDArray[np.uint16]:
+async def _pixels(frame: FrameImages, name: ImageName, *, aligned: bool) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """Return an image of a frame, (H, W, 3) for colour, else (H, W). Raises ImageError."""
     if name == "color":
         return (await frame.color_camera_image()).sensor_image.image
@@ -235,6 +225,6 @@ def _png(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
     return png_rgb(image) if image.ndim == 3 else png_gray8(image)
 
 
-def _response(data: bytes, media_type: str, frame: Frame) -> Response:
-    headers = {"Cache-Control": "no-store", "X-Timestamp": timestamp_text(frame.camera_capture.timestamp)}
+def _response(data: bytes, media_type: str, frame: FrameImages) -> Response:
+    headers = {"Cache-Control": "no-store", "X-Timestamp": timestamp_text(frame.record.camera_capture.timestamp)}
     return Response(data, media_type=media_type, headers=headers)

@@ -139,7 +139,7 @@ def _matching_status(service: StereoService) -> dict[str, object]:
     settings, model, counts = service.settings, service.config.model, service.counts
     divisor, filters = settings.quality.divisor, settings.filters
     intrinsics = model.intrinsics(divisor)
-    subscribed = any(kind.has_depth for kind in service.hub.kinds())
+    subscribed = any(kind.has_depth for kind in service.hub.kinds)
     return {
         "fps": settings.depth_rate if subscribed and not settings.single_frame else 0.0,
         "latency": counts.depth_seconds,
@@ -172,7 +172,7 @@ def _io_values(service: StereoService) -> dict[str, Any]:
 
 
 def _reset(service: StereoService, node: str) -> dict[str, Any]:
-    service.parameters.reset(node)
+    service.reset_parameters(node)
     return {"return_code": _return_code(0, "")}
 
 

@@ -13,8 +13,8 @@ from gateway.stereo.routes.rest_common import (
     RestError,
     error_responses,
     find_pipeline,
+    new_router,
     read_body,
-    with_error_responses,
 )
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.faults import CUT_REASON, FaultInjector, Faults
@@ -46,7 +46,7 @@ _INVALID_BODY: Final = error_responses({400: "Invalid body; the message is the r
 def fault_router(*services: StereoService) -> APIRouter:
     """Return the routes: GET, PUT and DELETE ``/stereo/faults``, and POST ``/stereo/faults/disconnect``, which cuts all
     streams."""
-    api = APIRouter(tags=["Stereo camera"], responses=_NOT_AVAILABLE)
+    api = new_router(_NOT_AVAILABLE)
 
     def find_service(pipeline: int) -> StereoService:
         service = find_pipeline(services, pipeline)
@@ -55,7 +55,6 @@ def fault_router(*services: StereoService) -> APIRouter:
         return service
 
     @api.get("/stereo/faults", summary="Faults in force", responses=json_example(_EXAMPLE_STATUS))
-    @with_error_responses
     async def get_faults(pipeline: Pipeline = 0) -> Any:
         return _status(find_service(pipeline).injector)
 
@@ -65,7 +64,6 @@ def fault_router(*services: StereoService) -> APIRouter:
         responses=json_example(_EXAMPLE_STATUS) | _INVALID_BODY,
         openapi_extra=_BODY,
     )
-    @with_error_responses
     async def put_faults(request: Request, pipeline: Pipeline = 0) -> Any:
         injector = find_service(pipeline).injector
         try:
@@ -79,18 +77,16 @@ def fault_router(*services: StereoService) -> APIRouter:
         summary="End all faults",
         responses=json_example({**msgspec.to_builtins(Faults()), "dropped": 12}),
     )
-    @with_error_responses
     async def delete_faults(pipeline: Pipeline = 0) -> Any:
         injector = find_service(pipeline).injector
         injector.set(Faults())
         return _status(injector)
 
     @api.post("/stereo/faults/disconnect", summary="Cut every stream now", responses=json_example({"streams": 2}))
-    @with_error_responses
     async def disconnect(pipeline: Pipeline = 0) -> Any:
         hub = find_service(pipeline).hub
         streams = len(hub)
-        for kind in hub.kinds():
+        for kind in hub.kinds:
             hub.end_streams(kind, CUT_REASON)
         return {"streams": streams}
 

@@ -14,9 +14,10 @@ from starlette.types import Receive, Scope, Send
 from gateway.server.access import same_origin
 from gateway.server.openapi import Responses
 from gateway.stereo.imaging.recorded_pairs import PairImaging
-from gateway.stereo.imu.imu_hub import ImuQueue
-from gateway.stereo.routes.rest_common import Pipeline, RestError, error_responses, find_pipeline, with_error_responses
+from gateway.stereo.imu.imu_lines import next_lines
+from gateway.stereo.routes.rest_common import Pipeline, RestError, error_responses, find_pipeline, new_router
 from gateway.stereo.service import StereoService
+from gateway.stereo.stream.client_queues import ClientQueue
 from gateway.stereo.stream.subscriptions import LimitError, StreamError
 
 _MEDIA_TYPE: Final = "application/x-ndjson"
@@ -41,7 +42,7 @@ _RESPONSES: Final[Responses] = {
 
 def imu_router(*services: StereoService) -> APIRouter:
     """Return the routes ``GET /stereo/imu`` and the WebSocket ``/stereo/imu/ws``."""
-    api = APIRouter(tags=["Stereo camera"])
+    api = new_router()
 
     @api.get(
         "/stereo/imu",
@@ -49,7 +50,6 @@ def imu_router(*services: StereoService) -> APIRouter:
         response_class=StreamingResponse,
         responses=_RESPONSES,
     )
-    @with_error_responses
     async def stream(pipeline: Pipeline = 0) -> Response:
         """Each line is a JSON object: specific force in m/s² and angular velocity in rad/s in the left optical frame.
 
@@ -96,7 +96,7 @@ def _pipeline_number(text: str) -> int:
     return int(text)
 
 
-def _subscribe(services: tuple[StereoService, ...], pipeline: int, exit_stack: ExitStack) -> ImuQueue:
+def _subscribe(services: tuple[StereoService, ...], pipeline: int, exit_stack: ExitStack) -> ClientQueue:
     """Return the queue of a new client. Closing ``exit_stack`` unsubscribes it.
 
     Raises:
@@ -114,7 +114,7 @@ def _subscribe(services: tuple[StereoService, ...], pipeline: int, exit_stack: E
 class _ImuResponse(StreamingResponse):
     """HTTP response with lines of JSON until the stream ends."""
 
-    def __init__(self, queue: ImuQueue, exit_stack: ExitStack) -> None:
+    def __init__(self, queue: ClientQueue, exit_stack: ExitStack) -> None:
         """
         Args:
             queue: samples of this client.
@@ -128,21 +128,21 @@ class _ImuResponse(StreamingResponse):
             await super().__call__(scope, receive, send)
 
 
-async def _lines(queue: ImuQueue) -> AsyncIterator[bytes]:
+async def _lines(queue: ClientQueue) -> AsyncIterator[bytes]:
     """Yield lines of JSON until the stream ends."""
     yield b""  # a HEAD request ends here instead of at the first sample
     try:
         while True:
-            yield await queue.get()
+            yield await next_lines(queue)
     except StreamError:
         return
 
 
-async def _send(socket: WebSocket, queue: ImuQueue) -> None:
+async def _send(socket: WebSocket, queue: ClientQueue) -> None:
     """Send lines until the client disconnects or the stream ends."""
     try:
         while True:
-            await socket.send_text((await queue.get()).decode())
+            await socket.send_text((await next_lines(queue)).decode())
     except StreamError as error:
         await socket.close(1001, str(error))
     except (WebSocketDisconnect, RuntimeError):

@@ -12,7 +12,7 @@ from gateway.stereo.routes import device_content as device
 from gateway.stereo.routes import node_schemas as schemas
 from gateway.stereo.routes.node_bodies import check_call, read_assignments, read_value
 from gateway.stereo.routes.node_schemas import NodeName, ParameterName, ParameterNames, ServiceName, node_errors
-from gateway.stereo.routes.rest_common import RestError, with_error_responses
+from gateway.stereo.routes.rest_common import RestError, new_router
 from gateway.stereo.service import StereoService
 
 
@@ -22,20 +22,20 @@ def node_router(*services: StereoService) -> APIRouter:
     Args:
         services: pipeline 0, 1, …; at least one.
     """
-    api = APIRouter(tags=["Stereo camera"])
-    for number, service in enumerate(services):
-        _add_routes(api, f"/api/v2/pipelines/{number}/nodes", service)
-    _add_routes(api, "/api/v1/nodes", services[0])
+    api = new_router()
+    bases = [f"/api/v2/pipelines/{number}/nodes" for number in range(len(services))]
+    for base, service in zip([*bases, "/api/v1/nodes"], [*services, services[0]], strict=True):
+        _add_node_routes(api, base, service)
+        _add_service_routes(api, base, service)
     return api
 
 
-def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
+def _add_node_routes(api: APIRouter, base: str, service: StereoService) -> None:
     @api.get(base, summary="Nodes", responses=schemas.NODES_RESPONSE)
     async def nodes() -> Any:
         return [device.node_info(name) for name in NODES]
 
     @api.get(base + "/{node}", summary="A node", responses=schemas.NODE_RESPONSE | node_errors(404))
-    @with_error_responses
     async def node_info(node: NodeName) -> Any:
         return device.node_info(_current_name(node))
 
@@ -44,7 +44,6 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
         summary="Status values of a node",
         responses=schemas.STATUS_RESPONSE | node_errors(404),
     )
-    @with_error_responses
     async def status(node: NodeName) -> Any:
         return device.node_status(service, _current_name(node))
 
@@ -53,7 +52,6 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
         summary="Parameters of a node",
         responses=schemas.PARAMETERS_RESPONSE | node_errors(404),
     )
-    @with_error_responses
     async def parameters(node: NodeName, names: ParameterNames = []) -> Any:  # noqa: B006 - FastAPI copies it
         return _describe(service, _current_name(node), names)
 
@@ -66,7 +64,6 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
     # The manual's examples, which users copy, have these wrong paths.
     @api.put(base + "/{node}/parameters/parameters", include_in_schema=False)
     @api.put(base + "/{node}/services/parameters", include_in_schema=False)
-    @with_error_responses
     async def put_parameters(node: NodeName, request: Request) -> Any:
         return await _set_parameters(service, _current_name(node), await read_assignments(request))
 
@@ -75,7 +72,6 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
         summary="A parameter",
         responses=schemas.PARAMETER_RESPONSE | node_errors(404),
     )
-    @with_error_responses
     async def parameter(node: NodeName, name: ParameterName) -> Any:
         return _describe(service, _current_name(node), [name])[0]
 
@@ -85,17 +81,17 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
         responses=schemas.PARAMETER_RESPONSE | node_errors(400, 404, 413, 507),
         openapi_extra=schemas.VALUE_BODY,
     )
-    @with_error_responses
     async def put_parameter(node: NodeName, name: ParameterName, request: Request) -> Any:
         value = await read_value(request)
         return (await _set_parameters(service, _current_name(node), [(name, value)]))[0]
 
+
+def _add_service_routes(api: APIRouter, base: str, service: StereoService) -> None:
     @api.get(
         base + "/{node}/services",
         summary="Services of a node",
         responses=schemas.SERVICES_RESPONSE | node_errors(404),
     )
-    @with_error_responses
     async def services(node: NodeName) -> Any:
         name = _current_name(node)
         return [device.service_info(name, service_name) for service_name in device.SERVICES[name]]
@@ -105,7 +101,6 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
         summary="A service",
         responses=schemas.SERVICE_RESPONSE | node_errors(404),
     )
-    @with_error_responses
     async def service_info(node: NodeName, name: ServiceName) -> Any:
         return device.service_info(*_find_service(node, name))
 
@@ -115,7 +110,6 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
         responses=schemas.CALL_RESPONSE | node_errors(400, 404, 413, 507),
         openapi_extra=schemas.CALL_BODY,
     )
-    @with_error_responses
     async def call(node: NodeName, name: ServiceName, request: Request) -> Any:
         await check_call(request)
         result = device.call_service(service, *_find_service(node, name))

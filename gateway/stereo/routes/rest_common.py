@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping, Sequence
-from functools import wraps
-from typing import Annotated, Any, Final, ParamSpec
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from typing import Annotated, Any, Final
 
-from fastapi import Query, Request
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import JSONResponse
+from fastapi.routing import APIRoute
 
 from gateway.runtime.pool_errors import DeadlineExceeded
 from gateway.server.openapi import Responses, example
 from gateway.server.unavailable import UnavailableErrors, retry_after
 from gateway.stereo.service import StereoService
-
-P = ParamSpec("P")
 
 _ERROR_SCHEMA: Final[dict[str, Any]] = {
     "type": "object",
@@ -61,20 +59,28 @@ def error_responses(descriptions: Mapping[int, str]) -> Responses:
     }
 
 
-def with_error_responses(handler: Callable[P, Awaitable[Any]]) -> Callable[P, Awaitable[Any]]:
-    """Turn a handler's ``RestError`` and the worker pool's errors into error responses."""
+class RestRoute(APIRoute):
+    """Route that turns a handler's ``RestError`` and the worker pool's errors into error responses."""
 
-    @wraps(handler)
-    async def handle(*args: P.args, **kwargs: P.kwargs) -> Any:
-        try:
-            return await handler(*args, **kwargs)
-        except RestError as error:
-            return error_response(error.status, str(error))
-        except UnavailableErrors as error:
-            sentence = f"the work was stopped: {error}" if isinstance(error, DeadlineExceeded) else str(error)
-            return error_response(503, sentence, retry_after(error))
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """Return the function that responds to a request."""
+        respond = super().get_route_handler()
 
-    return handle
+        async def respond_or_refuse(request: Request) -> Response:
+            try:
+                return await respond(request)
+            except RestError as error:
+                return error_response(error.status, str(error))
+            except UnavailableErrors as error:
+                sentence = f"the work was stopped: {error}" if isinstance(error, DeadlineExceeded) else str(error)
+                return error_response(503, sentence, retry_after(error))
+
+        return respond_or_refuse
+
+
+def new_router(responses: Responses | None = None) -> APIRouter:
+    """Return a router for routes of the camera, all of which may have these responses."""
+    return APIRouter(tags=["Stereo camera"], responses=responses, route_class=RestRoute)
 
 
 def find_pipeline(services: Sequence[StereoService], number: int) -> StereoService:

@@ -9,10 +9,10 @@ import numpy as np
 
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.stream.frame import Frame
+from gateway.stereo.stream.frame import FrameImages
 
 
-async def rgbd_npz(frame: Frame, config: StereoConfig, workers: WorkerPool, *, aligned: bool) -> bytes:
+async def rgbd_npz(frame: FrameImages, config: StereoConfig, workers: WorkerPool, *, aligned: bool) -> bytes:
     """Return an npz file with these arrays:
 
     * ``color`` (H, W, 3) uint8 RGB; ``depth_mm`` (h, w) uint16, millimetres along the optical axis, 0: invalid.
@@ -30,7 +30,7 @@ async def rgbd_npz(frame: Frame, config: StereoConfig, workers: WorkerPool, *, a
         ImageError: a texture cannot be decoded.
     """
     color = await frame.color_camera_image()
-    X_world_left = frame.camera_capture.X_world_left
+    X_world_left = frame.record.camera_capture.X_world_left
     X_world_color = X_world_left @ config.X_left_color
     arrays = {
         "color": color.sensor_image.image,
@@ -38,13 +38,14 @@ async def rgbd_npz(frame: Frame, config: StereoConfig, workers: WorkerPool, *, a
         "K_color": config.color_intrinsics.matrix,
         "K_depth": frame.depth_intrinsics(aligned=aligned).matrix,
         "X_world_color": X_world_color,
-        "X_world_depth": X_world_color if aligned else frame.depth_capture.X_world_left,
-        "timestamp": np.int64(frame.camera_capture.timestamp),
+        "X_world_depth": X_world_color if aligned else frame.record.depth_capture.X_world_left,
+        "timestamp": np.int64(frame.record.camera_capture.timestamp),
     }
-    return await workers.run(_npz, arrays)
+    return await workers.run(npz_bytes, arrays)
 
 
-def _npz(arrays: dict[str, Any]) -> bytes:
+def npz_bytes(arrays: dict[str, Any]) -> bytes:
+    """Return arrays as an npz file."""
     file = io.BytesIO()
     np.savez(file, allow_pickle=False, **arrays)
     return file.getvalue()

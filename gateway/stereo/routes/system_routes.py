@@ -13,7 +13,7 @@ from fastapi.responses import JSONResponse, PlainTextResponse, Response
 from gateway.runtime.recent_logs import MAX_ENTRIES, LogEntry, recent_logs
 from gateway.server.openapi import example, json_example
 from gateway.stereo.routes import device_content as device
-from gateway.stereo.routes.rest_common import error_response, error_responses
+from gateway.stereo.routes.rest_common import error_response, error_responses, new_router
 from gateway.stereo.service import StereoService
 
 LOG_FILE: Final = "stereo.log"
@@ -44,7 +44,7 @@ def system_router(*services: StereoService) -> APIRouter:
     Args:
         services: pipeline 0, 1, …; at least one.
     """
-    api = APIRouter(tags=["Stereo camera"])
+    api = new_router()
 
     for version in ("v1", "v2"):
         _add_common_routes(api, f"/api/{version}", services)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import io
 from typing import Annotated, Any, Final
 
 import numpy as np
 from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
-from gateway.server.openapi import Responses, example
+from gateway.server.openapi import Responses, example, file_response
 from gateway.stereo.depth.rendered_depth import measurable_depths
 from gateway.stereo.device.clock import parse_timestamp, timestamp_text
-from gateway.stereo.routes.rest_common import Pipeline, RestError, error_responses, find_pipeline, with_error_responses
+from gateway.stereo.routes.rest_common import Pipeline, RestError, error_responses, find_pipeline, new_router
+from gateway.stereo.routes.rgbd import npz_bytes
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.frame import FrameRecord
 from renderers.interface import Output
@@ -20,10 +20,7 @@ from renderers.stereo.depth.true_disparity import true_disparity
 
 _TIMESTAMP = r"^([0-9]{1,12}(\.[0-9]{0,9})?)?$"
 _RESPONSES: Final[Responses] = {
-    200: {
-        "description": "NumPy's npz.",
-        "content": {"application/zip": {"schema": {"type": "string", "format": "binary"}}},
-    },
+    **file_response("NumPy's npz.", "application/zip"),
     **error_responses(
         {
             400: "Not a timestamp.",
@@ -36,7 +33,7 @@ _RESPONSES: Final[Responses] = {
 
 def truth_router(*services: StereoService) -> APIRouter:
     """Return the route ``GET /stereo/truth.npz``."""
-    api = APIRouter(tags=["Stereo camera"])
+    api = new_router()
 
     @api.get(
         "/stereo/truth.npz",
@@ -44,7 +41,6 @@ def truth_router(*services: StereoService) -> APIRouter:
         response_class=Response,
         responses=_RESPONSES,
     )
-    @with_error_responses
     async def truth(
         timestamp: Annotated[
             str,
@@ -144,6 +140,4 @@ def ground_truth_npz(record: FrameRecord) -> bytes:
         "timestamp": np.int64(record.depth_capture.timestamp),
         "camera_timestamp": np.int64(record.camera_capture.timestamp),
     }
-    file = io.BytesIO()
-    np.savez(file, allow_pickle=False, **arrays)
-    return file.getvalue()
+    return npz_bytes(arrays)

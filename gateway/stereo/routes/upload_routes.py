@@ -10,9 +10,9 @@ from python_multipart.multipart import parse_options_header
 from starlette.datastructures import FormData, Headers, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 
-from gateway.server.openapi import json_example
+from gateway.server.openapi import BINARY, json_example
 from gateway.stereo.imaging.recorded_pairs import FACTOR_LIMIT, Pair, PairImaging, Pairs, pair_imaging
-from gateway.stereo.routes.rest_common import RestError, error_responses, with_error_responses
+from gateway.stereo.routes.rest_common import RestError, error_responses, new_router
 from gateway.stereo.service import StereoService
 from renderers.drawlist import ImageError
 
@@ -28,22 +28,21 @@ _ERROR_RESPONSES: Final = error_responses(
         503: "Too many requests wait already; see Retry-After.",
     }
 )
-_FILE_SCHEMA: Final = {"type": "string", "format": "binary"}
 _FORM_SCHEMA: Final = {
     "type": "object",
     "required": list(_LOW_FIELDS),
     "additionalProperties": False,
     "properties": {
         "left_out1_low": {
-            **_FILE_SCHEMA,
+            **BINARY,
             "description": "Left image with Out1 low: PNG, JPEG or WebP, rectified, 16 to 8192 pixels a side.",
         },
-        "right_out1_low": {**_FILE_SCHEMA, "description": "Right image with Out1 low, of the same size."},
+        "right_out1_low": {**BINARY, "description": "Right image with Out1 low, of the same size."},
         "left_out1_high": {
-            **_FILE_SCHEMA,
+            **BINARY,
             "description": "Left image with Out1 high; by default that with Out1 low.",
         },
-        "right_out1_high": {**_FILE_SCHEMA, "description": "Right image with Out1 high."},
+        "right_out1_high": {**BINARY, "description": "Right image with Out1 high."},
         "f": {
             "type": "number",
             "minimum": 0.05,
@@ -78,7 +77,7 @@ _BODY: Final = {
 
 def upload_router(*services: StereoService) -> APIRouter:
     """Return the routes ``/api/v2/pipelines/N/test/set``: ``POST`` shows a pair, ``DELETE`` the scene."""
-    api = APIRouter(tags=["Stereo camera"])
+    api = new_router()
     for number, service in enumerate(services):
         _add_routes(api, f"/api/v2/pipelines/{number}/test/set", service)
     return api
@@ -88,7 +87,6 @@ def _add_routes(api: APIRouter, path: str, service: StereoService) -> None:
     @api.post(
         path, summary="Show a stereo pair", responses=json_example(_SUCCESS) | _ERROR_RESPONSES, openapi_extra=_BODY
     )
-    @with_error_responses
     async def show_pair(request: Request) -> Any:
         try:
             form = await _read_form(request, service.config.max_upload)

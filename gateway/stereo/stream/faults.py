@@ -95,6 +95,8 @@ class FaultInjector:
         loop.call_at(due, self._publish_late, len(data), publish)
 
     def _is_dropped(self, frame_number: int) -> bool:
+        if self.faults.drop == 0.0:
+            return False
         uniform = (int(frame_key(self._seed, frame_number, NoiseStream.LEFT)) >> 11) * 2.0**-53
         return uniform < self.faults.drop
 

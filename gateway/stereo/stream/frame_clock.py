@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from gateway.stereo.device.camera_config import Rate
 from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND, Clock
 from gateway.stereo.device.stream_settings import ALTERNATE_GAP_NS, StreamSettings
@@ -29,6 +31,8 @@ class FrameClock:
         """True while no client streams: no frames are missed."""
         self._next_depth_due: float | None = None
         """Timestamp from which depth is due, nanoseconds; None: due now."""
+        self._unneeded = 0
+        """Number of frames from the next one on that nobody needs: they are not missed."""
 
     def next_timestamp(self, period: int, now: float | None = None, exposure: float = 0.0) -> int:
         """Return the timestamp of a frame: the middle of an exposure that ended when the frame was due.
@@ -42,13 +46,22 @@ class FrameClock:
         age = round((lateness + 0.5 * exposure) * NANOSECONDS_PER_SECOND)
         return self._clock.next_timestamp(self.timestamp, period, age)
 
-    def seconds_until_frame(self, now: float) -> float:
-        """Return the seconds until the next frame is due, at most 0 if it is due.
+    def seconds_until_frame(self, now: float, depth_only: StreamSettings | None = None) -> float:
+        """Return the seconds until the next frame that is needed is due, at most 0 if it is due.
 
         Args:
             now: seconds of the event loop's clock.
+            depth_only: current parameters, if frames without depth are not needed; None: every frame is needed.
         """
-        return self._next_frame_due - now
+        seconds, self._unneeded = self._next_frame_due - now, 0
+        if depth_only is None or depth_only.single_frame or self.simulated or self._next_depth_due is None:
+            return seconds
+        age = round((0.5 * depth_only.longest_exposure - seconds) * NANOSECONDS_PER_SECOND)
+        remaining = self._next_depth_due - self._clock.next_timestamp(None, 0, age)
+        period = 1.0 / depth_only.camera_rate
+        if remaining <= 2e9 / depth_only.depth_rate:  # see ``depth_due``
+            self._unneeded = max(0, math.ceil(remaining / 1e9 / period - 0.5))
+        return seconds + self._unneeded * period
 
     def take_frame(self, now: float, period: float) -> int:
         """Take the newest frame that is due, and schedule the next one. Return the number of frames that were missed.
@@ -60,7 +73,7 @@ class FrameClock:
             period: seconds between frames.
         """
         late_periods = int(max(0.0, now - self._next_frame_due) / period)
-        missed = 0 if self._resting or self.simulated else late_periods
+        missed = 0 if self._resting or self.simulated else max(0, late_periods - self._unneeded)
         is_first = self._resting and late_periods > 0
         self.frame_due = now if is_first else self._next_frame_due + late_periods * period
         self._next_frame_due = self.frame_due + period

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Coroutine
+from collections.abc import Collection, Coroutine
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final
@@ -16,9 +16,10 @@ from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.stereo.device.camera_config import Rate
 from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.imaging.rendered_images import MeteredExposure
+from gateway.stereo.stream.client_queues import ClientQueues
 from gateway.stereo.stream.faults import FaultInjector
-from gateway.stereo.stream.frame import Frame
-from gateway.stereo.stream.image_events import EventHub
+from gateway.stereo.stream.frame import FrameImages
+from gateway.stereo.stream.image_messages import depth_acquisition_done
 from gateway.stereo.stream.set_kind import SetKind
 from gateway.stereo.stream.subscriptions import ImageSetHub
 
@@ -51,7 +52,7 @@ class FramesInFlight:
 
     tasks: set[asyncio.Task[None]] = field(default_factory=set)
     """One task per frame."""
-    last: Frame | None = None
+    last: FrameImages | None = None
     """Newest frame, finished or not."""
 
     def __len__(self) -> int:
@@ -67,7 +68,7 @@ class FramePublisher:
     """Makes each kind of image set of a frame once, and publishes it to all clients."""
 
     def __init__(
-        self, hub: ImageSetHub, events: EventHub, injector: FaultInjector, rate: Rate, *, simulated: bool
+        self, hub: ImageSetHub, events: ClientQueues, injector: FaultInjector, rate: Rate, *, simulated: bool
     ) -> None:
         """
         Args:
@@ -80,9 +81,9 @@ class FramePublisher:
         self.counts = FrameCounts()
         self.last_metered: MeteredExposure | None = None
         """Exposure of the newest left image."""
-        self._hub = hub
+        self.hub = hub
+        self.injector = injector
         self._events = events
-        self._injector = injector
         self._rate = rate
         self._simulated = simulated
 
@@ -93,15 +94,11 @@ class FramePublisher:
         task.add_done_callback(frames.tasks.discard)
         task.add_done_callback(self._ended)
 
-    async def publish_sets(self, frame: Frame, kinds: set[SetKind]) -> None:
-        """Make and publish the sets of a frame. If cancelled, cancel the frame."""
+    async def publish_sets(self, frame: FrameImages, kinds: Collection[SetKind]) -> None:
+        """Make and publish the sets of a frame."""
         start = asyncio.get_running_loop().time()
-        try:
-            with tracing.span("stereo frame", {"stereo.frame": frame.number}):
-                await asyncio.gather(*(self._publish(frame, kind) for kind in kinds))
-        except asyncio.CancelledError:
-            frame.cancel()
-            raise
+        with tracing.span("stereo frame", {"stereo.frame": frame.record.number}):
+            await asyncio.gather(*[self._publish(frame, kind) for kind in kinds])
         if any(kind.has_depth for kind in kinds):
             self.counts.depth_frames += 1
             self.counts.depth_seconds = asyncio.get_running_loop().time() - start
@@ -109,14 +106,16 @@ class FramePublisher:
         if frame.left_metered is not None:
             self.last_metered = frame.left_metered
 
-    async def publish_depth_sets(self, frame: Frame, kinds: set[SetKind]) -> None:
+    async def publish_depth_sets(self, frame: FrameImages, kinds: Collection[SetKind]) -> None:
         """Wait for the last exposure of a depth frame, send the image event, then make and publish the sets."""
         # The timestamp of a depth frame is that of the first image in the average.
-        duration = round((frame.settings.averaged_images - 1) / frame.settings.camera_rate * NANOSECONDS_PER_SECOND)
+        settings, timestamp = frame.record.settings, frame.record.depth_capture.timestamp
+        duration = round((settings.averaged_images - 1) / settings.camera_rate * NANOSECONDS_PER_SECOND)
         if self._rate == "device":
             await asyncio.sleep(duration / NANOSECONDS_PER_SECOND)
-        timestamp = frame.depth_capture.timestamp
-        self._events.depth_acquisition_done(timestamp, timestamp + duration if self._simulated else time.time_ns())
+        if len(self._events):
+            done = timestamp + duration if self._simulated else time.time_ns()
+            self._events.put(depth_acquisition_done(timestamp, done))
         await self.publish_sets(frame, kinds)
 
     def fail(self, kind: SetKind, problem: str, error: Exception) -> None:
@@ -124,23 +123,24 @@ class FramePublisher:
         message = f"{problem}: {error}"
         _log.warning(message, exc_info=None if isinstance(error, _EXPECTED_ERRORS) else error)
         self.counts.problem = message
-        self._hub.end_streams(kind, message)
+        self.hub.end_streams(kind, message)
 
-    async def _publish(self, frame: Frame, kind: SetKind) -> None:
+    async def _publish(self, frame: FrameImages, kind: SetKind) -> None:
+        number = frame.record.number
         try:
-            with tracing.span("stereo set", {"stereo.set": str(kind)}):
+            with tracing.span("stereo set", {"stereo.set": kind.title}):
                 data = await frame.serialised(kind)
         except QueueFull:
             self.counts.busy += 1
         except Exception as error:  # noqa: BLE001 - otherwise the clients would wait forever
-            self.fail(kind, f"frame {frame.number} ({kind}) could not be made", error)
+            self.fail(kind, f"frame {number} ({kind}) could not be made", error)
         else:
             self.counts.problem = ""
-            publish = partial(self._hub.publish, kind, frame.number, data, frame.generation)
-            self._injector.deliver(frame.number, data, publish)
+            publish = partial(self.hub.publish, kind, number, data, frame.generation)
+            self.injector.deliver(number, data, publish)
 
     def _ended(self, task: asyncio.Task[None]) -> None:
         if not task.cancelled() and (error := task.exception()) is not None:
             self.counts.problem = str(error)
             _log.error(f"a frame could not be made: {error}", exc_info=error)
-        self._hub.changed.set()
+        self.hub.changed.set()

@@ -18,16 +18,13 @@ from gateway.runtime.worker_pool import WorkerPool, until_compiled
 from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND, Clock
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import ALTERNATE_GAP_NS, StreamSettings, read_settings
-from gateway.stereo.imaging.other_projector import lit_projectors
-from gateway.stereo.imaging.rendered_images import Capture, Imaging, MeteredExposure
+from gateway.stereo.imaging.rendered_images import Capture, Imaging
 from gateway.stereo.imaging.scene_motion import SceneState, state_before
-from gateway.stereo.stream.faults import FaultInjector
-from gateway.stereo.stream.frame import Frame, FrameRecord
+from gateway.stereo.stream.frame import FrameImages, FrameRecord
 from gateway.stereo.stream.frame_clock import FrameClock
-from gateway.stereo.stream.frame_publisher import FrameCounts, FramePublisher, FramesInFlight
-from gateway.stereo.stream.image_events import EventHub
+from gateway.stereo.stream.frame_publisher import FramePublisher, FramesInFlight
 from gateway.stereo.stream.set_kind import SetKind
-from gateway.stereo.stream.subscriptions import ImageSetHub, MailboxState
+from gateway.stereo.stream.subscriptions import MailboxState
 
 SceneSource = Callable[[int | None], SceneState]
 """Returns scene and pose that were valid at a time, nanoseconds since the epoch; None: the current ones. Called in
@@ -47,13 +44,11 @@ class FrameScheduler:
         self,
         imaging: Imaging,
         workers: WorkerPool,
-        hub: ImageSetHub,
-        events: EventHub,
-        injector: FaultInjector,
+        publisher: FramePublisher,
         parameters: Parameters,
         scene: SceneSource,
         clock: Clock,
-        on_capture: Callable[[int, NDArray[np.float64]], None] = lambda timestamp, pose: None,
+        on_capture: Callable[[int, NDArray[np.float64]], None] | None = None,
         on_streaming: Callable[[bool], None] = lambda streaming: None,
         has_messages_before: Callable[[int], bool] = lambda timestamp: False,
     ) -> None:
@@ -64,23 +59,23 @@ class FrameScheduler:
             on_streaming: called with True before the first frame for clients, and with False when there are none.
             has_messages_before: see ``StereoService``.
         """
-        config = imaging.config
         self.imaging = imaging
         """Image source of the next frames."""
-        self.history: deque[FrameRecord] = deque(maxlen=config.history)
+        self.history: deque[FrameRecord] = deque(maxlen=imaging.config.history)
         """The last frames, oldest first, for ground truth."""
         self.trigger_time: float | None = None
         """Time of a call of ``acquisition_trigger``, seconds of the event loop's clock; None after its capture."""
         self._workers = workers
-        self._hub = hub
-        self._injector = injector
+        self._publisher = publisher
+        self._hub = publisher.hub
+        self._counts = publisher.counts
         self._parameters = parameters
         self._scene = scene
         self._on_capture = on_capture
         self._on_streaming = on_streaming
         self._has_messages_before = has_messages_before
-        self._clock = FrameClock(clock, config.rate)
-        self._publisher = FramePublisher(hub, events, injector, config.rate, simulated=clock.simulated)
+        self._unlimited = imaging.config.rate == "max"
+        self._clock = FrameClock(clock, imaging.config.rate)
         self._camera_frames = FramesInFlight()
         self._depth_frames = FramesInFlight()
         self._frame_number = 0
@@ -97,16 +92,6 @@ class FrameScheduler:
             self._settings_version = self._parameters.version
             self._settings = read_settings(self._parameters)
         return self._settings
-
-    @property
-    def counts(self) -> FrameCounts:
-        """Counters since start."""
-        return self._publisher.counts
-
-    @property
-    def last_metered(self) -> MeteredExposure | None:
-        """Exposure of the newest left image."""
-        return self._publisher.last_metered
 
     async def run(self) -> None:
         """Capture frames until cancelled.
@@ -125,49 +110,58 @@ class FrameScheduler:
 
     async def _step(self) -> None:
         """Wait until a frame is due or a client changes, and capture a frame if one is due."""
-        hub, clock, unlimited_rate = self._hub, self._clock, self.imaging.config.rate == "max"
+        hub, clock = self._hub, self._clock
         hub.changed.clear()
-        self._set_streaming(len(hub) > 0)
-        if not self._streaming:
-            self._cancel_frames()
-            self._camera_frames.last = self._depth_frames.last = None
-            clock.rest()
-        self._repeat_last_frames()
-        kinds = self._urgent_kinds() if unlimited_rate else hub.kinds()
+        if bool(hub.kinds) != self._streaming:
+            self._set_streaming(bool(hub.kinds))
+        for kind in hub.take_new_kinds():
+            self._repeat_last_frame(kind)
+        kinds = self._urgent_kinds() if self._unlimited else hub.kinds
         if not kinds:
             await hub.changed.wait()
             return
         settings, now = self.settings, asyncio.get_running_loop().time()
         period = 1.0 / settings.camera_rate
-        if not unlimited_rate or all(kind.empty for kind in kinds):
-            if (delay := clock.seconds_until_frame(now)) > 0:
+        camera_kinds = [kind for kind in kinds if not kind.has_depth]
+        if not self._unlimited or all(kind.empty for kind in kinds):
+            delay = clock.seconds_until_frame(now, None if camera_kinds or self._unlimited else settings)
+            if delay > 0:
                 await _wait(hub.changed, delay)
                 return
             missed = clock.take_frame(now, period)
-            self.counts.skipped += 0 if unlimited_rate else missed
+            self._counts.skipped += 0 if self._unlimited else missed
         period_ns = round(period * NANOSECONDS_PER_SECOND)
         timestamp = self._next_timestamp(settings, period_ns)
-        exposed_from = (now if unlimited_rate else clock.frame_due) - settings.longest_exposure
+        exposed_from = (now if self._unlimited else clock.frame_due) - settings.longest_exposure
         triggered = self.trigger_time is not None and (clock.simulated or self.trigger_time <= exposed_from)
         depth_due = clock.depth_due(settings, timestamp, period_ns, triggered=triggered)
-        depth_kinds = await self._admit(self._depth_frames, {kind for kind in kinds if kind.has_depth and depth_due})
-        camera_kinds = await self._admit(self._camera_frames, {kind for kind in kinds if not kind.has_depth})
+        depth_kinds = [kind for kind in kinds if kind.has_depth] if depth_due else []
+        if depth_kinds and not await self._has_room(self._depth_frames):
+            depth_kinds = []
+        if camera_kinds and not await self._has_room(self._camera_frames):
+            camera_kinds = []
         if depth_kinds or camera_kinds:
-            # Read the settings again: they may have changed while ``_admit`` waited.
+            # Read the settings again: they may have changed while ``_has_room`` waited.
             await self._capture(self.settings, camera_kinds, depth_kinds, period_ns)
-        elif unlimited_rate:  # only depth is requested, and it waits for its trigger
+        elif self._unlimited:  # only depth is requested, and it waits for its trigger
             await _wait(hub.changed, period)
         else:
             clock.skip_frame(period_ns)
 
     def _set_streaming(self, streaming: bool) -> None:
-        if streaming != self._streaming:
-            self._streaming = streaming
-            self._on_streaming(streaming)
+        """Report that clients begin to stream, or that none streams; then the schedule stops."""
+        if streaming == self._streaming:
+            return
+        self._streaming = streaming
+        self._on_streaming(streaming)
+        if not streaming:
+            self._cancel_frames()
+            self._camera_frames.last = self._depth_frames.last = None
+            self._clock.rest()
 
     def _next_timestamp(self, settings: StreamSettings, period_ns: int) -> int:
         """Return the timestamp of the frame that is due."""
-        now = None if self.imaging.config.rate == "max" else asyncio.get_running_loop().time()
+        now = None if self._unlimited else asyncio.get_running_loop().time()
         return self._clock.next_timestamp(period_ns, now, settings.longest_exposure)
 
     def _urgent_kinds(self) -> set[SetKind]:
@@ -179,30 +173,30 @@ class FrameScheduler:
             return self._hub.kinds_with_mailbox(MailboxState.WAITING)
         return self._hub.kinds_with_mailbox(MailboxState.WAITING, MailboxState.EMPTY)
 
-    async def _admit(self, frames: FramesInFlight, kinds: set[SetKind]) -> set[SetKind]:
-        """Return the kinds, or none if too many frames are in flight. If frames must not be skipped, wait instead."""
+    async def _has_room(self, frames: FramesInFlight) -> bool:
+        """Return False if too many frames are in flight. If frames must not be skipped, wait instead."""
         config = self.imaging.config
         matching = config.depth_mode == "matched" and frames is self._depth_frames
         limit = 1 if matching or self._clock.simulated else config.frames_in_flight
-        while kinds and len(frames) >= limit:
-            if config.rate == "device" and not self._clock.simulated:
-                self.counts.skipped += 1
-                return set()
+        while len(frames) >= limit:
+            if not self._unlimited and not self._clock.simulated:
+                self._counts.skipped += 1
+                return False
             self._hub.changed.clear()
             changed = asyncio.ensure_future(self._hub.changed.wait())
             await asyncio.wait((*frames.tasks, changed), return_when=asyncio.FIRST_COMPLETED)
             changed.cancel()
             if len(self._hub) == 0:
                 self._cancel_frames()
-                return set()
-        return kinds
+                return False
+        return True
 
     def _cancel_frames(self) -> None:
         self._camera_frames.cancel()
         self._depth_frames.cancel()
 
     async def _capture(
-        self, settings: StreamSettings, camera_kinds: set[SetKind], depth_kinds: set[SetKind], period_ns: int
+        self, settings: StreamSettings, camera_kinds: list[SetKind], depth_kinds: list[SetKind], period_ns: int
     ) -> None:
         """Capture the scene and start the tasks that make the sets.
 
@@ -214,45 +208,43 @@ class FrameScheduler:
         """
         clock, publisher, generation = self._clock, self._publisher, self._hub.generation()
         timestamp = self._next_timestamp(settings, period_ns)
-        capture = await self._capture_scene(
-            self._frame_number + 1,
-            timestamp,
-            self._injector.timestamp(timestamp),
-            settings,
-            camera_kinds | depth_kinds,
-        )
+        sent_timestamp = publisher.injector.timestamp(timestamp)
+        kinds = [*camera_kinds, *depth_kinds]
+        capture = await self._capture_scene(self._frame_number + 1, timestamp, sent_timestamp, settings, kinds)
         if capture is None:
             return
         self._frame_number += 1
         clock.timestamp = timestamp
-        self._on_capture(timestamp, capture.X_world_left)
+        if self._on_capture is not None:
+            self._on_capture(timestamp, capture.X_world_left)
         frame = None
-        if camera_kinds:
-            kinds = camera_kinds if settings.separate_depth else camera_kinds | depth_kinds
-            self._camera_frames.last = frame = self._new_frame(settings, capture, capture, kinds, generation)
+        if camera_kinds or not settings.separate_depth:
+            shared_kinds = camera_kinds if settings.separate_depth else kinds
+            frame = self._new_frame(settings, capture, capture, shared_kinds, generation)
+        if camera_kinds and frame is not None:
+            self._camera_frames.last = frame
             publisher.spawn(self._camera_frames, publisher.publish_sets(frame, camera_kinds))
         if not depth_kinds:
             return
         clock.schedule_next_depth(timestamp, settings.depth_rate)
         self.trigger_time = None
-        if settings.separate_depth:
+        if frame is None or settings.separate_depth:
             clock.delay_for_alternate_exposure(period_ns)
-            publisher.spawn(
-                self._depth_frames, self._expose_depth(settings, capture, timestamp, depth_kinds, generation)
-            )
-            return
-        self._depth_frames.last = frame = frame or self._new_frame(settings, capture, capture, depth_kinds, generation)
-        publisher.spawn(self._depth_frames, publisher.publish_depth_sets(frame, depth_kinds))
+            depth = self._expose_depth(settings, capture, timestamp, depth_kinds, generation)
+        else:
+            self._depth_frames.last = frame
+            depth = publisher.publish_depth_sets(frame, depth_kinds)
+        publisher.spawn(self._depth_frames, depth)
 
     async def _expose_depth(
-        self, settings: StreamSettings, camera: Capture, timestamp: int, kinds: set[SetKind], generation: int
+        self, settings: StreamSettings, camera: Capture, timestamp: int, kinds: list[SetKind], generation: int
     ) -> None:
         """Capture the scene for depth 40 ms after the camera images, with the outputs of depth exposures.
 
         Args:
             timestamp: true timestamp of the camera images, nanoseconds since the epoch.
         """
-        await asyncio.sleep(ALTERNATE_GAP_NS / NANOSECONDS_PER_SECOND if self.imaging.config.rate == "device" else 0)
+        await asyncio.sleep(0 if self._unlimited else ALTERNATE_GAP_NS / NANOSECONDS_PER_SECOND)
         timestamp, sent_timestamp = (each + ALTERNATE_GAP_NS for each in (timestamp, camera.timestamp))
         depth = await self._capture_scene(camera.frame_number, timestamp, sent_timestamp, settings, kinds, depth=True)
         if depth is not None:
@@ -260,15 +252,11 @@ class FrameScheduler:
             await self._publisher.publish_depth_sets(frame, kinds)
 
     def _new_frame(
-        self,
-        settings: StreamSettings,
-        camera: Capture,
-        depth: Capture,
-        kinds: set[SetKind],
-        generation: int,
-    ) -> Frame:
-        self.history.append(FrameRecord(camera.frame_number, settings, camera, depth, self.imaging))
-        return Frame(self.imaging, self._workers, settings, camera, depth, kinds, generation)
+        self, settings: StreamSettings, camera: Capture, depth: Capture, kinds: list[SetKind], generation: int
+    ) -> FrameImages:
+        record = FrameRecord(self.imaging, settings, camera, depth)
+        self.history.append(record)
+        return FrameImages(record, self._workers, kinds, generation)
 
     async def read_scene(self, timestamp: int) -> tuple[SceneState, SceneState | None]:
         """Return the scene at a time, and an earlier one if images depend on motion.
@@ -299,7 +287,7 @@ class FrameScheduler:
         timestamp: int,
         sent_timestamp: int,
         settings: StreamSettings,
-        kinds: set[SetKind],
+        kinds: list[SetKind],
         *,
         depth: bool = False,
     ) -> Capture | None:
@@ -315,7 +303,7 @@ class FrameScheduler:
         try:
             state, earlier = await self.read_scene(timestamp)
         except QueueFull:
-            self.counts.busy += 1
+            self._counts.busy += 1
         except Exception as error:  # noqa: BLE001 - a broken scene must not stop the camera
             for kind in kinds:
                 self._publisher.fail(kind, "the scene could not be read", error)
@@ -323,30 +311,19 @@ class FrameScheduler:
             self._last = state
             if earlier is not None:
                 earlier = replace(earlier, timestamp=earlier.timestamp + sent_timestamp - timestamp)
-            return Capture(
-                sent_timestamp,
-                state.scene,
-                state.revision,
-                state.X_world_left,
-                settings.gpio(depth=depth),
-                frame_number,
-                earlier,
-                lit_projectors(state.projectors, depth=depth),
-            )
+            return Capture.of_state(state, settings, sent_timestamp, frame_number, earlier, depth=depth)
         return None
 
-    def _repeat_last_frames(self) -> None:
+    def _repeat_last_frame(self, kind: SetKind) -> None:
         """Send the last frame to new clients if it is still current, so that they do not wait for the next frame."""
-        publisher = self._publisher
-        for kind in self._hub.take_new_kinds():
-            settings = self.settings
-            frame = self._depth_frames.last if kind.has_depth else self._camera_frames.last
-            if frame is None or frame.generation != self._hub.generation() or settings.single_frame:
-                continue
-            rate = settings.depth_rate if kind.has_depth else settings.camera_rate
-            now = self._injector.timestamp(self._clock.next_timestamp(0))
-            if now - frame.depth_capture.timestamp < NANOSECONDS_PER_SECOND / rate:
-                publisher.spawn(self._camera_frames, publisher.publish_sets(frame, {kind}))
+        publisher, settings = self._publisher, self.settings
+        frame = self._depth_frames.last if kind.has_depth else self._camera_frames.last
+        if frame is None or frame.generation != self._hub.generation() or settings.single_frame:
+            return
+        rate = settings.depth_rate if kind.has_depth else settings.camera_rate
+        now = publisher.injector.timestamp(self._clock.next_timestamp(0))
+        if now - frame.record.depth_capture.timestamp < NANOSECONDS_PER_SECOND / rate:
+            publisher.spawn(self._camera_frames, publisher.publish_sets(frame, [kind]))
 
 
 async def _wait(event: asyncio.Event, seconds: float) -> None:

@@ -15,8 +15,8 @@ from grpc_reflection.v1alpha import reflection
 from gateway.runtime import process_tuning
 from gateway.server.grpc_tokens import TokenCheck
 from gateway.stereo.device.camera_config import StereoConfig, Tls
+from gateway.stereo.stream.client_queues import ClientQueues
 from gateway.stereo.stream.faults import CUT_REASON, FaultInjector
-from gateway.stereo.stream.image_events import EventHub
 from gateway.stereo.stream.reflection import ReflectionPool
 from gateway.stereo.stream.set_kind import RequestError, read_set_kind
 from gateway.stereo.stream.subscriptions import ImageSetHub, LimitError, StreamError
@@ -80,7 +80,7 @@ class UnsentMessages:
 class StreamServicer:
     """Methods ``StreamImageSets`` and ``StreamImageEvents``."""
 
-    def __init__(self, hub: ImageSetHub, events: EventHub, injector: FaultInjector, config: StereoConfig) -> None:
+    def __init__(self, hub: ImageSetHub, events: ClientQueues, injector: FaultInjector, config: StereoConfig) -> None:
         self._hub = hub
         self._events = events
         self._injector = injector
@@ -117,11 +117,13 @@ class StreamServicer:
     async def events(self, request: pb.ImageEventsRequest, context: Context) -> None:
         """Send image events until the client cancels or its deadline passes."""
         try:
-            with self._events.subscribe(depth_acquisition_done=request.depth_acquisition_done_enabled) as queue:
+            with self._events.subscribe() as queue:
                 # Send headers first: a client may wait for them before it triggers a depth image.
                 await context.send_initial_metadata(())
                 while True:
-                    await context.write(await queue.get())
+                    for event in (await queue.get())[1]:
+                        if request.depth_acquisition_done_enabled:
+                            await context.write(event)
         except LimitError as error:
             await context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, str(error))
 
@@ -151,7 +153,7 @@ def _log_stream(peer: str, kind: str, set_bytes: int) -> None:
 
 
 async def start(
-    hub: ImageSetHub, events: EventHub, injector: FaultInjector, config: StereoConfig
+    hub: ImageSetHub, events: ClientQueues, injector: FaultInjector, config: StereoConfig
 ) -> tuple[grpc.aio.Server, int, Callable[[], Any]]:
     """Start serving.
 

@@ -107,6 +107,21 @@ def mesh(ply: tuple[Chunk, ...], timestamp: int) -> list[Chunk]:
     return [header.SerializeToString(), *wire.field(3, list(ply))]
 
 
+def depth_acquisition_done(imageset_timestamp: int, event_timestamp: int) -> bytes:
+    """Return an ``ImageEvents``: all images for a depth image are captured. It is sent before depth is computed.
+
+    Args:
+        imageset_timestamp: timestamp of the image set, nanoseconds.
+        event_timestamp: end of the capture, nanoseconds.
+    """
+    event = pb.ImageEvents(
+        imageset_timestamp=time_message(imageset_timestamp),
+        depth_acquisition_done=pb.Event(timestamp=time_message(event_timestamp)),
+    )
+    data: bytes = event.SerializeToString()
+    return data
+
+
 def time_message(nanoseconds: int) -> pb.Time:
     """Return a timestamp as a ``Time`` message."""
     sec, nsec = divmod(nanoseconds, NANOSECONDS_PER_SECOND)

@@ -14,7 +14,8 @@ from typing import Final, cast
 import numpy as np
 
 Chunk = bytes | memoryview
-_MIN_WITHOUT_GIL: Final = 4 << 20
+"""Bytes; a view has one dimension."""
+MIN_WITHOUT_GIL: Final = 4 << 20
 """Number of bytes from which chunks are joined without the GIL. Fewer bytes take under half a millisecond. A full mesh
 (55 MB) takes 65 ms, which would block the event loop."""
 
@@ -38,7 +39,7 @@ def varint(value: int) -> bytes:
 
 def size(chunks: Sequence[Chunk]) -> int:
     """Return the number of bytes of all chunks."""
-    return sum(chunk.nbytes if isinstance(chunk, memoryview) else len(chunk) for chunk in chunks)
+    return sum(map(len, chunks))
 
 
 def field(number: int, chunks: Sequence[Chunk]) -> list[Chunk]:
@@ -47,9 +48,9 @@ def field(number: int, chunks: Sequence[Chunk]) -> list[Chunk]:
 
 
 def join(chunks: Sequence[Chunk]) -> bytes:
-    """Return the chunks as one bytes object. Large ones are copied without the GIL: call this in a worker thread."""
+    """Return the chunks as one bytes object. From ``MIN_WITHOUT_GIL`` on, call this in a worker thread."""
     total = size(chunks)
-    if total < _MIN_WITHOUT_GIL:
+    if total < MIN_WITHOUT_GIL:
         return b"".join(chunks)
     # The C API permits writing to a new bytes object before anything else refers to it; NumPy copies without the GIL.
     data = cast(bytes, _new_bytes(None, total))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from gateway.stereo.device.camera_config import StereoConfig
 from renderers.stereo.mesh.disparity_mesh import MeshOptions
@@ -16,7 +17,7 @@ class RequestError(ValueError):
     """The request cannot be served; the message is the reason."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class SetKind:
     """Contents of an image set."""
 
@@ -35,22 +36,24 @@ class SetKind:
     aligned: bool = False
     """``depth_mm`` as seen by the colour camera."""
 
-    @property
+    @cached_property
     def needs_left(self) -> bool:
         """True if the set needs the left image: as an image, or as the colours of a mesh."""
         return self.left or (self.mesh is not None and self.mesh.textured)
 
-    @property
+    @cached_property
     def has_depth(self) -> bool:
         """True if the set needs a depth image. Such sets are sent at the rate of depth images."""
         return self.disparity or self.error or self.confidence or self.mesh is not None or self.depth_mm
 
-    @property
+    @cached_property
     def empty(self) -> bool:
         """True if the set holds a timestamp only."""
         return not (self.left or self.right or self.color_camera or self.has_depth)
 
-    def __str__(self) -> str:
+    @cached_property
+    def title(self) -> str:
+        """Contents of the set, for logs and people."""
         names = [name for name in ("left", "right", "disparity", "error", "confidence") if getattr(self, name)]
         if self.color_camera:
             names.append("color camera")
@@ -59,6 +62,9 @@ class SetKind:
         if self.mesh is not None:
             names.append(f"mesh({self.mesh.max_points or 'all'} points)")
         return "+".join(names) + (" rgb8" if self.color and (self.left or self.right) else "") or "timestamps only"
+
+    def __str__(self) -> str:
+        return self.title
 
 
 def read_set_kind(request: pb.ImageSetRequest, config: StereoConfig) -> SetKind:

@@ -107,6 +107,8 @@ class ImageSetHub:
         """Set when a client subscribes, disconnects, takes a set or starts to wait for one."""
         self._max_clients = max_clients
         self._max_kinds = max_kinds
+        self.kinds: frozenset[SetKind] = frozenset()
+        """Kinds of all subscriptions."""
         self._subscriptions: set[Subscription] = set()
         self._new_subscriptions: set[Subscription] = set()
         self._ended_sent = 0
@@ -143,25 +145,24 @@ class ImageSetHub:
             raise StreamError(self._close_reason)
         if len(self._subscriptions) >= self._max_clients:
             raise LimitError(f"{self._max_clients} streams are open already, the limit (max_clients)")
-        kinds = self.kinds()
-        if kind not in kinds and len(kinds) >= self._max_kinds:
+        if kind not in self.kinds and len(self.kinds) >= self._max_kinds:
             raise LimitError(f"{self._max_kinds} different requests are served already, the limit (max_kinds)")
         subscription = Subscription(kind, self.changed, self.generation())
         self._subscriptions.add(subscription)
         self._new_subscriptions.add(subscription)
-        self.changed.set()
+        self._subscriptions_changed()
         try:
             yield subscription
         finally:
             self._subscriptions.discard(subscription)
             self._new_subscriptions.discard(subscription)
-            self.changed.set()
+            self._subscriptions_changed()
             self._ended_sent += subscription.sent
             self._ended_skipped += subscription.skipped
 
-    def kinds(self) -> set[SetKind]:
-        """Return the kinds of all subscriptions."""
-        return {s.kind for s in self._subscriptions}
+    def _subscriptions_changed(self) -> None:
+        self.kinds = frozenset(s.kind for s in self._subscriptions)
+        self.changed.set()
 
     def kinds_with_mailbox(self, *states: MailboxState) -> set[SetKind]:
         """Return the kinds of subscriptions whose mailbox is in one of these states."""
@@ -169,8 +170,9 @@ class ImageSetHub:
 
     def take_new_kinds(self) -> set[SetKind]:
         """Return the kinds of subscriptions made since the last call."""
-        new, self._new_subscriptions = self._new_subscriptions, set()
-        return {s.kind for s in new}
+        kinds = {s.kind for s in self._new_subscriptions} if self._new_subscriptions else set()
+        self._new_subscriptions.clear()
+        return kinds
 
     def publish(self, kind: SetKind, frame_number: int, data: bytes, generation: int = 0) -> None:
         """Store a set in every mailbox of this kind.

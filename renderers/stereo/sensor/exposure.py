@@ -8,6 +8,7 @@ the power of gamma, as in the device's manual: 1 is a linear response, and lower
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -40,7 +41,7 @@ _HISTOGRAM_BINS: Final = 2048
 """Bins of the light's histogram: a resolution of 1/2000 of the brightest value."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Exposure:
     """Settings that turn a rendered image into a camera image."""
 
@@ -57,17 +58,17 @@ class Exposure:
     blue: float = 1.0
     """White balance: factor of blue light."""
 
-    @property
+    @cached_property
     def amplification(self) -> float:
         """``gain`` as a factor."""
         return float(10.0 ** (self.gain / 20.0))
 
-    @property
+    @cached_property
     def light(self) -> float:
         """Amplified light, relative to the reference exposure."""
         return self.time / REFERENCE_EXPOSURE * self.amplification
 
-    @property
+    @cached_property
     def saturation(self) -> float:
         """Amplified light at which the image saturates."""
         return 1.0 / BRACKETS[0] if self.hdr else 1.0

@@ -12,9 +12,9 @@ from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.profile import read_profile
 from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.other_projector import OtherProjector, lit_projectors
-from gateway.stereo.imaging.realistic_images import make_imaging
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest
+from gateway.stereo.imaging.other_projector import OtherProjector
+from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
+from gateway.stereo.imaging.scene_motion import SceneState
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
 from renderers.stereo.depth.downscale import fine_means
@@ -181,7 +181,7 @@ def test_textures_of_metal_return_the_mean_of_their_texels() -> None:
 
 
 def test_dots_fall_on_what_is_behind_glass_and_not_on_mirrors(renderer: CpuRenderer) -> None:
-    imaging = make_imaging(StereoConfig(noise=False), renderer)
+    imaging = Imaging(StereoConfig(noise=False), renderer)
 
     def board(z: float, material: Material, index: int) -> Instance:
         corners = np.array(((-4, -4, z), (4, -4, z), (4, 4, z), (-4, 4, z)), np.float32)
@@ -221,7 +221,7 @@ def other_projector(x: float, angle: float, mode: str = "High", light: float = 2
 
 
 def test_another_camera_at_the_same_place_has_the_light_of_the_own_projector(renderer: CpuRenderer) -> None:
-    imaging = make_imaging(StereoConfig(noise=False), renderer)
+    imaging = Imaging(StereoConfig(noise=False), renderer)
     own, other = Capture(0, table(), 1, pose(), 1), Capture(0, table(), 1, pose(), 0)
     other = replace(other, projectors=(replace(other_projector(0.0, 0.0), X_world_left=pose()),))
     assert imaging.image_kind(other) is ImageKind.DOTS
@@ -236,7 +236,7 @@ def test_another_camera_at_the_same_place_has_the_light_of_the_own_projector(ren
 
 
 def test_light_of_another_projector_is_fixed_to_surfaces_and_casts_shadows(renderer: CpuRenderer) -> None:
-    imaging = make_imaging(StereoConfig(noise=False, projector=False, dot_light=0.0), renderer)
+    imaging = Imaging(StereoConfig(noise=False, projector=False, dot_light=0.0), renderer)
     corners = np.array(((-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)), np.float32)
     mesh = Mesh(corners, np.array(((0, 1, 2), (0, 2, 3)), np.uint32))
     grey = Material((0.5, 0.5, 0.5, 1.0), metallic=0.0, double_sided=True)
@@ -277,8 +277,10 @@ def test_light_of_another_projector_is_fixed_to_surfaces_and_casts_shadows(rende
 
 def test_projectors_of_other_cameras_are_seen_while_they_are_on() -> None:
     projectors = [other_projector(0.0, 0.0, mode) for mode in ("Low", "High", "ExposureAlternateActive")]
-    assert lit_projectors(projectors, depth=False) == (projectors[1],)
-    assert lit_projectors(projectors, depth=True) == (projectors[1], projectors[2])
+    state, settings = SceneState(0, table(), pose(), projectors=tuple(projectors)), read_settings(Parameters())
+    camera, depth = (Capture.of_state(state, settings, 0, 1, depth=depth) for depth in (False, True))
+    assert camera.projectors == (projectors[1],)
+    assert depth.projectors == (projectors[1], projectors[2])
 
 
 @pytest.mark.parametrize("quality", [Quality.HIGH, Quality.MEDIUM, Quality.LOW])

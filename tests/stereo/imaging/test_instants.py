@@ -93,7 +93,7 @@ async def test_images_on_request_show_the_time_of_the_request(start: Start) -> N
     scene.move(0.0)
     camera = await start(state=scene.state)
     frame = await camera.service.capture(SetKind(left=True))
-    assert frame.camera_capture.timestamp == frame.depth_capture.timestamp == scene.times[-1]
+    assert frame.record.camera_capture.timestamp == frame.record.depth_capture.timestamp == scene.times[-1]
 
 
 def state(timestamp: int, changed: int, revision: int = 1) -> SceneState:

@@ -19,8 +19,7 @@ from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.clock import SimulatedClock
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.realistic_images import make_imaging
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest
+from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
 from gateway.stereo.imaging.scene_motion import SceneState
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
@@ -52,7 +51,7 @@ def test_equal_inputs_give_equal_bytes(renderer: CpuRenderer, gpio: int) -> None
     config = replace(ALL, model=SMALL)
     images = []
     for each in (renderer, other):
-        imaging, capture = make_imaging(config, each), moving_demo(gpio)
+        imaging, capture = Imaging(config, each), moving_demo(gpio)
         exposure = imaging.meter(capture, read_settings(Parameters())).exposure
         request = ImageRequest(exposure, NoiseStream.RIGHT, frozenset((True,)))
         images.append(imaging.expose(capture, request)[True].image)
@@ -66,7 +65,7 @@ def test_each_part_changes_the_image_by_itself(renderer: CpuRenderer, part: Real
     exposure = replace(read_settings(Parameters()).manual_exposure, time=0.1, gain=-26.0)
     request = ImageRequest(exposure, NoiseStream.LEFT, frozenset((False,)))
     without, with_part = (
-        make_imaging(StereoConfig(model=SMALL, realism=parts), renderer).expose(capture, request)[False].image
+        Imaging(StereoConfig(model=SMALL, realism=parts), renderer).expose(capture, request)[False].image
         for parts in (frozenset[RealismPart](), frozenset((part,)))
     )
     assert (without != with_part).mean() > 0.001
@@ -76,7 +75,7 @@ def test_automatic_exposure_does_not_clip_the_dots(renderer: CpuRenderer) -> Non
     capture = moving_demo(1)
     for parts in (REALISM_PARTS, ("projector",)):
         config = StereoConfig(realism=frozenset(parts))
-        imaging = make_imaging(config, renderer)
+        imaging = Imaging(config, renderer)
         metered = imaging.meter(capture, read_settings(Parameters()))
         request = ImageRequest(metered.exposure, NoiseStream.LEFT, frozenset((False,)))
         image = imaging.expose(capture, request)[False]
@@ -88,7 +87,7 @@ def test_automatic_exposure_does_not_clip_the_dots(renderer: CpuRenderer) -> Non
 @pytest.mark.parametrize("quality", [Quality.HIGH, Quality.MEDIUM])
 def test_the_projector_keeps_the_demo_matchable(renderer: CpuRenderer, quality: Quality) -> None:
     capture, model, divisor = moving_demo(1), ALL.model, quality.divisor
-    imaging = make_imaging(ALL, renderer)
+    imaging = Imaging(ALL, renderer)
     settings = replace(read_settings(Parameters()), quality=quality)
     exposure = imaging.meter(capture, settings).exposure
     left, right = (

@@ -14,8 +14,7 @@ from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import from_pose
 from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.imaging.realistic_images import RealisticImaging
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest
+from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
 from gateway.stereo.imaging.scene_motion import (
     MAX_SUBFRAMES,
     Motion,
@@ -65,7 +64,7 @@ def image(
     # The exposure's brightness stays the same at every exposure time.
     exposure = Exposure(time, 20.0 * np.log10(0.005 / time))
     request = ImageRequest(exposure, NoiseStream.LEFT, frozenset((False,)))
-    grey = RealisticImaging(config, renderer).expose(capture, request)[False].image
+    grey = Imaging(config, renderer).expose(capture, request)[False].image
     return grey / 255.0
 
 

@@ -10,7 +10,7 @@ from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
 from gateway.stereo.imaging.rendered_images import Capture, Imaging
-from gateway.stereo.stream.frame import Frame
+from gateway.stereo.stream.frame import FrameImages, FrameRecord
 from gateway.stereo.stream.set_kind import SetKind
 from renderers.raster import CpuRenderer
 from renderers.stereo.mesh.disparity_mesh import MeshOptions
@@ -19,9 +19,9 @@ from tests.stereo.conftest import SMALL
 from tests.stereo.scenes import pose, table
 
 
-def frame_of(imaging: Imaging, workers: WorkerPool, *kinds: SetKind) -> Frame:
+def frame_of(imaging: Imaging, workers: WorkerPool, *kinds: SetKind) -> FrameImages:
     capture = Capture(10**9, table(), 1, pose(), 0, 1)
-    return Frame(imaging, workers, read_settings(Parameters()), capture, capture, kinds)
+    return FrameImages(FrameRecord(imaging, read_settings(Parameters()), capture, capture), workers, kinds)
 
 
 @pytest.mark.parametrize(("textured", "shared"), [(True, False), (False, True)])

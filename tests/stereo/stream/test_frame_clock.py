@@ -50,6 +50,24 @@ def test_missed_frames_are_counted_and_not_made_up_for(late: float, missed: int,
     assert clock.seconds_until_frame(8.0 + late) == pytest.approx(wait)
 
 
+def test_frames_without_depth_are_neither_waited_for_nor_missed_if_only_depth_is_needed() -> None:
+    source = FixedClock()
+    clock = clock_at(source)
+    clock.take_frame(8.0, 0.04)
+    source.now = 8 * NANOSECONDS_PER_SECOND
+    assert clock.seconds_until_frame(8.0, SETTINGS) == pytest.approx(0.04), "the first frame has depth"
+    clock.schedule_next_depth(clock.next_timestamp(PERIOD, 8.0, SETTINGS.longest_exposure), 8.0)
+    assert clock.seconds_until_frame(8.0) == pytest.approx(0.04)
+    assert clock.seconds_until_frame(8.0, replace(SETTINGS, single_frame=True)) == pytest.approx(0.04)
+    assert clock.seconds_until_frame(8.0, SETTINGS) == pytest.approx(0.12)
+    source.now = round(8.15 * NANOSECONDS_PER_SECOND)
+    assert clock.seconds_until_frame(8.15, SETTINGS) == pytest.approx(-0.03)
+    assert clock.take_frame(8.15, 0.04) == 0
+    assert clock.frame_due == pytest.approx(8.12)
+    timestamp = clock.next_timestamp(PERIOD, 8.15, SETTINGS.longest_exposure)
+    assert clock.depth_due(SETTINGS, timestamp, PERIOD, triggered=False)
+
+
 @pytest.mark.parametrize("late", [0.0, 0.0625, 0.1875, 0.5, 0.75])
 def test_timestamps_do_not_depend_on_lateness(late: float) -> None:
     source = FixedClock()

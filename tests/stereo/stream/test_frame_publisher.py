@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from dataclasses import dataclass, field
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -46,21 +47,24 @@ class FakeFrame:
 
     results: dict[SetKind, bytes | Exception]
     left_metered: Any = None
-    number: int = 7
+    record: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(number=7))
     generation: int = 3
     cancelled: int = 0
     forever: bool = False
+    started: bool = False
 
     async def serialised(self, kind: SetKind) -> bytes:
         if self.forever:
-            await asyncio.Event().wait()
+            self.started = True
+            try:
+                await asyncio.Event().wait()
+            except asyncio.CancelledError:
+                self.cancelled += 1
+                raise
         result = self.results[kind]
         if isinstance(result, Exception):
             raise result
         return result
-
-    def cancel(self) -> None:
-        self.cancelled += 1
 
 
 @pytest.fixture
@@ -124,7 +128,7 @@ async def test_only_unexpected_errors_are_logged_with_a_traceback(publisher: Fra
 async def test_cancelling_the_work_cancels_the_frame(publisher: FramePublisher, hub: FakeHub) -> None:
     group, frame = FramesInFlight(), FakeFrame({LEFT: b""}, forever=True)
     publisher.spawn(group, make(publisher, frame))
-    await asyncio.sleep(0)
+    await until(lambda: frame.started)
     assert len(group) == 1
     group.cancel()
     await until(lambda: not len(group))

@@ -10,7 +10,8 @@ import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from gateway.stereo.device.clock import SimulatedClock
-from gateway.stereo.stream.image_events import EventHub
+from gateway.stereo.stream.client_queues import ClientQueues
+from gateway.stereo.stream.image_messages import depth_acquisition_done
 from scenegate.camera import image_interface_pb2 as pb
 from tests.stereo.conftest import Camera, Start
 from tests.support.waiting import SECONDS, until
@@ -83,11 +84,13 @@ async def test_static_scenes_are_done_after_the_last_of_eight_images(start: Star
 
 
 async def test_slow_clients_get_the_newest_events_and_clients_are_limited(start: Start) -> None:
-    hub = EventHub(1, 3)
-    with hub.subscribe(depth_acquisition_done=True) as queue:
+    hub = ClientQueues("event", 1, 3)
+    with hub.subscribe() as queue:
         for number in range(10):
-            hub.depth_acquisition_done(number, number)
-        stamps = [pb.ImageEvents.FromString(queue.get_nowait()).imageset_timestamp.nsec for _ in range(3)]
+            hub.put(depth_acquisition_done(number, number))
+        lost, events = await queue.get()
+        assert lost == 7
+        stamps = [pb.ImageEvents.FromString(event).imageset_timestamp.nsec for event in events]
         assert stamps == [7, 8, 9]
     assert len(hub) == 0
     camera = await start(max_clients=1)

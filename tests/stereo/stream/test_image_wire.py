@@ -151,5 +151,5 @@ def test_the_length_of_a_field(length: int) -> None:
 
 @pytest.mark.parametrize("extra", [-1, 0, 1])
 def test_chunks_are_joined_in_order_at_any_size(extra: int) -> None:
-    large = np.arange(wire._MIN_WITHOUT_GIL + extra - 6, dtype=np.uint32).astype(np.uint8).tobytes()  # noqa: SLF001
+    large = np.arange(wire.MIN_WITHOUT_GIL + extra - 6, dtype=np.uint32).astype(np.uint8).tobytes()
     assert wire.join([b"abc", memoryview(large), b"def"]) == b"abc" + large + b"def"

@@ -22,7 +22,7 @@ from scenegate.camera import image_interface_pb2 as pb
 from gateway.runtime import logs, process_tuning
 from gateway.stereo.stream import grpc_server as server
 from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.stream.image_events import EventHub
+from gateway.stereo.stream.client_queues import ClientQueues
 from gateway.stereo.stream.faults import FaultInjector
 from gateway.stereo.stream.subscriptions import ImageSetHub, MailboxState
 
@@ -33,14 +33,15 @@ async def publish(hub):
         if hub.kinds_with_mailbox(MailboxState.EMPTY, MailboxState.WAITING):
             number += 1
             data = pb.ImageSet(left=pb.Image(data=bytes({SET_MB} << 20))).SerializeToString()
-            for kind in hub.kinds():
+            for kind in hub.kinds:
                 hub.publish(kind, number, data)
 
 async def main():
     logs.configure("json", "error")
     process_tuning.tune()
     hub = ImageSetHub(64, 16)
-    running, port, _ = await server.start(hub, EventHub(64, 64), FaultInjector(0, 1 << 20), StereoConfig(port=0))
+    events, injector = ClientQueues("event", 64, 64), FaultInjector(0, 1 << 20)
+    running, port, _ = await server.start(hub, events, injector, StereoConfig(port=0))
     publishing = asyncio.create_task(publish(hub))
     print(port, flush=True)
     loop = asyncio.get_running_loop()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import io
 import time
+from types import MappingProxyType
 from typing import Any
 
 import grpc
@@ -13,11 +14,13 @@ import pytest
 
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.clock import SimulatedClock
+from gateway.stereo.device.parameter_specs import DeviceLimits
 from gateway.stereo.device.profile import read_profile
 from gateway.stereo.routes.truth_routes import find_frame, ground_truth_npz
 from renderers.compiler import pending
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
+from renderers.stereo.model import Quality
 from scenegate.camera import image_interface_pb2 as pb
 from tests.stereo.conftest import EVERYTHING, SMALL, Camera, Start, pixels, running, seen
 from tests.stereo.scenes import table
@@ -284,6 +287,20 @@ async def test_device_rates(start: Start, quality: str, request_depth: bool, per
     assert set(steps % 40_000_000) == {0}
     without_lost_sets = steps[steps < (period + 40) * 1e6]  # a reader that is late loses sets
     assert without_lost_sets.mean() / 1e6 == pytest.approx(period, abs=40 / 6)
+
+
+@pytest.mark.parametrize("reset", [False, True])
+async def test_a_change_of_parameters_ends_the_wait_for_depth(start: Start, reset: bool) -> None:
+    hours = MappingProxyType({**DeviceLimits().depth_rates, Quality.FULL: 1e-4})
+    camera = await start(limits=DeviceLimits(depth_rates=hours))
+    camera.service.set_parameters("rc_stereomatching", [("quality", "Full")])
+    sets = camera.stream(disparity_enabled=True)
+    assert (await sets.read()).disparity.image.width == 320
+    if reset:
+        camera.service.reset_parameters("rc_stereomatching")
+    else:
+        camera.service.set_parameters("rc_stereomatching", [("quality", "High")])
+    assert (await sets.read()).disparity.image.width == 160
 
 
 async def test_matched_depth_of_a_rendered_scene(start: Start) -> None:

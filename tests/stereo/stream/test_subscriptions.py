@@ -129,13 +129,14 @@ async def _churn(steps: list[tuple[str, int, SetKind]]) -> None:
             assert hub.changed.is_set()
         assert len(hub) == len(open_)
         assert {id(s) for _, s in open_ if s.state in (MailboxState.FULL, MailboxState.CLOSED)} == full | ended
-        assert hub.kinds() == {s.kind for _, s in open_}
+        assert hub.kinds == {s.kind for _, s in open_}
         assert (hub.sent, hub.skipped) == (taken, replaced)
     chosen = None
     while open_:
         open_.pop()[0].close()
     assert len(hub) == 0
-    assert hub.kinds() == hub.take_new_kinds() == set()
+    assert not hub.kinds
+    assert not hub.take_new_kinds()
     assert (hub.sent, hub.skipped) == (taken, replaced)
     assert [trace for trace in traces if trace() is not None] == []
 
@@ -168,7 +169,7 @@ def test_limits_are_named_and_reached_exactly() -> None:
             pass
     assert len(hub) == 0
     with hub.subscribe(SetKind(right=True)):
-        assert hub.kinds() == {SetKind(right=True)}
+        assert hub.kinds == {SetKind(right=True)}
 
 
 async def test_sets_go_to_their_kind_and_not_to_later_generations() -> None:

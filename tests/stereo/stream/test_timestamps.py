@@ -22,7 +22,7 @@ from scenegate.camera import image_interface_pb2 as pb
 def record(number: int, camera: int, depth: int) -> FrameRecord:
     scene: Any = None
     captures = [Capture(timestamp_ns, scene, 0, np.eye(4), 0, number) for timestamp_ns in (camera, depth)]
-    return FrameRecord(number, read_settings(Parameters()), captures[0], captures[1], scene)
+    return FrameRecord(scene, read_settings(Parameters()), captures[0], captures[1])
 
 
 @pytest.mark.parametrize(

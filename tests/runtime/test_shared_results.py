@@ -7,7 +7,7 @@ from collections import Counter
 
 import pytest
 
-from gateway.viewer.shared_results import SharedResults
+from gateway.runtime.shared_results import SharedResults
 from tests.support.waiting import until
 
 

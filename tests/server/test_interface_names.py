@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.wiring import interface_names
-from gateway.wiring.interface_names import NAMES, documentation_of, documentation_url, title_of
+from gateway.server import interface_names
+from gateway.server.interface_names import NAMES, documentation_of, documentation_url, title_of
 from gateway.wiring.interfaces import INTERFACES
 
 DOCS = Path(__file__).parents[2] / "docs"

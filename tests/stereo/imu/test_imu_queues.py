@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from gateway.scene.live import LiveTree, Snapshot
-from gateway.stereo.imu.imu_hub import ImuHub, json_lines
+from gateway.stereo.imu.imu_lines import json_lines, next_lines
 from gateway.stereo.imu.imu_sampler import ImuSamples
 from gateway.stereo.imu.imu_service import PoseLog
+from gateway.stereo.stream.client_queues import ClientQueues
 from gateway.stereo.stream.subscriptions import LimitError, StreamError
 
 
@@ -39,16 +40,15 @@ def test_lines_have_the_fields_of_the_device() -> None:
 
 
 async def test_every_client_gets_every_sample() -> None:
-    hub = ImuHub(2, 100)
+    hub = ClientQueues("IMU", 2, 100)
     assert not hub.connected.is_set()
     with hub.subscribe() as first, hub.subscribe() as second:
         assert hub.connected.is_set()
-        waiting = asyncio.ensure_future(first.get())
-        hub.publish(samples(0, 0))
-        hub.publish(samples(0, 10))
-        hub.publish(samples(10, 10))
+        waiting = asyncio.ensure_future(next_lines(first))
+        hub.put(json_lines(samples(0, 10)), 10)
+        hub.put(json_lines(samples(10, 10)), 10)
         assert [line["timestamp"]["nsec"] for line in parsed(await waiting)] == list(range(20))
-        assert [line["timestamp"]["nsec"] for line in parsed(await second.get())] == list(range(20))
+        assert [line["timestamp"]["nsec"] for line in parsed(await next_lines(second))] == list(range(20))
         limit = r"2 IMU streams are open already, the limit \(max_clients\)"
         with pytest.raises(LimitError, match=limit), hub.subscribe():
             pass
@@ -57,30 +57,30 @@ async def test_every_client_gets_every_sample() -> None:
 
 
 async def test_slow_clients_lose_the_oldest_samples_and_are_told_how_many() -> None:
-    hub = ImuHub(1, 25)
+    hub = ClientQueues("IMU", 1, 25)
     with hub.subscribe() as queue:
         for batch in range(6):
-            hub.publish(samples(10 * batch, 10))
-        lost, *lines = parsed(await queue.get())
+            hub.put(json_lines(samples(10 * batch, 10)), 10)
+        lost, *lines = parsed(await next_lines(queue))
         assert lost == {"lost": 40}
         assert [line["timestamp"]["nsec"] for line in lines] == list(range(40, 60))
-        hub.publish(samples(60, 1))
-        assert len(parsed(await queue.get())) == 1
-        hub.publish(samples(100, 30))
-        assert parsed(await queue.get()) == [{"lost": 30}]
+        hub.put(json_lines(samples(60, 1)), 1)
+        assert len(parsed(await next_lines(queue))) == 1
+        hub.put(json_lines(samples(100, 30)), 30)
+        assert parsed(await next_lines(queue)) == [{"lost": 30}]
 
 
 async def test_streams_end_when_the_hub_closes() -> None:
-    hub = ImuHub(2, 100)
+    hub = ClientQueues("IMU", 2, 100)
     with hub.subscribe() as queue, hub.subscribe() as other:
-        waiting = asyncio.ensure_future(other.get())
-        hub.publish(samples(0, 1))
+        waiting = asyncio.ensure_future(next_lines(other))
+        hub.put(json_lines(samples(0, 1)), 1)
         hub.close("the end")
-        assert len(parsed(await queue.get())) == 1
+        assert len(parsed(await next_lines(queue))) == 1
         assert len(parsed(await waiting)) == 1
         for each in (queue, other):
             with pytest.raises(StreamError, match="the end"):
-                await each.get()
+                await next_lines(each)
     with pytest.raises(StreamError, match="the end"), hub.subscribe():
         pass
 
