@@ -37,8 +37,10 @@ class RequestApplier:
 
     def apply(self) -> None:
         """Execute the request at once."""
-        for _ in self.slices(self.request.commands):
+        edit = TreeEdit(self._live.snapshot.root)
+        for _ in self._execute(edit):
             pass
+        self._live.publish(edit)
 
     def slices(self, max_commands: int) -> Iterator[None]:
         """Execute the request; yield after every ``max_commands`` commands. Nothing is visible before the end."""

@@ -74,6 +74,7 @@ def test_samples_as_bytes() -> None:
     ("change", "reason"),
     [
         ({"type": "dial"}, "type is \"dial\": Invalid value 'dial'"),
+        ({"label": "\ud800"}, "a control has a text that is not Unicode"),
         ({"min": "low"}, 'min is "low": Expected `float`, got `str`'),
         ({"min": 3}, "min is 3, it must be below max, which is 2"),
         ({"value": 7}, "value is 7, it must be from 0 to 2"),
