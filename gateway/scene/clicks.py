@@ -94,10 +94,12 @@ class ClickSubscriptions:
             if any(click.path[: len(path)] == path for path in entry.paths):
                 entry.deliver(click)
 
-    def forget(self, is_gone: Callable[[Hashable], bool]) -> None:
-        """Remove the subscriptions of clients that have disconnected."""
-        for client in [client for client in self._subscriptions if is_gone(client)]:
+    def forget(self, is_gone: Callable[[Hashable], bool]) -> bool:
+        """Remove the subscriptions of clients that have disconnected; return True if there were any."""
+        gone = [client for client in self._subscriptions if is_gone(client)]
+        for client in gone:
             del self._subscriptions[client]
+        return bool(gone)
 
     def _forget_vanished(self) -> None:
         now = self._clock()

@@ -121,10 +121,11 @@ class ViewHub:
     def _take_snapshot(self) -> None:
         """Pass the tree's newest snapshot to the encoder; send the stereo camera's pose if it has changed."""
         self._encoder.advance(self._tree.snapshot)
-        frame = self._rig_frame(self._encoder.current)
-        for browser in self._browsers:
-            if browser.flow.follows_live:
-                browser.send_rig(frame)
+        if self._stereo is not None and self._stereo.moves:
+            frame = self._rig_frame(self._encoder.current)
+            for browser in self._browsers:
+                if browser.flow.follows_live:
+                    browser.send_rig(frame)
 
     def _rig_frame(self, snapshot: Snapshot) -> bytes:
         """Return the frame with the stereo camera's pose in a snapshot."""

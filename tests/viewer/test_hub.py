@@ -70,6 +70,8 @@ class Client:
 class StereoOnBox:
     """A stereo camera at the pose of the node ``box``."""
 
+    moves = True
+
     def rig(self, snapshot: Snapshot) -> StereoRig | None:
         box = snapshot.root.find(("box",))
         assert box is not None
@@ -156,7 +158,7 @@ async def test_status_and_stereo_rig_are_sent(hub: Any) -> None:
     move(tree, 2.5)
     assert (await client.next_frame("rig"))["pose"][12] == 2.5
     view.renders.add(RenderSummary(200, 0.1, 0.0, "color", "", "color", b"x", "image/png", ""))
-    while (await client.next_frame("status"))["renders"] != 1:
+    while (await client.next_frame("status")).get("renders") != 1:
         pass
     client.browser.close()
 
