@@ -9,12 +9,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from typing import Literal
 
 from gateway.scene.tree import Path
 
 Button = Literal["left", "middle", "right"]
-BUTTONS: Final[tuple[Button, ...]] = get_args(Button)
 
 
 @dataclass(frozen=True, slots=True)

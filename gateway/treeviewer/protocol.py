@@ -74,7 +74,7 @@ class TreeViewerProtocol:
         self.warnings = WarningList()
         """Warnings about the newest command of each name and path, by ``Subject``."""
         self._live = live
-        self._readers: dict[str, RequestReader] = {
+        self.readers: dict[str, RequestReader] = {
             wire.JSON: JsonReader(self.limits, strict=strict),
             wire.BINARY: MsgpackReader(self.limits, strict=strict),
         }
@@ -114,7 +114,7 @@ class TreeViewerProtocol:
             RequestRefused: the format is not supported, or a length is wrong.
         """
         supported = responses.SUPPORTED_FORMATS
-        reader = self._readers.get(comms.format)
+        reader = self.readers.get(comms.format)
         if reader is None:
             raise RequestRefused(responses.FormatResponse(comms.utime, responses.UNKNOWN_FORMAT, supported))
         if (comms.major, comms.minor) != wire.VERSION:

@@ -19,11 +19,11 @@ from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
 from gateway.viewer.browser import Browser
 from gateway.viewer.config import ViewerConfig
-from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.messages import Fact, Status
 from gateway.viewer.sources import RenderSummary, StereoImages, StereoRig
 from renderers.drawlist import Material, Mesh
+from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS, until
 from tests.viewer.model import Model, tree_of
 
