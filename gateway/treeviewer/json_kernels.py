@@ -242,7 +242,7 @@ def _end_of_word(data, i, word):
 
 @inlined
 def _decimal_at(data, i):
-    """Return (mantissa, exponent, end) of a number without its sign: mantissa * 10^exponent. ``end`` may be NOT_HERE."""
+    """Return mantissa, exponent and end of a number without sign, mantissa * 10^exponent; the end may be NOT_HERE."""
     start = i
     mantissa, kept, skipped, i = _digits_at(data, start, np.uint64(0), 0)
     if i == start or (data[start] == ZERO and i - start > 1):
@@ -294,13 +294,10 @@ def _digits_at(data, i, mantissa, kept):
 def _scaled(mantissa, exponent, powers_of_ten):
     """Return mantissa * 10^exponent."""
     value = np.float64(mantissa)
-    if mantissa and exponent < 0:
-        if exponent >= -308:
-            value = value / powers_of_ten[-exponent]
-        elif exponent >= -616:
-            value = value / powers_of_ten[308] / powers_of_ten[-308 - exponent]
-        else:
-            value = 0.0
-    elif mantissa and exponent > 0:
-        value = value * powers_of_ten[exponent] if exponent <= 308 else np.inf
-    return value
+    if not mantissa or exponent == 0:
+        return value
+    if exponent > 0:
+        return value * powers_of_ten[exponent] if exponent <= 308 else np.inf
+    if exponent >= -308:
+        return value / powers_of_ten[-exponent]
+    return value / powers_of_ten[308] / powers_of_ten[-308 - exponent] if exponent >= -616 else 0.0
