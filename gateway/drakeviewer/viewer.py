@@ -152,8 +152,14 @@ class DrakeViewer:
         return channel if found is None else found[1]
 
     def is_load(self, channel: str) -> bool:
-        """Return True for the channels of load messages, which may name files and must be read in a worker thread."""
+        """Return True for the channels of load messages."""
         return channel.startswith(LOAD)
+
+    def reads_meshes(self, channel: str) -> bool:
+        """Return True for the channels of meshes, which must be read in a worker thread: they may name files, and the
+        kernels of their normals may not be compiled yet.
+        """
+        return channel.startswith((LOAD, DEFORMABLE))
 
     def handle(self, channel: str, message: wire.Message) -> Sequence[str]:
         """Read a message and apply it at once; see ``Edit`` for the result.

@@ -47,8 +47,11 @@ class RequestApplier:
         edit = TreeEdit(self._live.snapshot.root)
         commands = self._execute(edit)
         while deque(islice(commands, max_commands), maxlen=1):
-            with self._quota.unpublished(edit.root.node_count - edit.base.node_count):
+            self._quota.unpublished_nodes = max(0, edit.root.node_count - edit.base.node_count)
+            try:
                 yield
+            finally:
+                self._quota.unpublished_nodes = 0
         self._live.publish(edit)
 
     def response(self, utime: int) -> Response:
