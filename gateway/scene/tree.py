@@ -247,12 +247,12 @@ class TreeEdit:
 
     def _replace(self, path: Path, node: Node | None) -> None:
         """Replace the subtree at ``path``; None: remove it."""
+        parents = self._own(path[:-1])
         if not path:
-            self._begin_change()
             self._count_replaced(self.root)
             self.root = node or Node()
             return
-        parents, name = self._own(path[:-1]), path[-1]
+        name = path[-1]
         children = parents[-1].children
         old = children.get(name)
         self._count_replaced(old)
@@ -274,13 +274,6 @@ class TreeEdit:
         self._owner, self.base = None, self.root  # an edit keeps no old tree alive
         return self.root
 
-    def _begin_change(self) -> object:
-        """Mark the tree as changed, and return the token that marks the nodes of this edit."""
-        if self._owner is None:
-            raise RuntimeError("this edit was committed")
-        self.changed = True
-        return self._owner
-
     def _count_replaced(self, subtree: Node | None) -> None:
         if subtree is None:
             return
@@ -297,7 +290,10 @@ class TreeEdit:
 
     def _own(self, path: Path) -> list[Node]:
         """Return the nodes from the root to ``path``, copied or created as needed, so that this edit owns them."""
-        owner = self._begin_change()
+        owner = self._owner
+        if owner is None:
+            raise RuntimeError("this edit was committed")
+        self.changed = True
         node = self.root
         if node.owner is not owner:
             node = self.root = self._copy(node)

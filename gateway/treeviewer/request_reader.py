@@ -113,16 +113,24 @@ class RequestReader:
             return request
         if not isinstance(message, dict):
             raise RequestError(f"the request must be {self.type_text}, not {show(message)}")
-        if "delete" in message:
-            read_list("delete", message["delete"], request, context, lambda _, path, __: path, request.deletes)
-        # as in Director, its older names override the newer ones
-        _read_geometries(message["load"] if "load" in message else message.get("setgeometry"), request, context)
-        _read_transforms(message["draw"] if "draw" in message else message.get("settransform"), request, context)
-        for name, read in NEWER_COMMANDS.items():
+        for read, value in (
+            (_read_deletes, message.get("delete")),
+            # as in Director, its older names override the newer ones
+            (_read_geometries, message["load"] if "load" in message else message.get("setgeometry")),
+            (_read_transforms, message["draw"] if "draw" in message else message.get("settransform")),
+        ):
+            if value is not None and value != []:
+                read(value, request, context)
+        for name, read_newer in NEWER_COMMANDS.items():
             if (value := message.get(name)) is not None:
                 request.newer_commands.append(name)
-                read(value, request, context)
+                read_newer(value, request, context)
         return request
+
+
+def _read_deletes(value: Any, request: Request, context: ReadContext) -> None:
+    """Add the delete commands of a decoded list to the request."""
+    read_list("delete", value, request, context, lambda _, path, __: path, request.deletes)
 
 
 def _read_geometries(value: Any, request: Request, context: ReadContext) -> None:

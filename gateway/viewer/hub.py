@@ -104,10 +104,12 @@ class ViewHub:
                 await self._changed.wait()
                 update_start = loop.time()
                 self._changed.clear()
-                self._page.controls.deliver_values()
+                if self._page.controls.clients:
+                    self._page.controls.deliver_values()
                 if self._browsers:
                     self._take_snapshot()
-                    self._remove_meshes()
+                    if self.resources.removed_meshes:
+                        self._remove_meshes()
                     for browser in self._browsers:
                         browser.wake()
                 await asyncio.sleep(max(0.0, update_start + 1.0 / self.config.max_update_rate - loop.time()))
