@@ -265,11 +265,11 @@ def _add_render_routes(routes: APIRouter, renders: RecentRenders) -> None:
 
     @routes.get("/view/renders/{number}.png", include_in_schema=False)
     async def preview(number: int, width: MaxWidth = None) -> Response:
-        summary_and_image = renders.find(number)
-        if summary_and_image is None:
+        summary = renders.find(number)
+        if summary is None:
             return PlainTextResponse(f"the image of render {number} is no longer kept", 404)
         try:
-            data = await asyncio.to_thread(encode_preview, *summary_and_image, width)
+            data = await asyncio.to_thread(encode_preview, summary, width)
         except ValueError as error:
             return PlainTextResponse(str(error), 415)
         return Response(data, media_type="image/png", headers={"Cache-Control": "private, max-age=3600"})

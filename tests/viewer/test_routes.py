@@ -354,7 +354,7 @@ def test_replaced_images_are_kept_for_pages_that_still_download_them() -> None:
 
 def test_rejects_previews_of_undecodable_images() -> None:
     with pytest.raises(ValueError, match="image/tiff"):
-        encode_preview(RenderSummary(200, 0, 0, "", "", "depth", b"", "image/tiff", ""), b"no image", None)
+        encode_preview(RenderSummary(200, 0, 0, "", "", "depth", b"no image", "image/tiff", ""), None)
 
 
 class EndlessWorld(World):
