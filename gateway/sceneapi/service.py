@@ -158,7 +158,7 @@ class SceneApi:
         config = self.config
         background = query.background or config.background
         look = Look(query.look, background, query.samples, config.rig, config.alpha_threshold)
-        apply_fxaa = self.config.antialias == "fxaa" and query.look != "studio" and query.samples == 1
+        apply_fxaa = query.look != "studio" and query.samples == 1
         is_point, outputs = None, _OUTPUTS[query.type]
         if query.type == "color" and query.look == "plain" and apply_fxaa:
             is_point = _point_instances(draw_list)
