@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 from gateway.scene.tree import Path
 from gateway.treeviewer import fields
 from gateway.treeviewer.context import ReadContext
-from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.requests import Finding, Request
+from scenegate.messages.field_kinds import CommandError, show
 from scenegate.warning_text import strict_refusal
 
 T = TypeVar("T")

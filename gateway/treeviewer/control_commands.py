@@ -12,10 +12,10 @@ from gateway.scene.tree import Path
 from gateway.treeviewer import fields
 from gateway.treeviewer.command_lists import read_list
 from gateway.treeviewer.context import ReadContext
-from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.packed_arrays import ArrayError
 from gateway.treeviewer.requests import ControlChange, Finding, Request
 from scenegate.messages.controls import MAX_SAMPLES, MAX_SERIES, AnyControl
+from scenegate.messages.field_kinds import CommandError, show
 
 _SAMPLE_COLUMNS: Final = tuple(range(2, 2 + MAX_SERIES))
 

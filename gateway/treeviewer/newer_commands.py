@@ -12,12 +12,11 @@ import numpy as np
 
 from gateway.scene.cameras import LookAtCamera
 from gateway.scene.tree import Path
-from gateway.treeviewer import fields
 from gateway.treeviewer.command_lists import read_list
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.control_commands import read_controls, read_values
-from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.requests import Finding, Request
+from scenegate.messages.field_kinds import MAX_DISTANCE, CommandError, number, numbers, show
 
 
 def _read_properties(value: Any, request: Request, context: ReadContext) -> None:
@@ -32,7 +31,7 @@ def _properties(_: int, path: Path, command: Mapping[str, Any]) -> tuple[Path, b
     if visible is not None and not isinstance(visible, bool):
         raise CommandError(f"visible must be true or false, not {show(visible)}")
     if opacity is not None:
-        opacity = fields.number(opacity, "opacity")
+        opacity = number(opacity, "opacity")
         if not 0.0 <= opacity <= 1.0:
             raise CommandError(f"opacity must be from 0 to 1, not {show(opacity)}")
     return path, visible, opacity
@@ -55,7 +54,7 @@ def _read_view(value: Any, request: Request, context: ReadContext) -> None:
 
 def _background(value: Any) -> tuple[float, ...]:
     """Return red, green and blue, sRGB from 0 to 1."""
-    color = fields.numbers(value, "background", 3)
+    color = numbers(value, "background", 3)
     if not all(0.0 <= channel <= 1.0 for channel in color):
         raise CommandError(f"background must have numbers from 0 to 1, not {show(value)}")
     return color
@@ -86,9 +85,9 @@ def _home_vector(home: Mapping[str, Any], name: str) -> tuple[float, float, floa
     value = home.get(name)
     if value is None and name == "up":
         return 0.0, 0.0, 1.0
-    x, y, z = fields.numbers(value, f"home.{name}", 3)
-    if not max(abs(x), abs(y), abs(z)) <= fields.MAX_DISTANCE:
-        raise CommandError(f"home.{name} must have numbers up to {fields.MAX_DISTANCE:g}, not {show(value)}")
+    x, y, z = numbers(value, f"home.{name}", 3)
+    if not max(abs(x), abs(y), abs(z)) <= MAX_DISTANCE:
+        raise CommandError(f"home.{name} must have numbers up to {MAX_DISTANCE:g}, not {show(value)}")
     return x, y, z
 
 

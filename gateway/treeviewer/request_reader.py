@@ -19,11 +19,11 @@ from gateway.treeviewer import fields
 from gateway.treeviewer.command_lists import read_list
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import MeshLoader, ReadContext
-from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.geometry import read_parts
 from gateway.treeviewer.newer_commands import READERS as NEWER_COMMANDS
 from gateway.treeviewer.regular_commands import list_types, parts_of, poses_of
 from gateway.treeviewer.requests import Finding, Request, RequestError
+from scenegate.messages.field_kinds import CommandError, show
 
 DECODE_ERRORS: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """Raised by msgspec for data that it cannot decode."""
