@@ -6,7 +6,6 @@ Thresholds, scales, radius and colours are Drake's.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -17,7 +16,7 @@ from gateway.drakeviewer.messages import Contacts, MessageError, SurfaceContact
 from gateway.drakeviewer.robots import ROOT
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.materials import WHITE, Color, material
-from gateway.scene.tree import Path, TreeEdit
+from gateway.scene.tree import Path
 from renderers.color import linear_values_from_srgb
 from renderers.drawlist import Mesh
 
@@ -41,12 +40,11 @@ FLAME: Final = np.array(((0, 0, 0), (0, 0, 1), (1, 0, 0), (1, 1, 0), (1, 1, 1)),
 FLAME_STOPS: Final = np.linspace(0.0, 1.0, 5)
 """Multiples of the highest pressure, (5,)."""
 
-ContactParts = dict[Path, tuple[Part, ...]]
-"""Parts by path in the live tree. A path has all contacts between two bodies."""
 
+def read_contacts(contacts: Contacts, warnings: list[str]) -> dict[Path, tuple[Part, ...]]:
+    """Return the arrows and surfaces of a message, by path in the live tree: a path has all contacts of two bodies.
 
-def read_contacts(contacts: Contacts, warnings: list[str]) -> ContactParts:
-    """Return the arrows and surfaces of a message. A surface without a force or moment to show is left out.
+    A surface without a force or moment to show is left out.
 
     Args:
         warnings: list to which the reason is added if a contact surface is damaged. Its arrows are shown.
@@ -161,19 +159,3 @@ def triangles_of(polygons: NDArray[np.int32], vertex_count: int) -> NDArray[np.u
     if triangles.size and triangles.max() >= vertex_count:
         raise MessageError(f"a contact surface refers to vertex {triangles.max()} of {vertex_count}")
     return triangles
-
-
-@dataclass(slots=True, eq=False)
-class ContactChannel:
-    """The contacts that are in the live tree."""
-
-    shown: frozenset[Path] = frozenset()
-    """Paths of the contacts in the live tree."""
-
-    def apply(self, parts: ContactParts, edit: TreeEdit) -> None:
-        """Replace the contacts, and delete those that are no longer in the message."""
-        for path in self.shown - parts.keys():
-            edit.delete(path)
-        for path, parts_of_pair in parts.items():
-            edit.set_parts(path, parts_of_pair)
-        self.shown = frozenset(parts)

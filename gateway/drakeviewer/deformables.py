@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from gateway.drakeviewer.config import Limits
 from gateway.drakeviewer.float_meshes import surface_of
 from gateway.drakeviewer.link_paths import split_name
 from gateway.drakeviewer.messages import Link, MessageError
-from gateway.drakeviewer.robots import ROOT, show_family
+from gateway.drakeviewer.robots import ROOT
 from gateway.drakeviewer.shapes import color_of, transform_of
 from gateway.scene.geometry import Part
 from gateway.scene.materials import material
-from gateway.scene.tree import Path, TreeEdit
-
-Deformables = dict[Path, tuple[Part, ...]]
-"""Parts of each body, by its path in the live tree."""
+from gateway.scene.tree import Path
 
 
-def read_deformables(link: Link, family: str, limits: Limits, warnings: list[str]) -> Deformables:
-    """Return the bodies of a message. A body without drawable triangles has no parts.
+def read_deformables(link: Link, family: str, limits: Limits, warnings: list[str]) -> dict[Path, tuple[Part, ...]]:
+    """Return the bodies of a message by path in the live tree. A body without drawable triangles has no parts.
 
     Args:
         link: the message; each of its geometries is a body.
@@ -29,7 +24,7 @@ def read_deformables(link: Link, family: str, limits: Limits, warnings: list[str
     Raises:
         MessageError: A name is beyond a limit.
     """
-    bodies: Deformables = {}
+    bodies: dict[Path, tuple[Part, ...]] = {}
     parent = (ROOT, family, *split_name(link.key[1], limits))
     for geometry in link.geometries:
         if len(geometry.text) > limits.name_bytes:  # string_data may be as long as a mesh in JSON
@@ -47,22 +42,3 @@ def read_deformables(link: Link, family: str, limits: Limits, warnings: list[str
             part = Part(surface, material(color_of(geometry)), transform_of(geometry), "mesh_data")
             bodies[path] = (*parts, part)
     return bodies
-
-
-@dataclass(slots=True, eq=False)
-class DeformableChannel:
-    """The bodies of one channel that are in the live tree."""
-
-    family: str
-    shown: frozenset[Path] = frozenset()
-    """Paths of the bodies in the live tree."""
-
-    def apply(self, bodies: Deformables, edit: TreeEdit) -> None:
-        """Replace the bodies, and delete those that are no longer in the message."""
-        if bodies:
-            show_family(edit, self.family)
-        for path in self.shown - bodies.keys():
-            edit.delete(path)
-        for path, parts in bodies.items():
-            edit.set_parts(path, parts)
-        self.shown = frozenset(bodies)

@@ -16,6 +16,7 @@ from gateway.drakeviewer.config import Limits
 from gateway.drakeviewer.link_paths import link_paths
 from gateway.drakeviewer.messages import WORLD, Draw, Link, LinkKey, LinkNames
 from gateway.drakeviewer.shapes import read_geometries
+from gateway.scene.geometry import Part
 from gateway.scene.tree import Node, Path, TreeEdit
 
 ROOT: Final = "drake"
@@ -179,3 +180,18 @@ def clear_children(edit: TreeEdit, path: Path) -> None:
     node = edit.root.find(path)
     for name in () if node is None else tuple(node.children):
         edit.delete((*path, name))
+
+
+@dataclass(slots=True, eq=False)
+class ShownParts:
+    """What a channel whose messages replace each other has in the live tree: contacts, or deformable bodies."""
+
+    paths: frozenset[Path] = frozenset()
+
+    def replace(self, parts: Mapping[Path, tuple[Part, ...]], edit: TreeEdit) -> None:
+        """Set the parts at their paths, and delete the paths that are not among them any more."""
+        for path in self.paths - parts.keys():
+            edit.delete(path)
+        for path, parts_of_path in parts.items():
+            edit.set_parts(path, parts_of_path)
+        self.paths = frozenset(parts)

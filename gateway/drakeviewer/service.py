@@ -23,7 +23,6 @@ from gateway.runtime.tracing import lcm_message
 from gateway.runtime.warning_list import WarningList
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
-from renderers.compiler.pending import any_pending
 from scenegate.lcm.arrival import arrival_time, set_arrival
 from scenegate.warning_text import joined_warnings
 
@@ -154,11 +153,8 @@ class DrakeViewerService:
         return False
 
     def _needs_thread(self, channel: str, message: Message) -> bool:
-        """Return True if reading the message may take milliseconds.
-
-        Load messages may name files, and kernels may not be compiled yet.
-        """
-        return len(message) >= self._config.offload_bytes or self.viewer.is_load(channel) or any_pending()
+        """Return True if reading the message may take milliseconds."""
+        return len(message) >= self._config.offload_bytes or self.viewer.reads_meshes(channel)
 
     def _enqueue(self, group: str, channel: str, message: Message, is_local: bool) -> None:
         """Add a message to the end of its group's queue, and remove an earlier one of its channel."""

@@ -16,13 +16,22 @@ import numpy as np
 from gateway.assets.mesh_files import MeshFiles
 from gateway.drakeviewer import wire
 from gateway.drakeviewer.config import DrakeViewerConfig
-from gateway.drakeviewer.contacts import ContactChannel, read_contacts
-from gateway.drakeviewer.deformables import DeformableChannel, read_deformables
+from gateway.drakeviewer.contacts import read_contacts
+from gateway.drakeviewer.deformables import read_deformables
 from gateway.drakeviewer.frames import FrameChannel
 from gateway.drakeviewer.link_paths import count_nodes
 from gateway.drakeviewer.messages import Draw, MessageError
 from gateway.drakeviewer.point_clouds import read_cloud
-from gateway.drakeviewer.robots import ILLUSTRATION, INERTIA, PROXIMITY, ROOT, RobotChannels, read_robots
+from gateway.drakeviewer.robots import (
+    ILLUSTRATION,
+    INERTIA,
+    PROXIMITY,
+    ROOT,
+    RobotChannels,
+    ShownParts,
+    read_robots,
+    show_family,
+)
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path, TreeEdit
 from scenegate.warning_text import strict_refusal
@@ -84,11 +93,11 @@ class DrakeState:
     """Robots by family."""
     loads: dict[str, tuple[bytes, bool]] = field(default_factory=dict)
     """Last load message of each channel, and True if it must be read again: it names files, or something is missing."""
-    deformables: dict[str, DeformableChannel] = field(default_factory=dict)
+    deformables: dict[str, ShownParts] = field(default_factory=dict)
     """Deformable bodies by channel."""
     frames: dict[str, FrameChannel] = field(default_factory=dict)
     """Frames by channel."""
-    contacts: ContactChannel = field(default_factory=ContactChannel)
+    contacts: ShownParts = field(default_factory=ShownParts)
     nodes: dict[str, int] = field(default_factory=dict)
     """Number of nodes of each family's links, and of each channel of frames or deformable bodies."""
     seconds: float | None = None
@@ -152,8 +161,14 @@ class DrakeViewer:
         return channel if found is None else found[1]
 
     def is_load(self, channel: str) -> bool:
-        """Return True for the channels of load messages, which may name files and must be read in a worker thread."""
+        """Return True for the channels of load messages."""
         return channel.startswith(LOAD)
+
+    def reads_meshes(self, channel: str) -> bool:
+        """Return True for the channels of meshes, which must be read in a worker thread: they may name files, and the
+        kernels of their normals may not be compiled yet.
+        """
+        return channel.startswith((LOAD, DEFORMABLE))
 
     def handle(self, channel: str, message: wire.Message) -> Sequence[str]:
         """Read a message and apply it at once; see ``Edit`` for the result.
@@ -250,13 +265,15 @@ class DrakeViewer:
         warnings: list[str] = []
         bodies = read_deformables(wire.decode_link_data(message, limits), family, limits, warnings)
         self._refuse_if_strict(warnings)
-        shown = self.state.deformables.setdefault(channel, DeformableChannel(family))
-        if not bodies and not shown.shown:
+        shown = self.state.deformables.setdefault(channel, ShownParts())
+        if not bodies and not shown.paths:
             return None
 
         def apply(edit: TreeEdit) -> Sequence[str]:
             self._reserve_nodes(channel, bodies)
-            shown.apply(bodies, edit)
+            if bodies:
+                show_family(edit, family)
+            shown.replace(bodies, edit)
             return warnings
 
         return apply
@@ -265,9 +282,9 @@ class DrakeViewer:
         warnings: list[str] = []
         parts = read_contacts(wire.decode_contacts(message, self._config.limits), warnings)
         shown = self.state.contacts
-        if not parts and not shown.shown and not warnings:
+        if not parts and not shown.paths and not warnings:
             return None
-        return self._simulation_edit(CONTACT_RESULTS, lambda edit: shown.apply(parts, edit), warnings)
+        return self._simulation_edit(CONTACT_RESULTS, lambda edit: shown.replace(parts, edit), warnings)
 
     def _read_cloud(self, channel: str, message: wire.Message) -> Edit:
         warnings: list[str] = []
@@ -310,7 +327,7 @@ class DrakeViewer:
         for channel in [channel for channel, number in state.shown_at.items() if number <= last]:
             del state.shown_at[channel]
             if channel == CONTACT_RESULTS:
-                state.contacts.apply({}, edit)
+                state.contacts.replace({}, edit)
             elif channel.startswith(POINT_CLOUD):
                 edit.delete(_channel_path(CLOUD_GROUP, channel, POINT_CLOUD))
             else:

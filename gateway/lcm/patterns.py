@@ -26,6 +26,7 @@ class Pattern:
     """A subscription's regular expression, and the numbers that limit the cost of matching it."""
 
     regex: re.Pattern[str]
+    """Matches whole channel names (``fullmatch``): LCM anchors patterns at both ends."""
     choices: int
     """Product of the number of alternatives in each group, and of 2 for each optional part."""
     repetitions: int
@@ -34,10 +35,6 @@ class Pattern:
     def steps(self, length: int) -> int:
         """Return the maximum number of attempts to match a channel name of ``length`` characters."""
         return self.choices * int(length**self.repetitions)
-
-    def matches(self, channel: str) -> bool:
-        """Return True if the whole channel name matches: LCM anchors patterns at both ends."""
-        return self.regex.fullmatch(channel) is not None
 
 
 def compile_pattern(pattern: str) -> Pattern:

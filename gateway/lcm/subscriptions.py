@@ -64,6 +64,6 @@ class Subscriptions:
             steps = pattern.steps(len(channel))
             if steps <= remaining:
                 remaining -= steps
-                if pattern.matches(channel):
+                if pattern.regex.fullmatch(channel):
                     return True
         return False

@@ -11,12 +11,13 @@ import ipaddress
 import os
 import socket
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final, cast
 
 import structlog
 
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.patterns import Pattern, PatternError, compile_pattern
+from gateway.lcm.patterns import PatternError, compile_pattern
 from gateway.lcm.subscriptions import Subscriptions
 from scenegate.lcm.limits import MAX_HEADER_BYTES
 from scenegate.lcm.tcpq import (
@@ -63,13 +64,15 @@ class TcpqHub:
         """
         self.config = config
         self._on_message = on_message
-        self._pattern = compile_pattern(pattern)
-        self._greeting = greeting
+        self._regex = compile_pattern(pattern).regex
+        self.greeting = greeting
         self.on_disconnect = on_disconnect
         self._server: asyncio.Server | None = None
         self.connections: set[HubConnection] = set()
-        self._subscribers: dict[str, list[HubConnection]] = {}
-        """Cache of each channel's subscribers."""
+        self.subscribers: dict[str, list[HubConnection]] = {}
+        """Cache of each channel's subscribers. Cleared when a subscription begins or ends."""
+        self.is_local = False
+        """True if the hub listens on loopback addresses only."""
         self._arriving_bytes = 0
         """Bytes of the big messages that are being read."""
         self.relayed = 0
@@ -88,22 +91,17 @@ class TcpqHub:
         host, port = self.config.tcpq_host, self.config.tcpq_port
         try:
             loop = asyncio.get_running_loop()
-            self._server = await loop.create_server(lambda: HubConnection(self), host, port, backlog=256)
+            self._server = await loop.create_server(partial(HubConnection, self), host, port, backlog=256)
         except (OSError, OverflowError) as error:
             reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
             raise LcmUnavailableError(f"the TCPQ hub cannot listen on {host}:{port}: {reason}") from None
+        self.is_local = all(_is_loopback(sock.getsockname()[0]) for sock in self._server.sockets)
 
     @property
     def port(self) -> int:
         """Listening port; 0 before ``start`` and after ``close``."""
         sockets = self._server.sockets if self._server is not None else ()
         return int(sockets[0].getsockname()[1]) if sockets else 0
-
-    @property
-    def is_local(self) -> bool:
-        """True if the hub listens on loopback addresses only."""
-        sockets = self._server.sockets if self._server is not None else ()
-        return bool(sockets) and all(_is_loopback(sock.getsockname()[0]) for sock in sockets)
 
     async def close(self) -> None:
         """Close all connections and stop listening."""
@@ -120,7 +118,7 @@ class TcpqHub:
         Raises:
             ValueError: the channel name is too long.
         """
-        if _is_too_long(channel):
+        if len(channel.encode()) > MAX_CHANNEL_BYTES:
             raise ValueError(f"the hub relays channel names of at most {MAX_CHANNEL_BYTES} bytes")
         self._relay(channel, message)
 
@@ -146,48 +144,34 @@ class TcpqHub:
         self._arriving_bytes += size
         return True
 
-    def subscriptions_changed(self) -> None:
-        """Clear the cache of each channel's subscribers."""
-        self._subscribers.clear()
-
     def has_subscriber(self, channel: str) -> bool:
         """Return True if a client subscribes to a channel."""
         return any(connection.subscriptions.match(channel) for connection in self.connections)
 
-    def greet(self, connection: HubConnection, pattern: Pattern) -> None:
-        """Send the greeting to a client if its new subscription ``pattern`` matches the greeting's channel."""
-        channel, message = self._greeting
-        if pattern.matches(channel):
-            connection.send(channel, message)
-
     def handle_message(self, sender: HubConnection, channel: str, data: bytes | memoryview) -> None:
         """Pass a message that a client published to the callback, and relay it to all subscribers."""
-        if _is_too_long(channel):
+        if len(channel.encode()) > MAX_CHANNEL_BYTES:
             if not self.dropped:
                 _log.warning(
                     "A channel name is too long; its messages are dropped", client=sender.name, channel=channel[:100]
                 )
             self.dropped += 1
             return
-        if self._pattern.matches(channel):
+        if self._regex.fullmatch(channel):
             self._on_message(sender, channel, data)
         self._relay(channel, data)
 
     def _relay(self, channel: str, data: bytes | memoryview) -> None:
         """Send a message to all subscribers of its channel."""
-        subscribers = self._subscribers.get(channel)
+        subscribers = self.subscribers.get(channel)
         if subscribers is None:
-            if len(self._subscribers) >= MAX_CACHED_CHANNELS:
-                self._subscribers.clear()
+            if len(self.subscribers) >= MAX_CACHED_CHANNELS:
+                self.subscribers.clear()
             subscribers = [connection for connection in self.connections if connection.subscriptions.match(channel)]
-            self._subscribers[channel] = subscribers
+            self.subscribers[channel] = subscribers
         for connection in subscribers:
             connection.send(channel, data)
         self.relayed += len(subscribers)
-
-
-def _is_too_long(channel: str) -> bool:
-    return len(channel.encode()) > MAX_CHANNEL_BYTES
 
 
 def _is_loopback(address: str) -> bool:
@@ -236,10 +220,11 @@ class HubConnection(asyncio.BufferedProtocol):
             self._socket.close()
             self._socket = None
         self._transport = None
-        self._hub.reserve(-self._parser.reserved)
-        self._parser.reserved = 0
+        if self._parser.reserved:
+            self._hub.reserve(-self._parser.reserved)
+            self._parser.reserved = 0
         self._hub.connections.discard(self)
-        self._hub.subscriptions_changed()
+        self._hub.subscribers.clear()
         self._hub.on_disconnect(self)
 
     def get_buffer(self, sizehint: int) -> memoryview:
@@ -251,9 +236,6 @@ class HubConnection(asyncio.BufferedProtocol):
             self._parser.received(nbytes)
         except FrameError as error:
             self._refuse(str(error))
-
-    def eof_received(self) -> bool:
-        return False
 
     def send(self, channel: str, data: bytes | memoryview) -> None:
         """Queue a message for the client; disconnect it if it reads too slowly."""
@@ -303,7 +285,7 @@ class HubConnection(asyncio.BufferedProtocol):
                 self._subscribe(channel)
             case FrameType.UNSUBSCRIBE:
                 self.subscriptions.remove(channel)
-                self._hub.subscriptions_changed()
+                self._hub.subscribers.clear()
 
     def _subscribe(self, text: str) -> None:
         """Add a subscription; ignore it with a warning if it is not supported."""
@@ -313,8 +295,10 @@ class HubConnection(asyncio.BufferedProtocol):
             _log.warning("A hub client's subscription was ignored", client=self.name, reason=str(error))
             return
         if pattern is not None:
-            self._hub.subscriptions_changed()
-            self._hub.greet(self, pattern)
+            self._hub.subscribers.clear()
+            channel, message = self._hub.greeting
+            if pattern.regex.fullmatch(channel):
+                self.send(channel, message)
 
     def _refuse(self, reason: str) -> None:
         """Disconnect the client, and count and log it."""

@@ -9,12 +9,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from typing import Literal
 
 from gateway.scene.tree import Path
 
 Button = Literal["left", "middle", "right"]
-BUTTONS: Final[tuple[Button, ...]] = get_args(Button)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +54,8 @@ class ClickSubscriptions:
     def __init__(self, limits: ClickLimits | None = None, clock: Callable[[], float] = time.monotonic) -> None:
         self.limits = limits or ClickLimits()
         self._clock = clock
-        self._subscriptions: dict[Hashable, _Subscription] = {}
+        self.subscriptions: dict[Hashable, _Subscription] = {}
+        """Subscriptions by client."""
 
     def subscribe(self, client: Hashable, paths: Sequence[Path], deliver: Callable[[Click], None]) -> str:
         """Replace the paths of a client. Without paths, the client is forgotten.
@@ -73,32 +73,34 @@ class ClickSubscriptions:
         if chars > self.limits.path_chars:
             return f"the clickable paths have {chars} characters, the limit for one client is {self.limits.path_chars}"
         if not paths:
-            self._subscriptions.pop(client, None)
+            self.subscriptions.pop(client, None)
             return ""
         self._forget_vanished()
-        if client not in self._subscriptions and len(self._subscriptions) >= self.limits.clients:
-            return f"{len(self._subscriptions)} clients wait for clicks, which is the limit"
+        if client not in self.subscriptions and len(self.subscriptions) >= self.limits.clients:
+            return f"{len(self.subscriptions)} clients wait for clicks, which is the limit"
         end = self._clock() + self.limits.lease_seconds
-        self._subscriptions[client] = _Subscription(tuple(dict.fromkeys(paths)), deliver, end)
+        self.subscriptions[client] = _Subscription(tuple(dict.fromkeys(paths)), deliver, end)
         return ""
 
     def paths(self) -> tuple[Path, ...]:
         """Return the paths of all clients, without duplicates."""
         self._forget_vanished()
-        return tuple(dict.fromkeys(path for entry in self._subscriptions.values() for path in entry.paths))
+        return tuple(dict.fromkeys(path for entry in self.subscriptions.values() for path in entry.paths))
 
     def click(self, click: Click) -> None:
         """Deliver a click to each client that wants it, once."""
         self._forget_vanished()
-        for entry in tuple(self._subscriptions.values()):
+        for entry in tuple(self.subscriptions.values()):
             if any(click.path[: len(path)] == path for path in entry.paths):
                 entry.deliver(click)
 
-    def forget(self, is_gone: Callable[[Hashable], bool]) -> None:
-        """Remove the subscriptions of clients that have disconnected."""
-        for client in [client for client in self._subscriptions if is_gone(client)]:
-            del self._subscriptions[client]
+    def forget(self, is_gone: Callable[[Hashable], bool]) -> bool:
+        """Remove the subscriptions of clients that have disconnected; return True if there were any."""
+        gone = [client for client in self.subscriptions if is_gone(client)]
+        for client in gone:
+            del self.subscriptions[client]
+        return bool(gone)
 
     def _forget_vanished(self) -> None:
         now = self._clock()
-        self.forget(lambda client: self._subscriptions[client].end < now)
+        self.forget(lambda client: self.subscriptions[client].end < now)

@@ -76,7 +76,8 @@ class ControlStore:
         self._clock = clock
         self._entries: dict[Path, ControlEntry] = {}
         self._by_id: dict[int, ControlEntry] = {}
-        self._clients: dict[Hashable, _Client] = {}
+        self.clients: dict[Hashable, _Client] = {}
+        """Clients that have controls."""
         self._structure_revision = 0
         """Revision of the last change of other things than values and samples."""
         self._last_id = 0
@@ -103,17 +104,17 @@ class ControlStore:
         if reason:
             return reason
         end = self._clock() + self.limits.lease_seconds
-        old = self._clients.get(client)
+        old = self.clients.get(client)
         if paths:
-            self._clients[client] = _Client(paths, deliver, end, request)
+            self.clients[client] = _Client(paths, deliver, end, request)
         else:
-            self._clients.pop(client, None)
+            self.clients.pop(client, None)
         before = old.controls if old is not None else {}
         for control in controls:
             self._add(control, client, before.get(control.path))
         self._remove_unused(before)
         if old is not None and paths:  # a message may have been lost
-            self._clients[client].unsent = {path: None for path in paths if path in before}
+            self.clients[client].unsent = {path: None for path in paths if path in before}
         self._notify()
         return ""
 
@@ -122,7 +123,7 @@ class ControlStore:
         limits = self.limits
         if len(paths) < len(controls):
             return "two controls have the same path"
-        others = {path for each, entry in self._clients.items() if each != client for path in entry.controls}
+        others = {path for each, entry in self.clients.items() if each != client for path in entry.controls}
         if len(others | paths.keys()) > limits.controls:
             return f"there would be {len(others | paths.keys())} controls in the page, the limit is {limits.controls}"
         plots = {each.path for each in controls if isinstance(each, Plot)}
@@ -132,8 +133,8 @@ class ControlStore:
         chars = sum(_text_chars(control) for control in controls)
         if chars > limits.option_chars:
             return f"the controls have {chars} characters, the limit for one client is {limits.option_chars}"
-        if paths and client not in self._clients and len(self._clients) >= limits.clients:
-            return f"{len(self._clients)} clients have controls, which is the limit"
+        if paths and client not in self.clients and len(self.clients) >= limits.clients:
+            return f"{len(self.clients)} clients have controls, which is the limit"
         return ""
 
     def _add(self, control: AnyControl, client: Hashable, before: AnyControl | None) -> None:
@@ -172,7 +173,7 @@ class ControlStore:
     def _remove_unused(self, paths: Iterable[Path]) -> None:
         """Remove those of the paths that no client has; the others have the limits of a client that has them."""
         for path in paths:
-            left = [client.controls[path] for client in self._clients.values() if path in client.controls]
+            left = [client.controls[path] for client in self.clients.values() if path in client.controls]
             entry = self._entries[path]
             if not left:
                 del self._by_id[self._entries.pop(path).id]
@@ -183,13 +184,13 @@ class ControlStore:
     def remove_vanished(self) -> None:
         """Remove the controls of clients whose lease has ended."""
         now = self._clock()
-        self.forget(lambda client: self._clients[client].end < now)
+        self.forget(lambda client: self.clients[client].end < now)
 
     def forget(self, is_gone: Callable[[Hashable], bool]) -> None:
         """Remove the controls of clients that have disconnected."""
-        gone = [client for client in self._clients if is_gone(client)]
+        gone = [client for client in self.clients if is_gone(client)]
         for client in gone:
-            self._remove_unused(self._clients.pop(client).controls)
+            self._remove_unused(self.clients.pop(client).controls)
         if gone:
             self._notify()
 
@@ -226,7 +227,7 @@ class ControlStore:
 
     def _entry_of(self, client: Hashable, path: Path, request: int) -> ControlEntry:
         """Return a client's control, and note its request."""
-        owner = self._clients.get(client)
+        owner = self.clients.get(client)
         if owner is None or path not in owner.controls:
             raise ValueError("this client has no such control; setcontrols adds it")
         owner.last_request = max(owner.last_request, request)
@@ -252,13 +253,13 @@ class ControlStore:
         """Set a value, and note it for all clients but its source."""
         self.revision += 1
         entry.value, entry.revision = value, self.revision
-        for client, each in self._clients.items():
+        for client, each in self.clients.items():
             if client != source and entry.control.path in each.controls:
                 each.unsent[entry.control.path] = None
 
     def deliver_values(self) -> None:
         """Send each client the newest values that others have set since the last call."""
-        for client in tuple(self._clients.values()):
+        for client in tuple(self.clients.values()):
             unsent, client.unsent = client.unsent, {}
             entries = [self._entries[path] for path in unsent if path in self._entries]
             values = [(entry.control.path, entry.value) for entry in entries if entry.value is not None]

@@ -101,6 +101,7 @@ class Flattener:
     """
 
     def __init__(self, labels: LabelTable) -> None:
+        self.labels = labels
         self._flattener = _TreeFlattener(lambda path, _part: labels.label_of(path))
         self._lock = threading.Lock()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from bisect import bisect_right
@@ -32,7 +31,7 @@ class Snapshot:
     timestamp: int = 0
     """Time from which it was valid, nanoseconds since the epoch."""
     replaced_bytes: int = 0
-    """Estimate of the bytes that only the snapshot before it needs."""
+    """Estimate of the bytes that only snapshots before it need, since the tree began."""
 
 
 class LiveTree:
@@ -45,25 +44,22 @@ class LiveTree:
             first: state before the first edit; None: an empty tree.
         """
         self._clock = clock
-        self._recent: tuple[Snapshot, ...] = (first or Snapshot(Node(), 0),)
+        self.snapshot = first or Snapshot(Node(), 0)
+        """The latest committed state."""
+        self._recent: tuple[Snapshot, ...] = (self.snapshot,)
         """Kept snapshots, oldest first. Replaced, never changed, so that readers need no lock."""
-        self._kept_bytes = 0
         self._keepers: set[object] = set()
         """Keys of ``keep_recent``."""
         self._lock = threading.Lock()
         self._listeners: list[Callable[[Snapshot], None]] = []
-
-    @property
-    def snapshot(self) -> Snapshot:
-        """The latest committed state."""
-        return self._recent[-1]
 
     def keep_recent(self, key: object, *, active: bool) -> None:
         """Keep replaced states for a while, until a call with the same key and ``active=False``."""
         if active != (key in self._keepers):
             with self._lock:
                 self._keepers ^= {key}
-                self._keep(self._recent, 0 if self._keepers else sys.maxsize)
+                if not self._keepers:
+                    self._recent = self._recent[-1:]
 
     def snapshot_at(self, timestamp: int) -> Snapshot:
         """Return the state that was valid at a time, nanoseconds since the epoch; the oldest kept one if it is earlier.
@@ -74,7 +70,7 @@ class LiveTree:
         snapshot = recent[max(0, bisect_right(recent, timestamp, key=lambda each: each.timestamp) - 1)]
         if len(recent) > 1 and recent[1].timestamp < timestamp - KEPT_NANOSECONDS:
             with self._lock:
-                self._keep(self._recent, timestamp - KEPT_NANOSECONDS)
+                self._recent = _kept(self._recent, timestamp - KEPT_NANOSECONDS)
         return snapshot
 
     @contextmanager
@@ -99,38 +95,29 @@ class LiveTree:
     def replace(self, snapshot: Snapshot) -> None:
         """Make a state of another tree, with its revision, the latest one."""
         with self._lock:
-            self._kept_bytes, self._recent = 0, (snapshot,)
-            for listener in tuple(self._listeners):
-                listener(snapshot)
+            self._show((snapshot,))
 
     def _commit(self, edit: TreeEdit) -> None:
-        """Append the result of an edit, and call the listeners."""
+        """Make the result of an edit the latest state, and forget old ones."""
         base, root = edit.base, edit.commit()
         if not edit.changed:
             return
-        self._append(merged(base, root, self.snapshot.root), edit.replaced_bytes)
-        for listener in tuple(self._listeners):
-            listener(self.snapshot)
-
-    def _append(self, root: Node, replaced_bytes: int) -> None:
-        """Make ``root`` the latest state, and forget old ones."""
         last, now = self.snapshot, self._clock()
+        if last.root is not base:
+            root = merged(base, root, last.root)
         is_set_back = now < last.timestamp - KEPT_NANOSECONDS
         now = now if is_set_back else max(now, last.timestamp)
-        self._kept_bytes += replaced_bytes
-        recent = (*self._recent, Snapshot(root, last.revision + 1, now, replaced_bytes))
-        keeps_none = is_set_back or not self._keepers
-        self._keep(recent, sys.maxsize if keeps_none else now - KEPT_NANOSECONDS)
+        snapshot = Snapshot(root, last.revision + 1, now, last.replaced_bytes + edit.replaced_bytes)
+        if is_set_back or not self._keepers:
+            self._show((snapshot,))
+        else:
+            self._show(_kept((*self._recent, snapshot), now - KEPT_NANOSECONDS))
 
-    def _keep(self, recent: tuple[Snapshot, ...], oldest: int) -> None:
-        """Keep snapshots without those that were replaced before the time ``oldest`` or are too many."""
-        first, last = 0, len(recent) - 1
-        while first < last and (
-            recent[first + 1].timestamp < oldest or last - first >= MAX_KEPT or self._kept_bytes > MAX_KEPT_BYTES
-        ):
-            first += 1
-            self._kept_bytes -= recent[first].replaced_bytes
-        self._recent = recent[first:]
+    def _show(self, recent: tuple[Snapshot, ...]) -> None:
+        """Make the last one of the kept snapshots the latest state, and call the listeners."""
+        self._recent, self.snapshot = recent, recent[-1]
+        for listener in tuple(self._listeners):
+            listener(self.snapshot)
 
     def listen(self, listener: Callable[[Snapshot], None]) -> Callable[[], None]:
         """Call ``listener`` with every new snapshot, in the thread that edits. It must not block, nor edit the tree.
@@ -147,3 +134,15 @@ class LiveTree:
                 self._listeners.remove(listener)
 
         return stop
+
+
+def _kept(recent: tuple[Snapshot, ...], oldest: int) -> tuple[Snapshot, ...]:
+    """Return snapshots without those that were replaced before the time ``oldest`` or are too many."""
+    first, last = 0, len(recent) - 1
+    while first < last and (
+        recent[first + 1].timestamp < oldest
+        or last - first >= MAX_KEPT
+        or recent[last].replaced_bytes - recent[first].replaced_bytes > MAX_KEPT_BYTES
+    ):
+        first += 1
+    return recent[first:]

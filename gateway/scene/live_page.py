@@ -43,9 +43,10 @@ class LivePage:
 
     def forget(self, is_gone: Callable[[Hashable], bool]) -> None:
         """Remove clickable paths and controls of clients that have disconnected."""
-        self.clicks.forget(is_gone)
-        self.controls.forget(is_gone)
-        self.notify()
+        if self.controls.clients:
+            self.controls.forget(is_gone)
+        if self.clicks.subscriptions and self.clicks.forget(is_gone):
+            self.notify()
 
     def notify(self) -> None:
         """Call the listeners. Callers do so after a change of ``clicks``."""

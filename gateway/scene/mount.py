@@ -103,10 +103,11 @@ class Mount:
         """
         Args:
             pose: (4, 4) float64 X_world_camera; with a path, only until the node exists.
-            path: Node whose frame is the camera's optical frame; None: the pose is fixed.
+            path: Node whose frame is the camera's optical frame.
         """
         self._pose = pose
-        self._path = path
+        self.path = path
+        """Node that the camera follows; None: the pose is fixed."""
         self.warning = ""
         """Reason why the pose does not follow the node; empty if it does, or if the pose is fixed."""
 
@@ -116,10 +117,10 @@ class Mount:
         Args:
             root: Root of the current tree.
         """
-        if self._path is not None:
+        if self.path is not None:
             try:
                 # Size and draw list have no effect on the pose.
-                camera = resolve_camera(NodeCamera(self._path), root, 1, 1, draw_list=DrawList())
+                camera = resolve_camera(NodeCamera(self.path), root, 1, 1, draw_list=DrawList())
             except CameraError as error:
                 self.warning = f"the stereo camera keeps its last pose: {error}"
             else:

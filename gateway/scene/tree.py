@@ -38,13 +38,13 @@ class Node:
     __slots__ = (
         "__weakref__",
         "_matrix",
-        "_pose",
         "children",
         "node_count",
         "nodes_with_parts",
         "opacity",
         "owner",
         "parts",
+        "pose",
         "visible",
     )
 
@@ -60,6 +60,8 @@ class Node:
     """False hides the whole subtree in images."""
     opacity: float
     """Factor, 0 to 1, of the alpha of the whole subtree."""
+    pose: Pose | None
+    """The pose as the client sent it; None if the transform was given as a matrix. ``set_pose`` replaces it."""
     owner: object | None
     """Token of the ``TreeEdit`` that created or copied the node; any other edit must copy the node first."""
 
@@ -76,7 +78,7 @@ class Node:
         self.nodes_with_parts = (parts is not None) + sum(c.nodes_with_parts for c in self.children.values())
         self.node_count = 1 + sum(c.node_count for c in self.children.values())
         self._matrix: NDArray[np.float64] | None = matrix
-        self._pose: Pose | None = None
+        self.pose = None
         self.owner = None
 
     @property
@@ -86,26 +88,21 @@ class Node:
         It is computed from the pose at first use.
         """
         if self._matrix is None:
-            assert self._pose is not None
-            self._matrix = from_pose(self._pose[:3], self._pose[3:])
+            assert self.pose is not None
+            self._matrix = from_pose(self.pose[:3], self.pose[3:])
         return self._matrix
-
-    @property
-    def pose(self) -> Pose | None:
-        """The pose as the client sent it; None if the transform was given as a matrix."""
-        return self._pose
 
     def set_matrix(self, matrix: NDArray[np.float64]) -> None:
         """Replace the transform. Only the owner may call this."""
-        self._matrix, self._pose = matrix, None
+        self._matrix, self.pose = matrix, None
 
     def set_pose(self, pose: Pose) -> None:
         """Replace the transform. Only the owner may call this."""
-        self._matrix, self._pose = None, pose
+        self._matrix, self.pose = None, pose
 
     def same_transform(self, other: Node) -> bool:
         """Return True if both nodes share one transform object. Equal transforms of two edits count as different."""
-        return self._matrix is other._matrix if self._pose is None else self._pose is other._pose
+        return self._matrix is other._matrix if self.pose is None else self.pose is other.pose
 
     def find(self, path: Path) -> Node | None:
         """Return the node at a path relative to this node; None if there is none."""
@@ -158,7 +155,7 @@ class Node:
         node.opacity = self.opacity
         node.nodes_with_parts = self.nodes_with_parts
         node.node_count = self.node_count
-        node._matrix, node._pose = self._matrix, self._pose  # noqa: SLF001 - of its own class
+        node._matrix, node.pose = self._matrix, self.pose  # noqa: SLF001 - of its own class
         node.owner = owner
         return node
 
@@ -166,22 +163,18 @@ class Node:
 class TreeEdit:
     """A batch of edits of one tree. Each node on an edited path is copied at most once. ``commit`` ends the batch."""
 
-    __slots__ = ("_owner", "_root", "base", "changed", "replaced_bytes")
+    __slots__ = ("_owner", "base", "changed", "replaced_bytes", "root")
 
     def __init__(self, root: Node) -> None:
         self._owner: object | None = object()
-        self._root = root
+        self.root = root
+        """The tree in its current state."""
         self.base = root
         """The tree before the first edit; the result after ``commit``."""
         self.changed = False
         """True after the first edit."""
         self.replaced_bytes = 0
         """Estimate of the bytes that only the tree before this edit needs."""
-
-    @property
-    def root(self) -> Node:
-        """The tree in its current state."""
-        return self._root
 
     def set_parts(self, path: Path, parts: tuple[Part, ...]) -> None:
         """Replace the geometry of the node at ``path``, creating nodes as needed."""
@@ -223,7 +216,7 @@ class TreeEdit:
             if node is None:
                 node = self._own(path)[-1]
             elif node.owner is not owner:
-                node = siblings[name] = node.copy(owner)
+                node = siblings[name] = self._copy(node)
             node.set_pose(pose)
             nodes.append(node)
         return nodes
@@ -238,19 +231,7 @@ class TreeEdit:
 
     def set_subtree(self, path: Path, node: Node) -> None:
         """Replace the subtree at ``path`` by a committed tree with its own transform."""
-        if not path:
-            self._begin_change()
-            self._count_replaced(self._root)
-            self._root = node
-            return
-        parents = self._own(path[:-1])
-        old = parents[-1].children.get(path[-1])
-        old_nodes_with_parts, old_node_count = (old.nodes_with_parts, old.node_count) if old is not None else (0, 0)
-        self._count_replaced(old)
-        parents[-1].children[path[-1]] = node
-        for parent in parents:
-            parent.nodes_with_parts += node.nodes_with_parts - old_nodes_with_parts
-            parent.node_count += node.node_count - old_node_count
+        self._replace(path, node)
 
     def delete(self, path: Path) -> bool:
         """Remove the node at ``path`` and its descendants. The root is replaced by an empty node.
@@ -258,35 +239,40 @@ class TreeEdit:
         Returns:
             True if there was such a node (for the root: if it had parts or children).
         """
-        if not path:
-            existed = bool(self._root.children) or self._root.parts is not None
-            owner = self._begin_change()
-            self._count_replaced(self._root)
-            self._root = Node()
-            self._root.owner = owner
-            return existed
-        target = self._root.find(path)
+        target = self.root.find(path)
         if target is None:
             return False
+        self._replace(path, None)
+        return bool(path) or bool(target.children) or target.parts is not None
+
+    def _replace(self, path: Path, node: Node | None) -> None:
+        """Replace the subtree at ``path``; None: remove it."""
         parents = self._own(path[:-1])
-        self._count_replaced(target)
-        del parents[-1].children[path[-1]]
+        if not path:
+            self._count_replaced(self.root)
+            self.root = node or Node()
+            return
+        name = path[-1]
+        children = parents[-1].children
+        old = children.get(name)
+        self._count_replaced(old)
+        if node is None:
+            del children[name]
+        else:
+            children[name] = node
+        more_nodes, more_with_parts = 0, 0
+        for subtree, sign in ((old, -1), (node, 1)):
+            if subtree is not None:
+                more_nodes += sign * subtree.node_count
+                more_with_parts += sign * subtree.nodes_with_parts
         for parent in parents:
-            parent.nodes_with_parts -= target.nodes_with_parts
-            parent.node_count -= target.node_count
-        return True
+            parent.node_count += more_nodes
+            parent.nodes_with_parts += more_with_parts
 
     def commit(self) -> Node:
         """Return the root of the edited tree, which is immutable from now on. Further edits raise RuntimeError."""
-        self._owner, self.base = None, self._root  # an edit keeps no old tree alive
-        return self._root
-
-    def _begin_change(self) -> object:
-        """Mark the tree as changed, and return the token that marks the nodes of this edit."""
-        if self._owner is None:
-            raise RuntimeError("this edit was committed")
-        self.changed = True
-        return self._owner
+        self._owner, self.base = None, self.root  # an edit keeps no old tree alive
+        return self.root
 
     def _count_replaced(self, subtree: Node | None) -> None:
         if subtree is None:
@@ -304,10 +290,13 @@ class TreeEdit:
 
     def _own(self, path: Path) -> list[Node]:
         """Return the nodes from the root to ``path``, copied or created as needed, so that this edit owns them."""
-        owner = self._begin_change()
-        node = self._root
+        owner = self._owner
+        if owner is None:
+            raise RuntimeError("this edit was committed")
+        self.changed = True
+        node = self.root
         if node.owner is not owner:
-            node = self._root = self._copy(node)
+            node = self.root = self._copy(node)
         nodes = [node]
         created = 0
         for element in path:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 from renderers.interface import LookName, SampleCount
 from renderers.light_rig import STUDIO, Rig
@@ -27,8 +26,6 @@ class SceneApiConfig:
     """RGB background of colour images, 0 .. 255; the same as the render endpoint's."""
     alpha_threshold: float = 0.0
     """As ``Look.alpha_threshold``."""
-    antialias: Literal["fxaa", "none"] = "fxaa"
-    """Antialiasing of colour images with one sample per pixel. The studio look has no FXAA."""
     max_pixels: int = 4096 * 4096
     """Maximum number of pixels of an image; one of this size takes about 200 MB while it is rendered."""
     max_side: int = 16384

@@ -7,6 +7,7 @@ from fastapi import APIRouter, Request, Response
 from gateway.gltf.export import MAX_BYTES, MotionWriter
 from gateway.scene.live import LiveTree
 from gateway.scene.timeline import Timeline
+from gateway.server.plain_error_route import PlainErrorRoute
 from gateway.server.section_files import DEFAULT_RATE, Rate, Seconds, SectionFiles, section_responses
 
 MEDIA_TYPE = "model/gltf-binary"
@@ -14,7 +15,7 @@ MEDIA_TYPE = "model/gltf-binary"
 
 def motion_router(tree: LiveTree, timeline: Timeline, max_bytes: int = MAX_BYTES) -> APIRouter:
     """Return the route of the recent motion."""
-    routes = APIRouter(tags=["The live scene"])
+    routes = APIRouter(tags=["The live scene"], route_class=PlainErrorRoute)
     files = SectionFiles(tree, timeline)
     responses = section_responses(
         MEDIA_TYPE, "The file. Its asset.extras.warnings has sentences about what it does not have."

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Final
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Final
 
 from fastapi import APIRouter, Request, Response
-from starlette.requests import ClientDisconnect
 
 from gateway.scene.live import Snapshot
-from gateway.scene.sampling import FileTooLargeError
 from gateway.scene.timeline import TimeError
 from gateway.sceneapi.query import (
     TIME_PARAMETER,
@@ -22,9 +20,8 @@ from gateway.sceneapi.query import (
     parse_time,
 )
 from gateway.sceneapi.service import SceneApi, SceneResponse
-from gateway.server.disconnect import CLIENT_GONE, while_connected
-from gateway.server.unavailable import UnavailableErrors, unavailable
-from renderers.drawlist import ImageError
+from gateway.server.disconnect import while_connected
+from gateway.server.plain_error_route import PlainErrorRoute
 
 _TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
 _INVALID_PARAMETER: Final = {"description": "A parameter is invalid; the text says why.", "content": _TEXT}
@@ -52,36 +49,36 @@ _LISTING_EXAMPLE: Final = {
 _BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 
 
+class _SceneRoute(PlainErrorRoute):
+    statuses: ClassVar[Mapping[type[Exception], int]] = {
+        CameraNotFoundError: 404,
+        TimeError: 404,
+        QueryError: 400,
+        **PlainErrorRoute.statuses,
+    }
+
+
 def router(service: SceneApi) -> APIRouter:
     """Return the routes of the scene."""
-    routes = APIRouter(tags=["The live scene"])
+    routes = APIRouter(tags=["The live scene"], route_class=_SceneRoute)
 
     async def listing(request: Request) -> Response:
         """Every node with its kinds of geometry, world transform, bounds and label. Parents come before children."""
-        try:
-            snapshot = await service.snapshot_at(parse_time(request.query_params))
-        except (QueryError, TimeError) as error:
-            return _invalid(error)
+        snapshot = await service.snapshot_at(parse_time(request.query_params))
         return await _cacheable(service, request, service.listing, snapshot)
 
     async def file(request: Request) -> Response:
         """The scene as one binary glTF file: Y up, textures embedded, hidden nodes left out."""
-        try:
-            query = parse_file_query(dict(request.query_params), service.config)
-            snapshot = await service.snapshot_at(parse_time(request.query_params))
-        except (QueryError, TimeError) as error:
-            return _invalid(error)
+        query = parse_file_query(dict(request.query_params), service.config)
+        snapshot = await service.snapshot_at(parse_time(request.query_params))
         if query is None:
             return await _cacheable(service, request, lambda snapshot: service.file(None, snapshot), snapshot)
         return await _uncacheable(service, request, lambda: service.file(query, snapshot))
 
     async def image(request: Request) -> Response:
         """An image of the newest scene, or of an earlier one."""
-        try:
-            query = parse_query(dict(request.query_params), service.config)
-            snapshot = await service.snapshot_at(parse_time(request.query_params))
-        except (QueryError, TimeError) as error:
-            return _invalid(error)
+        query = parse_query(dict(request.query_params), service.config)
+        snapshot = await service.snapshot_at(parse_time(request.query_params))
         return await _uncacheable(service, request, lambda: service.image(query, snapshot))
 
     routes.add_api_route(
@@ -158,45 +155,16 @@ async def _cacheable(
     client_etags = [tag.strip().removeprefix("W/") for tag in request.headers.get("if-none-match", "").split(",")]
     if etag in client_etags or "*" in client_etags:
         return Response(status_code=304, headers={**headers, "ETag": etag, "X-Scene-Revision": str(revision)})
-    result = await _run(service, request, lambda: make(snapshot))
-    if not isinstance(result, SceneResponse):
-        return result
+    result = await while_connected(request, service.workers.run(make, snapshot))
     return _response(result, {**headers, "ETag": service.etag(result.revision)})
 
 
 async def _uncacheable(service: SceneApi, request: Request, make: Callable[[], SceneResponse]) -> Response:
     """Return the result of ``make``, which depends on more than the scene, so that clients must not cache it."""
-    result = await _run(service, request, make)
-    return _response(result, {"Cache-Control": "no-store"}) if isinstance(result, SceneResponse) else result
-
-
-async def _run(service: SceneApi, request: Request, make: Callable[[], SceneResponse]) -> SceneResponse | Response:
-    """Call ``make`` in a worker thread; return its result or an error response."""
-    try:
-        return await while_connected(request, service.workers.run(make))
-    except ClientDisconnect:
-        return Response(status_code=CLIENT_GONE)
-    except CameraNotFoundError as error:
-        return _text_response(404, str(error))
-    except QueryError as error:
-        return _text_response(400, str(error))
-    except FileTooLargeError as error:
-        return _text_response(413, str(error))
-    except ImageError as error:
-        return _text_response(500, f"a texture of the scene cannot be decoded: {error}")
-    except UnavailableErrors as error:
-        return unavailable(error)
+    result = await while_connected(request, service.workers.run(make))
+    return _response(result, {"Cache-Control": "no-store"})
 
 
 def _response(result: SceneResponse, headers: dict[str, str]) -> Response:
     headers["X-Scene-Revision"] = str(result.revision)
     return Response(result.body, media_type=result.media_type, headers=headers)
-
-
-def _invalid(error: QueryError | TimeError) -> Response:
-    return _text_response(404 if isinstance(error, TimeError) else 400, str(error))
-
-
-def _text_response(status: int, message: str) -> Response:
-    body = message.encode("utf-8", "backslashreplace")
-    return Response(body, status, media_type="text/plain; charset=utf-8")

@@ -54,26 +54,22 @@ class SceneApi:
         workers: WorkerPool,
         config: SceneApiConfig | None = None,
         *,
-        labels: LabelTable | None = None,
         flattener: Flattener | None = None,
         stereo_camera: Callable[[Snapshot], Camera | None] = lambda snapshot: None,
         timeline: Timeline | None = None,
     ) -> None:
         """
         Args:
-            labels: Labels of the live tree, shared with other interfaces.
-            flattener: Flattener that uses ``labels``, shared with other interfaces.
+            flattener: Flattener of the live tree with its labels, shared with other interfaces; None: one of its own.
             stereo_camera: Returns the left camera of the stereo sensor in a snapshot, for ``camera=stereo``.
             timeline: Earlier states of the tree; None: there are none.
         """
-        if flattener is not None and labels is None:
-            raise ValueError("a flattener needs its labels")
         self.config = SceneApiConfig() if config is None else config
         self.workers = workers
         self._tree = tree
         self._renderer = renderer
-        self._labels = LabelTable() if labels is None else labels
-        self._flattener = Flattener(self._labels) if flattener is None else flattener
+        self._flattener = flattener or Flattener(LabelTable())
+        self._labels = self._flattener.labels
         self._stereo_camera = stereo_camera
         self._timeline = timeline
         self._process_id = uuid.uuid4().hex[:12]
@@ -158,7 +154,7 @@ class SceneApi:
         config = self.config
         background = query.background or config.background
         look = Look(query.look, background, query.samples, config.rig, config.alpha_threshold)
-        apply_fxaa = self.config.antialias == "fxaa" and query.look != "studio" and query.samples == 1
+        apply_fxaa = query.look != "studio" and query.samples == 1
         is_point, outputs = None, _OUTPUTS[query.type]
         if query.type == "color" and query.look == "plain" and apply_fxaa:
             is_point = _point_instances(draw_list)

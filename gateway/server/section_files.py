@@ -7,15 +7,12 @@ from collections.abc import Mapping
 from typing import Annotated, Final
 
 from fastapi import Query, Request, Response
-from fastapi.responses import PlainTextResponse
-from starlette.requests import ClientDisconnect
 
 from gateway.scene.live import LiveTree
-from gateway.scene.sampling import FileTooLargeError, SectionWriter, write_section
+from gateway.scene.sampling import SectionWriter, write_section
 from gateway.scene.timeline import Timeline
-from gateway.server.disconnect import CLIENT_GONE, while_connected
+from gateway.server.disconnect import while_connected
 from gateway.server.openapi import TEXT, Responses, example, file_response
-from renderers.drawlist import ImageError
 
 DEFAULT_RATE: Final = 30.0
 """Default number of samples per second: the motion looks continuous."""
@@ -65,20 +62,13 @@ class SectionFiles:
         media_type: str,
         headers: Mapping[str, str] | None = None,
     ) -> Response:
-        """Return the response with a file.
+        """Return the response with a file, for a ``PlainErrorRoute``.
 
         Args:
             seconds: Length of the motion; None: all that is kept.
             rate: Samples per second.
         """
-        try:
-            body = await while_connected(request, self._write(writer, seconds, rate))
-        except ClientDisconnect:
-            return Response(status_code=CLIENT_GONE)
-        except FileTooLargeError as error:
-            return PlainTextResponse(str(error), 413)
-        except ImageError as error:
-            return PlainTextResponse(f"a texture of the scene cannot be decoded: {error}", 500)
+        body = await while_connected(request, self._write(writer, seconds, rate))
         return Response(body, media_type=media_type, headers={"Cache-Control": "no-store", **(headers or {})})
 
     async def _write(self, writer: SectionWriter, seconds: float | None, rate: float) -> bytes:

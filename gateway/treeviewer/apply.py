@@ -37,16 +37,21 @@ class RequestApplier:
 
     def apply(self) -> None:
         """Execute the request at once."""
-        for _ in self.slices(self.request.commands):
+        edit = TreeEdit(self._live.snapshot.root)
+        for _ in self._execute(edit):
             pass
+        self._live.publish(edit)
 
     def slices(self, max_commands: int) -> Iterator[None]:
         """Execute the request; yield after every ``max_commands`` commands. Nothing is visible before the end."""
         edit = TreeEdit(self._live.snapshot.root)
         commands = self._execute(edit)
         while deque(islice(commands, max_commands), maxlen=1):
-            with self._quota.unpublished(edit.root.node_count - edit.base.node_count):
+            self._quota.unpublished_nodes = max(0, edit.root.node_count - edit.base.node_count)
+            try:
                 yield
+            finally:
+                self._quota.unpublished_nodes = 0
         self._live.publish(edit)
 
     def response(self, utime: int) -> Response:

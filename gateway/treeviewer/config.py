@@ -71,15 +71,15 @@ class TreeViewerConfig:
     strict: bool = False
     """True: a geometry or transform with a warning is refused."""
     offload_bytes: int = 256 * KIB
-    """Minimum size of JSON requests that are decoded in a worker thread: 256 kB take 1 ms. For MessagePack, which is
-    more compact, it is a quarter."""
+    """Maximum size of JSON requests that the event loop reads: 256 kB take 1 ms. For MessagePack, which is more
+    compact, it is a quarter."""
     slice_commands: int = 2000
     """Number of commands of a big request that are executed before the event loop continues: 2000 take about 5 ms. The
     request becomes visible at once, after its last command."""
     threads: int = 4
-    """Number of worker threads for big requests and mesh files. A client's slow file takes one of them."""
+    """Number of worker threads for requests that are big or not regular. A client's slow file takes one of them."""
     waiting_requests: int = 100_000
-    """Maximum number of big requests that wait for a worker thread: one of each client."""
+    """Maximum number of requests that wait for a worker thread: one of each client."""
     waiting_bytes: int = 1024 * MIB
     """Maximum size of the requests of all clients that wait for an earlier request of their client. Further requests
     are refused."""

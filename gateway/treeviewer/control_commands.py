@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, Final
 
 import msgspec
 
 from gateway.scene.tree import Path
 from gateway.treeviewer import fields
-from gateway.treeviewer.command_lists import commands
+from gateway.treeviewer.command_lists import read_list
 from gateway.treeviewer.context import ReadContext
-from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.packed_arrays import ArrayError
 from gateway.treeviewer.requests import ControlChange, Finding, Request
 from scenegate.messages.controls import MAX_SAMPLES, MAX_SERIES, AnyControl
+from scenegate.messages.field_kinds import CommandError, show
 
 _SAMPLE_COLUMNS: Final = tuple(range(2, 2 + MAX_SERIES))
 
@@ -25,36 +26,15 @@ def read_controls(value: Any, request: Request, context: ReadContext) -> None:
         return
     controls: list[AnyControl] = []
     failures_before = len(request.failures)
-    for index, command in commands("setcontrols", value, request, context):
-        path = None
-        try:
-            path = fields.path(command, context)
-            controls.append(_control(command, path, context))
-        except CommandError as error:
-            request.fail(Finding("setcontrols", index, path, str(error)), context.limits)
+    read_list("setcontrols", value, request, context, partial(_control, context), controls)
     if len(request.failures) == failures_before:
         request.controls = controls
 
 
 def read_values(value: Any, request: Request, context: ReadContext) -> None:
     """Read ``setvalues``: add the values and samples of controls to ``request.control_changes``."""
-    if not _is_short("setvalues", value, request, context):
-        return
-    for index, command in commands("setvalues", value, request, context):
-        path = None
-        try:
-            path = fields.path(command, context)
-            if ("value" in command) == ("samples" in command):
-                raise CommandError("a command has either a value or samples")
-            samples = None
-            if "samples" in command:
-                samples = context.arrays.doubles(command["samples"], _SAMPLE_COLUMNS, MAX_SAMPLES)
-        except ArrayError as error:
-            request.fail(Finding("setvalues", index, path, f"samples {error}"), context.limits)
-        except CommandError as error:
-            request.fail(Finding("setvalues", index, path, str(error)), context.limits)
-        else:
-            request.control_changes.append(ControlChange(index, path, command.get("value"), samples))
+    if _is_short("setvalues", value, request, context):
+        read_list("setvalues", value, request, context, partial(_control_change, context), request.control_changes)
 
 
 def _is_short(name: str, value: Any, request: Request, context: ReadContext) -> bool:
@@ -66,16 +46,31 @@ def _is_short(name: str, value: Any, request: Request, context: ReadContext) -> 
     return True
 
 
-def _control(command: Mapping[str, Any], path: Path, context: ReadContext) -> AnyControl:
+def _control_change(context: ReadContext, index: int, path: Path, command: Mapping[str, Any]) -> ControlChange:
+    """Return the value or samples of a control in a command."""
+    if ("value" in command) == ("samples" in command):
+        raise CommandError("a command has either a value or samples")
+    if "value" in command:
+        return ControlChange(index, path, command["value"], None)
+    try:
+        samples = context.arrays.doubles(command["samples"], _SAMPLE_COLUMNS, MAX_SAMPLES)
+    except ArrayError as error:
+        raise CommandError(f"samples {error}") from None
+    return ControlChange(index, path, None, samples)
+
+
+def _control(context: ReadContext, _: int, path: Path, command: Mapping[str, Any]) -> AnyControl:
     """Return the control that a command describes."""
     values = {**command, "path": path}
     if "node" in values:
         values["node"] = fields.path({"path": values["node"]}, context)
     try:
         control: AnyControl = msgspec.convert(values, AnyControl)
+    except UnicodeEncodeError:
+        raise CommandError("a control has a text that is not Unicode") from None
     except msgspec.ValidationError as error:
         # msgspec: Expected `float`, got `str` - at `$.min`
-        reason, _, place = str(error).partition(" - at `$.")
+        reason, __, place = str(error).partition(" - at `$.")
         name = place.rstrip("`")
         raise CommandError(f"{name} is {show(values.get(name))}: {reason}" if name in values else str(error)) from None
     return control

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.treeviewer.client_queue import Publish
+from gateway.treeviewer.client_queue import Received
 from gateway.treeviewer.responses import MISSING_PATHS, AnyResponse
 
 DELAY_SECONDS: Final = 0.01
@@ -21,14 +21,10 @@ DELAY_SECONDS: Final = 0.01
 
 @dataclass(frozen=True, slots=True)
 class PendingResponse:
-    """A response that has not been sent, and its destination."""
+    """A response that has not been sent."""
 
-    channel: str
-    """Channel of the request."""
+    request: Received
     response: AnyResponse
-    publish: Publish
-    binary: bool
-    """True: encode the response in MessagePack; False: in JSON."""
 
 
 class DelayedResponses:
@@ -40,14 +36,15 @@ class DelayedResponses:
 
     def add(self, pending: PendingResponse) -> None:
         """Send a response, now or after the delay."""
-        queue = self._queues.get(pending.channel)
+        channel = pending.request.channel
+        queue = self._queues.get(channel)
         must_wait = pending.response.status == MISSING_PATHS
         if queue is None and not must_wait:
             self._send(pending)
             return
-        self._queues.setdefault(pending.channel, deque()).append(pending)
+        self._queues.setdefault(channel, deque()).append(pending)
         if must_wait:
-            asyncio.get_running_loop().call_later(DELAY_SECONDS, self._delay_ended, pending.channel)
+            asyncio.get_running_loop().call_later(DELAY_SECONDS, self._delay_ended, channel)
 
     def flush(self) -> None:
         """Send all delayed responses now."""

@@ -1,12 +1,11 @@
-"""Handle requests from transports: small ones at once on the event loop, big ones in worker threads.
+"""Handle requests from transports: small regular ones at once on the event loop, others in worker threads.
 
-Requests of one client are handled in order: later requests wait for a big one. Other clients do not wait for it.
+Requests of one client are handled in order: later ones wait for one in a thread. Other clients do not wait for it.
 """
 
 from __future__ import annotations
 
 import asyncio
-import re
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -18,13 +17,13 @@ from gateway.runtime.pool_errors import UnavailableErrors
 from gateway.runtime.tracing import lcm_message
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.treeviewer import responses
-from gateway.treeviewer.client_queue import OVERHEAD_BYTES, ClientQueue, Message, Publish, size_of
+from gateway.treeviewer.apply import RequestApplier
+from gateway.treeviewer.client_queue import OVERHEAD_BYTES, ClientQueue, Publish, Received, size_of
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.delayed_responses import DelayedResponses, PendingResponse
 from gateway.treeviewer.page_commands import PageClient, update_page
 from gateway.treeviewer.protocol import RequestRefused, TreeViewerProtocol, client_of, response_channel
-from gateway.treeviewer.responses import AnyResponse, ClickMessage, PageMessage, Response
-from renderers.compiler.pending import any_pending
+from gateway.treeviewer.responses import AnyMessage, AnyResponse, ClickMessage, PageMessage, Response
 from scenegate.lcm.arrival import set_arrival
 from scenegate.messages import wire
 
@@ -32,11 +31,6 @@ _log = structlog.get_logger("gateway.treeviewer")
 
 PATH_BYTES: Final = 100
 """Memory of one path in a response that waits for the store."""
-OFFLOADED_WORDS: Final = (b"image", b"text", b"mesh_file", b"setcontrols")
-"""Words in what takes long to read: geometries with images, text or mesh files, and controls, of which 1000 take 12 ms.
-Other requests with these words only take the longer way."""
-ESCAPED_LETTER: Final = re.compile(rb"\\u00[4-7]")
-"""Escape in JSON that may stand for a letter of these words."""
 TOO_MANY: Final = "too many messages are waiting; send slower"
 SHUTTING_DOWN: Final = "the viewer is shutting down"
 MAX_LOGGED: Final = 10
@@ -101,7 +95,7 @@ class Dispatcher:
         Args:
             protocol: reads and applies requests.
             config: limits and sizes.
-            pool: its threads read big requests and requests that may open files.
+            pool: its threads read requests that are big or not regular.
             durable: storage of the tree; None: responses do not wait for storage.
         """
         self._protocol = protocol
@@ -124,7 +118,7 @@ class Dispatcher:
         self,
         source: object,
         channel: str,
-        message: Message,
+        message: bytes | memoryview,
         publish: Publish,
         on_drained: Callable[[], None] | None = None,
         *,
@@ -144,32 +138,35 @@ class Dispatcher:
         """
         self.counters.received += 1
         self.counters.received_bytes += len(message)
+        try:
+            request = Received(channel, wire.decode(message), len(message), publish, is_local)
+        except wire.WireError as error:
+            self._count_undecodable(channel, error)
+            return 0
         if self._closing:
-            self._refuse(channel, message, publish, SHUTTING_DOWN)
+            self._refuse(request, SHUTTING_DOWN)
             return 0
         key = (source, channel, is_local)
         queue = self._queues.get(key)
         storage_full = self._durable is not None and self._durable.full
-        if queue is None and not storage_full and not self._is_big(message):
-            with lcm_message(channel, len(message)):
-                self._handle(channel, message, publish, is_local)
+        if queue is None and not storage_full and self._handle_at_once(request):
             return 0
-        if storage_full or self.waiting_bytes + size_of(message) > self._config.waiting_bytes:
+        if storage_full or self.waiting_bytes + size_of(len(message)) > self._config.waiting_bytes:
             self.counters.dropped += 1
             self.counters.dropped_bytes += len(message)
-            self._refuse(channel, message, publish, TOO_MANY)
+            self._refuse(request, TOO_MANY)
             return queue.size if queue is not None else 0
         if queue is None:
-            queue = self._queues[key] = ClientQueue(channel, publish, on_drained, is_local)
+            queue = self._queues[key] = ClientQueue(on_drained)
             task = asyncio.get_running_loop().create_task(self._handle_queue(key, queue))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
-        self.waiting_bytes += queue.put(message)
+        self.waiting_bytes += queue.put(request)
         return queue.size
 
     def oldest_arrival(self) -> int | None:
         """Return the arrival of the oldest request that is not applied yet, nanoseconds since the epoch."""
-        return min((queue.first_arrival() for queue in self._queues.values() if len(queue)), default=None)
+        return min((queue.first()[1] for queue in self._queues.values() if len(queue)), default=None)
 
     def forget_clients(self, publish: Publish, is_gone: Callable[[str], bool]) -> None:
         """Remove clickable paths and controls of clients that have disconnected.
@@ -203,36 +200,19 @@ class Dispatcher:
         await asyncio.gather(*tasks, return_exceptions=True)
         for queue in self._queues.values():
             while len(queue):
-                self._refuse(queue.channel, queue.first(), queue.publish, SHUTTING_DOWN)
+                self._refuse(queue.first()[0], SHUTTING_DOWN)
                 self.waiting_bytes -= queue.pop()
         self._queues.clear()
         self._delayed.flush()
-
-    def _is_big(self, message: Message) -> bool:
-        """Return True if a request must be read in a worker thread, because reading it may take milliseconds or longer.
-
-        These are requests of many bytes, requests that read mesh files, decode images or draw text, and all requests
-        while kernels are compiled.
-        """
-        if any_pending():
-            return True
-        limit = self._config.offload_bytes
-        if len(message) > limit or (len(message) > limit // 4 and wire.is_binary(message)):
-            return True
-        data = bytes(message)
-        return any(word in data for word in OFFLOADED_WORDS) or ESCAPED_LETTER.search(data) is not None
 
     async def _handle_queue(self, key: object, queue: ClientQueue) -> None:
         """Handle the requests in a client's queue, in order, until it is empty."""
         try:
             while len(queue):
-                message = queue.first()
-                set_arrival(queue.first_arrival())
-                with lcm_message(queue.channel, len(message)):
-                    if self._is_big(message):
-                        await self._handle_big(queue, message)
-                    else:
-                        self._handle(queue.channel, message, queue.publish, queue.is_local)
+                request, arrival = queue.first()
+                set_arrival(arrival)
+                if not self._handle_at_once(request):
+                    await self._handle_in_thread(request)
                 self.waiting_bytes -= queue.pop()
                 if queue.on_drained is not None and queue.size < self._config.client_waiting_bytes // 2:
                     queue.on_drained()
@@ -241,39 +221,58 @@ class Dispatcher:
                 self.waiting_bytes -= queue.size
                 del self._queues[key]
 
-    def _handle(self, channel: str, message: Message, publish: Publish, is_local: bool) -> None:
-        """Read and apply a request on the event loop, and respond."""
+    def _handle_at_once(self, request: Received) -> bool:
+        """Read and apply a small regular request on the event loop, and respond; return False for other requests."""
+        if request.nbytes > self._config.offload_bytes // (4 if request.comms.format == wire.BINARY else 1):
+            return False
         try:
-            response = self._protocol.handle(message, self._page_client(channel, message, publish), is_local)
-        except wire.WireError as error:
-            self._count_undecodable(channel, error)
-            return
-        except Exception:  # one request must not end the transport  # noqa: BLE001
-            response = self._internal_error(channel, message)
-        self._respond(PendingResponse(channel, response, publish, wire.is_binary(message)))
+            applier = self._protocol.read_at_once(request.comms)
+            if applier is None:
+                return False
+            with lcm_message(request.channel, request.nbytes):
+                applier.apply()
+                response = self._response(request, applier)
+        except Exception as error:  # one request must not end the transport  # noqa: BLE001
+            response = self._failure(request, error)
+        self._respond(PendingResponse(request, response))
+        return True
 
-    async def _handle_big(self, queue: ClientQueue, message: Message) -> None:
+    async def _handle_in_thread(self, request: Received) -> None:
         """Read a request in a worker thread, apply it in slices on the event loop, and respond."""
-        response: AnyResponse
         try:
-            comms = self._protocol.decode(message)
-            applier = await self._pool.run(self._protocol.read, comms, queue.is_local)
-            async with self._apply_lock:
-                for _ in applier.slices(self._config.slice_commands):
-                    await asyncio.sleep(0)
-            client = self._page_client(queue.channel, message, queue.publish)
-            update_page(self._protocol.page, applier.request, client, comms.utime)
-            response = applier.response(comms.utime)
-        except RequestRefused as refused:
-            response = refused.response
-        except wire.WireError as error:
-            self._count_undecodable(queue.channel, error)
-            return
-        except UnavailableErrors as error:
-            response = responses.failed(wire.decode(message).utime, str(error))
-        except Exception:  # noqa: BLE001 - as in _handle
-            response = self._internal_error(queue.channel, message)
-        self._respond(PendingResponse(queue.channel, response, queue.publish, wire.is_binary(message)))
+            with lcm_message(request.channel, request.nbytes):
+                applier = await self._pool.run(self._protocol.read, request.comms, request.is_local)
+                async with self._apply_lock:
+                    for _ in applier.slices(self._config.slice_commands):
+                        await asyncio.sleep(0)
+                response = self._response(request, applier)
+        except Exception as error:  # noqa: BLE001 - as in _handle_at_once
+            response = self._failure(request, error)
+        self._respond(PendingResponse(request, response))
+
+    def _response(self, request: Received, applier: RequestApplier) -> AnyResponse:
+        """Execute the commands for the page, and return the response to a request that was applied."""
+        utime = request.comms.utime
+        if applier.request.newer_commands:
+            binary = request.comms.format == wire.BINARY
+            send = partial(self._send_from_page, request.channel, request.publish, binary)
+            key = (request.publish, request.channel) if client_of(request.channel) else None
+            update_page(self._protocol.page, applier.request, PageClient(key, send), utime)
+        return applier.response(utime)
+
+    def _failure(self, request: Received, error: Exception) -> AnyResponse:
+        """Return the response to a request that could not be read or applied. Log an unexpected error."""
+        if isinstance(error, RequestRefused):
+            return error.response
+        if isinstance(error, UnavailableErrors):
+            return responses.failed(request.comms.utime, str(error))
+        self.counters.internal_errors += 1
+        _log.error("A request could not be handled", channel=request.channel, exc_info=error)
+        return responses.failed(request.comms.utime, "internal error; the viewer's log says more")
+
+    def _refuse(self, request: Received, reason: str) -> None:
+        """Respond to a request that is not handled."""
+        self._publish(PendingResponse(request, responses.failed(request.comms.utime, reason)))
 
     def _respond(self, pending: PendingResponse) -> None:
         """Send a response as soon as the tree is stored."""
@@ -295,43 +294,29 @@ class Dispatcher:
         self._delayed.add(pending)
 
     def _publish(self, pending: PendingResponse) -> None:
-        """Encode and publish a response, and count it."""
-        response = pending.response
-        message = responses.encode(response, binary=pending.binary)
-        try:
-            pending.publish(response_channel(pending.channel), message)
-        except (OSError, ValueError) as error:
+        """Publish a response, and count it."""
+        request, response = pending.request, pending.response
+        if not self._send(request.channel, request.publish, request.comms.format == wire.BINARY, response):
             self.counters.unanswerable += 1
-            _log.warning("A response could not be sent", channel=pending.channel, reason=str(error))
             return
         self.counters.answered += 1
         self.counters.missing += response.status == responses.MISSING_PATHS
         self.counters.failed += response.status < 0
 
-    def _page_client(self, channel: str, message: Message, publish: Publish) -> PageClient:
-        """Return the client of a request, which receives messages of the page in the request's format."""
-        send = partial(self._send_from_page, channel, publish, wire.is_binary(message))
-        return PageClient((publish, channel) if client_of(channel) else None, send)
-
     def _send_from_page(self, channel: str, publish: Publish, binary: bool, message: PageMessage) -> None:
         """Publish a click or values of controls to the client of a channel of requests."""
+        if self._send(channel, publish, binary, message):
+            self.counters.clicks += isinstance(message, ClickMessage)
+            self.counters.control_messages += not isinstance(message, ClickMessage)
+
+    def _send(self, channel: str, publish: Publish, binary: bool, message: AnyMessage) -> bool:
+        """Encode and publish a message to the client of a channel of requests; return False if it cannot be sent."""
         try:
             publish(response_channel(channel), responses.encode(message, binary=binary))
         except (OSError, ValueError) as error:
-            _log.warning("A message of the page could not be sent", channel=channel, reason=str(error))
-            return
-        self.counters.clicks += isinstance(message, ClickMessage)
-        self.counters.control_messages += not isinstance(message, ClickMessage)
-
-    def _refuse(self, channel: str, message: Message, publish: Publish, reason: str) -> None:
-        """Respond to a request that is not handled."""
-        try:
-            comms = wire.decode(message)
-        except wire.WireError as error:
-            self._count_undecodable(channel, error)
-            return
-        refusal = responses.failed(comms.utime, reason)
-        self._publish(PendingResponse(channel, refusal, publish, wire.is_binary(message)))
+            _log.warning("A message to a client could not be sent", channel=channel, reason=str(error))
+            return False
+        return True
 
     def _count_undecodable(self, channel: str, error: wire.WireError) -> None:
         """Count a message to which no response is possible, and log it unless there are many."""
@@ -340,9 +325,3 @@ class Dispatcher:
         if self.counters.undecodable > MAX_LOGGED and self.counters.undecodable % 1000:
             return
         _log.warning("An undecodable message was ignored", channel=channel, reason=str(error))
-
-    def _internal_error(self, channel: str, message: Message) -> Response:
-        """Count and log an unexpected exception, and return the response."""
-        self.counters.internal_errors += 1
-        _log.exception("A request could not be handled", channel=channel)
-        return responses.failed(wire.decode(message).utime, "internal error; the viewer's log says more")

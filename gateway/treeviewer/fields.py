@@ -14,12 +14,7 @@ from numpy.typing import NDArray
 from gateway.scene.transforms import IDENTITY, from_pose
 from gateway.scene.tree import Path, PathElement, Pose
 from gateway.treeviewer.context import ReadContext
-from scenegate.messages.field_kinds import MAX_DISTANCE as MAX_DISTANCE
-from scenegate.messages.field_kinds import CommandError as CommandError
-from scenegate.messages.field_kinds import NothingToDraw
-from scenegate.messages.field_kinds import number as number
-from scenegate.messages.field_kinds import numbers as numbers
-from scenegate.messages.field_kinds import show as show
+from scenegate.messages.field_kinds import MAX_DISTANCE, CommandError, NothingToDraw, numbers, show
 from scenegate.warning_text import NOTHING_DRAWN
 
 ZERO_TRANSLATION: Final = (0.0, 0.0, 0.0)

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.device_function import device_function
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.pointers import address_of, f64_at, i64_at, u8_at
 
@@ -48,6 +48,10 @@ _POWERS_OF_TEN: Final = np.array([float(f"1e{i}") for i in range(309)])
 """10^0 to 10^308, each rounded correctly."""
 MAX_MANTISSA_DIGITS: Final = 19
 """Digits that always fit into uint64."""
+MAX_EXPONENT: Final = 1_000_000
+"""Exponents beyond this are not read on: the number is 0 or infinite."""
+NOT_HERE: Final = -1
+"""Position after a text that is not valid."""
 
 
 def find_arrays(text: NDArray[np.uint8], max_arrays: int, min_numbers: int) -> NDArray[np.int64]:
@@ -179,113 +183,121 @@ def _read_numbers(text_at, begin, end, powers_at, numbers_at, count):
     i = begin
     while i < end:
         byte = data[i]
-        if byte == COMMA:
+        if byte == SPACE or byte == NEWLINE or byte == CARRIAGE_RETURN or byte == TAB:
+            i += 1
+        elif byte == COMMA:
             if not after_value:
                 return i
             after_value = after_open = False
             i += 1
-            continue
-        if byte == SPACE or byte == NEWLINE or byte == CARRIAGE_RETURN or byte == TAB:
-            i += 1
-            continue
-        if byte == OPEN_BRACKET:
+        elif byte == OPEN_BRACKET:
             if after_value:
                 return i
             after_open = True
             i += 1
-            continue
-        if byte == CLOSE_BRACKET:
+        elif byte == CLOSE_BRACKET:
             if not (after_value or after_open):
                 return i
-            after_value = True
-            after_open = False
+            after_value, after_open = True, False
             i += 1
-            continue
-        if after_value or k >= count:
-            return i
-        number_start = i
-        negative = byte == MINUS
-        if negative:
-            i += 1
-            byte = data[i]
-        if byte == UPPER_I:
-            for t in range(8):
-                if data[i + t] != _INFINITY[t]:
-                    return number_start
-            i += 8
-            value = np.inf
-        elif byte == UPPER_N and not negative:
-            for t in range(3):
-                if data[i + t] != _NAN[t]:
-                    return number_start
-            i += 3
-            value = np.nan
-        elif byte == LOWER_N and not negative:
-            for t in range(4):
-                if data[i + t] != _NULL[t]:
-                    return number_start
-            i += 4
-            value = np.nan
         else:
-            # the magnitude is mantissa * 10^exponent
-            mantissa = np.uint64(0)
-            mantissa_digits = 0
-            exponent = 0
-            digits_start = i
-            while ZERO <= byte <= NINE:
-                if mantissa_digits < MAX_MANTISSA_DIGITS:
-                    mantissa = mantissa * np.uint64(10) + np.uint64(byte - ZERO)
-                    if mantissa:
-                        mantissa_digits += 1
-                else:
-                    exponent += 1
-                i += 1
-                byte = data[i]
-            if i == digits_start or (data[digits_start] == ZERO and i - digits_start > 1):
-                return number_start
-            if byte == DOT:
-                i += 1
-                byte = data[i]
-                digits_start = i
-                while ZERO <= byte <= NINE:
-                    if mantissa_digits < MAX_MANTISSA_DIGITS:
-                        mantissa = mantissa * np.uint64(10) + np.uint64(byte - ZERO)
-                        if mantissa:
-                            mantissa_digits += 1
-                        exponent -= 1
-                    i += 1
-                    byte = data[i]
-                if i == digits_start:
-                    return number_start
-            if byte == LOWER_E or byte == UPPER_E:
-                i += 1
-                byte = data[i]
-                exponent_negative = byte == MINUS
-                if exponent_negative or byte == PLUS:
-                    i += 1
-                    byte = data[i]
-                digits_start = i
-                exponent_magnitude = 0
-                while ZERO <= byte <= NINE:
-                    if exponent_magnitude < 1_000_000:
-                        exponent_magnitude = exponent_magnitude * 10 + (byte - ZERO)
-                    i += 1
-                    byte = data[i]
-                if i == digits_start:
-                    return number_start
-                exponent += -exponent_magnitude if exponent_negative else exponent_magnitude
-            value = np.float64(mantissa)
-            if mantissa and exponent < 0:
-                if exponent >= -308:
-                    value = value / powers_of_ten[-exponent]
-                elif exponent >= -616:
-                    value = value / powers_of_ten[308] / powers_of_ten[-308 - exponent]
-                else:
-                    value = 0.0
-            elif mantissa and exponent > 0:
-                value = value * powers_of_ten[exponent] if exponent <= 308 else np.inf
-        numbers[k] = -value if negative else value
-        k += 1
-        after_value = True
-        after_open = False
+            if after_value or k >= count:
+                return i
+            numbers[k], after_number = _number_at(data, i, powers_of_ten)
+            if after_number == NOT_HERE:
+                return i
+            k += 1
+            i = after_number
+            after_value, after_open = True, False
     return -1 if k == count else end
+
+
+@inlined
+def _number_at(data, i, powers_of_ten):
+    """Return the number that starts at a position, and the position after it or NOT_HERE. ``null`` is NaN."""
+    negative = data[i] == MINUS
+    if negative:
+        i += 1
+    byte = data[i]
+    if byte == UPPER_I:
+        value, end = np.inf, _end_of_word(data, i, _INFINITY)
+    elif byte == UPPER_N and not negative:
+        value, end = np.nan, _end_of_word(data, i, _NAN)
+    elif byte == LOWER_N and not negative:
+        value, end = np.nan, _end_of_word(data, i, _NULL)
+    else:
+        mantissa, exponent, end = _decimal_at(data, i)
+        value = _scaled(mantissa, exponent, powers_of_ten)
+    return -value if negative else value, end
+
+
+@inlined
+def _end_of_word(data, i, word):
+    """Return the position after a word that starts at ``i``, or NOT_HERE."""
+    for k in range(len(word)):
+        if data[i + k] != word[k]:
+            return NOT_HERE
+    return i + len(word)
+
+
+@inlined
+def _decimal_at(data, i):
+    """Return mantissa, exponent and end of a number without sign, mantissa * 10^exponent; the end may be NOT_HERE."""
+    start = i
+    mantissa, kept, skipped, i = _digits_at(data, start, np.uint64(0), 0)
+    if i == start or (data[start] == ZERO and i - start > 1):
+        return mantissa, 0, NOT_HERE
+    exponent = skipped
+    if data[i] == DOT:
+        start = i + 1
+        mantissa, kept, skipped, i = _digits_at(data, start, mantissa, kept)
+        if i == start:
+            return mantissa, 0, NOT_HERE
+        exponent -= i - start - skipped
+    if data[i] == LOWER_E or data[i] == UPPER_E:
+        i += 1
+        negative = data[i] == MINUS
+        if negative or data[i] == PLUS:
+            i += 1
+        start = i
+        magnitude = 0
+        while ZERO <= data[i] <= NINE:
+            if magnitude < MAX_EXPONENT:
+                magnitude = magnitude * 10 + (data[i] - ZERO)
+            i += 1
+        if i == start:
+            return mantissa, 0, NOT_HERE
+        exponent += -magnitude if negative else magnitude
+    return mantissa, exponent, i
+
+
+@inlined
+def _digits_at(data, i, mantissa, kept):
+    """Append the digits from a position on to a mantissa of ``kept`` digits, as far as it has room.
+
+    Returns:
+        The mantissa, its digits without leading zeros, the digits that had no room, and the position after the digits.
+    """
+    skipped = 0
+    while ZERO <= data[i] <= NINE:
+        if kept < MAX_MANTISSA_DIGITS:
+            mantissa = mantissa * np.uint64(10) + np.uint64(data[i] - ZERO)
+            if mantissa:
+                kept += 1
+        else:
+            skipped += 1
+        i += 1
+    return mantissa, kept, skipped, i
+
+
+@inlined
+def _scaled(mantissa, exponent, powers_of_ten):
+    """Return mantissa * 10^exponent."""
+    value = np.float64(mantissa)
+    if not mantissa or exponent == 0:
+        return value
+    if exponent > 0:
+        return value * powers_of_ten[exponent] if exponent <= 308 else np.inf
+    if exponent >= -308:
+        return value / powers_of_ten[-exponent]
+    return value / powers_of_ten[308] / powers_of_ten[-308 - exponent] if exponent >= -616 else 0.0

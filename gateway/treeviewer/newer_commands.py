@@ -12,48 +12,29 @@ import numpy as np
 
 from gateway.scene.cameras import LookAtCamera
 from gateway.scene.tree import Path
-from gateway.treeviewer import fields
-from gateway.treeviewer.command_lists import commands
+from gateway.treeviewer.command_lists import read_list
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.control_commands import read_controls, read_values
-from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.requests import Finding, Request
-
-NAMES: Final = ("setproperty", "setview", "setclicks", "setcontrols", "setvalues")
-
-
-def read_newer_commands(values: Mapping[str, Any], request: Request, context: ReadContext) -> None:
-    """Read the newer commands of a message into ``request``.
-
-    Args:
-        values: decoded values by the name of the command; null counts as absent.
-    """
-    for name in NAMES:
-        value = values.get(name)
-        if value is not None:
-            request.newer_commands.append(name)
-            _READERS[name](value, request, context)
+from scenegate.messages.field_kinds import MAX_DISTANCE, CommandError, number, numbers, show
 
 
 def _read_properties(value: Any, request: Request, context: ReadContext) -> None:
     """Read ``setproperty``: add the visibility and opacity of paths to ``request.properties``."""
-    for index, command in commands("setproperty", value, request, context):
-        path = None
-        try:
-            path = fields.path(command, context)
-            visible, opacity = command.get("visible"), command.get("opacity")
-            if visible is None and opacity is None:
-                raise CommandError("visible and opacity are missing")
-            if visible is not None and not isinstance(visible, bool):
-                raise CommandError(f"visible must be true or false, not {show(visible)}")
-            if opacity is not None:
-                opacity = fields.number(opacity, "opacity")
-                if not 0.0 <= opacity <= 1.0:
-                    raise CommandError(f"opacity must be from 0 to 1, not {show(opacity)}")
-        except CommandError as error:
-            request.fail(Finding("setproperty", index, path, str(error)), context.limits)
-        else:
-            request.properties.append((path, visible, opacity))
+    read_list("setproperty", value, request, context, _properties, request.properties)
+
+
+def _properties(_: int, path: Path, command: Mapping[str, Any]) -> tuple[Path, bool | None, float | None]:
+    visible, opacity = command.get("visible"), command.get("opacity")
+    if visible is None and opacity is None:
+        raise CommandError("visible and opacity are missing")
+    if visible is not None and not isinstance(visible, bool):
+        raise CommandError(f"visible must be true or false, not {show(visible)}")
+    if opacity is not None:
+        opacity = number(opacity, "opacity")
+        if not 0.0 <= opacity <= 1.0:
+            raise CommandError(f"opacity must be from 0 to 1, not {show(opacity)}")
+    return path, visible, opacity
 
 
 def _read_view(value: Any, request: Request, context: ReadContext) -> None:
@@ -73,7 +54,7 @@ def _read_view(value: Any, request: Request, context: ReadContext) -> None:
 
 def _background(value: Any) -> tuple[float, ...]:
     """Return red, green and blue, sRGB from 0 to 1."""
-    color = fields.numbers(value, "background", 3)
+    color = numbers(value, "background", 3)
     if not all(0.0 <= channel <= 1.0 for channel in color):
         raise CommandError(f"background must have numbers from 0 to 1, not {show(value)}")
     return color
@@ -104,9 +85,9 @@ def _home_vector(home: Mapping[str, Any], name: str) -> tuple[float, float, floa
     value = home.get(name)
     if value is None and name == "up":
         return 0.0, 0.0, 1.0
-    x, y, z = fields.numbers(value, f"home.{name}", 3)
-    if not max(abs(x), abs(y), abs(z)) <= fields.MAX_DISTANCE:
-        raise CommandError(f"home.{name} must have numbers up to {fields.MAX_DISTANCE:g}, not {show(value)}")
+    x, y, z = numbers(value, f"home.{name}", 3)
+    if not max(abs(x), abs(y), abs(z)) <= MAX_DISTANCE:
+        raise CommandError(f"home.{name} must have numbers up to {MAX_DISTANCE:g}, not {show(value)}")
     return x, y, z
 
 
@@ -114,19 +95,16 @@ def _read_clicks(value: Any, request: Request, context: ReadContext) -> None:
     """Read ``setclicks``: set ``request.click_paths``. One invalid path fails the whole command."""
     paths: list[Path] = []
     failures_before = len(request.failures)
-    for index, command in commands("setclicks", value, request, context):
-        try:
-            paths.append(fields.path(command, context))
-        except CommandError as error:
-            request.fail(Finding("setclicks", index, None, str(error)), context.limits)
+    read_list("setclicks", value, request, context, lambda _, path, __: path, paths)
     if len(request.failures) == failures_before:
         request.click_paths = paths
 
 
-_READERS: Final[Mapping[str, Callable[[Any, Request, ReadContext], None]]] = {
+READERS: Final[Mapping[str, Callable[[Any, Request, ReadContext], None]]] = {
     "setproperty": _read_properties,
     "setview": _read_view,
     "setclicks": _read_clicks,
     "setcontrols": read_controls,
     "setvalues": read_values,
 }
+"""Functions that read a decoded command into the request, by name."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -50,15 +50,13 @@ class _TextArray:
     """1 or 2."""
 
 
+@dataclass(slots=True)
 class NumberArrays:
     """Number arrays of one request, whatever its format."""
 
-    __slots__ = ("_arrays", "_text", "_token")
-
-    def __init__(self) -> None:
-        self._token = ""
-        self._text: NDArray[np.uint8] | None = None
-        self._arrays: list[_TextArray] = []
+    _token: str = ""
+    _text: NDArray[np.uint8] | None = None
+    _arrays: list[_TextArray] = field(default_factory=list)
 
     def extract(self, data: memoryview) -> bytes:
         """Return the JSON text with short values in place of its long arrays. Keeps a reference to ``data``."""

@@ -19,7 +19,8 @@ from gateway.treeviewer.json_reader import JsonReader
 from gateway.treeviewer.msgpack_reader import MsgpackReader
 from gateway.treeviewer.page_commands import PageClient, update_page
 from gateway.treeviewer.quota import TreeQuota
-from gateway.treeviewer.requests import RequestError
+from gateway.treeviewer.request_reader import RequestReader
+from gateway.treeviewer.requests import Request, RequestError
 from gateway.treeviewer.responses import AnyResponse
 from scenegate.messages import wire
 from scenegate.messages.wire import REQUEST as REQUEST
@@ -49,8 +50,8 @@ class RequestRefused(Exception):  # noqa: N818 - a response, not a failure of th
 class TreeViewerProtocol:
     """Reads requests and applies them to the live tree.
 
-    A request takes three steps: ``decode`` the message, ``read`` the request in it, apply it. The first two are
-    thread-safe. Appliers edit the tree, and run in the event loop's thread. ``handle`` takes all three steps there.
+    A request takes two steps: ``read`` it, which is thread-safe, and apply it. Appliers edit the tree, and run in the
+    event loop's thread. ``handle`` takes both steps there.
     """
 
     def __init__(
@@ -73,31 +74,23 @@ class TreeViewerProtocol:
         self.warnings = WarningList()
         """Warnings about the newest command of each name and path, by ``Subject``."""
         self._live = live
-        self.readers = {
+        self.readers: dict[str, RequestReader] = {
             wire.JSON: JsonReader(self.limits, strict=strict),
             wire.BINARY: MsgpackReader(self.limits, strict=strict),
         }
         """Readers by the name of the format."""
 
-    def decode(self, message: bytes | memoryview) -> wire.Comms:
-        """Return the decoded message after a check of its header. The data in it is not decoded.
+    def read_at_once(self, comms: wire.Comms) -> RequestApplier | None:
+        """Read a request on the event loop, and return the applier that executes it.
+
+        Returns:
+            None for a request that is not regular: ``read`` must be called in a worker thread.
 
         Raises:
-            wire.WireError: the message is not a viewer2_comms_t, so no response is possible.
-            RequestRefused: the format is not supported, or a length is wrong.
+            RequestRefused: the request cannot be read.
         """
-        comms = wire.decode(message)
-        supported = responses.SUPPORTED_FORMATS
-        if comms.format not in self.readers:
-            raise RequestRefused(responses.FormatResponse(comms.utime, responses.UNKNOWN_FORMAT, supported))
-        if (comms.major, comms.minor) != wire.VERSION:
-            raise RequestRefused(responses.FormatResponse(comms.utime, responses.UNKNOWN_FORMAT_VERSION, supported))
-        if comms.fault:
-            raise RequestRefused(responses.failed(comms.utime, comms.fault))
-        if len(comms.data) > self.limits.message_bytes:
-            reason = f"the request has {len(comms.data)} bytes, the limit is {self.limits.message_bytes}"
-            raise RequestRefused(responses.failed(comms.utime, reason))
-        return comms
+        request = self._reader_of(comms).read_at_once(comms.data)
+        return None if request is None else self._applier_of(request)
 
     def read(self, comms: wire.Comms, is_local: bool = False) -> RequestApplier:
         """Read a request, and return the applier that executes it.
@@ -108,27 +101,46 @@ class TreeViewerProtocol:
         Raises:
             RequestRefused: the request cannot be read.
         """
+        reader = self._reader_of(comms)
         try:
-            request = self.readers[comms.format].read(comms.data, self._local_meshes if is_local else self._meshes)
+            return self._applier_of(reader.read(comms.data, self._local_meshes if is_local else self._meshes))
         except RequestError as error:
             raise RequestRefused(responses.failed(comms.utime, str(error))) from None
+
+    def _reader_of(self, comms: wire.Comms) -> RequestReader:
+        """Return the reader of a message after a check of its header.
+
+        Raises:
+            RequestRefused: the format is not supported, or a length is wrong.
+        """
+        supported = responses.SUPPORTED_FORMATS
+        reader = self.readers.get(comms.format)
+        if reader is None:
+            raise RequestRefused(responses.FormatResponse(comms.utime, responses.UNKNOWN_FORMAT, supported))
+        if (comms.major, comms.minor) != wire.VERSION:
+            raise RequestRefused(responses.FormatResponse(comms.utime, responses.UNKNOWN_FORMAT_VERSION, supported))
+        if comms.fault:
+            raise RequestRefused(responses.failed(comms.utime, comms.fault))
+        if len(comms.data) > self.limits.message_bytes:
+            reason = f"the request has {len(comms.data)} bytes, the limit is {self.limits.message_bytes}"
+            raise RequestRefused(responses.failed(comms.utime, reason))
+        return reader
+
+    def _applier_of(self, request: Request) -> RequestApplier:
         return RequestApplier(request, self._live, self.quota, self.limits, self.warnings)
 
-    def handle(
-        self, message: bytes | memoryview, client: PageClient | None = None, is_local: bool = False
-    ) -> AnyResponse:
+    def handle(self, message: bytes | memoryview, client: PageClient | None = None) -> AnyResponse:
         """Read and apply a request at once, and return the response.
 
         Args:
             message: the request, a viewer2_comms_t.
             client: the sender; None: it cannot receive messages of the page.
-            is_local: see ``read``.
         Raises:
             wire.WireError: the message is not a viewer2_comms_t, so no response is possible.
         """
+        comms = wire.decode(message)
         try:
-            comms = self.decode(message)
-            applier = self.read(comms, is_local)
+            applier = self.read(comms)
         except RequestRefused as refused:
             return refused.response
         applier.apply()

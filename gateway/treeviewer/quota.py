@@ -9,8 +9,7 @@ import math
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -79,8 +78,8 @@ class TreeQuota:
         self._limits = limits
         self._clock = clock
         self._last_count = -math.inf
-        self._unpublished_nodes = 0
-        """Number of nodes that a request adds to the tree when all its commands are executed."""
+        self.unpublished_nodes = 0
+        """Number of nodes that a request in execution adds to the tree when all its commands are executed."""
         self._parts = 0
         """Upper bound of the number of geometries in the tree; exact after ``_recount``."""
         self._arrays = _ObjectsInUse()
@@ -100,15 +99,6 @@ class TreeQuota:
             self._arrays.add(_large_objects(node.parts or ()))
             self._labels.add(_labels(node.parts or ()))
 
-    @contextmanager
-    def unpublished(self, nodes: int) -> Iterator[None]:
-        """Count nodes of a request that is executed in slices, in a ``with`` block: the time between two slices."""
-        self._unpublished_nodes = max(0, nodes)
-        try:
-            yield
-        finally:
-            self._unpublished_nodes = 0
-
     def check(self, root: Node, nodes: int, path: Path, parts: int = 0) -> str:
         """Return the reason why geometries cannot be added at a path, or an empty string.
 
@@ -118,7 +108,7 @@ class TreeQuota:
             path: path of the geometries. Nodes on it that do not exist count as well.
             parts: number of geometries.
         """
-        nodes, max_nodes = nodes + self._unpublished_nodes, self._limits.nodes
+        nodes, max_nodes = nodes + self.unpublished_nodes, self._limits.nodes
         if nodes + len(path) > max_nodes:
             created = _missing_nodes(root, path)
             if created and nodes + created > max_nodes:

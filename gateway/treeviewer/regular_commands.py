@@ -30,9 +30,6 @@ class _Transform(msgspec.Struct, gc=False):
     translation: tuple[_Coordinate, _Coordinate, _Coordinate] | None = None
     quaternion: tuple[_Coordinate, _Coordinate, _Coordinate, _Coordinate] | None = None
 
-    def pose(self) -> Pose:
-        return (self.translation or ZERO_TRANSLATION) + (self.quaternion or IDENTITY_QUATERNION)
-
 
 class _SolidMessage(msgspec.Struct, gc=False, kw_only=True, tag_field="type"):
     """Base of the types of solids."""
@@ -77,10 +74,14 @@ def parts_of(command: Any) -> tuple[Part, ...] | None:
 
 def _part(message: _SolidMessage) -> Part:
     solid, names = _SOLIDS[type(message)]
-    X_node_part = IDENTITY if message.transform is None else matrix_of(message.transform.pose())
+    X_node_part = IDENTITY if message.transform is None else matrix_of(_pose(message.transform))
     return Part(solid(*[getattr(message, name) for name in names]), material(message.color), X_node_part, solid.kind)
 
 
-def pose_of(command: Any) -> tuple[Path, Pose]:
-    """Return path and pose of a regular settransform command."""
-    return command.path, command.transform.pose()
+def poses_of(commands: list[Any]) -> list[tuple[Path, Pose]]:
+    """Return paths and poses of regular settransform commands."""
+    return [(command.path, _pose(command.transform)) for command in commands]
+
+
+def _pose(transform: _Transform) -> Pose:
+    return (transform.translation or ZERO_TRANSLATION) + (transform.quaternion or IDENTITY_QUATERNION)

@@ -13,21 +13,21 @@ from typing import Any, Final
 
 import msgspec
 
-from gateway.scene.tree import Path
+from gateway.scene.geometry import Part
+from gateway.scene.tree import Path, Pose
 from gateway.treeviewer import fields
-from gateway.treeviewer.command_lists import commands
+from gateway.treeviewer.command_lists import read_list
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import MeshLoader, ReadContext
-from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.geometry import read_parts
-from gateway.treeviewer.newer_commands import NAMES, read_newer_commands
-from gateway.treeviewer.regular_commands import list_types, parts_of, pose_of
+from gateway.treeviewer.newer_commands import READERS as NEWER_COMMANDS
+from gateway.treeviewer.regular_commands import list_types, parts_of, poses_of
 from gateway.treeviewer.requests import Finding, Request, RequestError
-from scenegate.warning_text import strict_refusal
+from scenegate.messages.field_kinds import CommandError, show
 
 DECODE_ERRORS: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """Raised by msgspec for data that it cannot decode."""
-_COMMANDS: Final = ("delete", "setgeometry", "load", "settransform", "draw", *NAMES)
+_COMMANDS: Final = ("delete", "setgeometry", "load", "settransform", "draw", *NEWER_COMMANDS)
 """Names of all lists of commands. ``load`` and ``draw`` are Director's older names of setgeometry and settransform."""
 _ABSENT: Final = msgspec.Raw()
 _ENVELOPE: Final = msgspec.defstruct("Envelope", [(name, msgspec.Raw, _ABSENT) for name in _COMMANDS], gc=False)
@@ -66,12 +66,25 @@ class RequestReader:
         """
         raise NotImplementedError
 
-    def context(self, meshes: MeshLoader | None) -> ReadContext:
+    def read_at_once(self, data: memoryview) -> Request | None:
+        """Return the commands of a request that the event loop can read: regular transforms and solids, deletes, and
+        all newer commands but controls, of which 1000 take 12 ms. None: ``read`` must be called in a worker thread.
+        """
+        try:
+            lists = self.decode(data, regular_only=True)
+            return None if "setcontrols" in lists else self.read_commands(lists, self.context())
+        except (*DECODE_ERRORS, RequestError):
+            return None
+
+    def context(self, meshes: MeshLoader | None = None) -> ReadContext:
         """Return the context in which one request is read."""
         return ReadContext(self.limits, meshes=meshes, strict=self._strict)
 
-    def decode(self, data: bytes | memoryview) -> dict[str, Any]:
+    def decode(self, data: bytes | memoryview, *, regular_only: bool = False) -> dict[str, Any]:
         """Return the lists of commands by name: those of regular commands as typed objects, others as plain values.
+
+        Args:
+            regular_only: True: geometries and transforms must be regular.
 
         Raises:
             DECODE_ERRORS: the data cannot be decoded, or is not an object.
@@ -84,6 +97,8 @@ class RequestReader:
                 try:
                     lists[name] = self._regular.get(name, self._plain).decode(raw)
                 except msgspec.ValidationError:
+                    if regular_only:
+                        raise
                     lists[name] = self._plain.decode(raw)
         return lists
 
@@ -99,81 +114,59 @@ class RequestReader:
         if not isinstance(message, dict):
             raise RequestError(f"the request must be {self.type_text}, not {show(message)}")
         for read, value in (
-            (self._read_deletes, message.get("delete")),
-            # as in Director, its older keys override the newer ones
-            (self._read_geometries, message["load"] if "load" in message else message.get("setgeometry")),
-            (self._read_transforms, message["draw"] if "draw" in message else message.get("settransform")),
+            (_read_deletes, message.get("delete")),
+            # as in Director, its older names override the newer ones
+            (_read_geometries, message["load"] if "load" in message else message.get("setgeometry")),
+            (_read_transforms, message["draw"] if "draw" in message else message.get("settransform")),
         ):
             if value is not None and value != []:
                 read(value, request, context)
-        read_newer_commands(message, request, context)
+        for name, read_newer in NEWER_COMMANDS.items():
+            if (value := message.get(name)) is not None:
+                request.newer_commands.append(name)
+                read_newer(value, request, context)
         return request
 
-    def _read_deletes(self, value: Any, request: Request, context: ReadContext) -> None:
-        """Add the delete commands of a decoded list to the request."""
-        for index, command in commands("delete", value, request, context):
-            try:
-                request.deletes.append(fields.path(command, context))
-            except CommandError as error:
-                request.fail(Finding("delete", index, None, str(error)), context.limits)
 
-    def _read_geometries(self, value: Any, request: Request, context: ReadContext) -> None:
-        """Add the setgeometry commands of a decoded list to the request, with warnings."""
-        if _is_regular(value):
-            for index, command in enumerate(value):
-                parts = parts_of(command)
-                if parts is None:
-                    failure = Finding("setgeometry", index, command.path, "geometries is missing")
-                    request.fail(failure, context.limits)
-                else:
-                    request.geometries.append((command.path, parts))
-            return
-        for index, command in commands("setgeometry", value, request, context):
-            path = None
-            try:
-                path = fields.path(command, context)
-                parts = read_parts(command, context)
-                _refuse_warnings(context)
-            except CommandError as error:
-                request.fail(Finding("setgeometry", index, path, str(error)), context.limits)
-            else:
-                request.geometries.append((path, parts))
-            _take_warnings("setgeometry", index, path, request, context)
+def _read_deletes(value: Any, request: Request, context: ReadContext) -> None:
+    """Add the delete commands of a decoded list to the request."""
+    read_list("delete", value, request, context, lambda _, path, __: path, request.deletes)
 
-    def _read_transforms(self, value: Any, request: Request, context: ReadContext) -> None:
-        """Add the settransform commands of a decoded list to the request, with warnings."""
-        if _is_regular(value):
-            request.transforms = list(map(pose_of, value))
-            return
-        for index, command in commands("settransform", value, request, context):
-            path = None
-            try:
-                path = fields.path(command, context)
-                if "transform" not in command:
-                    raise CommandError("transform is missing")
-                pose = fields.pose(command["transform"])
-                if not all(map(math.isfinite, pose)):
-                    context.warnings.append("transform is not finite, so nothing below it is drawn")
-                _refuse_warnings(context)
-            except CommandError as error:
-                request.fail(Finding("settransform", index, path, str(error)), context.limits)
+
+def _read_geometries(value: Any, request: Request, context: ReadContext) -> None:
+    """Add the setgeometry commands of a decoded list to the request, with warnings."""
+    if _is_regular(value):
+        for index, command in enumerate(value):
+            parts = parts_of(command)
+            if parts is None:
+                request.fail(Finding("setgeometry", index, command.path, "geometries is missing"), context.limits)
             else:
-                request.transforms.append((path, pose))
-            _take_warnings("settransform", index, path, request, context)
+                request.geometries.append((command.path, parts))
+        return
+
+    def read(_: int, path: Path, command: dict[str, Any]) -> tuple[Path, tuple[Part, ...]]:
+        return path, read_parts(command, context)
+
+    read_list("setgeometry", value, request, context, read, request.geometries)
+
+
+def _read_transforms(value: Any, request: Request, context: ReadContext) -> None:
+    """Add the settransform commands of a decoded list to the request, with warnings."""
+    if _is_regular(value):
+        request.transforms = poses_of(value)
+        return
+
+    def read(_: int, path: Path, command: dict[str, Any]) -> tuple[Path, Pose]:
+        if "transform" not in command:
+            raise CommandError("transform is missing")
+        pose = fields.pose(command["transform"])
+        if not all(map(math.isfinite, pose)):
+            context.warnings.append("transform is not finite, so nothing below it is drawn")
+        return path, pose
+
+    read_list("settransform", value, request, context, read, request.transforms)
 
 
 def _is_regular(commands: Any) -> bool:
     """Return True for a list of typed objects."""
     return isinstance(commands, list) and bool(commands) and isinstance(commands[0], msgspec.Struct)
-
-
-def _refuse_warnings(context: ReadContext) -> None:
-    """Raise CommandError if the current command has a warning and ``context.strict`` is true."""
-    if context.strict and context.warnings:
-        raise CommandError(strict_refusal(context.warnings))
-
-
-def _take_warnings(command: str, index: int, path: Path | None, request: Request, context: ReadContext) -> None:
-    """Move the warnings about a command from the context to the request."""
-    request.warnings.extend(Finding(command, index, path, text) for text in context.warnings)
-    context.warnings.clear()

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from gateway.scene.geometry import Part
 from gateway.scene.tree import Path, Pose
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.fields import show
 from scenegate.messages.controls import AnyControl
+from scenegate.messages.field_kinds import show
 
 Subject = tuple[str, Path | None]
 """Command and path that a warning is about; no path if it could not be read, or for commands of the page."""

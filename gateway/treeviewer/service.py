@@ -29,7 +29,6 @@ from scenegate.lcm.url import OFF
 
 _log = structlog.get_logger("gateway.treeviewer")
 
-"""LCM URL that disables the transport, but not the TCPQ hub."""
 _LOCAL_HOSTS: Final = frozenset(("127.0.0.1", "localhost", "::1", "0.0.0.0"))  # noqa: S104 - compared only
 
 

@@ -27,7 +27,6 @@ from gateway.viewer.frames import FrameBuilder, encode
 from gateway.viewer.geometry_messages import part_message
 from gateway.viewer.resources import Resources
 from gateway.viewer.sources import StereoRig
-from renderers.cache import Cache
 
 EMPTY_SNAPSHOT: Final = Snapshot(Node(), 0)
 """The snapshot of a page that has received no update."""
@@ -36,7 +35,7 @@ MAX_BLOCKING_SECONDS: Final = 0.002
 MAX_POSE_METRES: Final = 1000.0
 """Poses with larger coordinates are sent as matrices, which are float64: float32 has steps of 0.06 mm here."""
 MAX_UPDATES: Final = 8
-"""Maximum number of encoded updates in the cache. Most browsers need one of the newest."""
+"""Maximum number of encoded updates that are kept for other browsers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,23 +46,6 @@ class Update:
     """The binary message: removed, added and changed nodes."""
     meshes: frozenset[int]
     """Ids of the meshes that the frame refers to."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _CachedUpdate:
-    """An update between two trees.
-
-    A log has several trees of one revision, each decoded for a seek: they are equal, but their meshes are different
-    objects with different ids.
-    """
-
-    update: Update
-    old: ref[Node]
-    new: ref[Node]
-
-    def is_between(self, old: Snapshot, new: Snapshot) -> bool:
-        """Return True if the update is between these two trees."""
-        return self.old() is old.root and self.new() is new.root
 
 
 _INVALID_UPDATE: Final = Update(b"", frozenset())
@@ -81,8 +63,9 @@ class Encoder:
         self._max_node_ids = max_node_ids
         self._ids: dict[Path, int] = {(): 0}
         """Id of each path."""
-        self._updates: Cache[tuple[int, int], _CachedUpdate] = Cache("browser_updates", MAX_UPDATES)
-        """Encoded updates by their old and new revision."""
+        self._updates: dict[tuple[int, int, ref[Node], ref[Node]], Update] = {}
+        """Encoded updates by the old and new revision and tree. A log has several trees of one revision, each decoded
+        for a seek: they are equal, but their meshes are different objects with different ids."""
         self._encode_lock = asyncio.Lock()
         """Held while an update is encoded, so that two browsers do not encode the same update."""
         self.current = EMPTY_SNAPSHOT
@@ -94,6 +77,7 @@ class Encoder:
         """Set the newest snapshot, to which later updates lead."""
         if snapshot.revision != self.current.revision:
             self.current = snapshot
+            self._updates.clear()  # none leads to this snapshot
             self.limit_ids()
 
     def limit_ids(self) -> None:
@@ -118,9 +102,8 @@ class Encoder:
         """
         async with self._encode_lock:
             target, epoch = target or self.current, self.epoch
-            key = (old.revision, target.revision)
-            cached = self._updates.get(key)
-            update = cached.update if cached is not None and cached.is_between(old, target) else None
+            key = (old.revision, target.revision, ref(old.root), ref(target.root))
+            update = self._updates.get(key)
             if update is None:
                 for update in self._encode(old, target):
                     if update is None:
@@ -128,7 +111,9 @@ class Encoder:
                     if self.epoch != epoch:
                         return _INVALID_UPDATE, target
                 assert update is not None
-                self._updates.put(key, _CachedUpdate(update, ref(old.root), ref(target.root)), len(update.frame))
+                if len(self._updates) >= MAX_UPDATES:
+                    del self._updates[next(iter(self._updates))]
+                self._updates[key] = update
             return update, target
 
     def encode(self, old: Snapshot, target: Snapshot) -> Update:

@@ -52,7 +52,10 @@ class FlowControl:
         """True if an update should be sent to the page now."""
         if self.state is not BrowserState.READY:
             return self.state is BrowserState.NEW
-        return self._epoch != self._encoder.epoch or self._page_snapshot.revision != self.target.revision
+        return (
+            self._epoch != self._encoder.epoch
+            or self._page_snapshot.revision != (self._target or self._encoder.current).revision
+        )
 
     @property
     def follows_live(self) -> bool:

@@ -21,7 +21,8 @@ MAGIC: Final = 0x31564753
 """The bytes "SGV1" as a little-endian integer."""
 ALIGNMENT: Final = 8
 """Arrays start at multiples of this many bytes."""
-_PREFIX: Final = struct.Struct("<II")
+PREFIX: Final = struct.Struct("<II")
+"""``MAGIC`` and the size of the header."""
 _json: Final = msgspec.json.Encoder()
 
 
@@ -59,24 +60,10 @@ class FrameBuilder:
         if self._nodes:
             text = [text[0][:-1], b',"nodes":[', self._nodes, b"]}"]
         text_bytes = sum(map(len, text))
-        padding_bytes = -(text_bytes + _PREFIX.size) % ALIGNMENT
-        return b"".join((_PREFIX.pack(MAGIC, text_bytes + padding_bytes), *text, b" " * padding_bytes, *self._chunks))
+        padding_bytes = -(text_bytes + PREFIX.size) % ALIGNMENT
+        return b"".join((PREFIX.pack(MAGIC, text_bytes + padding_bytes), *text, b" " * padding_bytes, *self._chunks))
 
 
 def encode(message: Message) -> bytes:
     """Return the frame of a message without arrays."""
     return FrameBuilder().finish(message)
-
-
-def parse_frame(frame: bytes) -> tuple[dict[str, Any], memoryview]:
-    """Split a frame into its header and its body. Tests use it; the page has its own parser.
-
-    Raises:
-        ValueError: ``frame`` has no valid prefix, or ends within its header.
-    """
-    if len(frame) < _PREFIX.size or _PREFIX.unpack_from(frame)[0] != MAGIC:
-        raise ValueError("not a view frame: it does not start with SGV1")
-    end = _PREFIX.size + _PREFIX.unpack_from(frame)[1]
-    if end > len(frame):
-        raise ValueError(f"view frame of {len(frame)} bytes ends within its header of {end - _PREFIX.size} bytes")
-    return msgspec.json.decode(frame[_PREFIX.size : end]), memoryview(frame)[end:]

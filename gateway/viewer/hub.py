@@ -104,10 +104,12 @@ class ViewHub:
                 await self._changed.wait()
                 update_start = loop.time()
                 self._changed.clear()
-                self._page.controls.deliver_values()
+                if self._page.controls.clients:
+                    self._page.controls.deliver_values()
                 if self._browsers:
                     self._take_snapshot()
-                    self._remove_meshes()
+                    if self.resources.removed_meshes:
+                        self._remove_meshes()
                     for browser in self._browsers:
                         browser.wake()
                 await asyncio.sleep(max(0.0, update_start + 1.0 / self.config.max_update_rate - loop.time()))
@@ -121,10 +123,11 @@ class ViewHub:
     def _take_snapshot(self) -> None:
         """Pass the tree's newest snapshot to the encoder; send the stereo camera's pose if it has changed."""
         self._encoder.advance(self._tree.snapshot)
-        frame = self._rig_frame(self._encoder.current)
-        for browser in self._browsers:
-            if browser.flow.follows_live:
-                browser.send_rig(frame)
+        if self._stereo is not None and self._stereo.moves:
+            frame = self._rig_frame(self._encoder.current)
+            for browser in self._browsers:
+                if browser.flow.follows_live:
+                    browser.send_rig(frame)
 
     def _rig_frame(self, snapshot: Snapshot) -> bytes:
         """Return the frame with the stereo camera's pose in a snapshot."""

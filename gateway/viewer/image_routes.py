@@ -6,22 +6,20 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, ClassVar, Final
 
 import msgspec
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.responses import PlainTextResponse, StreamingResponse
-from fastapi.routing import APIRoute
-from starlette.requests import ClientDisconnect
 
 from gateway.scene.cameras import CAMERA_PATTERN, PATHS_PATTERN, CameraError, NoSuchCameraError, parse_camera
 from gateway.scene.shown import COLOR_PATTERN, ShownError, parse_color, parse_paths
 from gateway.scene.timeline import MAX_SECONDS, TIME_DESCRIPTION, TimeError
-from gateway.server.disconnect import CLIENT_GONE, while_connected
+from gateway.server.disconnect import while_connected
 from gateway.server.openapi import example
-from gateway.server.unavailable import UnavailableErrors, unavailable
+from gateway.server.plain_error_route import PlainErrorRoute
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.messages import StereoCapture
 from gateway.viewer.recent_renders import RecentRenders, encode_preview
@@ -143,34 +141,21 @@ class _SizeError(ValueError):
     """The requested image has too many pixels."""
 
 
-class _PlainErrorRoute(APIRoute):
-    """A route whose expected errors become responses in plain text."""
-
-    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        handle = super().get_route_handler()
-
-        async def handle_with_errors(request: Request) -> Response:
-            try:
-                return await handle(request)
-            except ClientDisconnect:
-                return Response(status_code=CLIENT_GONE)
-            except (NoSuchCameraError, TimeError) as error:
-                return PlainTextResponse(str(error), 404)
-            except (CameraError, ShownError, _SizeError) as error:
-                return PlainTextResponse(str(error), 400)
-            except ImageError as error:
-                return PlainTextResponse(str(error), 422)
-            except StreamsFull as error:
-                return PlainTextResponse(str(error), 503, {"Retry-After": "10"})
-            except UnavailableErrors as error:
-                return unavailable(error)
-
-        return handle_with_errors
+class _ImageRoute(PlainErrorRoute):
+    statuses: ClassVar[Mapping[type[Exception], int]] = {
+        NoSuchCameraError: 404,
+        TimeError: 404,
+        CameraError: 400,
+        ShownError: 400,
+        _SizeError: 400,
+        ImageError: 422,
+        StreamsFull: 503,
+    }
 
 
 def image_router(images: SceneImages, sensor: SensorImages | None, renders: RecentRenders) -> APIRouter:
     """Return the routes of this module. ``sensor`` is None if there is no stereo camera."""
-    routes = APIRouter(tags=["Browser view"], route_class=_PlainErrorRoute)
+    routes = APIRouter(tags=["Browser view"], route_class=_ImageRoute)
     _add_scene_routes(routes, images)
     _add_sensor_routes(routes, sensor)
     _add_render_routes(routes, renders)
@@ -280,11 +265,11 @@ def _add_render_routes(routes: APIRouter, renders: RecentRenders) -> None:
 
     @routes.get("/view/renders/{number}.png", include_in_schema=False)
     async def preview(number: int, width: MaxWidth = None) -> Response:
-        summary_and_image = renders.find(number)
-        if summary_and_image is None:
+        summary = renders.find(number)
+        if summary is None:
             return PlainTextResponse(f"the image of render {number} is no longer kept", 404)
         try:
-            data = await asyncio.to_thread(encode_preview, *summary_and_image, width)
+            data = await asyncio.to_thread(encode_preview, summary, width)
         except ValueError as error:
             return PlainTextResponse(str(error), 415)
         return Response(data, media_type="image/png", headers={"Cache-Control": "private, max-age=3600"})

@@ -61,7 +61,7 @@ class Resources:
         self._clouds: WeakValueDictionary[int, PointCloud] = WeakValueDictionary()
         """Point clouds by the id of the mesh that draws them."""
         self._mesh_frames: WeakCache[Mesh, bytes] = WeakCache("browser_meshes")
-        self._removed_meshes: deque[int] = deque()
+        self.removed_meshes: deque[int] = deque()
         """Ids of meshes that were garbage-collected. Any thread may append to it."""
 
     def mesh_id(self, mesh: Mesh) -> int:
@@ -69,7 +69,7 @@ class Resources:
         mesh_id = self._meshes.find_id(mesh)
         if mesh_id is None:
             mesh_id = self._meshes.assign_id(mesh)
-            finalize(mesh, self._removed_meshes.append, mesh_id).atexit = False
+            finalize(mesh, self.removed_meshes.append, mesh_id).atexit = False
         return mesh_id
 
     def image_id(self, image: Image) -> int:
@@ -95,8 +95,8 @@ class Resources:
     def take_removed_meshes(self) -> set[int]:
         """Return the ids of the meshes that were removed since the last call."""
         removed = set()
-        while self._removed_meshes:
-            removed.add(self._removed_meshes.popleft())
+        while self.removed_meshes:
+            removed.add(self.removed_meshes.popleft())
         return removed
 
     def bytes_to_encode(self, mesh_id: int) -> int:

@@ -41,6 +41,9 @@ _CLOSING_POLL_SECONDS: Final = 0.5
 class StreamsFull(RuntimeError):  # noqa: N818 - an expected response, not an error
     """``max_streams`` streams are open already."""
 
+    retry_after = 10
+    """Seconds."""
+
 
 @dataclass(frozen=True, slots=True)
 class ImageRequest:

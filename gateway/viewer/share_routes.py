@@ -10,6 +10,7 @@ from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
 from gateway.scene.timeline import Timeline
 from gateway.server.openapi import example
+from gateway.server.plain_error_route import PlainErrorRoute
 from gateway.server.section_files import DEFAULT_RATE, Rate, Seconds, SectionFiles, section_responses
 from gateway.viewer.recording import MAX_BYTES
 from gateway.viewer.scene_file import SceneFileWriter
@@ -35,7 +36,7 @@ def share_router(
         history: recent states of the tree; None: there is none.
         max_bytes: limit of a recording.
     """
-    routes = APIRouter(tags=["Browser view"])
+    routes = APIRouter(tags=["Browser view"], route_class=PlainErrorRoute)
     files = SectionFiles(tree, history)
 
     @routes.get(

@@ -59,11 +59,11 @@ class StereoImages:
 class StereoSource(Protocol):
     """The stereo camera, as the browser view uses it."""
 
-    def rig(self, snapshot: Snapshot) -> StereoRig | None:
-        """Return the pose and intrinsics in a snapshot of the live scene, or None if the camera shows another scene.
+    moves: bool
+    """True if ``rig`` depends on the snapshot: it is then called for every update, so it must be fast."""
 
-        Called for every update, so it must be fast.
-        """
+    def rig(self, snapshot: Snapshot) -> StereoRig | None:
+        """Return the pose and intrinsics in a snapshot of the live scene, or None if the camera shows another scene."""
 
     async def capture(self) -> StereoImages:
         """Render and return a set of images."""

@@ -24,7 +24,6 @@ async def setup(context: Context) -> None:
         context.renderer,
         context.workers,
         config,
-        labels=context.labels,
         flattener=context.flattener,
         stereo_camera=lambda snapshot: context.stereo_camera(snapshot),  # set later, when the stereo camera starts
         timeline=context.timeline,

@@ -153,7 +153,7 @@ def _start_camera(
     if number == 0:
         context.stereo_camera = lambda snapshot: view.camera(config, snapshot) if live else None
         context.stereo_service = service
-        context.stereo_sensor = StereoSensor(service, view, live=live)
+        context.stereo_sensor = StereoSensor(service, view, live=live, moves=mount.path is not None)
     name = f"stereo {number}" if number else "stereo"
     context.run_service(name, service, figures=lambda: _figures(service, view))
     return service
@@ -243,16 +243,18 @@ def realism_of(settings: Settings) -> frozenset[RealismPart]:
 class StereoSensor:
     """Images of a stereo camera for the browser view, with the parameters of the image stream."""
 
-    def __init__(self, service: StereoService, view: SceneView, *, live: bool) -> None:
+    def __init__(self, service: StereoService, view: SceneView, *, live: bool, moves: bool = False) -> None:
         """
         Args:
             service: camera.
             view: scene and pose of the camera.
             live: True if the camera sees the live tree.
+            moves: True if the camera follows a node.
         """
         self._service = service
         self._view = view
         self._live = live
+        self.moves = moves and live
 
     def rig(self, snapshot: Snapshot) -> StereoRig | None:
         """Return pose and intrinsics in a snapshot of the live tree; None if the camera sees another scene."""

@@ -12,7 +12,7 @@ import pytest
 from gateway.lcm.config import LcmConfig
 from gateway.scene.controls import ControlStore
 from gateway.scene.live import LiveTree
-from gateway.treeviewer import newer_commands, request_reader
+from gateway.treeviewer import request_reader
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import RESPONSE
 from gateway.treeviewer.responses import ReadyMessage, encode
@@ -375,8 +375,7 @@ async def test_controls_of_a_program_that_dies_are_removed() -> None:
 
 
 async def test_an_older_viewer_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(newer_commands, "NAMES", ())
-    monkeypatch.setattr(request_reader, "NAMES", ())
+    monkeypatch.setattr(request_reader, "NEWER_COMMANDS", {})
     async with serving() as service:
 
         def talk() -> None:

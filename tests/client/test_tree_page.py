@@ -15,7 +15,7 @@ from gateway.scene.cameras import LookAtCamera
 from gateway.scene.live import LiveTree
 from gateway.scene.live_page import PageView
 from gateway.scene.tree import Node
-from gateway.treeviewer import newer_commands, request_reader
+from gateway.treeviewer import request_reader
 from gateway.treeviewer.config import TreeViewerConfig
 from scenegate import AsyncTreeViewer, Box, Click, TreeViewer, TreeViewerError
 from scenegate.tree import callbacks
@@ -233,8 +233,7 @@ async def test_a_restarted_viewer_gets_all_again() -> None:
 
 
 async def test_an_older_viewer_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(newer_commands, "NAMES", ())
-    monkeypatch.setattr(request_reader, "NAMES", ())
+    monkeypatch.setattr(request_reader, "NEWER_COMMANDS", {})
     live = LiveTree()
     async with serving(live=live) as service:
 

@@ -187,8 +187,7 @@ async def test_sends_everything_to_a_restarted_viewer() -> None:
 async def test_falls_back_to_json(monkeypatch: pytest.MonkeyPatch) -> None:
     live = LiveTree()
     async with serving(live=live) as service:
-        readers = service.protocol.readers
-        monkeypatch.delitem(readers, wire.BINARY)
+        monkeypatch.delitem(service.protocol.readers, wire.BINARY)
 
         def talk() -> None:
             with TreeViewer(hub_of(service), timeout=SECONDS) as tree_viewer:

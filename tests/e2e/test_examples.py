@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.viewer.frames import parse_frame
 from gateway.viewer.routes import ACKNOWLEDGE, ACKNOWLEDGE_CONTROLS
 from tests.support import clients
 from tests.support.gateway_process import gateway_process
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
+from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS, wait_until
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -83,7 +83,7 @@ def test_survives_any_bytes(data: bytes) -> None:
     ],
 )
 def test_patterns_are_anchored_regular_expressions(pattern: str, channel: str, matches: bool) -> None:
-    assert compile_pattern(pattern).matches(channel) is matches
+    assert bool(compile_pattern(pattern).regex.fullmatch(channel)) is matches
 
 
 @pytest.mark.parametrize(
@@ -105,4 +105,4 @@ def test_accepted_patterns_match_fast(pattern: str) -> None:
         compiled = compile_pattern(pattern)
     except PatternError:
         return
-    compiled.matches("a" * 62 + "!")
+    compiled.regex.fullmatch("a" * 62 + "!")

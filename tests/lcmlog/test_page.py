@@ -16,11 +16,11 @@ from gateway.lcmlog.timeline import LogTimeline
 from gateway.scene.live import LiveTree
 from gateway.viewer.browser import Browser
 from gateway.viewer.config import ViewerConfig
-from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.messages import TimeCommand
 from tests.lcmlog.logs import BEGIN, write_log
 from tests.lcmlog.test_timeline import cloud_of, moving
+from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS
 from tests.viewer.model import Model
 

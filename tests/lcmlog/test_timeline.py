@@ -23,12 +23,12 @@ from gateway.lcmlog.timeline import LogTimeline, open_log
 from gateway.scene.geometry import PointCloud
 from gateway.scene.live import Snapshot
 from gateway.scene.tree import Node
-from gateway.viewer.frames import parse_frame
 from gateway.viewer.messages import TimeCommand
 from gateway.viewer.playback import Playback
 from tests.drakeviewer import encoding
 from tests.lcmlog.logs import BEGIN, CHANNEL, Message, content, nanoseconds, states, write_log
 from tests.support.corpus import corpus_dir
+from tests.support.view_frames import parse_frame
 from tests.treeviewer.conversation import BOX, message
 
 RECORDED = ["drakeviewer/drake_default.lcmlog", "treeviewer/dt_client.log", "treeviewer/deletes.log"]

@@ -89,7 +89,7 @@ def test_many_slices_give_the_same_result() -> None:
         viewer = Viewer()
         for i in range(3):
             viewer.publish(BOX, path=["it", i])
-        applier = viewer.protocol.read(viewer.protocol.decode(message(request)))
+        applier = viewer.protocol.read(wire.decode(message(request)))
         assert len(list(applier.slices(most))) == -(-19 // most)
         assert viewer.live.snapshot.revision == 3 + 1
         answers.append(applier.response(7))

@@ -9,6 +9,7 @@ import pytest
 
 from gateway.treeviewer.config import Limits
 from scenegate.messages.request_encoding import pack
+from tests.treeviewer.conversation import Viewer
 from tests.treeviewer.test_newer_commands import Talk
 
 SLIDER = {"path": ["arm", "speed"], "type": "slider", "min": 0, "max": 2, "unit": "m/s"}
@@ -87,6 +88,12 @@ def test_invalid_controls_change_nothing(talk: Talk, change: dict[str, Any], rea
     talk.tell(setcontrols=[SLIDER])
     assert talk.fails(setcontrols=[{"path": "go", "type": "button"}, SLIDER | change]) == reason
     assert [each["path"] for each in shown(talk)] == [("arm", "speed")]
+
+
+@pytest.mark.parametrize("change", [{"min": "\ud800"}, {"type": "\ud800"}])
+def test_controls_with_a_text_that_is_not_unicode_are_refused(change: dict[str, Any]) -> None:
+    response = Viewer().tell({"setcontrols": [SLIDER | change]})
+    assert response["error"].endswith("a control has a text that is not Unicode")
 
 
 @pytest.mark.parametrize(

@@ -92,12 +92,11 @@ async def test_a_small_request_is_answered_at_once(world: World) -> None:
     assert world.pool.calls == 0
 
 
-async def test_requests_do_not_wait_for_kernels_on_the_event_loop() -> None:
+async def test_regular_requests_need_no_kernels() -> None:
     world = World()
     with pending.announced({"formats": lambda name: True}):
-        assert world.receive(ONE_BOX) == size_of(ONE_BOX)
-        await until(lambda: world.statuses)
-    assert (world.statuses, world.pool.calls) == ([0], 1)
+        assert world.receive(ONE_BOX) == 0
+    assert (world.statuses, world.pool.calls) == ([0], 0)
 
 
 async def test_requests_fail_with_the_reason_where_kernels_could_not_be_compiled() -> None:
@@ -116,27 +115,39 @@ async def test_requests_fail_with_the_reason_where_kernels_could_not_be_compiled
 async def test_requests_beyond_the_size_are_read_in_a_thread(limit: int, offloaded: int) -> None:
     world = World(offload_bytes=len(ONE_BOX) - limit)
     size = world.receive(ONE_BOX)
-    assert size == (size_of(ONE_BOX) if offloaded else 0)
+    assert size == (size_of(len(ONE_BOX)) if offloaded else 0)
     await until(lambda: world.published)
     assert (world.statuses, world.pool.calls) == ([0], offloaded)
     await until(lambda: world.dispatcher.waiting_bytes == 0)
     assert world.dispatcher.status()["waiting"] == 0
 
 
-@pytest.mark.parametrize("geometry_type", ["image", "im\\u0061ge"], ids=["plain", "escaped"])
-async def test_requests_with_images_are_read_in_a_thread(geometry_type: str) -> None:
+@pytest.mark.parametrize(
+    ("request_", "calls"),
+    [
+        ({"setgeometry": [{"path": ["it"], "geometry": {"type": "image"}}]}, 1),
+        ({"setgeometry": [{"path": ["it"], "geometry": {"type": "box", "lengths": [1, 2, "3"]}}]}, 1),
+        ({"settransform": [{"path": ["it"], "transform": {"translation": [1, 2, float("nan")]}}]}, 1),
+        ({"setcontrols": []}, 1),
+        ({"settransform": [{"path": ["it"], "transform": {}}], "delete": [{"path": ["it"]}, {}]}, 0),
+        ({"setproperty": [{"path": ["it"], "visible": False}], "setclicks": []}, 0),
+        ({"delete": [7]}, 0),
+        ([], 1),
+    ],
+)
+async def test_only_regular_geometries_are_read_on_the_event_loop(request_: Any, calls: int) -> None:
+    """Images, text and files take milliseconds, and irregular ones need kernels."""
     world = World()
-    text = json.dumps({"setgeometry": [{"path": ["it"], "geometry": {"type": "TYPE"}}]})
-    world.receive(message(text.replace("TYPE", geometry_type)))
+    world.receive(message(request_))
     await until(lambda: world.published)
-    assert world.pool.calls == 1
+    assert world.pool.calls == calls
 
 
 async def test_requests_behind_a_big_one_keep_their_order() -> None:
     big = message({"setgeometry": [{"path": ["big"], "geometry": BOX}] * 20}, utime=1)
     world = World(offload_bytes=len(big) - 1, slice_commands=3)
     world.receive(big)
-    assert world.receive(ONE_BOX) == size_of(big) + size_of(ONE_BOX)
+    assert world.receive(ONE_BOX) == size_of(len(big)) + size_of(len(ONE_BOX))
     world.receive(ONE_BOX, channel=f"{REQUEST}_<other>")
     await until(lambda: len(world.published) == 3)
     assert [body["timestamp"] for channel, body in world.published if channel.endswith("<a>")] == [1, 7]
@@ -144,7 +155,7 @@ async def test_requests_behind_a_big_one_keep_their_order() -> None:
 
 
 async def test_a_client_is_resumed_below_half_of_its_limit() -> None:
-    size = size_of(ONE_BOX)
+    size = size_of(len(ONE_BOX))
     world = World(offload_bytes=0, client_waiting_bytes=4 * size)
     drained: list[int] = []
     for _ in range(4):
@@ -155,7 +166,7 @@ async def test_a_client_is_resumed_below_half_of_its_limit() -> None:
 
 @pytest.mark.parametrize(("extra", "refused"), [(0, False), (-1, True)])
 async def test_requests_beyond_the_bytes_of_all_clients_are_refused(extra: int, refused: bool) -> None:
-    world = World(offload_bytes=0, waiting_bytes=2 * size_of(ONE_BOX) + extra)
+    world = World(offload_bytes=0, waiting_bytes=2 * size_of(len(ONE_BOX)) + extra)
     for _ in range(2):
         world.receive(ONE_BOX)
     counters = world.dispatcher.counters
@@ -185,7 +196,7 @@ async def test_messages_of_other_types_are_not_answered_when_full() -> None:
     assert (world.dispatcher.counters.undecodable, world.published) == (1, [])
 
 
-@pytest.mark.parametrize(("offload_bytes", "step"), [(1 << 20, "handle"), (0, "decode"), (0, "read")])
+@pytest.mark.parametrize(("offload_bytes", "step"), [(1 << 20, "read_at_once"), (0, "read")])
 async def test_unexpected_errors_are_answered(offload_bytes: int, step: str, monkeypatch: pytest.MonkeyPatch) -> None:
     world = World(offload_bytes=offload_bytes)
 
@@ -240,6 +251,7 @@ async def test_a_tree_that_cannot_be_stored_is_an_error(request_: bytes, error: 
     store = Store()
     world = World(store)
     world.receive(request_)
+    await until(lambda: store.waiting)
     store.waiting[0][0]("disk full")
     ((_, body),) = world.published
     assert body["error"].endswith(error)
@@ -393,5 +405,5 @@ async def test_a_sent_mesh_file_is_read_off_the_event_loop() -> None:
     world = World()
     geometry = {"type": "mesh_file", "filename": "a.obj", "data": "dmVydGljZXM="}
     data = message({"setgeometry": [{"path": ["a"], "geometry": geometry}]})
-    assert world.receive(data) == size_of(data)
+    assert world.receive(data) == size_of(len(data))
     await until(lambda: world.statuses)

@@ -11,6 +11,7 @@ from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.dispatch import Dispatcher
 from gateway.treeviewer.protocol import TreeViewerProtocol
+from tests.support.waiting import until
 from tests.treeviewer.conversation import BOX, decoded, message
 
 CHANNEL = "DIRECTOR_TREE_VIEWER_REQUEST_<it>"
@@ -57,10 +58,11 @@ def box(name: str) -> object:
     return {"setgeometry": [{"path": [name], "geometries": [BOX]}]}
 
 
-def test_responses_wait_for_the_store(talk: Talk) -> None:
+async def test_responses_wait_for_the_store(talk: Talk) -> None:
     talk.send(1, box("a"))
     talk.send(2, {"settransform": [{"path": ["b"]}]})
     talk.send(3, "no JSON")
+    await until(lambda: len(talk.held.waiting) == 3)
     assert talk.answers == []
     assert list(talk.live.snapshot.root.children) == ["a"]
     talk.held.tell()

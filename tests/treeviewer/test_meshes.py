@@ -121,5 +121,6 @@ def test_programs_on_this_machine_name_files_of_their_own_loader() -> None:
     for binary in (False, True):
         request = {"setgeometry": [{"path": ["a"], "geometry": geometry}]}
         data = wire.encode(msgspec.msgpack.encode(request), 1, wire.BINARY) if binary else message(request)
-        assert protocol.handle(data).status == protocol.handle(data, is_local=True).status == 0
+        for is_local in (False, True):
+            assert protocol.read(wire.decode(data), is_local).request.geometries
     assert everybody.asked == local.asked == [("a.obj", (1.0, 1.0, 1.0))] * 2

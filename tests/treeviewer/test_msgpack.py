@@ -38,7 +38,7 @@ def message(request: Any, utime: int = 7, version: tuple[int, int] = (1, 0)) -> 
 def tell(viewer: Viewer, request: Any, **options: Any) -> dict[str, Any]:
     """Send a request and return the response, both in MessagePack."""
     data = message(request, **options)
-    assert wire.is_binary(data)
+    assert wire.decode(data).format == wire.BINARY
     reply = wire.decode(responses.encode(viewer.protocol.handle(data), binary=True))
     assert (reply.format, reply.major, reply.minor, reply.fault) == ("treeviewer_msgpack", 1, 0, "")
     answer: dict[str, Any] = msgspec.msgpack.decode(reply.data)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.tree import Node, Path
-from gateway.viewer.frames import parse_frame
+from tests.support.view_frames import parse_frame
 
 IDENTITY = tuple(np.eye(4).ravel().tolist())
 

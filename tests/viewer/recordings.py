@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gateway.scene.live import Snapshot
-from gateway.viewer.frames import parse_frame
+from tests.support.view_frames import parse_frame
 
 SECOND = 1_000_000_000
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gateway.viewer.frames import parse_frame
 from tests.support import clients
 from tests.support.browser import chromium, wait_in_page
 from tests.support.gateway_process import GatewayProcess, gateway_process
+from tests.support.view_frames import parse_frame
 from tests.support.waiting import MILLISECONDS
 from tests.viewer.page import Publisher, View
 from tests.viewer.recordings import frames_of

@@ -83,14 +83,14 @@ def summary(kind: str, body: bytes, media_type: str) -> RenderSummary:
 
 
 def preview(kind: str, body: bytes, media_type: str, width: int | None) -> NDArray[np.uint8]:
-    data = encode_preview(summary(kind, body, media_type), body, width)
+    data = encode_preview(summary(kind, body, media_type), width)
     return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
 
 
 def test_color_previews_keep_their_colors() -> None:
     rgb = np.tile(np.array([[[10, 100, 200], [10, 100, 200], [250, 0, 5], [250, 0, 5]]], np.uint8), (2, 1, 1))
     body = png_rgb(rgb)
-    assert encode_preview(summary("color", body, "image/png"), body, None) is body
+    assert encode_preview(summary("color", body, "image/png"), None) is body
     np.testing.assert_array_equal(preview("color", body, "image/png", 4), rgb)
     np.testing.assert_array_equal(preview("color", body, "image/png", 2), rgb[:1, 1:3])
 

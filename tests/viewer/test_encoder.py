@@ -18,11 +18,11 @@ from gateway.scene.tree import Node, TreeEdit
 from gateway.viewer import encoder as encoder_module
 from gateway.viewer.encoder import EMPTY_SNAPSHOT, Encoder, encode_stereo_rig
 from gateway.viewer.flow_control import FlowControl
-from gateway.viewer.frames import parse_frame
 from gateway.viewer.geometry_messages import part_message
 from gateway.viewer.resources import Resources, channel_values, colors_to_uint8, encode_mesh, sample_order
 from gateway.viewer.sources import StereoRig
 from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
+from tests.support.view_frames import parse_frame
 from tests.viewer.model import Model, tree_of
 
 MATERIAL = Material()

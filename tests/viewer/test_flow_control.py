@@ -6,9 +6,9 @@ from gateway.scene.geometry import Box, Part
 from gateway.scene.live import LiveTree
 from gateway.viewer.encoder import Encoder
 from gateway.viewer.flow_control import BrowserState, FlowControl
-from gateway.viewer.frames import parse_frame
 from gateway.viewer.resources import Resources
 from renderers.drawlist import Material
+from tests.support.view_frames import parse_frame
 
 
 def box_tree() -> LiveTree:

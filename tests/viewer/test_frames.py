@@ -7,8 +7,9 @@ import struct
 import numpy as np
 import pytest
 
-from gateway.viewer.frames import ALIGNMENT, FrameBuilder, encode, parse_frame
+from gateway.viewer.frames import ALIGNMENT, FrameBuilder, encode
 from gateway.viewer.messages import Received
+from tests.support.view_frames import parse_frame
 
 
 def test_arrays_are_aligned_and_found_by_offset_and_count() -> None:

@@ -15,11 +15,11 @@ from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node, TreeEdit
 from gateway.viewer.browser import Browser
 from gateway.viewer.flow_control import BrowserState
-from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.messages import TimeCommand
 from gateway.viewer.sources import StereoRig
 from renderers.drawlist import Material
+from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS
 from tests.viewer.model import Model, tree_of
 from tests.viewer.test_hub import QUICK, StereoOnBox, move

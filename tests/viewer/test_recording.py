@@ -15,11 +15,11 @@ from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
 from gateway.scene.sampling import FileTooLargeError, write_section
 from gateway.viewer.encoder import encode_page
-from gateway.viewer.frames import parse_frame
 from gateway.viewer.recording import MAX_BYTES, Recorder
 from gateway.viewer.resources import sample_order
 from renderers.drawlist import Material, Texture
 from renderers.images import image_from_bytes
+from tests.support.view_frames import parse_frame
 from tests.viewer.model import Model, tree_of
 from tests.viewer.recordings import SECOND, States, frames_of, headers_of
 

@@ -23,7 +23,6 @@ from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node
 from gateway.viewer.config import ViewerConfig
-from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.image_routes import image_router
 from gateway.viewer.recent_renders import RecentRenders, encode_preview
@@ -40,6 +39,7 @@ from renderers.images import image_from_bytes
 from renderers.interface import Frame, Look, Output
 from renderers.light_rig import Rig
 from tests.support.endless import EndlessRenderer
+from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS, until
 
 
@@ -354,7 +354,7 @@ def test_replaced_images_are_kept_for_pages_that_still_download_them() -> None:
 
 def test_rejects_previews_of_undecodable_images() -> None:
     with pytest.raises(ValueError, match="image/tiff"):
-        encode_preview(RenderSummary(200, 0, 0, "", "", "depth", b"", "image/tiff", ""), b"no image", None)
+        encode_preview(RenderSummary(200, 0, 0, "", "", "depth", b"no image", "image/tiff", ""), None)
 
 
 class EndlessWorld(World):

@@ -18,11 +18,11 @@ from gateway.scene.geometry import Box, Part
 from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
 from gateway.viewer.config import ViewerConfig
-from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.routes import ACKNOWLEDGE, ACKNOWLEDGE_CONTROLS, MAX_MESSAGE_CHARS, router
 from renderers.drawlist import Material
 from scenegate.messages.controls import AnyControl, Button, Gizmo, Plot, Slider, TextInput
+from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS, until
 
 CONFIG = ViewerConfig(max_update_rate=1000.0, max_browsers=1)

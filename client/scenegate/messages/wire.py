@@ -26,9 +26,6 @@ _HEADER: Final = struct.Struct(">QqI")
 """Fields before the format's name: fingerprint, utime, length of the name with its final NUL."""
 _TRAILER: Final = struct.Struct(">iii")
 """Fields after the format's name: major version, minor version, num_bytes. The data follows."""
-_NAME_LENGTH_OFFSET: Final = 16
-_BINARY_NAME: Final = struct.pack(">I", len(BINARY) + 1) + BINARY.encode() + b"\0"
-"""Length and name of the MessagePack format, as they are in a message."""
 
 
 class WireError(ValueError):
@@ -76,11 +73,6 @@ def decode(message: bytes | memoryview) -> Comms:
     data = view[data_start : data_start + max(num_bytes, 0)]
     fault = "" if len(data) == num_bytes else f"num_bytes is {num_bytes}, but {size - data_start} bytes follow"
     return Comms(utime, format_name, major, minor, data, fault)
-
-
-def is_binary(message: bytes | memoryview) -> bool:
-    """Return True if the data of a message is MessagePack. The message is not decoded."""
-    return message[_NAME_LENGTH_OFFSET : _NAME_LENGTH_OFFSET + len(_BINARY_NAME)] == _BINARY_NAME
 
 
 def encode(data: bytes, utime: int = 0, name: str = JSON, version: tuple[int, int] = VERSION) -> bytes:

@@ -35,7 +35,7 @@ const handlers: Handlers = {
   },
   mesh: (message) => {
     session.model.meshes.set(message.id, message);
-    hasNewMeshes = true;
+    hasNewMeshes = !isRecorded(); // a recording has sent all of its meshes
   },
   forget: ({ meshes }) => viewer.drawing.forget(meshes),
   rig: (message) => viewer.frustum.show(message),

@@ -4,11 +4,9 @@ import { expect, it, vi } from "vitest";
 import { Model } from "../src/model";
 import type { SceneUpdate, TimeState } from "../src/protocol";
 import { Playback } from "../src/recorded/playback";
-import { inflate, MeshFeed, Player, readRecording, type Step } from "../src/recorded/recording";
+import { inflate, Player, readRecording, type Step } from "../src/recorded/recording";
 import { addressOf, channelPath, imagePath } from "../src/recorded/resources";
 import { update } from "./scene";
-
-const NOTHING = { page: null, meshes: new Map() };
 
 /** Return a frame of gateway/viewer/frames.py whose body is bytes. */
 function frameOf(header: object, body: number[] = []): Uint8Array {
@@ -42,6 +40,7 @@ it("reads steps, the whole scene at some of them, and resources", async () => {
       [5, frameOf({ kind: "page", background: null, grid: null, home: null, clickable: [] })],
       [5, frameOf({ kind: "image", id: 3, data: [0, 5] }, [1, 2, 3, 4, 5])],
       [5, frameOf({ kind: "channel", id: 4, name: "a b", data: [0, 4] }, [1, 2, 3, 4])],
+      [5, frameOf({ kind: "mesh", id: 4, topology: 1, position: [0, 0] })],
       [5, frameOf({ kind: "update", from: 0, revision: 1 })],
       [6.5, frameOf({ kind: "update", from: 1, revision: 2 })],
       [6.5, frameOf({ kind: "update", from: 0, revision: 2 })],
@@ -49,7 +48,7 @@ it("reads steps, the whole scene at some of them, and resources", async () => {
       [9, frameOf({ kind: "end" })],
     ]),
   );
-  expect(recording.page?.kind).toBe("page");
+  expect(recording.messages.map(({ kind }) => kind)).toEqual(["page", "mesh"]);
   expect(recording.steps.map(({ time, update, whole }) => [time, update.from, whole?.from])).toEqual([
     [5, 0, 0],
     [6.5, 1, 0],
@@ -113,13 +112,10 @@ it("shows the state of any time, by few updates", () => {
 it("plays, seeks, steps and loops as the gateway does", () => {
   const model = new Model();
   const states: TimeState[] = [];
-  const recording = { ...NOTHING, steps: tenSteps(), end: 110 };
-  const playback = new Playback(
-    recording,
-    50,
-    (each) => model.apply(each),
-    (state) => states.push(state),
-  );
+  const playback = new Playback({ steps: tenSteps(), end: 110 }, 50, (each) => {
+    if (each.kind === "update") model.apply(each);
+    else states.push(each);
+  });
   const x = () => model.find(["robot"])?.world.elements[12];
   const last = () => states.at(-1)!;
   expect([x(), states.length]).toEqual([0, 0]);
@@ -171,25 +167,8 @@ it("plays, seeks, steps and loops as the gateway does", () => {
 });
 
 it("has no time bar for a scene at rest", () => {
-  const states: TimeState[] = [];
-  const send = (state: TimeState) => void states.push(state);
-  const playback = new Playback({ ...NOTHING, steps: tenSteps().slice(0, 1), end: 100 }, 0, () => undefined, send);
+  const kinds: string[] = [];
+  const playback = new Playback({ steps: tenSteps().slice(0, 1), end: 100 }, 0, ({ kind }) => void kinds.push(kind));
   playback.tick(1);
-  expect(states).toEqual([]);
-});
-
-it("gives the page the meshes that it does not have", () => {
-  const mesh = (id: number) => ({ kind: "mesh" as const, id, topology: 3 as const, position: new Float32Array(9) });
-  const given: number[] = [];
-  const feed = new MeshFeed(new Map([1, 2, 3].map((id) => [id, mesh(id)])), ({ id }) => void given.push(id));
-  const using = (...ids: number[]) => {
-    const draws = ids.map((id) => ({ mesh: id, material: { color: [1, 1, 1, 1] as [number, number, number, number] } }));
-    feed.prepare(update(2, [{ id: 5, parts: [{ kind: "box", draws }] }, { id: 6, parts: null }, { id: 7 }]));
-  };
-  using(1, 2, 9);
-  using(2);
-  expect(given).toEqual([1, 2]);
-  feed.forgot([1, 3]);
-  using(1, 3);
-  expect(given).toEqual([1, 2, 1, 3]);
+  expect(kinds).toEqual(["update"]);
 });

@@ -16,16 +16,14 @@ export class Playback {
 
   /**
    * @param now seconds of any clock
-   * @param apply called with updates of the scene
-   * @param send called with the state of the time bar
+   * @param send called with updates of the scene, and with the state of the time bar
    */
   constructor(
-    recording: Recording,
+    recording: Pick<Recording, "steps" | "end">,
     now: number,
-    apply: (update: SceneUpdate) => void,
-    private readonly send: (state: TimeState) => void,
+    private readonly send: (message: SceneUpdate | TimeState) => void,
   ) {
-    this.player = new Player(recording.steps, apply);
+    this.player = new Player(recording.steps, send);
     this.first = this.start = recording.steps[0]!.time;
     this.last = Math.max(recording.end, this.first);
     this.startTime = now;

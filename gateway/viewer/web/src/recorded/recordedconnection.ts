@@ -1,14 +1,13 @@
 // What stands for the connection to the gateway in a file with a recording: it feeds the page the recorded messages.
 
-import type { Message, SceneUpdate, TimeCommand } from "../protocol";
+import type { Message, TimeCommand } from "../protocol";
 import { Playback } from "./playback";
-import { inflate, MeshFeed, type Recording, readRecording } from "./recording";
+import { inflate, type Recording, readRecording } from "./recording";
 
 const seconds = () => performance.now() / 1000;
 
 export class RecordedConnection {
   private playback: Playback | undefined;
-  private forgot: (meshes: number[]) => void = () => undefined;
 
   /** @param onMessage, onState as those of `Connection` */
   constructor(
@@ -26,14 +25,8 @@ export class RecordedConnection {
 
   private start(recording: Recording): void {
     this.onState("open", "");
-    if (recording.page) this.onMessage(recording.page);
-    const feed = new MeshFeed(recording.meshes, this.onMessage);
-    const apply = (update: SceneUpdate) => {
-      feed.prepare(update);
-      this.onMessage(update);
-    };
-    this.forgot = (meshes) => feed.forgot(meshes);
-    const playback = new Playback(recording, seconds(), apply, this.onMessage);
+    recording.messages.forEach(this.onMessage);
+    const playback = new Playback(recording, seconds(), this.onMessage);
     this.playback = playback;
     const loop = () => {
       playback.tick(seconds());
@@ -45,9 +38,8 @@ export class RecordedConnection {
   /** Nothing waits for it. */
   acknowledge(): void {}
 
-  /** Execute a command of the time bar, or take note of dropped meshes. Nothing receives clicks and changes of controls. */
+  /** Execute a command of the time bar. Nothing receives clicks and changes of controls. */
   report(message: object): void {
     if ("time" in message) this.playback?.execute(message as TimeCommand, seconds());
-    if ("forgot" in message) this.forgot(message.forgot as number[]);
   }
 }

@@ -1,7 +1,7 @@
 // Recordings: the frames of a scene over time, in one block (gateway/viewer/recording.py).
 
 import { parse } from "../connection";
-import type { MeshPayload, Message, PageSettings, RecordedChannel, RecordedImage, RecordingEnd, SceneUpdate } from "../protocol";
+import type { Message, RecordedChannel, RecordedImage, RecordingEnd, SceneUpdate } from "../protocol";
 import { channelPath, imagePath, keepResource } from "./resources";
 
 /** Bytes before the frame of a record: time (float64), size of the frame (uint32), 0. */
@@ -18,8 +18,8 @@ export interface Step {
 }
 
 export interface Recording {
-  page: PageSettings | null;
-  meshes: Map<number, MeshPayload>;
+  /** What a page needs before the first step: its settings and all meshes. */
+  messages: Message[];
   steps: Step[];
   /** Time until which the last step is valid, seconds since the epoch. */
   end: number;
@@ -37,7 +37,7 @@ export async function inflate(base64: string): Promise<ArrayBuffer> {
 
 /** Parse a recording, and keep its textures and channels for `addressOf`. */
 export function readRecording(buffer: ArrayBuffer): Recording {
-  const recording: Recording = { page: null, meshes: new Map(), steps: [], end: 0 };
+  const recording: Recording = { messages: [], steps: [], end: 0 };
   const view = new DataView(buffer);
   for (let at = 0; at < buffer.byteLength; ) {
     const time = view.getFloat64(at, true);
@@ -59,33 +59,7 @@ function add(recording: Recording, time: number, message: Recorded): void {
     else steps.push({ time, update: message, whole });
   } else if (message.kind === "image") keepResource(imagePath(message.id), "image/png", message.data);
   else if (message.kind === "channel") keepResource(channelPath(message.id, message.name), "", message.data);
-  else if (message.kind === "mesh") recording.meshes.set(message.id, message);
-  else if (message.kind === "page") recording.page = message;
-}
-
-/** Gives the page the meshes of each update that it does not have. */
-export class MeshFeed {
-  private readonly given = new Set<number>();
-
-  constructor(
-    private readonly meshes: ReadonlyMap<number, MeshPayload>,
-    private readonly give: (mesh: MeshPayload) => void,
-  ) {}
-
-  /** Called before an update is applied. */
-  prepare({ nodes = [] }: SceneUpdate): void {
-    for (const { mesh } of nodes.flatMap(({ parts }) => parts ?? []).flatMap(({ draws }) => draws)) {
-      const payload = this.meshes.get(mesh);
-      if (!payload || this.given.has(mesh)) continue;
-      this.given.add(mesh);
-      this.give(payload);
-    }
-  }
-
-  /** Called with the meshes that the page has dropped. */
-  forgot(meshes: number[]): void {
-    for (const id of meshes) this.given.delete(id);
-  }
+  else if (message.kind !== "end") recording.messages.push(message);
 }
 
 /** Applies the updates that lead to the state at a time. */

@@ -1,0 +1,41 @@
+"""Routes whose expected errors become responses in plain text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Coroutine, Mapping
+from typing import Any, ClassVar
+
+from fastapi import Request, Response
+from fastapi.responses import PlainTextResponse
+from fastapi.routing import APIRoute
+from starlette.requests import ClientDisconnect
+
+from gateway.scene.sampling import FileTooLargeError
+from gateway.server.disconnect import CLIENT_GONE
+from gateway.server.unavailable import UnavailableErrors, retry_after, unavailable
+from renderers.drawlist import ImageError
+
+
+class PlainErrorRoute(APIRoute):
+    """A route whose expected errors become responses in plain text. Subclasses have more of them."""
+
+    statuses: ClassVar[Mapping[type[Exception], int]] = {FileTooLargeError: 413, ImageError: 500}
+    """Status by class of the error; of several, the first that holds. 503 for ``UnavailableErrors`` is always there."""
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        handle = super().get_route_handler()
+
+        async def handle_with_errors(request: Request) -> Response:
+            try:
+                return await handle(request)
+            except ClientDisconnect:
+                return Response(status_code=CLIENT_GONE)
+            except UnavailableErrors as error:
+                return unavailable(error)
+            except tuple(self.statuses) as error:
+                status = next(status for kind, status in self.statuses.items() if isinstance(error, kind))
+                text = f"a texture of the scene cannot be decoded: {error}" if status == 500 else str(error)
+                headers = retry_after(error) if status == 503 else None
+                return PlainTextResponse(text.encode("utf-8", "backslashreplace"), status, headers)
+
+        return handle_with_errors
