@@ -18,7 +18,7 @@ from renderers.msaa import SAMPLE_BAND, lane_lists, sample_offsets
 from renderers.raster.buffers import Buffers
 from renderers.raster.frame_phases import run_phases
 from renderers.raster.frame_setup import set_up_frame
-from renderers.raster.layout import BINNED, CHUNK, DRAW, FRAME, MAX_BINS, MAX_TINY_PIXELS, TASK
+from renderers.raster.layout import CHUNK, CHUNK_SIZE, CHUNK_VALUES, DRAW, FRAME, PRIMITIVE, TASK
 from renderers.raster.resolve import draw_band, resolve_layer, resolve_normals
 from renderers.raster.scene import PreparedScene
 from renderers.raster.setup import setup
@@ -100,7 +100,7 @@ class FrameJob:
             "sample_reach": reach,
             "sample_offsets": offsets,
             "lane_lists": lanes,
-            **_work_buffers(self.buffers, vertices, -(-primitives // CHUNK), band_count(height)),
+            **_work_buffers(self.buffers, vertices, -(-primitives // CHUNK_SIZE)),
         }
         self._frame[0] = FRAME.record(**values)
         self._task["frame"] = self._frame_address
@@ -265,16 +265,12 @@ def _normals_address() -> int:
     return kernel_address(resolve_normals)
 
 
-def _work_buffers(buffers: Buffers, vertices: int, chunks: int, bands: int) -> dict[str, int]:
+def _work_buffers(buffers: Buffers, vertices: int, chunks: int) -> dict[str, int]:
     """Return the addresses of the memory that FRAME's kernels fill, by field."""
-    primitives = chunks * CHUNK
     sizes: tuple[tuple[str, int, type[np.generic]], ...] = (
         ("vertices", 4 * vertices, np.float32),
-        ("binned", primitives * BINNED.size // 8, np.float64),
-        ("bins", primitives * MAX_BINS, np.uint16),
-        ("tall", primitives, np.uint16),
-        ("bin_starts", chunks * (4 * bands + 4), np.int32),
-        ("chunk_bands", 4 * chunks, np.int32),
-        ("tiny_pixels", chunks * MAX_TINY_PIXELS * 4, np.int32),
+        ("primitives", chunks * CHUNK_SIZE * PRIMITIVE.size // 8, np.float64),
+        ("chunks", chunks * CHUNK.size // 8, np.int64),
+        ("chunk_memory", chunks * CHUNK_VALUES, np.int32),
     )
     return {name: buffers.allocate(count, dtype)[1] for name, count, dtype in sizes}

@@ -6,7 +6,7 @@ from typing import Final
 
 from renderers.compiler.jit import kernel
 from renderers.raster.instance_transforms import collect_draws, compute_camera_poses
-from renderers.raster.layout import CHUNK, frame_at, task_at
+from renderers.raster.layout import CHUNK_SIZE, frame_at, task_at
 from renderers.visibility_buffer import BAND_ROWS
 
 MIN_VERTICES: Final = 4096
@@ -32,8 +32,8 @@ def set_up_frame(frame_address):
     culling_draws = collect_draws(frame)
     keeps_back_faces = frame.keep_back_faces != 0 and culling_draws > 0
     bands = (frame.height + BAND_ROWS - 1) // BAND_ROWS
-    chunks = (frame.primitive_count + CHUNK - 1) // CHUNK
-    frame.band_count, frame.bin_count, frame.chunk_count = bands, 2 * bands if keeps_back_faces else bands, chunks
+    chunks = (frame.primitive_count + CHUNK_SIZE - 1) // CHUNK_SIZE
+    frame.band_count, frame.chunk_count, frame.first_back_bin = bands, chunks, bands if keeps_back_faces else 0
 
     threads, vertices = frame.max_threads, frame.vertex_count
     max_units = UNITS_PER_THREAD * threads if threads > 1 else 1

@@ -232,7 +232,7 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
 
     Args:
         band: a SAMPLE_BAND.
-        owner: index of the binned primitive.
+        owner: index of the primitive.
         scratch: a SCRATCH.
     """
     box_x, box_y, box_columns, box_rows = box_of(triangle)
