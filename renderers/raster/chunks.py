@@ -16,7 +16,7 @@ def primitives_in_bin(chunk, k, bin_index):
 
 @inlined
 def pixels_between(chunk, k, begin, end):
-    """Return which of the eight pixels of tiny triangles from ``k`` on are in ``begin .. end``, a bit for each, int64."""
+    """Return which of the eight tiny triangles' pixels from ``k`` on are in ``begin .. end``, a bit for each, int64."""
     pixels = vec.load(chunk.pixels, k)
     return vec.movemask((pixels >= vec.i32(begin)) & (pixels < vec.i32(end)) & _used_lanes(k, chunk.pixel_count))
 

@@ -9,8 +9,9 @@ from numba import types
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pointers import address, advance, allocate, as_i32, f32_at, release, stack_array
+from renderers.compiler.pointers import address, advance, allocate, as_i32, f32_at, i32_at, release, stack_array
 from renderers.compiler.structs import I64, Struct
 from renderers.raster.chunks import pixels_between, primitives_in_bin
 from renderers.raster.depth_test import ANY_ORDER, IN_ORDER, PEELED, depth_test, depth_test_pixel
@@ -21,6 +22,7 @@ from renderers.raster.layout import (
     KIND_SMALL,
     LAYER,
     SUBPIXEL,
+    frame_at,
     small_triangle_at,
 )
 from renderers.raster.small_triangles import PREPARED, box_of, draw_small, prepare_small
@@ -28,7 +30,8 @@ from renderers.visibility_buffer import BAND_ROWS
 
 _TARGET: Final = Struct("Target", {"layer": LAYER, "depth_rule": I64, "prepared": PREPARED})
 """The layer that primitives are drawn into and its depth rule, and memory for a prepared small triangle."""
-_new_target: Final = _TARGET.local
+_new_layer = LAYER.local
+_new_target = _TARGET.local
 _new_prepared = PREPARED.local
 _inv_z_array = stack_array(types.float32, vec.LANES)
 _span_array = stack_array(types.int32, 2 * vec.LANES)
@@ -115,8 +118,23 @@ def _draw_primitive(frame, target, primitive, first_row, end_row):
         _fill(frame, target, primitive, first_row, end_row)
 
 
+@inlined
+def set_band_layer(frame, layer, first_row, band_memory):
+    """Set a LAYER to that of a band, which begins with ``first_row``.
+
+    Args:
+        band_memory: address of BAND_ROWS x stride int32, the ids, and as many float32, the 1/z; 0: the frame has a
+            layer of the whole image.
+    """
+    if band_memory == 0:
+        layer.ids, layer.inv_z, layer.first_row = i32_at(frame.layer_ids), f32_at(frame.layer_inv_z), 0
+    else:
+        layer.ids, layer.first_row = i32_at(band_memory), first_row
+        layer.inv_z = advance(f32_at(band_memory), BAND_ROWS * frame.stride)
+
+
 @device_function
-def clear_rows(frame, layer, first_row, end_row):
+def _clear_rows(frame, layer, first_row, end_row):
     """Clear a layer's rows."""
     begin, end = (first_row - layer.first_row) * frame.stride, (end_row - layer.first_row) * frame.stride
     # Nothing beyond this 1/z passes the depth test: the far plane needs no test of its own.
@@ -189,46 +207,59 @@ def _draw_pixels(frame, target, chunk, begin, end):
 @inlined
 def _depth_rule(frame, back_faces):
     """Return the rule of ``depth_test``."""
-    if back_faces:
+    if back_faces != 0:
         return ANY_ORDER
     is_bounded = frame.beyond_ids != 0 or frame.before_ids != 0 or frame.earlier_ids != 0
     return PEELED if is_bounded or frame.takes_latest != 0 else IN_ORDER
 
 
 @device_function
-def draw_rows(frame, layer, first_row, end_row, back_faces):
-    """Draw everything that touches the rows of a band, or of a part of one.
+def _draw_chunk(frame, target, chunk, band_index, rows, back_faces, tiles):
+    """Draw what a CHUNK has in a band, ``rows``: first and end.
 
     Primitives are drawn in the order of their ids; pixels of tiny triangles compare ids themselves.
-
-    Args:
-        back_faces: draw only the back faces that are kept, on top of the layer.
     """
-    band_index = first_row // BAND_ROWS
-    target = _new_target()
-    target.layer = layer
-    target.prepared = _new_prepared()
-    target.depth_rule = _depth_rule(frame, back_faces)
+    first_row, end_row = rows
     bin_index, begin_pixel, end_pixel = band_index, first_row * frame.stride, end_row * frame.stride
-    tiles = f32_at(0)
     if back_faces:
         bin_index += frame.first_back_bin
         begin_pixel, end_pixel = begin_pixel | BACK_BIT, end_pixel | BACK_BIT
-        tiles = f32_at(allocate(4 * (BAND_ROWS // TILE_ROWS) * frame.stride))
-        _build_depth_tiles(frame, layer, first_row, end_row, tiles)
-    for chunk_index in range(frame.chunk_count):
-        chunk = frame.chunks[chunk_index]
-        if band_index < chunk.first_band or band_index > chunk.last_band:
-            continue
-        if is_set(frame.stop):
-            break
-        for k in range(0, chunk.count, vec.LANES):
-            pending = primitives_in_bin(chunk, k, bin_index)
-            while pending != 0:
-                primitive = chunk.primitives[k + vec.lowest_bit(pending)]
-                pending &= pending - 1
-                if not (back_faces and _is_hidden(frame, primitive, tiles, first_row, end_row)):
-                    _draw_primitive(frame, target, primitive, first_row, end_row)
-        _draw_pixels(frame, target, chunk, begin_pixel, end_pixel)
-    if back_faces:
-        release(address(tiles))
+    for k in range(0, chunk.count, vec.LANES):
+        pending = primitives_in_bin(chunk, k, bin_index)
+        while pending != 0:
+            primitive = chunk.primitives[k + vec.lowest_bit(pending)]
+            pending &= pending - 1
+            if not (back_faces and _is_hidden(frame, primitive, tiles, first_row, end_row)):
+                _draw_primitive(frame, target, primitive, first_row, end_row)
+    _draw_pixels(frame, target, chunk, begin_pixel, end_pixel)
+
+
+@kernel("void(int64, int64, int64, int64, int64)")
+def draw_band(frame_address, first_row, end_row, band_memory, back_faces):
+    """Rasterize a band.
+
+    Args:
+        frame_address: address of a FRAME.
+        first_row, end_row: rows of the image, all of one band.
+        band_memory: as for ``set_band_layer``.
+        back_faces: 0: draw all but the back faces that are kept, into a cleared layer; 1: draw these on top of it.
+    """
+    frame = frame_at(frame_address)
+    layer, target = _new_layer(), _new_target()
+    set_band_layer(frame, layer, first_row, band_memory)
+    target.layer, target.prepared, target.depth_rule = layer, _new_prepared(), _depth_rule(frame, back_faces)
+    heap = np.int64(0)
+    if back_faces == 0:
+        _clear_rows(frame, layer, first_row, end_row)
+    else:
+        heap = allocate(4 * (BAND_ROWS // TILE_ROWS) * frame.stride)
+        _build_depth_tiles(frame, layer, first_row, end_row, f32_at(heap))
+    band_index = first_row // BAND_ROWS
+    for index in range(frame.chunk_count):
+        chunk = frame.chunks[index]
+        if band_index >= chunk.first_band and band_index <= chunk.last_band:
+            if is_set(frame.stop):
+                break
+            _draw_chunk(frame, target, chunk, band_index, (first_row, end_row), back_faces != 0, f32_at(heap))
+    if back_faces != 0:
+        release(heap)

@@ -136,8 +136,11 @@ CHUNK: Final = Struct(
 )
 """Primitives that are set up together, and searched by each band that they touch.
 
-Bin ``k`` has what is drawn in band ``k``. Back faces that are kept are drawn later than the others, after shading: those
-of band ``k`` are in bin ``FRAME.first_back_bin + k``."""
+Bin ``k`` has what is drawn in band ``k``. Back faces that are kept are drawn later than the others, after shading:
+those of band ``k`` are in bin ``FRAME.first_back_bin + k``."""
+
+PHASES: Final = 3
+"""Phases of a frame: transform, setup, bands."""
 
 FRAME: Final = Struct(
     "Frame",
@@ -167,18 +170,25 @@ FRAME: Final = Struct(
         "X_world_camera": array_of(F64, 16),
         "X_camera_mesh": pointer_to(F64),  # (instance_count, 4, 4)
         "poses_ready": I64,  # not 0: X_camera_mesh is filled
-        "task": I64,  # address of a TASK
         "stop": I64,  # address of an int64 that is not 0 once the frame should end, see renderers.stop
         "draws": DRAW,  # (draw_count + 1)
         "vertices": pointer_to(F32),  # (vertex_count, 4): x, y in pixels, 1/z, unused
         "primitives": PRIMITIVE,  # (chunk_count * CHUNK_SIZE); those of KIND_SMALL are SMALL_TRIANGLE
         "chunks": CHUNK,  # (chunk_count)
         "chunk_memory": pointer_to(I32),  # (chunk_count, CHUNK_VALUES): what their pointers point to
-        "normals_kernel": I64,  # address
+        "transform_kernel": I64,  # addresses of kernels
+        "setup_kernel": I64,
+        "draw_kernel": I64,  # coverage.draw_band, or msaa.edges.draw_samples
+        "edges_kernel": I64,  # msaa.edges.find_edges; 0: one sample per pixel
+        "shade_kernel": I64,  # 0: nothing is shaded
+        "shade_job": I64,
+        "resolve_kernel": I64,  # 0: no outputs other than colour are wanted
+        "normals_kernel": I64,
+        "yield_function": I64,
+        "band_memory": I64,  # address of the first thread's memory for a band; 0: none
+        "band_memory_bytes": I64,  # of each thread
         "layer_ids": I64,  # address of (height, stride) int32 and float32; 0: only the outputs are wanted
         "layer_inv_z": I64,
-        "unpadded_ids": I64,  # address of (height, width) copies of the layer; 0: none
-        "unpadded_inv_z": I64,
         "beyond_ids": I64,  # address of the layer (height, stride) that primitives must lie behind; 0: none
         "beyond_inv_z": I64,
         "before_ids": I64,  # address of the layer that primitives must lie in front of; 0: none
@@ -192,44 +202,15 @@ FRAME: Final = Struct(
         "sample_reach": I64,  # grid units from a pixel's centre to its outermost sample, each way; 0: one sample
         "sample_offsets": pointer_to(I32),  # (2, 8): offsets of the samples across and down, grid units
         "lane_lists": pointer_to(I32),  # (256, 8), see msaa.lane_lists
-        # Computed by frame_setup.
+        # Computed by set_up_frame.
         "draw_count": I64,
         "vertex_count": I64,
         "primitive_count": I64,
         "chunk_count": I64,
         "band_count": I64,
         "first_back_bin": I64,  # bin of the back faces that are kept in the first band; 0: none are kept
-    },
-)
-"""A rasterization: its parameters and the memory that it works in."""
-
-PHASES: Final = 3
-"""Phases of a frame: transform, setup, bands."""
-
-TASK: Final = Struct(
-    "Task",
-    {
-        # Set by FrameJob.
-        "frame": I64,  # address of a FRAME
-        "height": I64,
-        "stride": I64,
-        "stop": I64,  # as in FRAME
-        "transform_kernel": I64,  # addresses
-        "setup_kernel": I64,
-        "draw_kernel": I64,  # resolve.draw_band, or msaa.edges.draw_samples
-        "edges_kernel": I64,  # msaa.edges.find_edges; 0: one sample per pixel
-        "shade_kernel": I64,  # 0: nothing is shaded
-        "shade_job": I64,
-        "yield_function": I64,
-        "has_outputs": I64,  # not 0: other outputs than colour are wanted
-        "band_memory": I64,  # address of the first thread's memory for a band; 0: none
-        "band_memory_bytes": I64,  # of each thread
-        # Computed by frame_setup.
-        "vertex_count": I64,
         "vertices_per_unit": I64,
-        "chunk_count": I64,
         "chunks_per_unit": I64,
-        "keeps_back_faces": I64,  # not 0: some back faces are drawn after shading
         "units": array_of(I64, PHASES),
         # Written while threads work.
         "threads_started": array_of(I64, 1),
@@ -237,12 +218,10 @@ TASK: Final = Struct(
         "units_done": array_of(I64, PHASES),
     },
 )
-"""A frame's work, shared by threads. Helper threads that are late read it after the frame's end, so it does not lie in
-the memory that frames reuse."""
+"""A rasterization: its parameters, the memory that it works in, and its units of work, which threads share."""
 
 LAYER: Final = Struct("Layer", {"ids": pointer_to(I32), "inv_z": pointer_to(F32), "first_row": I64})
 """A visibility layer, or a band of one: (rows, stride) each, from row ``first_row`` of the image on."""
 
 frame_at: Final = FRAME.at
-task_at: Final = TASK.at
 small_triangle_at: Final = SMALL_TRIANGLE.at

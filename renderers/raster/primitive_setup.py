@@ -1,7 +1,7 @@
 """Setup of single primitives: lines, points, clipped triangles and triangles that are too large for the vector path.
 
-The functions fill a PRIMITIVE struct and return its first and last bin, or (0, -1) when nothing is visible. In them, ``w``
-is 1/z.
+The functions fill a PRIMITIVE and return its first and last bin, or (0, -1) when nothing is visible. In them, ``w`` is
+1/z.
 """
 
 from __future__ import annotations

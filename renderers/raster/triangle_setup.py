@@ -31,9 +31,6 @@ from renderers.visibility_buffer import BAND_ROWS
 _SMALL_FIELDS: Final = SMALL_TRIANGLE.size // 4
 """Fields of a SMALL_TRIANGLE, of four bytes each."""
 _BAND_SHIFT: Final = BAND_ROWS.bit_length() - 1
-_PREFETCH_DISTANCE: Final = 64
-"""Triangles from the current one to that whose vertices are prefetched; hardware does not prefetch across pages."""
-
 _column_array = stack_array(types.int32, 16 * vec.LANES)
 
 
@@ -181,14 +178,8 @@ def set_up_triangles(frame, draw_index, begin, end, chunk):
     """Set up the triangles ``begin .. end`` of a draw, and append what may be visible to a CHUNK."""
     # One loop: a function call for every eight would take a fifth of the time of those that are not visible.
     draw = frame.draws[draw_index]
-    vertices, indices, columns = advance(frame.vertices, 4 * draw.first_vertex), draw.indices, _column_array()
+    vertices, columns = advance(frame.vertices, 4 * draw.first_vertex), _column_array()
     for triangle in range(begin, end, vec.LANES):
-        vec.prefetch(indices, 3 * (triangle + 2 * _PREFETCH_DISTANCE))
-        vec.prefetch(indices, 3 * (triangle + 2 * _PREFETCH_DISTANCE) + 12)
-        ahead = 3 * min(triangle + _PREFETCH_DISTANCE, end - 1)
-        vec.prefetch(vertices, 4 * np.int64(indices[ahead]))
-        vec.prefetch(vertices, 4 * np.int64(indices[ahead + 1]))
-        vec.prefetch(vertices, 4 * np.int64(indices[ahead + 2]))
         _set_up_eight(frame, draw_index, vertices, triangle, min(end - triangle, vec.LANES), columns, chunk)
 
 
