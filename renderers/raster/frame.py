@@ -66,8 +66,8 @@ class FrameJob:
         self.X_camera_mesh: NDArray[np.float64] = poses.reshape(-1, 4, 4)
         """(I, 4, 4) float64 as in ``Visibility``."""
         # Not in ``buffers``: late helper threads read it after the job is gone.
-        self._frame = np.zeros(1, FRAME.dtype)
-        self._frame_address = address_of(self._frame, FRAME.dtype)
+        memory = np.zeros(FRAME.size // 8, np.int64)
+        self._frame, self._frame_address = memory.view(FRAME.dtype), address_of(memory, np.int64)
         self._frame[0] = FRAME.record(
             stride=self.stride,
             samples=samples,
@@ -160,7 +160,7 @@ class FrameJob:
             values = 2 * BAND_ROWS * self.stride
             memory = self.buffers.allocate(self.threads * values, np.int32)[1]
             frame["band_memory"], frame["band_memory_bytes"] = memory, 4 * values
-        return Task(frame, self._useful_threads)
+        return Task(frame, self._frame_address, self._useful_threads)
 
     def sampled_task(self, memory: int, shader: SampledShader) -> Task:
         """``task`` for several samples per pixel.
@@ -173,7 +173,7 @@ class FrameJob:
         frame["draw_kernel"], frame["edges_kernel"] = _kernel_address(draw_samples), _kernel_address(find_edges)
         frame["shade_kernel"], frame["shade_job"] = shader.kernel, shader.job
         frame["band_memory"], frame["band_memory_bytes"] = memory, SAMPLE_BAND.size
-        return Task(frame, self._useful_threads)
+        return Task(frame, self._frame_address, self._useful_threads)
 
 
 class Task:
@@ -182,14 +182,14 @@ class Task:
     What it works on must live until the frame is finished. Threads that come later read the FRAME only.
     """
 
-    def __init__(self, frame: NDArray[np.void], threads: int) -> None:
+    def __init__(self, frame: NDArray[np.void], address: int, threads: int) -> None:
         """
         Args:
-            frame: (1,) FRAME.
+            frame: a FRAME, at ``address``.
             threads: maximum number of threads that can share the work.
         """
         self._frame = frame
-        self._address = address_of(frame, FRAME.dtype)
+        self._address = address
         self.threads = threads
 
     def __call__(self) -> None:

@@ -152,6 +152,8 @@ def resolve_normals(frame_address, first_row, end_row, band_memory):
 
 _BACKGROUND_LABEL: Final = int(np.uint32(LABEL_NONE).astype(np.int32))
 _BACKGROUND_ID: Final = -1
+_PREFETCH_DISTANCE: Final = 1024
+"""Pixels from the one that is written to the one that is prefetched."""
 
 
 @device_function
@@ -160,6 +162,7 @@ def _resolve_depth_row(inv_z, ids, out, width):
     one, no_depth, zero = vec.f32(1.0), vec.f32(np.inf), vec.i32(0)
     whole = width - width % vec.LANES
     for column in range(0, whole, vec.LANES):
+        vec.prefetch(out, column + _PREFETCH_DISTANCE)
         visible = vec.load(ids, column) >= zero
         vec.store(out, column, vec.select(visible, one / vec.load(inv_z, column), no_depth))
     for column in range(whole, width):
@@ -192,6 +195,7 @@ def _resolve_instance_row(frame, ids, table, background, out):
             values = vec.select(is_same, vec.i32(value), values)
             missing &= ~vec.movemask(is_same)
         if column + vec.LANES <= width:
+            vec.prefetch(out, column + _PREFETCH_DISTANCE)
             vec.store(out, column, values)
         else:
             for k in range(width - column):

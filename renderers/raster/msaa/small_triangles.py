@@ -94,6 +94,8 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, slot_co
             e1 = vec.i32(row_e1 + edges.max_offset[1]) + columns * vec.i32(edges.dx[1])
             e2 = vec.i32(row_e2 + edges.max_offset[2]) + columns * vec.i32(edges.dx[2])
             touched = (e0 | e1 | e2) >= zero
+            if vec.movemask(touched) == 0:
+                continue
             full = (e0 >= edges.range[0]) & (e1 >= edges.range[1]) & (e2 >= edges.range[2])
             inv_z = vec.f32(row_inv_z) + vec.f32(inv_z_dx) * vec.to_f32(columns)
             first_pixel = (y - band.first_row) * frame.stride + x
