@@ -27,5 +27,7 @@ def limit_depth(depth: NDArray[np.float32], min_depth: float, max_depth: float) 
         min_depth: metres; this depth and smaller ones become 0.
         max_depth: metres; this depth and larger ones become inf.
     """
-    np.copyto(depth, np.float32(math.inf), where=depth >= np.float32(max_depth))
-    np.copyto(depth, np.float32(0.0), where=depth <= np.float32(min_depth))
+    with np.errstate(over="ignore"):  # a limit beyond float32 is none
+        lower, upper = np.float32(min_depth), np.float32(max_depth)
+    np.copyto(depth, np.float32(math.inf), where=depth >= upper)
+    np.copyto(depth, np.float32(0.0), where=depth <= lower)

@@ -29,15 +29,16 @@ from renderers.raster.layout import (
     SUBPIXEL_BITS,
     small_triangle_at,
 )
-from renderers.raster.msaa.small_triangles import draw_small_samples
+from renderers.raster.msaa.small_triangles import SCRATCH, draw_small_samples
 from renderers.raster.msaa.storage import max_inv_z_offset, merge_samples, merge_whole_pixels, sample_inv_z_offsets
 from renderers.raster.primitive_setup import first_center
 from renderers.visibility_buffer import BAND_ROWS
 
 _NO_COLUMN: Final = 1 << 30
-_TARGET: Final = Struct("SampleTarget", {"band": SAMPLE_BAND, "owner": I64, "slot_count": I64})
-"""The band that a primitive is drawn into, the index of the primitive, and the number of slots in use."""
+_TARGET: Final = Struct("SampleTarget", {"band": SAMPLE_BAND, "owner": I64, "scratch": SCRATCH})
+"""The band that a primitive is drawn into, and the index of the primitive."""
 _new_target = _TARGET.local
+_new_scratch = SCRATCH.local
 
 
 @inlined
@@ -68,7 +69,7 @@ def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y
     max_offset = vec.f32(max_inv_z_offset(frame, inv_z_dx, inv_z_dy))
     inv_z_min, inv_z_max = vec.f32(primitive.inv_z_min), vec.f32(primitive.inv_z_max)
     ids, owner = vec.i32(primitive.id), target.owner
-    band, slot_count = target.band, target.slot_count
+    band, slot_count = target.band, target.scratch.slot_count
     row_pixel = (row - band.first_row) * frame.stride
     lane = vec.iota()
     for column in range(begin & ~np.int64(vec.LANES - 1), end, vec.LANES):
@@ -83,7 +84,7 @@ def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y
             inv_z = vec.f32(row_inv_z + inv_z_dx * np.float64(x - base_x)) + inv_z_offsets
             inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
             slot_count = merge_samples(frame, band, slot_count, row_pixel + x, inv_z, covered, ids)
-    target.slot_count = slot_count
+    target.scratch.slot_count = slot_count
 
 
 @inlined
@@ -115,9 +116,7 @@ def _draw_primitive(frame, target, index, first_row, end_row):
     primitive = frame.primitives[index]
     if primitive.kind == KIND_SMALL:
         triangle = small_triangle_at(address(primitive))
-        target.slot_count = draw_small_samples(
-            frame, target.band, triangle, index, first_row, end_row, target.slot_count
-        )
+        draw_small_samples(frame, target.band, triangle, index, first_row, end_row, target.scratch)
     else:
         target.owner = index
         _fill(frame, target, primitive, first_row, end_row)
@@ -143,8 +142,10 @@ def draw_sample_rows(frame, band, first_row, end_row):
         vec.store(band.slots, pixel, none)
         vec.store(band.far, pixel, empty_inv_z)
         vec.store(band.near, pixel, empty_inv_z)
+    scratch = _new_scratch()
+    scratch.slot_count = 0
     target = _new_target()
-    target.band, target.slot_count = band, 0
+    target.band, target.scratch = band, scratch
     for chunk_index in range(frame.chunk_count):
         chunk = frame.chunks[chunk_index]
         if band_index < chunk.first_band or band_index > chunk.last_band:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.raster.layout import SUBPIXEL_BITS
+from renderers.compiler.structs import F32, I32, I64, Struct, array_of
+from renderers.raster.layout import MAX_SMALL_WIDTH, SUBPIXEL_BITS
 from renderers.raster.msaa.storage import (
     max_inv_z_offset,
     merge_samples,
@@ -16,6 +17,76 @@ from renderers.raster.msaa.storage import (
     sample_inv_z_offsets,
 )
 from renderers.raster.small_triangles import box_of
+from renderers.visibility_buffer import BAND_ROWS
+
+SCRATCH: Final = Struct(
+    "SampleScratch",
+    {
+        "slot_count": I64,  # slots of the band in use
+        "edge_pixels": array_of(
+            I32, (MAX_SMALL_WIDTH + 3 * vec.LANES) * BAND_ROWS
+        ),  # row << 8 | column + 8, in the box
+        "batch_e0": array_of(I32, vec.LANES),  # first edge function of eight of the edge pixels
+        "batch_e1": array_of(I32, vec.LANES),  # second edge function
+        "batch_pixels": array_of(I32, vec.LANES),  # index in the band
+        "batch_inv_z": array_of(F32, vec.LANES),
+        "row_inv_z": array_of(F32, BAND_ROWS + vec.LANES),  # 1/z at the box's first column
+        "first_rows": array_of(I32, vec.LANES),  # of eight block columns
+        "last_rows": array_of(I32, vec.LANES),
+    },
+)
+"""Working memory of a thread for a band."""
+
+
+@inlined
+def _limit_rows(edge, edge_dx, edge_dy, columns, min_row, max_row):
+    """Narrow the rows in which block columns, eight pixels wide, may be on the inner side of an edge; f32x8.
+
+    Args:
+        edge, edge_dx, edge_dy: the edge function in row 0, grid units, and its changes per column and row.
+        columns: i32x8, the first column of each block column.
+    """
+    block_max = vec.i32(edge + max(7 * edge_dx, 0)) + columns * vec.i32(edge_dx)
+    zero, slack = vec.f32(0.0), vec.f32(0.01)
+    dy = np.float32(edge_dy)
+    scale = np.float32(1.0) / dy if edge_dy != 0 else np.float32(0.0)
+    crossing = zero - vec.to_f32(block_max) * vec.f32(scale)
+    min_row = vec.select(vec.f32(dy) > zero, vec.maximum(crossing - slack, min_row), min_row)
+    return min_row, vec.select(vec.f32(dy) < zero, vec.minimum(crossing + slack, max_row), max_row)
+
+
+@inlined
+def _is_hidden(far, stride, left, right, top, bottom, inv_z_max):
+    """Return whether all pixels of a box are nearer than a triangle with the greatest 1/z ``inv_z_max``.
+
+    Args:
+        far: pointer to SAMPLE_BAND.far.
+        left .. bottom: first column and row of the box in the band, and those after the last.
+    """
+    limit, lane = vec.f32(inv_z_max), vec.iota()
+    # The middle first: most visible triangles are visible there.
+    column = max(min((left + right - vec.LANES) >> 1, stride - vec.LANES), 0)
+    pixel = ((top + bottom) >> 1) * stride + column
+    columns = vec.i32(column) + lane
+    inside = (columns >= vec.i32(left)) & (columns < vec.i32(right))
+    if vec.movemask((vec.load(far, pixel) <= limit) & inside) != 0:
+        return False
+    last = bottom - top - 1
+    for start in range(left, right, 2 * vec.LANES):
+        # Two vectors and four rows at a time; those at the margins are tested twice.
+        first, second = min(start, stride - vec.LANES), min(start + vec.LANES, stride - vec.LANES)
+        first_far, second_far = vec.f32(np.inf), vec.f32(np.inf)
+        for row in range(0, last + 1, 4):
+            for k in range(4):
+                pixel = (top + min(row + k, last)) * stride
+                first_far = vec.minimum(vec.load(far, pixel + first), first_far)
+                second_far = vec.minimum(vec.load(far, pixel + second), second_far)
+        end = vec.i32(right)
+        is_visible = (first_far <= limit) & (vec.i32(first) + lane < end)
+        is_visible = is_visible | ((second_far <= limit) & (vec.i32(second) + lane < end))
+        if vec.movemask(is_visible) != 0:
+            return False
+    return True
 
 
 class SampleEdges(NamedTuple):
@@ -28,7 +99,7 @@ class SampleEdges(NamedTuple):
     dy: Any
     """Change per row, three int64."""
     offsets: Any
-    """At the samples minus at the centre, three i32x8."""
+    """At the samples minus at the centre, of the first two edges, i32x8 each."""
     max_offset: Any
     """Maximum over the samples, three int64."""
     range: Any
@@ -51,7 +122,7 @@ def _sample_edges(frame, triangle):
         first=(np.int64(triangle.edges[0]), np.int64(triangle.edges[1]), np.int64(triangle.edges[2])),
         dx=(e0_dx, e1_dx, e2_dx),
         dy=(e0_dy, e1_dy, e2_dy),
-        offsets=(offsets0, offsets1, offsets2),
+        offsets=(offsets0, offsets1),
         max_offset=(max0, max1, max2),
         range=(
             vec.i32(max0 - vec.minimum_of(offsets0)),
@@ -61,54 +132,136 @@ def _sample_edges(frame, triangle):
     )
 
 
+@inlined
+def _limit_block_rows(edges, top_edges, columns, rows, is_wide, scratch):
+    """Store the rows that each of eight block columns may cover, in ``first_rows`` and ``last_rows`` of a SCRATCH.
+
+    Half of the box of a wide triangle lies outside it. Other triangles have all rows.
+
+    Args:
+        top_edges: greatest values among the samples of pixels in row 0, at the box's first column, three int64.
+        columns: i32x8, the first column of each block column, counted from the box's first.
+        rows: number of rows.
+    """
+    min_row, max_row = vec.f32(0.0), vec.f32(rows - 1)
+    if is_wide:
+        min_row, max_row = _limit_rows(top_edges[0], edges.dx[0], edges.dy[0], columns, min_row, max_row)
+        min_row, max_row = _limit_rows(top_edges[1], edges.dx[1], edges.dy[1], columns, min_row, max_row)
+        min_row, max_row = _limit_rows(top_edges[2], edges.dx[2], edges.dy[2], columns, min_row, max_row)
+    first, last = vec.ceil(vec.minimum(min_row, vec.f32(rows))), vec.floor(vec.maximum(max_row, vec.f32(-1.0)))
+    vec.store(scratch.first_rows, 0, vec.to_i32(first))
+    vec.store(scratch.last_rows, 0, vec.to_i32(last))
+
+
+@inlined
+def _draw_block(frame, band, triangle, owner, edges, top_edges, max_offset, top, start, block, scratch, count):
+    """Draw the whole pixels of a block column, and append its other pixels to ``edge_pixels`` of a SCRATCH.
+
+    Args:
+        top: first row, to which ``top_edges`` belong.
+        start: first column of the block, which is a vector wide.
+        block: index in ``first_rows`` and ``last_rows``.
+        count: number of edge pixels before.
+
+    Returns:
+        Number of edge pixels.
+    """
+    box_x, box_y, _, _ = box_of(triangle)
+    stride, zero = frame.stride, vec.i32(0)
+    # A block at the right margin is moved left: pixels that were drawn are not drawn again.
+    column = min(start, stride - vec.LANES)
+    valid = np.int64(255) << (start - column)
+    columns = vec.i32(column - box_x) + vec.iota()
+    first_row, end_row = np.int64(scratch.first_rows[block]), np.int64(scratch.last_rows[block]) + 1
+    e0 = vec.i32(top_edges[0] + first_row * edges.dy[0]) + columns * vec.i32(edges.dx[0])
+    e1 = vec.i32(top_edges[1] + first_row * edges.dy[1]) + columns * vec.i32(edges.dx[1])
+    e2 = vec.i32(top_edges[2] + first_row * edges.dy[2]) + columns * vec.i32(edges.dx[2])
+    column_inv_z = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns)
+    pixel = (top + first_row - band.first_row) * stride + column
+    edge_pixel = ((top - box_y + first_row) << 8) + column - box_x + 8
+    for row in range(first_row, end_row):
+        touched = (e0 | e1 | e2) >= zero
+        full = (e0 >= edges.range[0]) & (e1 >= edges.range[1]) & (e2 >= edges.range[2])
+        e0, e1, e2 = e0 + vec.i32(edges.dy[0]), e1 + vec.i32(edges.dy[1]), e2 + vec.i32(edges.dy[2])
+        inv_z = vec.f32(scratch.row_inv_z[row]) + column_inv_z
+        mask = valid & merge_whole_pixels(band, pixel, inv_z, max_offset, triangle, owner, full, touched)
+        lanes = vec.load(frame.lane_lists, vec.LANES * mask)
+        vec.store(scratch.edge_pixels, count, lanes + vec.i32(edge_pixel))
+        count += vec.count_bits(mask)
+        pixel += stride
+        edge_pixel += 1 << 8
+    return count
+
+
+@inlined
+def _load_edge_pixels(frame, band, triangle, edges, batch, scratch):
+    """Store what belongs to eight edge pixels from ``batch`` on, in the ``batch_`` fields of a SCRATCH."""
+    box_x, box_y, _, _ = box_of(triangle)
+    edge_pixels = vec.load(scratch.edge_pixels, batch)
+    rows, columns = edge_pixels >> vec.i32(8), (edge_pixels & vec.i32(255)) - vec.i32(8)
+    e0 = vec.i32(edges.first[0]) + rows * vec.i32(edges.dy[0]) + columns * vec.i32(edges.dx[0])
+    e1 = vec.i32(edges.first[1]) + rows * vec.i32(edges.dy[1]) + columns * vec.i32(edges.dx[1])
+    vec.store(scratch.batch_e0, 0, e0)
+    vec.store(scratch.batch_e1, 0, e1)
+    pixels = (rows + vec.i32(box_y - band.first_row)) * vec.i32(frame.stride) + (columns + vec.i32(box_x))
+    vec.store(scratch.batch_pixels, 0, pixels)
+    row_inv_z = vec.f32(triangle.inv_z_base) + vec.f32(triangle.inv_z_dy) * vec.to_f32(rows)
+    vec.store(scratch.batch_inv_z, 0, row_inv_z + vec.f32(triangle.inv_z_dx) * vec.to_f32(columns))
+
+
+@inlined
+def _draw_edge_pixels(frame, band, triangle, edges, count, scratch):
+    """Draw the samples of the first ``count`` edge pixels in a SCRATCH."""
+    inv_z_min, inv_z_max = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max)
+    inv_z_offsets = sample_inv_z_offsets(frame, triangle.inv_z_dx, triangle.inv_z_dy)
+    edge_sum = vec.i32(edges.first[0] + edges.first[1] + edges.first[2])  # the same at all points
+    slot_count, ids, zero = scratch.slot_count, vec.i32(triangle.id), vec.i32(0)
+    for batch in range(0, count, vec.LANES):
+        _load_edge_pixels(frame, band, triangle, edges, batch, scratch)
+        for k in range(min(count - batch, vec.LANES)):
+            e0, e1 = vec.i32(scratch.batch_e0[k]) + edges.offsets[0], vec.i32(scratch.batch_e1[k]) + edges.offsets[1]
+            covered = (e0 | e1 | (edge_sum - e0 - e1)) >= zero
+            inv_z = vec.minimum(vec.maximum(vec.f32(scratch.batch_inv_z[k]) + inv_z_offsets, inv_z_min), inv_z_max)
+            slot_count = merge_samples(frame, band, slot_count, np.int64(scratch.batch_pixels[k]), inv_z, covered, ids)
+    scratch.slot_count = slot_count
+
+
 @device_function
-def draw_small_samples(frame, band, triangle, owner, first_row, end_row, slot_count):
-    """Draw some rows of a SMALL_TRIANGLE.
+def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch):
+    """Draw a SMALL_TRIANGLE, eight pixels at a time.
 
     Args:
         band: a SAMPLE_BAND.
         owner: index of the primitive.
-        slot_count: number of slots in use.
-
-    Returns:
-        The new ``slot_count``.
+        scratch: a SCRATCH.
     """
     box_x, box_y, box_columns, box_rows = box_of(triangle)
-    begin, end = max(box_x, 0) & ~np.int64(vec.LANES - 1), min(box_x + box_columns, frame.width)
-    edges, zero, ids = _sample_edges(frame, triangle), vec.i32(0), vec.i32(triangle.id)
-    inv_z_dx, inv_z_min, inv_z_max = triangle.inv_z_dx, vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max)
-    inv_z_offsets = sample_inv_z_offsets(frame, inv_z_dx, triangle.inv_z_dy)
-    max_offset = vec.f32(max_inv_z_offset(frame, inv_z_dx, triangle.inv_z_dy))
-    for y in range(max(box_y, first_row), min(box_y + box_rows, end_row)):
-        row = y - box_y
-        row_inv_z = triangle.inv_z_base + triangle.inv_z_dy * np.float32(row)
-        row_e0, row_e1, row_e2 = (
-            edges.first[0] + row * edges.dy[0],
-            edges.first[1] + row * edges.dy[1],
-            edges.first[2] + row * edges.dy[2],
-        )
-        for x in range(begin, end, vec.LANES):
-            columns = vec.i32(x - box_x) + vec.iota()
-            # The greatest values among the samples of each pixel.
-            e0 = vec.i32(row_e0 + edges.max_offset[0]) + columns * vec.i32(edges.dx[0])
-            e1 = vec.i32(row_e1 + edges.max_offset[1]) + columns * vec.i32(edges.dx[1])
-            e2 = vec.i32(row_e2 + edges.max_offset[2]) + columns * vec.i32(edges.dx[2])
-            touched = (e0 | e1 | e2) >= zero
-            if vec.movemask(touched) == 0:
-                continue
-            full = (e0 >= edges.range[0]) & (e1 >= edges.range[1]) & (e2 >= edges.range[2])
-            inv_z = vec.f32(row_inv_z) + vec.f32(inv_z_dx) * vec.to_f32(columns)
-            first_pixel = (y - band.first_row) * frame.stride + x
-            edge_pixels = merge_whole_pixels(band, first_pixel, inv_z, max_offset, triangle, owner, full, touched)
-            while edge_pixels != 0:
-                lane = vec.lowest_bit(edge_pixels)
-                edge_pixels &= edge_pixels - 1
-                column = x + lane - box_x
-                e0 = vec.i32(row_e0 + column * edges.dx[0]) + edges.offsets[0]
-                e1 = vec.i32(row_e1 + column * edges.dx[1]) + edges.offsets[1]
-                e2 = vec.i32(row_e2 + column * edges.dx[2]) + edges.offsets[2]
-                covered = (e0 | e1 | e2) >= zero
-                inv_z = vec.f32(row_inv_z + inv_z_dx * np.float32(column)) + inv_z_offsets
-                inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
-                slot_count = merge_samples(frame, band, slot_count, first_pixel + lane, inv_z, covered, ids)
-    return slot_count
+    top, bottom = max(box_y, first_row), min(box_y + box_rows, end_row)
+    if top >= bottom:  # one of the chunk's tall primitives
+        return
+    left, right = max(box_x, 0), min(box_x + box_columns, frame.width)
+    if _is_hidden(band.far, frame.stride, left, right, top - first_row, bottom - first_row, triangle.inv_z_max):
+        return
+    edges, skipped_rows, rows = _sample_edges(frame, triangle), top - box_y, bottom - top
+    top_edges = (
+        edges.first[0] + edges.max_offset[0] + skipped_rows * edges.dy[0],
+        edges.first[1] + edges.max_offset[1] + skipped_rows * edges.dy[1],
+        edges.first[2] + edges.max_offset[2] + skipped_rows * edges.dy[2],
+    )
+    for row in range(0, rows, vec.LANES):
+        box_row = vec.to_f32(vec.i32(skipped_rows + row) + vec.iota())
+        vec.store(scratch.row_inv_z, row, vec.f32(triangle.inv_z_base) + vec.f32(triangle.inv_z_dy) * box_row)
+    max_offset = vec.f32(max_inv_z_offset(frame, triangle.inv_z_dx, triangle.inv_z_dy))
+    # The blocks of a wide triangle begin where vectors do, so that each lies in one cache line.
+    is_wide = right - left > 2 * vec.LANES
+    begin = left - (left & (vec.LANES - 1) if is_wide else 0)
+    count = 0
+    for group in range(begin, right, vec.LANES * vec.LANES):
+        columns = vec.i32(group - box_x) + (vec.iota() << vec.i32(3))
+        _limit_block_rows(edges, top_edges, columns, rows, is_wide, scratch)
+        for block in range(min((right - group + vec.LANES - 1) >> 3, vec.LANES)):
+            start = group + vec.LANES * block
+            count = _draw_block(
+                *(frame, band, triangle, owner, edges, top_edges, max_offset, top, start, block, scratch, count)
+            )
+    _draw_edge_pixels(frame, band, triangle, edges, count, scratch)

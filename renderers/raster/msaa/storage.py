@@ -60,11 +60,9 @@ def merge_whole_pixels(band, pixel, inv_z, max_offset, primitive, owner, full, t
     far = vec.minimum(vec.f32(primitive.inv_z_max), inv_z - max_offset)
     near = vec.maximum(inv_z + max_offset, vec.f32(primitive.inv_z_min))
     old_far, old_near = vec.load_volatile(band.far, pixel), vec.load_volatile(band.near, pixel)
+    old_ids, old_owners = vec.load_volatile(band.ids, pixel), vec.load_volatile(band.owners, pixel)
     is_whole = full & (far > old_near)
     needs_test = touched & (near >= old_far) & ~is_whole  # at the same 1/z ids decide
-    if vec.movemask(is_whole | needs_test) == 0:
-        return np.int64(0)
-    old_ids, old_owners = vec.load_volatile(band.ids, pixel), vec.load_volatile(band.owners, pixel)
     vec.store(band.far, pixel, vec.select(is_whole, far, old_far))
     vec.store(band.near, pixel, vec.select(is_whole | needs_test, vec.maximum(near, old_near), old_near))
     vec.store(band.ids, pixel, vec.select(is_whole, vec.i32(primitive.id), old_ids))
