@@ -1,4 +1,4 @@
-"""Reading a frame's TASK, to run its kernels one by one."""
+"""Reading a FRAME, to run its kernels one by one."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from renderers.raster.layout import TASK
+from renderers.raster.layout import FRAME
 
 
-def read_task(address: int) -> SimpleNamespace:
-    """Return the fields of the TASK at an address."""
-    memory = (ctypes.c_char * TASK.size).from_address(address)
-    task = np.frombuffer(bytes(memory), TASK.dtype)[0]
-    return SimpleNamespace(**{name: task[name].tolist() for name in TASK.dtype.names or ()})
+def read_frame(address: int) -> SimpleNamespace:
+    """Return the fields of the FRAME at an address."""
+    memory = (ctypes.c_char * FRAME.size).from_address(address)
+    frame = np.frombuffer(bytes(memory), FRAME.dtype)[0]
+    return SimpleNamespace(**{name: frame[name].tolist() for name in FRAME.dtype.names or ()})

@@ -14,17 +14,18 @@ from collections import defaultdict
 from collections.abc import Callable
 from unittest.mock import patch
 
-from bench.frame_task import read_task
+from bench.frame_task import read_frame
 from bench.raster import EVERYTHING, SIZES, scenes, view
 from renderers.interface import Look
 from renderers.raster import CpuRenderer, frame, warmup
-from renderers.raster.resolve import ALL_FACES, BACK_FACES, FRONT_FACES, draw_band
+from renderers.raster.coverage import draw_band
+from renderers.raster.resolve import resolve_band
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
 from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.visibility_buffer import BAND_ROWS
 
-PHASES = ("transform", "setup", "draw", "shade", "back faces", "whole")
+PHASES = ("transform", "setup", "draw", "shade", "back faces", "resolve", "whole")
 
 
 def laps(spent: dict[str, float]) -> Callable[[str], None]:
@@ -41,22 +42,23 @@ def laps(spent: dict[str, float]) -> Callable[[str], None]:
 
 def by_phase(address: int, spent: dict[str, float]) -> None:
     """Run the phases of a frame one by one; add the CPU time (s) of each to ``spent``."""
-    task = read_task(address)
-    frame_address, layer, split = task.frame, task.band_memory, task.keeps_back_faces
     note = laps(spent)
-    transform(frame_address, 0, task.vertex_count)
+    values = read_frame(address)
+    transform(address, 0, values.vertex_count)
     note("transform")
-    setup(frame_address, 0, task.chunk_count)
+    setup(address, 0, values.chunk_count)
     note("setup")
-    for first in range(0, task.height, BAND_ROWS):
-        last = min(first + BAND_ROWS, task.height)
-        draw_band(frame_address, first, last, layer, FRONT_FACES if split else ALL_FACES)
+    for first in range(0, values.height, BAND_ROWS):
+        rows = first, min(first + BAND_ROWS, values.height)
+        draw_band(address, *rows, values.band_memory, 0)
         note("draw")
-        shade_rows(task.shade_job, layer, first, last)
+        shade_rows(values.shade_job, values.band_memory, *rows)
         note("shade")
-        if split:
-            draw_band(frame_address, first, last, layer, BACK_FACES)
+        if values.first_back_bin:
+            draw_band(address, *rows, values.band_memory, 1)
             note("back faces")
+        resolve_band(address, *rows, values.band_memory)
+        note("resolve")
 
 
 def main() -> None:

@@ -29,7 +29,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from bench.frame_task import read_task
+from bench.frame_task import read_frame
 from bench.gallery import checks, dents, sphere
 from bench.raster import SIZES, Process, scenes, view, write
 from bench.raster_stages import laps
@@ -157,21 +157,21 @@ STAGES = ("transform", "setup", "draw_samples", "find_edges", "shade_mixed", "ar
 
 def by_stage(address: int, _: bool, spent: dict[str, float]) -> None:
     """Run the stages of a multisampled frame one by one; add the CPU time (s) of each to ``spent``."""
-    task = read_task(address)
-    frame_address, memory = task.frame, task.band_memory
+    frame = read_frame(address)
+    memory = frame.band_memory
     note = laps(spent)
-    transform(frame_address, 0, task.vertex_count)
+    transform(address, 0, frame.vertex_count)
     note("transform")
-    setup(frame_address, 0, task.chunk_count)
+    setup(address, 0, frame.chunk_count)
     note("setup")
-    for band in range(task.units[2]):
+    for band in range(frame.units[2]):
         first = band * BAND_ROWS
-        last = min(first + BAND_ROWS, task.height)
-        draw_samples(frame_address, first, last, memory)
+        last = min(first + BAND_ROWS, frame.height)
+        draw_samples(address, first, last, memory)
         note("draw_samples")
-        find_edges(frame_address, first, last, memory)
+        find_edges(address, first, last, memory)
         note("find_edges")
-        shade_mixed(task.shade_job, memory, task.stride, first, last)
+        shade_mixed(frame.shade_job, memory, frame.stride, first, last)
         note("shade_mixed")
 
 

@@ -8,10 +8,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.jit import kernel
-from renderers.compiler.pointers import address_of, f32_at
-
-_INFINITY: Final = np.float32(math.inf)
 TOO_FAR_16: Final = 65535
 """Drake's InvalidDepth::kTooFar for 16-bit depth, millimetres."""
 
@@ -27,17 +23,11 @@ def limit_depth(depth: NDArray[np.float32], min_depth: float, max_depth: float) 
     """Replace the depths that the sensor cannot measure, in place, as RenderEngineVtk's depth shader does.
 
     Args:
-        depth: (H, W) float32, C-contiguous, metres along the optical axis; inf is the background.
+        depth: (H, W) float32, metres along the optical axis; inf is the background.
         min_depth: metres; this depth and smaller ones become 0.
         max_depth: metres; this depth and larger ones become inf.
     """
-    _limit_depth(address_of(depth, np.float32), depth.size, min_depth, max_depth)
-
-
-@kernel("void(int64, int64, float64, float64)")
-def _limit_depth(address, count, min_depth, max_depth):
-    depths, lower, upper = f32_at(address), np.float32(min_depth), np.float32(max_depth)
-    for k in range(count):
-        depth = depths[k]
-        depth = _INFINITY if depth >= upper else depth
-        depths[k] = np.float32(0.0) if depth <= lower else depth
+    with np.errstate(over="ignore"):  # a limit beyond float32 is none
+        lower, upper = np.float32(min_depth), np.float32(max_depth)
+    np.copyto(depth, np.float32(math.inf), where=depth >= upper)
+    np.copyto(depth, np.float32(0.0), where=depth <= lower)

@@ -42,7 +42,7 @@ SAMPLE_BAND: Final = Struct(
         "far": pointer_to(F32),  # (BAND_ROWS, stride): smallest 1/z of a pixel's samples
         "near": pointer_to(F32),  # (BAND_ROWS, stride): largest 1/z of a pixel's samples
         "slots": pointer_to(I32),  # (BAND_ROWS, stride): slot of the pixel's samples, -1: none
-        "owners": pointer_to(I32),  # (BAND_ROWS, stride): index of the binned primitive that covers the pixel
+        "owners": pointer_to(I32),  # (BAND_ROWS, stride): index of the primitive that covers the pixel
     },
 )
 """Memory of one thread for a band with several samples per pixel. Index 0 is the band's first pixel.

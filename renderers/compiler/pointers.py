@@ -81,7 +81,6 @@ def _cast_to(scalar: Any) -> Any:
 as_f32 = _cast_to(types.float32)
 """``as_f32(pointer)``: the same address as a pointer to float32."""
 as_i32 = _cast_to(types.int32)
-as_i64 = _cast_to(types.int64)
 as_u32 = _cast_to(types.uint32)
 
 

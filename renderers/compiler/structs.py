@@ -31,7 +31,6 @@ _I64: Final = ir.IntType(64)
 I64: Final[Any] = types.int64
 I32: Final[Any] = types.int32
 U32: Final[Any] = types.uint32
-U16: Final[Any] = types.uint16
 U8: Final[Any] = types.uint8
 F64: Final[Any] = types.float64
 F32: Final[Any] = types.float32

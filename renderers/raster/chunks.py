@@ -1,47 +1,27 @@
-"""Arrays of one chunk of primitives within a frame's memory: what setup writes and bands read."""
+"""Search of a CHUNK for what lies in a bin."""
 
 from __future__ import annotations
 
+from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
-from renderers.compiler.pointers import advance
-from renderers.raster.layout import CHUNK, MAX_BINS, MAX_TINY_PIXELS
 
 
 @inlined
-def bin_starts_of(frame, chunk):
-    """Return pointer to the int32 that say where a chunk's bins start.
-
-    They are: starts of the bins in ``bins_of``, and their end; starts of the bins in ``tiny_pixels_of``, and their end;
-    number of tall primitives without the back faces that are kept, and with them.
-    """
-    return advance(frame.bin_starts, chunk * (2 * frame.bin_count + 4))
+def primitives_in_bin(chunk, k, bin_index):
+    """Return which of the eight primitives from ``k`` on touch a bin, a bit for each, int64."""
+    bins, searched = vec.load(chunk.bins, k), vec.i32(bin_index)
+    touches = ((bins & vec.i32(0xFFFF)) <= searched) & ((bins >> vec.i32(16)) >= searched)
+    return vec.movemask(touches & _used_lanes(k, chunk.count))
 
 
 @inlined
-def bins_of(frame, chunk):
-    """Return pointer to (MAX_BINS * CHUNK) uint16: primitives of the chunk, bin by bin."""
-    return advance(frame.bins, chunk * CHUNK * MAX_BINS)
+def pixels_between(chunk, k, begin, end):
+    """Return which of the eight tiny triangles' pixels from ``k`` on are in ``begin .. end``, a bit for each, int64."""
+    pixels = vec.load(chunk.pixels, k)
+    return vec.movemask((pixels >= vec.i32(begin)) & (pixels < vec.i32(end)) & _used_lanes(k, chunk.pixel_count))
 
 
 @inlined
-def tall_of(frame, chunk):
-    """Return pointer to (CHUNK,) uint16: primitives of the chunk that touch more than MAX_BINS bands."""
-    return advance(frame.tall, chunk * CHUNK)
-
-
-@inlined
-def bands_of(frame, chunk):
-    """Return pointer to 4 int32: first and last band that the chunk touches, and the same of back faces kept."""
-    return advance(frame.chunk_bands, 4 * chunk)
-
-
-@inlined
-def tiny_pixels_of(frame, chunk):
-    """Return pointer to (MAX_TINY_PIXELS, 4) int32: pixel, bits of 1/z, primitive id and bin, bin by bin."""
-    return advance(frame.tiny_pixels, 4 * chunk * MAX_TINY_PIXELS)
-
-
-@inlined
-def primitives_of(frame, chunk):
-    """Return the chunk's primitives, (CHUNK,) BINNED."""
-    return frame.binned[chunk * CHUNK]
+def _used_lanes(k, count):
+    """Return m8: lanes that hold one of ``count`` values, ``k`` of which come before the first lane."""
+    return vec.iota() < vec.i32(count - k)

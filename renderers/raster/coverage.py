@@ -1,4 +1,4 @@
-"""Rasterization of a band with one sample per pixel: coverage and depth test of the binned primitives."""
+"""Rasterization of a band with one sample per pixel: coverage and depth test of the primitives."""
 
 from __future__ import annotations
 
@@ -9,24 +9,20 @@ from numba import types
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pointers import address, advance, allocate, as_f32, as_i32, f32_at, release, stack_array
+from renderers.compiler.pointers import address, advance, allocate, as_i32, f32_at, i32_at, release, stack_array
 from renderers.compiler.structs import I64, Struct
-from renderers.raster.chunks import (
-    bands_of,
-    bin_starts_of,
-    bins_of,
-    primitives_of,
-    tall_of,
-    tiny_pixels_of,
-)
+from renderers.raster.chunks import pixels_between, primitives_in_bin
 from renderers.raster.depth_test import ANY_ORDER, IN_ORDER, PEELED, depth_test, depth_test_pixel
 from renderers.raster.fill import make_fill
 from renderers.raster.layout import (
+    BACK_BIT,
     HALF_PIXEL,
     KIND_SMALL,
     LAYER,
     SUBPIXEL,
+    frame_at,
     small_triangle_at,
 )
 from renderers.raster.small_triangles import PREPARED, box_of, draw_small, prepare_small
@@ -34,7 +30,8 @@ from renderers.visibility_buffer import BAND_ROWS
 
 _TARGET: Final = Struct("Target", {"layer": LAYER, "depth_rule": I64, "prepared": PREPARED})
 """The layer that primitives are drawn into and its depth rule, and memory for a prepared small triangle."""
-_new_target: Final = _TARGET.local
+_new_layer = LAYER.local
+_new_target = _TARGET.local
 _new_prepared = PREPARED.local
 _inv_z_array = stack_array(types.float32, vec.LANES)
 _span_array = stack_array(types.int32, 2 * vec.LANES)
@@ -110,7 +107,7 @@ _fill = make_fill(vec.LANES, _sample_points, _draw_spans, _draw_point)
 
 @device_function
 def _draw_primitive(frame, target, primitive, first_row, end_row):
-    """Draw some rows of a BINNED."""
+    """Draw some rows of a PRIMITIVE."""
     if primitive.kind == KIND_SMALL:
         prepare_small(frame, small_triangle_at(address(primitive)), first_row, end_row, target.prepared)
         if target.depth_rule == IN_ORDER:
@@ -121,8 +118,23 @@ def _draw_primitive(frame, target, primitive, first_row, end_row):
         _fill(frame, target, primitive, first_row, end_row)
 
 
+@inlined
+def set_band_layer(frame, layer, first_row, band_memory):
+    """Set a LAYER to that of a band, which begins with ``first_row``.
+
+    Args:
+        band_memory: address of BAND_ROWS x stride int32, the ids, and as many float32, the 1/z; 0: the frame has a
+            layer of the whole image.
+    """
+    if band_memory == 0:
+        layer.ids, layer.inv_z, layer.first_row = i32_at(frame.layer_ids), f32_at(frame.layer_inv_z), 0
+    else:
+        layer.ids, layer.first_row = i32_at(band_memory), first_row
+        layer.inv_z = advance(f32_at(band_memory), BAND_ROWS * frame.stride)
+
+
 @device_function
-def clear_rows(frame, layer, first_row, end_row):
+def _clear_rows(frame, layer, first_row, end_row):
     """Clear a layer's rows."""
     begin, end = (first_row - layer.first_row) * frame.stride, (end_row - layer.first_row) * frame.stride
     # Nothing beyond this 1/z passes the depth test: the far plane needs no test of its own.
@@ -161,7 +173,7 @@ def _build_depth_tiles(frame, layer, first_row, end_row, tiles):
 
 @device_function
 def _is_hidden(frame, primitive, tiles, first_row, end_row):
-    """Return whether a BINNED is a KIND_SMALL that lies behind everything in the tiles around its box."""
+    """Return whether a PRIMITIVE is a KIND_SMALL that lies behind everything in the tiles around its box."""
     if primitive.kind != KIND_SMALL:
         return False
     triangle = small_triangle_at(address(primitive))
@@ -179,101 +191,75 @@ def _is_hidden(frame, primitive, tiles, first_row, end_row):
 
 
 @device_function
-def _draw_pixels(frame, target, pixels, begin, end):
-    """Draw the pixels ``begin .. end`` of tiny triangles."""
-    inv_z = as_f32(pixels)
+def _draw_pixels(frame, target, chunk, begin, end):
+    """Draw the pixels of tiny triangles that are in ``begin .. end``, both with BACK_BIT for back faces."""
     layer, depth_rule = target.layer, target.depth_rule
     first_pixel = layer.first_row * frame.stride
-    for k in range(begin, end):
-        pixel = np.int64(pixels[4 * k]) - first_pixel
-        depth_test_pixel(frame, layer, depth_rule, pixel, inv_z[4 * k + 1], pixels[4 * k + 2])
-
-
-@device_function
-def _draw_pixels_in_rows(frame, target, pixels, begin, end, first_row, end_row):
-    """``_draw_pixels``, of those in some rows of a band."""
-    if end_row - first_row == min(BAND_ROWS, frame.height - first_row // BAND_ROWS * BAND_ROWS):
-        _draw_pixels(frame, target, pixels, begin, end)
-        return
-    first_pixel, end_pixel = first_row * frame.stride, end_row * frame.stride
-    for k in range(begin, end):
-        if pixels[4 * k] >= first_pixel and pixels[4 * k] < end_pixel:
-            _draw_pixels(frame, target, pixels, k, k + 1)
-
-
-@inlined
-def _next_primitive(bins, k, end, tall, tall_k, tall_end):
-    """Merge a bin and its chunk's tall primitives: return the lowest index left and the new ``k`` and ``tall_k``.
-
-    At least one of the two must have primitives left.
-    """
-    if tall_k >= tall_end or (k < end and bins[k] < tall[tall_k]):
-        return np.int64(bins[k]), k + 1, tall_k
-    return np.int64(tall[tall_k]), k, tall_k + 1
-
-
-@device_function
-def _has_kept_back_faces(frame, band_index):
-    """Return whether any chunk has back faces that are kept in a band."""
-    found = False
-    for chunk in range(frame.chunk_count):
-        bands = bands_of(frame, chunk)
-        found = found | ((band_index >= bands[2]) & (band_index <= bands[3]))
-    return found
+    for k in range(0, chunk.pixel_count, vec.LANES):
+        pending = pixels_between(chunk, k, begin, end)
+        while pending != 0:
+            j = k + vec.lowest_bit(pending)
+            pending &= pending - 1
+            pixel = np.int64(chunk.pixels[j] & ~BACK_BIT) - first_pixel
+            depth_test_pixel(frame, layer, depth_rule, pixel, chunk.pixel_inv_z[j], chunk.pixel_ids[j])
 
 
 @inlined
 def _depth_rule(frame, back_faces):
     """Return the rule of ``depth_test``."""
-    if back_faces:
+    if back_faces != 0:
         return ANY_ORDER
     is_bounded = frame.beyond_ids != 0 or frame.before_ids != 0 or frame.earlier_ids != 0
     return PEELED if is_bounded or frame.takes_latest != 0 else IN_ORDER
 
 
 @device_function
-def draw_rows(frame, layer, first_row, end_row, back_faces):
-    """Draw everything that touches the rows of a band, or of a part of one.
+def _draw_chunk(frame, target, chunk, band_index, rows, back_faces, tiles):
+    """Draw what a CHUNK has in a band, ``rows``: first and end.
 
     Primitives are drawn in the order of their ids; pixels of tiny triangles compare ids themselves.
+    """
+    first_row, end_row = rows
+    bin_index, begin_pixel, end_pixel = band_index, first_row * frame.stride, end_row * frame.stride
+    if back_faces:
+        bin_index += frame.first_back_bin
+        begin_pixel, end_pixel = begin_pixel | BACK_BIT, end_pixel | BACK_BIT
+    for k in range(0, chunk.count, vec.LANES):
+        pending = primitives_in_bin(chunk, k, bin_index)
+        while pending != 0:
+            primitive = chunk.primitives[k + vec.lowest_bit(pending)]
+            pending &= pending - 1
+            if not (back_faces and _is_hidden(frame, primitive, tiles, first_row, end_row)):
+                _draw_primitive(frame, target, primitive, first_row, end_row)
+    _draw_pixels(frame, target, chunk, begin_pixel, end_pixel)
+
+
+@kernel("void(int64, int64, int64, int64, int64)")
+def draw_band(frame_address, first_row, end_row, band_memory, back_faces):
+    """Rasterize a band.
 
     Args:
-        back_faces: draw only the back faces that are kept, on top of the layer.
+        frame_address: address of a FRAME.
+        first_row, end_row: rows of the image, all of one band.
+        band_memory: as for ``set_band_layer``.
+        back_faces: 0: draw all but the back faces that are kept, into a cleared layer; 1: draw these on top of it.
     """
-    band_index = first_row // BAND_ROWS
-    target = _new_target()
-    target.layer = layer
-    target.prepared = _new_prepared()
-    target.depth_rule = _depth_rule(frame, back_faces)
-    bin_count, bin_index = frame.bin_count, band_index
+    frame = frame_at(frame_address)
+    layer, target = _new_layer(), _new_target()
+    set_band_layer(frame, layer, first_row, band_memory)
+    target.layer, target.prepared, target.depth_rule = layer, _new_prepared(), _depth_rule(frame, back_faces)
     heap = np.int64(0)
-    if back_faces:
-        if not _has_kept_back_faces(frame, band_index):
-            return
-        bin_index += frame.band_count
+    if back_faces == 0:
+        _clear_rows(frame, layer, first_row, end_row)
+    else:
         heap = allocate(4 * (BAND_ROWS // TILE_ROWS) * frame.stride)
-    tiles = f32_at(heap)
-    if back_faces:
-        _build_depth_tiles(frame, layer, first_row, end_row, tiles)
-    first_of_bands = 2 if back_faces else 0
-    for chunk in range(frame.chunk_count):
-        bands = bands_of(frame, chunk)
-        if band_index < bands[first_of_bands] or band_index > bands[first_of_bands + 1]:
-            continue
-        if is_set(frame.stop):
-            break
-        starts, bins, tall = bin_starts_of(frame, chunk), bins_of(frame, chunk), tall_of(frame, chunk)
-        k, end = np.int64(starts[bin_index]), np.int64(starts[bin_index + 1])
-        tall_k, tall_end = np.int64(0), np.int64(starts[2 * bin_count + 2])
-        if back_faces:
-            tall_k, tall_end = tall_end, np.int64(starts[2 * bin_count + 3])
-        primitives = primitives_of(frame, chunk)
-        while k < end or tall_k < tall_end:
-            index, k, tall_k = _next_primitive(bins, k, end, tall, tall_k, tall_end)
-            if back_faces and _is_hidden(frame, primitives[index], tiles, first_row, end_row):
-                continue
-            _draw_primitive(frame, target, primitives[index], first_row, end_row)
-        begin, end = np.int64(starts[bin_count + 1 + bin_index]), np.int64(starts[bin_count + 2 + bin_index])
-        _draw_pixels_in_rows(frame, target, tiny_pixels_of(frame, chunk), begin, end, first_row, end_row)
-    if back_faces:
+        _build_depth_tiles(frame, layer, first_row, end_row, f32_at(heap))
+    band_index = first_row // BAND_ROWS
+    for index in range(frame.chunk_count):
+        chunk = frame.chunks[index]
+        if band_index >= chunk.first_band and band_index <= chunk.last_band:
+            if is_set(frame.stop):
+                break
+            _draw_chunk(frame, target, chunk, band_index, (first_row, end_row), back_faces != 0, f32_at(heap))
+    if back_faces != 0:
         release(heap)

@@ -37,7 +37,7 @@ def _first_column_right_of(xa, ya, xb, yb, x, y):
 
 @device_function
 def inv_z_origin(primitive):
-    """Return the column and row of the pixel that ``BINNED.inv_z_base`` belongs to."""
+    """Return the column and row of the pixel that ``PRIMITIVE.inv_z_base`` belongs to."""
     xy, kind = primitive.xy, primitive.kind
     x0, y0 = np.int64(xy[0]), np.int64(xy[1])
     if kind == KIND_TRIANGLE:

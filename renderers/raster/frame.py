@@ -1,10 +1,10 @@
-"""One rasterization: fills a FRAME and its TASK for the kernels, and makes the task that threads share."""
+"""One rasterization: fills a FRAME for the kernels, and makes the task that threads share."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +16,18 @@ from renderers.compiler.simd import LANES
 from renderers.interface import Frame
 from renderers.msaa import SAMPLE_BAND, lane_lists, sample_offsets
 from renderers.raster.buffers import Buffers
+from renderers.raster.coverage import draw_band
 from renderers.raster.frame_phases import run_phases
 from renderers.raster.frame_setup import set_up_frame
-from renderers.raster.layout import BINNED, CHUNK, DRAW, FRAME, MAX_BINS, MAX_TINY_PIXELS, TASK
-from renderers.raster.resolve import draw_band, resolve_layer, resolve_normals
+from renderers.raster.layout import CHUNK, CHUNK_SIZE, CHUNK_VALUES, DRAW, FRAME, PRIMITIVE
+from renderers.raster.msaa.edges import draw_samples, find_edges
+from renderers.raster.resolve import resolve_band, resolve_normals
 from renderers.raster.scene import PreparedScene
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
 from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.stop import current_stop
-from renderers.visibility_buffer import BAND_ROWS, SampledShader, Visibility, band_count
+from renderers.visibility_buffer import BAND_ROWS, SampledShader, Visibility
 
 
 class FrameJob:
@@ -51,59 +53,39 @@ class FrameJob:
             opaque: only the nearest surface of every pixel is wanted, so that hidden back faces need not be drawn.
             samples: 1, 4 or 8 per pixel; several are for ``sampled_task``.
         """
-        width, height = camera.width, camera.height
-        instances = prepared.instances
-        count, vertices, primitives = instances.counts
-        self.stride = -(-width // LANES) * LANES
+        count, vertices, primitives = prepared.instances.counts
+        self.stride = -(-camera.width // LANES) * LANES
         """Pixels from one row of the layer to the next."""
         self.threads = threads
         self.buffers = Buffers()
         """Memory that lives as long as the job."""
-        allocate = self.buffers.allocate
         # The task and what its kernels read must outlive them.
         self._keep: list[object] = [prepared, camera]
-        poses, self.poses_address = allocate(16 * count, np.float64)
+        poses, self.poses_address = self.buffers.allocate(16 * count, np.float64)
         """Address of ``X_camera_mesh``."""
         self.X_camera_mesh: NDArray[np.float64] = poses.reshape(-1, 4, 4)
         """(I, 4, 4) float64 as in ``Visibility``."""
-        self._task, self._task_address = self._new_task(height)
-        frame, self._frame_address = allocate(FRAME.size // 8, np.int64)
-        self._frame = frame.view(FRAME.dtype)
-        reach, offsets, lanes = _sample_tables(samples)[:3] if samples > 1 else (0, 0, 0)
-        values: dict[str, Any] = {
-            "width": width,
-            "height": height,
-            "stride": self.stride,
-            "samples": samples,
-            "max_threads": threads,
-            "fx": camera.fx,
-            "fy": camera.fy,
-            "cx": camera.cx,
-            "cy": camera.cy,
-            "near": camera.near,
-            "far": camera.far,
-            "instance_count": count,
-            "instances": instances.instances_at,
-            "first_ids": instances.first_ids_at,
-            "labels": instances.labels_at,
-            "instance_ids": instances.instance_ids_at,
-            "select": select,
-            "cull_back": cull_back,
-            "skip_hidden_back_faces": opaque,
-            "keep_back_faces": keep_back_faces,
-            "X_world_mesh": prepared.X_world_mesh_at,
-            "X_world_camera": camera.X_world_camera.ravel(),
-            "X_camera_mesh": self.poses_address,
-            "task": self._task_address,
-            "stop": current_stop().address,
-            "draws": allocate((count + 1) * DRAW.size // 8, np.int64)[1],
-            "sample_reach": reach,
-            "sample_offsets": offsets,
-            "lane_lists": lanes,
-            **_work_buffers(self.buffers, vertices, -(-primitives // CHUNK), band_count(height)),
-        }
-        self._frame[0] = FRAME.record(**values)
-        self._task["frame"] = self._frame_address
+        # Not in ``buffers``: late helper threads read it after the job is gone.
+        memory = np.zeros(FRAME.size // 8, np.int64)
+        self._frame, self._frame_address = memory.view(FRAME.dtype), address_of(memory, np.int64)
+        self._frame[0] = FRAME.record(
+            stride=self.stride,
+            samples=samples,
+            max_threads=threads,
+            select=select,
+            cull_back=cull_back,
+            skip_hidden_back_faces=opaque,
+            keep_back_faces=keep_back_faces,
+            X_camera_mesh=self.poses_address,
+            stop=current_stop().address,
+            transform_kernel=_kernel_address(transform),
+            setup_kernel=_kernel_address(setup),
+            yield_function=YIELD_ADDRESS,
+            **_camera_fields(camera),
+            **_table_fields(prepared),
+            **_work_buffers(self.buffers, count, vertices, -(-primitives // CHUNK_SIZE)),
+            **(_sample_fields(samples)[0] if samples > 1 else {}),
+        )
         useful_threads: int = set_up_frame(self._frame_address)
         if useful_threads == 0:
             with np.errstate(all="ignore"):  # poses that are not finite draw nothing
@@ -112,57 +94,31 @@ class FrameJob:
             useful_threads = set_up_frame(self._frame_address)
         self._useful_threads = useful_threads
 
-    def _new_task(self, height: int) -> tuple[NDArray[np.void], int]:
-        """Return a TASK and its address, in fresh memory: late helper threads read it after the job is gone."""
-        memory = np.zeros(TASK.size // 8, np.int64)
-        task = memory.view(TASK.dtype)
-        task["height"], task["stride"] = height, self.stride
-        task["stop"], task["yield_function"] = current_stop().address, YIELD_ADDRESS
-        task["transform_kernel"], task["setup_kernel"] = kernel_addresses()[:2]
-        return task, address_of(memory, np.int64)
-
     def layers(
         self,
-        ids: NDArray[np.int32],
-        inv_z: NDArray[np.float32],
-        beyond: Visibility | None,
-        before: Visibility | None,
-        earlier: NDArray[np.int32] | None,
+        layer: Visibility,
+        beyond: Visibility | None = None,
+        before: Visibility | None = None,
+        earlier: NDArray[np.int32] | None = None,
         *,
-        latest: bool,
+        latest: bool = False,
     ) -> None:
-        """Set the arrays that get the layer, and the layers that bound it; all (H, W) as in ``Visibility``.
-
-        Kernels work on whole vectors: where the width is not a multiple of eight, on padded copies.
-        """
+        """Set the layer, and those that bound it as in ``Rasterizer.visibility``. Their rows have ``stride`` pixels."""
         frame = self._frame
-        height, width = ids.shape
-        if self.stride == width:
-            frame["layer_ids"] = address_of(ids, np.int32)
-            frame["layer_inv_z"] = address_of(inv_z, np.float32)
-        else:
-            count = height * self.stride
-            frame["layer_ids"] = self.buffers.allocate(count, np.int32)[1]
-            frame["layer_inv_z"] = self.buffers.allocate(count, np.float32)[1]
-            frame["unpadded_ids"] = address_of(ids, np.int32)
-            frame["unpadded_inv_z"] = address_of(inv_z, np.float32)
-        if beyond is not None:
-            frame["beyond_ids"] = address_of(self._padded(beyond.ids), np.int32)
-            frame["beyond_inv_z"] = address_of(self._padded(beyond.inv_z), np.float32)
-        if before is not None:
-            frame["before_ids"] = address_of(self._padded(before.ids), np.int32)
-            frame["before_inv_z"] = address_of(self._padded(before.inv_z), np.float32)
+        for name, each in (("layer", layer), ("beyond", beyond), ("before", before)):
+            if each is not None:
+                frame[f"{name}_ids"] = self._address(each.ids, np.int32)
+                frame[f"{name}_inv_z"] = self._address(each.inv_z, np.float32)
         if earlier is not None:
-            frame["earlier_ids"] = address_of(self._padded(earlier), np.int32)
+            frame["earlier_ids"] = self._address(earlier, np.int32)
         frame["takes_latest"] = latest
-        self._keep += (ids, inv_z)
 
-    def _padded(self, array: NDArray[Any]) -> NDArray[Any]:
-        """Return the array, or a copy whose rows are whole vectors; kept as long as the job."""
+    def _address(self, array: NDArray[Any], dtype: type[np.generic]) -> int:
+        """Return the address of an array (H, W), or of a copy whose rows are whole vectors; kept as long as the job."""
         if array.shape[1] != self.stride:
             array = np.pad(array, ((0, 0), (0, self.stride - array.shape[1])))
         self._keep.append(array)
-        return array
+        return address_of(array, dtype)
 
     def outputs(self, images: Frame, addresses: Sequence[int]) -> None:
         """Set the outputs that are written after a band is rasterized.
@@ -173,20 +129,20 @@ class FrameJob:
         """
         frame = self._frame
         frame["depth"], frame["label"], frame["instance"], frame["normal"] = addresses
+        if any(addresses):
+            frame["resolve_kernel"] = _kernel_address(resolve_band)
         if addresses[3]:
-            frame["normals_kernel"] = _normals_address()
-        self._task["has_outputs"] = any(addresses)
+            frame["normals_kernel"] = _kernel_address(resolve_normals)
         self._keep.append(images)
 
     def resolver(self, visible: Visibility) -> Callable[[int], None]:
         """Return a function that writes the outputs of a band, by its index, from a finished layer."""
-        ids = address_of(self._padded(visible.ids), np.int32)
-        inv_z = address_of(self._padded(visible.inv_z), np.float32)
+        self.layers(visible)
         height = len(visible.ids)
 
         def resolve(band: int) -> None:
             first_row = band * BAND_ROWS
-            resolve_layer(self._frame_address, ids, inv_z, first_row, min(first_row + BAND_ROWS, height))
+            resolve_band(self._frame_address, first_row, min(first_row + BAND_ROWS, height), 0)
 
         return resolve
 
@@ -196,45 +152,43 @@ class FrameJob:
         Args:
             shade_job: address of a HEADLIGHT_JOB: every band is shaded while it is in the cache; 0: none.
         """
-        memory, values = 0, 0
-        if self._frame["layer_ids"][0] == 0:
+        frame = self._frame
+        frame["draw_kernel"] = _kernel_address(draw_band)
+        if shade_job:
+            frame["shade_kernel"], frame["shade_job"] = _kernel_address(shade_rows), shade_job
+        if frame["layer_ids"][0] == 0:
             values = 2 * BAND_ROWS * self.stride
             memory = self.buffers.allocate(self.threads * values, np.int32)[1]
-        _, _, draw_kernel, shade_kernel = kernel_addresses()
-        task = self._task
-        task["draw_kernel"] = draw_kernel
-        task["shade_kernel"], task["shade_job"] = shade_kernel if shade_job else 0, shade_job
-        task["band_memory"], task["band_memory_bytes"] = memory, 4 * values
-        return Task(task, self._task_address, self._useful_threads)
+            frame["band_memory"], frame["band_memory_bytes"] = memory, 4 * values
+        return Task(frame, self._frame_address, self._useful_threads)
 
-    def sampled_task(self, draw_kernel: int, edges_kernel: int, memory: int, shader: SampledShader) -> Task:
+    def sampled_task(self, memory: int, shader: SampledShader) -> Task:
         """``task`` for several samples per pixel.
 
         Args:
-            draw_kernel, edges_kernel: addresses of ``edges.draw_samples`` and ``edges.find_edges``.
             memory: address of a SAMPLE_BAND for each thread; lives as long as the job.
         """
         self._keep.append(shader)
-        task = self._task
-        task["draw_kernel"], task["edges_kernel"] = draw_kernel, edges_kernel
-        task["shade_kernel"], task["shade_job"] = shader.kernel, shader.job
-        task["band_memory"], task["band_memory_bytes"] = memory, SAMPLE_BAND.size
-        return Task(task, self._task_address, self._useful_threads)
+        frame = self._frame
+        frame["draw_kernel"], frame["edges_kernel"] = _kernel_address(draw_samples), _kernel_address(find_edges)
+        frame["shade_kernel"], frame["shade_job"] = shader.kernel, shader.job
+        frame["band_memory"], frame["band_memory_bytes"] = memory, SAMPLE_BAND.size
+        return Task(frame, self._frame_address, self._useful_threads)
 
 
 class Task:
     """A frame's work, for every thread that takes part.
 
-    What it works on must live until the frame is finished. Threads that come later read the TASK only.
+    What it works on must live until the frame is finished. Threads that come later read the FRAME only.
     """
 
-    def __init__(self, task: NDArray[np.void], address: int, threads: int) -> None:
+    def __init__(self, frame: NDArray[np.void], address: int, threads: int) -> None:
         """
         Args:
-            task: a TASK, at ``address``.
+            frame: a FRAME, at ``address``.
             threads: maximum number of threads that can share the work.
         """
-        self._task = task
+        self._frame = frame
         self._address = address
         self.threads = threads
 
@@ -247,34 +201,47 @@ class Task:
         run_phases(self._address, False)
 
 
+_kernel_address: Final = cache(kernel_address)
+
+
+def _camera_fields(camera: Camera) -> dict[str, Any]:
+    """Return the fields of FRAME that are the camera's."""
+    names = "width", "height", "fx", "fy", "cx", "cy", "near", "far"
+    return {"X_world_camera": camera.X_world_camera.ravel(), **{name: getattr(camera, name) for name in names}}
+
+
+def _table_fields(prepared: PreparedScene) -> dict[str, int]:
+    """Return the fields of FRAME that are the scene's."""
+    instances = prepared.instances
+    return {
+        "instance_count": instances.counts[0],
+        "instances": instances.instances_at,
+        "first_ids": instances.first_ids_at,
+        "labels": instances.labels_at,
+        "instance_ids": instances.instance_ids_at,
+        "X_world_mesh": prepared.X_world_mesh_at,
+    }
+
+
 @cache
-def _sample_tables(samples: int) -> tuple[int, int, int, object]:
-    """Return FRAME's ``sample_reach``, ``sample_offsets`` and ``lane_lists``, and the arrays they point to."""
+def _sample_fields(samples: int) -> tuple[dict[str, int], object]:
+    """Return the fields of FRAME for several samples per pixel, and the arrays that they point to."""
     offsets, lanes = sample_offsets(samples), lane_lists()
-    return int(np.abs(offsets).max()), address_of(offsets, np.int32), address_of(lanes, np.int32), (offsets, lanes)
+    fields = {
+        "sample_reach": int(np.abs(offsets).max()),
+        "sample_offsets": address_of(offsets, np.int32),
+        "lane_lists": address_of(lanes, np.int32),
+    }
+    return fields, (offsets, lanes)
 
 
-@cache
-def kernel_addresses() -> tuple[int, int, int, int]:
-    """Return the addresses of transform, setup, draw_band and shade_rows."""
-    return kernel_address(transform), kernel_address(setup), kernel_address(draw_band), kernel_address(shade_rows)
-
-
-@cache
-def _normals_address() -> int:
-    return kernel_address(resolve_normals)
-
-
-def _work_buffers(buffers: Buffers, vertices: int, chunks: int, bands: int) -> dict[str, int]:
+def _work_buffers(buffers: Buffers, instances: int, vertices: int, chunks: int) -> dict[str, int]:
     """Return the addresses of the memory that FRAME's kernels fill, by field."""
-    primitives = chunks * CHUNK
     sizes: tuple[tuple[str, int, type[np.generic]], ...] = (
+        ("draws", (instances + 1) * DRAW.size // 8, np.int64),
         ("vertices", 4 * vertices, np.float32),
-        ("binned", primitives * BINNED.size // 8, np.float64),
-        ("bins", primitives * MAX_BINS, np.uint16),
-        ("tall", primitives, np.uint16),
-        ("bin_starts", chunks * (4 * bands + 4), np.int32),
-        ("chunk_bands", 4 * chunks, np.int32),
-        ("tiny_pixels", chunks * MAX_TINY_PIXELS * 4, np.int32),
+        ("primitives", chunks * CHUNK_SIZE * PRIMITIVE.size // 8, np.float64),
+        ("chunks", chunks * CHUNK.size // 8, np.int64),
+        ("chunk_memory", chunks * CHUNK_VALUES, np.int32),
     )
     return {name: buffers.allocate(count, dtype)[1] for name, count, dtype in sizes}

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
+from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
 from renderers.raster.instance_transforms import collect_draws, compute_camera_poses
-from renderers.raster.layout import CHUNK, frame_at, task_at
+from renderers.raster.layout import CHUNK_SIZE, frame_at
 from renderers.visibility_buffer import BAND_ROWS
 
 MIN_VERTICES: Final = 4096
@@ -19,32 +20,31 @@ SMALL_WORK: Final = 60_000
 
 @kernel("int64(int64)", releases_gil=False)
 def set_up_frame(frame_address):
-    """Compute the last fields of a FRAME and of its TASK.
+    """Compute the last fields of a FRAME.
 
     Returns:
         Maximum number of threads that can share the frame; 0 if the camera's pose is not affine or has no inverse. Then
         the caller has to fill ``X_camera_mesh`` and set ``poses_ready``, and call again.
     """
     frame = frame_at(frame_address)
-    task = task_at(frame.task)
     if frame.poses_ready == 0 and not compute_camera_poses(frame):
         return 0
-    culling_draws = collect_draws(frame)
-    keeps_back_faces = frame.keep_back_faces != 0 and culling_draws > 0
-    bands = (frame.height + BAND_ROWS - 1) // BAND_ROWS
-    chunks = (frame.primitive_count + CHUNK - 1) // CHUNK
-    frame.band_count, frame.bin_count, frame.chunk_count = bands, 2 * bands if keeps_back_faces else bands, chunks
-
-    threads, vertices = frame.max_threads, frame.vertex_count
+    keeps_back_faces = collect_draws(frame) > 0 and frame.keep_back_faces != 0
+    threads, vertices, primitives = frame.max_threads, frame.vertex_count, frame.primitive_count
+    frame.band_count, frame.chunk_count = _quotient_up(frame.height, BAND_ROWS), _quotient_up(primitives, CHUNK_SIZE)
+    frame.first_back_bin = frame.band_count if keeps_back_faces else 0
     max_units = UNITS_PER_THREAD * threads if threads > 1 else 1
-    vertices_per_unit = max((vertices + max_units - 1) // max_units, MIN_VERTICES)
-    chunks_per_unit = max((chunks + max_units - 1) // max_units, 1)
-    transform_units = (vertices + vertices_per_unit - 1) // vertices_per_unit
-    setup_units = (chunks + chunks_per_unit - 1) // chunks_per_unit
-    task.vertex_count, task.vertices_per_unit = vertices, vertices_per_unit
-    task.chunk_count, task.chunks_per_unit = chunks, chunks_per_unit
-    task.keeps_back_faces = keeps_back_faces
-    task.units[0], task.units[1], task.units[2] = transform_units, setup_units, bands
-    if frame.samples * frame.width * frame.height + 4 * frame.primitive_count < SMALL_WORK:
+    frame.vertices_per_unit = max(_quotient_up(vertices, max_units), MIN_VERTICES)
+    frame.chunks_per_unit = max(_quotient_up(frame.chunk_count, max_units), 1)
+    units = frame.units
+    units[0] = _quotient_up(vertices, frame.vertices_per_unit)
+    units[1] = _quotient_up(frame.chunk_count, frame.chunks_per_unit)
+    units[2] = frame.band_count
+    if frame.samples * frame.width * frame.height + 4 * primitives < SMALL_WORK:
         return 1
-    return min(threads, max(transform_units, setup_units, bands))
+    return min(threads, max(units[0], units[1], units[2]))
+
+
+@inlined
+def _quotient_up(a, b):
+    return (a + b - 1) // b

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from renderers.compiler.structs import F32, F64, I32, I64, U16, U32, Struct, array_of, pointer_to
+from renderers.compiler.structs import F32, F64, I32, I64, U32, Struct, array_of, pointer_to
 
 SUBPIXEL_BITS: Final = 8
 SUBPIXEL: Final = 1 << SUBPIXEL_BITS
@@ -19,15 +19,18 @@ MAX_SIDE: Final = 16384
 MAX_POINT_SIZE: Final = 1024
 """Maximum point size and line width, pixels; larger ones are drawn with this."""
 
-CHUNK: Final = 1024
-"""Primitives that share one set of bins. It does not depend on the number of threads, and so neither does the drawing
+CHUNK_SIZE: Final = 1024
+"""Maximum number of primitives of a chunk. It does not depend on the number of threads, and so neither does the drawing
 order."""
-MAX_BINS: Final = 4
-"""A primitive that touches more bands than this goes to its chunk's list of tall primitives, once."""
 TINY_SIDE: Final = 4
 """Triangles of at most TINY_SIDE x TINY_SIDE pixel centres are rasterized in setup, which emits their pixels."""
-MAX_TINY_PIXELS: Final = 4 * CHUNK
-"""Maximum pixels of a chunk's tiny triangles. When there is no more room, they are binned as small triangles."""
+MAX_TINY_PIXELS: Final = 4 * CHUNK_SIZE
+"""Maximum pixels of a chunk's tiny triangles. When there is no more room, they become small triangles."""
+BACK_BIT: Final = -(1 << 31)
+"""Marks the pixels of tiny back faces that are kept."""
+PIXEL_ROOM: Final = MAX_TINY_PIXELS + 8
+"""Vectors are stored beyond the last pixel."""
+CHUNK_VALUES: Final = CHUNK_SIZE + 3 * PIXEL_ROOM
 MAX_SMALL_WIDTH: Final = 64
 MAX_SMALL_HEIGHT: Final = 128
 """Triangles of at most this many pixel centres across and down have edge functions that fit int32:
@@ -40,8 +43,8 @@ MAX_SMALL_DEPTH_RATIO: Final = 4.0
 TOPOLOGY_LINES: Final = 2
 TOPOLOGY_TRIANGLES: Final = 3
 
-BINNED: Final = Struct(
-    "Binned",
+PRIMITIVE: Final = Struct(
+    "Primitive",
     {
         "xy": array_of(I32, 6),  # x0 y0 x1 y1 x2 y2, grid units; see the kinds
         "id": I32,  # primitive id
@@ -74,7 +77,7 @@ SMALL_TRIANGLE: Final = Struct(
         "edge1_dy": I32,  # change per row of the second; that of the third is minus the sum
         "box_corner": I32,  # row (high half) and column (low half, signed) of the box's corner, perhaps off the image
         "box_size": I32,  # rows (high half) and columns (low half)
-        "inv_z_base": F32,  # as in BINNED
+        "inv_z_base": F32,  # as in PRIMITIVE
         "inv_z_dx": F32,
         "inv_z_dy": F32,
         "inv_z_min": F32,
@@ -117,6 +120,28 @@ DRAW: Final = Struct(
 )
 """An instance that is drawn in a frame. The table ends with one more row for the totals, as INSTANCE's."""
 
+CHUNK: Final = Struct(
+    "Chunk",
+    {
+        "primitives": PRIMITIVE,  # (CHUNK_SIZE,): those that may be visible, in the order of their ids
+        "bins": pointer_to(I32),  # (CHUNK_SIZE,): the last (high half) and the first bin that each of them touches
+        "count": I64,  # number of them
+        "pixels": pointer_to(I32),  # (PIXEL_ROOM,): of tiny triangles, with BACK_BIT of back faces that are kept
+        "pixel_inv_z": pointer_to(F32),
+        "pixel_ids": pointer_to(I32),
+        "pixel_count": I64,
+        "first_band": I64,  # bands that primitives and pixels touch; last_band < first_band: none
+        "last_band": I64,
+    },
+)
+"""Primitives that are set up together, and searched by each band that they touch.
+
+Bin ``k`` has what is drawn in band ``k``. Back faces that are kept are drawn later than the others, after shading:
+those of band ``k`` are in bin ``FRAME.first_back_bin + k``."""
+
+PHASES: Final = 3
+"""Phases of a frame: transform, setup, bands."""
+
 FRAME: Final = Struct(
     "Frame",
     {
@@ -145,21 +170,25 @@ FRAME: Final = Struct(
         "X_world_camera": array_of(F64, 16),
         "X_camera_mesh": pointer_to(F64),  # (instance_count, 4, 4)
         "poses_ready": I64,  # not 0: X_camera_mesh is filled
-        "task": I64,  # address of a TASK
         "stop": I64,  # address of an int64 that is not 0 once the frame should end, see renderers.stop
         "draws": DRAW,  # (draw_count + 1)
         "vertices": pointer_to(F32),  # (vertex_count, 4): x, y in pixels, 1/z, unused
-        "binned": BINNED,  # (chunk_count * CHUNK); those of KIND_SMALL are SMALL_TRIANGLE
-        "bins": pointer_to(U16),  # of each chunk, see chunks.py
-        "tall": pointer_to(U16),
-        "bin_starts": pointer_to(I32),
-        "chunk_bands": pointer_to(I32),
-        "tiny_pixels": pointer_to(I32),
-        "normals_kernel": I64,  # address
+        "primitives": PRIMITIVE,  # (chunk_count * CHUNK_SIZE); those of KIND_SMALL are SMALL_TRIANGLE
+        "chunks": CHUNK,  # (chunk_count)
+        "chunk_memory": pointer_to(I32),  # (chunk_count, CHUNK_VALUES): what their pointers point to
+        "transform_kernel": I64,  # addresses of kernels
+        "setup_kernel": I64,
+        "draw_kernel": I64,  # coverage.draw_band, or msaa.edges.draw_samples
+        "edges_kernel": I64,  # msaa.edges.find_edges; 0: one sample per pixel
+        "shade_kernel": I64,  # 0: nothing is shaded
+        "shade_job": I64,
+        "resolve_kernel": I64,  # 0: no outputs other than colour are wanted
+        "normals_kernel": I64,
+        "yield_function": I64,
+        "band_memory": I64,  # address of the first thread's memory for a band; 0: none
+        "band_memory_bytes": I64,  # of each thread
         "layer_ids": I64,  # address of (height, stride) int32 and float32; 0: only the outputs are wanted
         "layer_inv_z": I64,
-        "unpadded_ids": I64,  # address of (height, width) copies of the layer; 0: none
-        "unpadded_inv_z": I64,
         "beyond_ids": I64,  # address of the layer (height, stride) that primitives must lie behind; 0: none
         "beyond_inv_z": I64,
         "before_ids": I64,  # address of the layer that primitives must lie in front of; 0: none
@@ -173,44 +202,15 @@ FRAME: Final = Struct(
         "sample_reach": I64,  # grid units from a pixel's centre to its outermost sample, each way; 0: one sample
         "sample_offsets": pointer_to(I32),  # (2, 8): offsets of the samples across and down, grid units
         "lane_lists": pointer_to(I32),  # (256, 8), see msaa.lane_lists
-        # Computed by frame_setup.
+        # Computed by set_up_frame.
         "draw_count": I64,
         "vertex_count": I64,
         "primitive_count": I64,
         "chunk_count": I64,
         "band_count": I64,
-        "bin_count": I64,  # one bin per band, or two where back faces are kept: theirs follow the others
-    },
-)
-"""A rasterization: its parameters and the memory that it works in."""
-
-PHASES: Final = 3
-"""Phases of a frame: transform, setup, bands."""
-
-TASK: Final = Struct(
-    "Task",
-    {
-        # Set by FrameJob.
-        "frame": I64,  # address of a FRAME
-        "height": I64,
-        "stride": I64,
-        "stop": I64,  # as in FRAME
-        "transform_kernel": I64,  # addresses
-        "setup_kernel": I64,
-        "draw_kernel": I64,  # resolve.draw_band, or msaa.edges.draw_samples
-        "edges_kernel": I64,  # msaa.edges.find_edges; 0: one sample per pixel
-        "shade_kernel": I64,  # 0: nothing is shaded
-        "shade_job": I64,
-        "yield_function": I64,
-        "has_outputs": I64,  # not 0: other outputs than colour are wanted
-        "band_memory": I64,  # address of the first thread's memory for a band; 0: none
-        "band_memory_bytes": I64,  # of each thread
-        # Computed by frame_setup.
-        "vertex_count": I64,
+        "first_back_bin": I64,  # bin of the back faces that are kept in the first band; 0: none are kept
         "vertices_per_unit": I64,
-        "chunk_count": I64,
         "chunks_per_unit": I64,
-        "keeps_back_faces": I64,  # not 0: some back faces are drawn after shading
         "units": array_of(I64, PHASES),
         # Written while threads work.
         "threads_started": array_of(I64, 1),
@@ -218,29 +218,10 @@ TASK: Final = Struct(
         "units_done": array_of(I64, PHASES),
     },
 )
-"""A frame's work, shared by threads. Helper threads that are late read it after the frame's end, so it does not lie in
-the memory that frames reuse."""
+"""A rasterization: its parameters, the memory that it works in, and its units of work, which threads share."""
 
 LAYER: Final = Struct("Layer", {"ids": pointer_to(I32), "inv_z": pointer_to(F32), "first_row": I64})
 """A visibility layer, or a band of one: (rows, stride) each, from row ``first_row`` of the image on."""
 
-SETUP_MEMORY: Final = Struct(
-    "SetupMemory",
-    {
-        "binned": BINNED,  # (CHUNK,); those of KIND_SMALL are SMALL_TRIANGLE
-        "bin_ranges": pointer_to(I32),  # (CHUNK, 2): first and last bin of each
-        "count": I64,  # primitives in ``binned``
-        "tiny_pixels": pointer_to(I32),  # (4, TINY_STRIDE): pixel, bits of 1/z, primitive id, bin
-        "tiny_count": I64,  # pixels in ``tiny_pixels``
-        "columns": pointer_to(I32),  # (16, 8): scratch
-    },
-)
-"""Memory that a chunk is set up in."""
-TINY_STRIDE: Final = MAX_TINY_PIXELS + 8
-TINY_BINS: Final = 3 * TINY_STRIDE
-"""Index of the bins in ``SETUP_MEMORY.tiny_pixels``. Until they are set, the highest bit of a pixel marks a back face
-that is kept."""
-
 frame_at: Final = FRAME.at
-task_at: Final = TASK.at
 small_triangle_at: Final = SMALL_TRIANGLE.at

@@ -1,7 +1,7 @@
 """Setup of single primitives: lines, points, clipped triangles and triangles that are too large for the vector path.
 
-The functions fill a BINNED struct and return its first and last bin, or (0, -1) when nothing is visible. In them, ``w``
-is 1/z.
+The functions fill a PRIMITIVE and return its first and last bin, or (0, -1) when nothing is visible. In them, ``w`` is
+1/z.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def set_up_large_triangle(frame, draw_index, primitive, out):
         return 0, -1
     first_bin = 0
     if area * draw.culled_sign > 0:
-        first_bin = frame.bin_count - frame.band_count
+        first_bin = frame.first_back_bin
         if first_bin == 0:
             return 0, -1
     if area < 0:
@@ -99,7 +99,7 @@ def set_up_large_triangle(frame, draw_index, primitive, out):
 
 @inlined
 def _set_inv_z_plane(out, vertices, v0, v1, v2, box_x, box_y):
-    """Set the plane of 1/z of a BINNED. It goes through the vertices before snapping, since 1/z is linear on screen.
+    """Set the plane of 1/z of a PRIMITIVE. It goes through the vertices before snapping, since 1/z is linear on screen.
 
     Args:
         v0, v1, v2: indices of the vertices' first values.
@@ -147,7 +147,7 @@ def _set_up_clipped_triangle(frame, draw_index, primitive, out):
         return 0, -1
     first_bin = 0
     if distance * draw.culled_sign > 0.0:
-        first_bin = frame.bin_count - frame.band_count
+        first_bin = frame.first_back_bin
         if first_bin == 0:
             return 0, -1
     xy = out.xy

@@ -20,7 +20,7 @@ from renderers.raster.buffers import aligned
 from renderers.raster.frame import FrameJob
 from renderers.raster.frame_threads import FrameThreads
 from renderers.raster.layout import MAX_SIDE
-from renderers.raster.msaa.resolve import allocate_sample_bands, edge_kernels, mixed_bands, paint_each_sample
+from renderers.raster.msaa.resolve import allocate_sample_bands, mixed_bands, paint_each_sample
 from renderers.raster.scene import PreparedScene, prepare
 from renderers.shading import HeadlightJob, Parallel, ShadingScene, paint, solid_pixels
 from renderers.shading import prepare as prepare_shading
@@ -167,8 +167,6 @@ class CpuRenderer:
     ) -> Visibility:
         """As ``Rasterizer.visibility``."""
         prepared = prepare(scene)
-        shape = (camera.height, camera.width)
-        ids, inv_z = aligned(shape, np.int32), aligned(shape, np.float32)
         job = FrameJob(
             prepared,
             camera,
@@ -176,9 +174,17 @@ class CpuRenderer:
             select=address_of(select, np.bool_),
             cull_back=address_of(cull_back, np.bool_),
         )
-        job.layers(ids, inv_z, beyond, before, earlier, latest=latest)
+        shape = camera.height, job.stride
+        layer = Visibility(
+            aligned(shape, np.int32), aligned(shape, np.float32), prepared.instances.first_ids, job.X_camera_mesh
+        )
+        job.layers(layer, beyond, before, earlier, latest=latest)
         self._threads.share(job.task())
-        return Visibility(ids, inv_z, prepared.instances.first_ids, job.X_camera_mesh)
+        if job.stride == camera.width:
+            return layer
+        columns = slice(camera.width)
+        ids, inv_z = np.ascontiguousarray(layer.ids[:, columns]), np.ascontiguousarray(layer.inv_z[:, columns])
+        return replace(layer, ids=ids, inv_z=inv_z)
 
     def shade_samples(
         self,
@@ -196,7 +202,7 @@ class CpuRenderer:
         job = FrameJob(prepared, camera, threads, cull_back=culled, opaque=True, samples=samples)
         memory = allocate_sample_bands(job.buffers, threads, camera, samples, job.stride)
         shader = make_shader(SampledView(prepared.instances.first_ids, job.X_camera_mesh, job.stride))
-        self._threads.share(job.sampled_task(*edge_kernels(), memory, shader))
+        self._threads.share(job.sampled_task(memory, shader))
 
     def parallel(self, units: int, work: Callable[[int], object]) -> None:
         """As ``Rasterizer.parallel``."""
@@ -272,4 +278,4 @@ class CpuRenderer:
         else:
             memory = allocate_sample_bands(job.buffers, threads, camera, look.samples, job.stride)
             shader = mixed_bands(shading_job)
-            self._threads.share(job.sampled_task(*edge_kernels(), memory, shader))
+            self._threads.share(job.sampled_task(memory, shader))

@@ -1,4 +1,4 @@
-"""The kernel that draws a band, and its outputs: depth, label, instance and normal from the visibility layer."""
+"""The outputs of a band from its visibility layer: depth, label, instance and normal."""
 
 from __future__ import annotations
 
@@ -11,20 +11,16 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel
-from renderers.compiler.pointers import address, advance, f32_at, i32_at, stack_array
+from renderers.compiler.pointers import advance, f32_at, i32_at, stack_array
 from renderers.drawlist import LABEL_NONE
 from renderers.primitive_ids import instance_of
-from renderers.raster.coverage import clear_rows, draw_rows
+from renderers.raster.coverage import set_band_layer
 from renderers.raster.layout import LAYER, TOPOLOGY_TRIANGLES, frame_at
-from renderers.visibility_buffer import BAND_ROWS
 
 _new_layer = LAYER.local
-_layer_at = LAYER.at
 _corner_array = stack_array(types.float64, 9)
 _inverse_array = stack_array(types.float64, 9)
 _normal_array = stack_array(types.float64, 9)
-_instance_cache_array = stack_array(types.int64, 9)
-_block_array = stack_array(types.int32, 2 * vec.LANES)
 
 
 @inlined
@@ -127,12 +123,13 @@ def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
 
 
 @kernel("void(int64, int64, int64, int64)")
-def resolve_normals(frame_address, layer_address, first_row, end_row):
-    """Write the normals of some rows, by spans of pixels that see one primitive.
+def resolve_normals(frame_address, first_row, end_row, band_memory):
+    """Write the normals of a band, by spans of pixels that see one primitive; arguments as for ``resolve_band``.
 
     Few images have normals. A separate kernel, since it is compiled only after the server is ready.
     """
-    frame, layer = frame_at(frame_address), _layer_at(layer_address)
+    frame, layer = frame_at(frame_address), _new_layer()
+    set_band_layer(frame, layer, first_row, band_memory)
     width = frame.width
     instance = np.int64(0)
     for row in range(first_row, end_row):
@@ -153,45 +150,8 @@ def resolve_normals(frame_address, layer_address, first_row, end_row):
             start = stop
 
 
-# Cache of two instances, since pixels at an edge alternate between two: first primitive id, the one after the last,
-# label and instance id of each; then the index of the one looked up last.
-_FIRST_ID: Final = 0
-_END_ID: Final = 1
-_LABEL: Final = 2
-_INSTANCE_ID: Final = 3
-_SECOND: Final = 4
-_INDEX: Final = 8
-_BACKGROUND: Final = (-1, 0, int(np.uint32(LABEL_NONE).astype(np.int32)), -1)
-
-
-@device_function
-def _look_up_block(frame, ids, column, cache, block):
-    """Write labels and instance ids of eight pixels to ``block`` and update the ``cache``."""
-    first_ids = frame.first_ids
-    block_ids = vec.load(ids, column)
-    labels = instance_ids = vec.i32(0)
-    missing = 255
-    while missing != 0:
-        primitive_id = np.int64(ids[column + vec.lowest_bit(missing)])
-        for k in range(_SECOND):
-            cache[k], cache[_SECOND + k] = cache[_SECOND + k], cache[k]
-        if primitive_id < cache[_FIRST_ID] or primitive_id >= cache[_END_ID]:
-            if primitive_id < 0:
-                cache[_FIRST_ID], cache[_END_ID], cache[_LABEL], cache[_INSTANCE_ID] = _BACKGROUND
-            else:
-                index = instance_of(first_ids, frame.instance_count, primitive_id, cache[_INDEX])
-                cache[_INDEX] = index
-                cache[_FIRST_ID], cache[_END_ID] = first_ids[index], first_ids[index + 1]
-                cache[_LABEL] = frame.labels[index]
-                cache[_INSTANCE_ID] = frame.instance_ids[index]
-        same = (block_ids >= vec.i32(cache[_FIRST_ID])) & (block_ids < vec.i32(cache[_END_ID]))
-        labels = vec.select(same, vec.i32(cache[_LABEL]), labels)
-        instance_ids = vec.select(same, vec.i32(cache[_INSTANCE_ID]), instance_ids)
-        missing &= ~vec.movemask(same)
-    vec.store(block, 0, labels)
-    vec.store(block, vec.LANES, instance_ids)
-
-
+_BACKGROUND_LABEL: Final = int(np.uint32(LABEL_NONE).astype(np.int32))
+_BACKGROUND_ID: Final = -1
 _PREFETCH_DISTANCE: Final = 1024
 """Pixels from the one that is written to the one that is prefetched."""
 
@@ -210,109 +170,58 @@ def _resolve_depth_row(inv_z, ids, out, width):
 
 
 @device_function
-def _resolve_label_row(frame, ids, labels, instance_ids, cache, block):
-    """Write label and instance id of one row, eight pixels at once where they see one instance or nothing.
+def _resolve_instance_row(frame, ids, table, background, out):
+    """Write the value of the instance that each pixel of a row sees, eight pixels at a time.
 
     Args:
         ids: pointer to the row's primitive ids, whole vectors of them.
-        labels, instance_ids: pointers to the row's outputs; only what the frame wants is written.
-        cache: nine int64, as the previous row left them; see _FIRST_ID.
-        block: 2 x 8 int32 of scratch.
+        table: pointer to (instance_count,) int32, the instances' values.
+        background: value where nothing is seen.
+        out: pointer to the row's output, int32.
     """
-    width = frame.width
-    has_label, has_instance = frame.label != 0, frame.instance != 0
-    first_id, end_id = vec.i32(cache[_FIRST_ID]), vec.i32(cache[_END_ID])
-    label, instance_id = vec.i32(cache[_LABEL]), vec.i32(cache[_INSTANCE_ID])
-    whole = width - width % vec.LANES
-    for column in range(0, whole, vec.LANES):
-        block_ids = vec.load(ids, column)
-        if vec.movemask((block_ids >= first_id) & (block_ids < end_id)) == 255:
-            if has_label:
-                vec.prefetch(labels, column + _PREFETCH_DISTANCE)
-                vec.store(labels, column, label)
-            if has_instance:
-                vec.store(instance_ids, column, instance_id)
+    first_ids, width = frame.first_ids, frame.width
+    # The instance that was seen last, its value, and the range of its primitive ids.
+    instance, value, first_id, end_id = np.int64(0), np.int32(0), np.int64(0), np.int64(0)
+    for column in range(0, width, vec.LANES):
+        eight_ids = vec.load(ids, column)
+        is_same = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
+        values = vec.select(is_same, vec.i32(value), vec.i32(background))
+        missing = vec.movemask((eight_ids >= vec.i32(0)) & ~is_same)
+        while missing != 0:
+            primitive_id = np.int64(ids[column + vec.lowest_bit(missing)])
+            instance = instance_of(first_ids, frame.instance_count, primitive_id, instance)
+            value, first_id, end_id = table[instance], first_ids[instance], first_ids[instance + 1]
+            is_same = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
+            values = vec.select(is_same, vec.i32(value), values)
+            missing &= ~vec.movemask(is_same)
+        if column + vec.LANES <= width:
+            vec.prefetch(out, column + _PREFETCH_DISTANCE)
+            vec.store(out, column, values)
         else:
-            _look_up_block(frame, ids, column, cache, block)
-            if has_label:
-                vec.store(labels, column, vec.load(block, 0))
-            if has_instance:
-                vec.store(instance_ids, column, vec.load(block, vec.LANES))
-            first_id, end_id = vec.i32(cache[_FIRST_ID]), vec.i32(cache[_END_ID])
-            label, instance_id = vec.i32(cache[_LABEL]), vec.i32(cache[_INSTANCE_ID])
-    if whole < width:
-        _look_up_block(frame, ids, whole, cache, block)
-        for k in range(width - whole):
-            if has_label:
-                labels[whole + k] = block[k]
-            if has_instance:
-                instance_ids[whole + k] = block[vec.LANES + k]
+            for k in range(width - column):
+                out[column + k] = vec.lane(values, k)
 
 
-@device_function
-def _resolve_rows(frame, layer, first_row, end_row):
-    """Write the wanted outputs of some rows."""
-    width = frame.width
-    stride = frame.stride
-    cache, block = _instance_cache_array(), _block_array()
-    for k in range(9):
-        cache[k] = 0
-    for row in range(first_row, end_row):
-        layer_pixel, pixel = (row - layer.first_row) * stride, row * width
-        ids, inv_z = advance(layer.ids, layer_pixel), advance(layer.inv_z, layer_pixel)
-        if frame.unpadded_ids != 0:
-            unpadded_ids = advance(i32_at(frame.unpadded_ids), pixel)
-            unpadded_inv_z = advance(f32_at(frame.unpadded_inv_z), pixel)
-            for column in range(width):
-                unpadded_ids[column] = ids[column]
-                unpadded_inv_z[column] = inv_z[column]
-        if frame.depth != 0:
-            _resolve_depth_row(inv_z, ids, advance(f32_at(frame.depth), pixel), width)
-        if frame.label != 0 or frame.instance != 0:
-            labels, instance_ids = advance(i32_at(frame.label), pixel), advance(i32_at(frame.instance), pixel)
-            _resolve_label_row(frame, ids, labels, instance_ids, cache, block)
-    if frame.normal != 0:
-        call_kernel(frame.normals_kernel, (address(frame), address(layer), first_row, end_row))
-
-
-@kernel("void(int64, int64, int64, int64, int64)")
-def resolve_layer(frame_address, ids_address, inv_z_address, first_row, end_row):
-    """Write the wanted outputs of some rows from a finished layer.
+@kernel("void(int64, int64, int64, int64)")
+def resolve_band(frame_address, first_row, end_row, band_memory):
+    """Write the wanted outputs of a band.
 
     Args:
-        ids_address, inv_z_address: addresses of (H, stride) int32 and float32.
-    """
-    layer = _new_layer()
-    layer.ids, layer.inv_z, layer.first_row = i32_at(ids_address), f32_at(inv_z_address), 0
-    _resolve_rows(frame_at(frame_address), layer, first_row, end_row)
-
-
-ALL_FACES: Final = 0
-FRONT_FACES: Final = 1
-"""Without the back faces that are kept; nothing is resolved."""
-BACK_FACES: Final = 2
-"""Those that are kept, on top of the layer that FRONT_FACES has left; then resolve."""
-
-
-@kernel("void(int64, int64, int64, int64, int64)")
-def draw_band(frame_address, first_row, end_row, band_memory, faces):
-    """Rasterize and resolve a band of the image, or a part of one, while it is in the cache.
-
-    Args:
+        frame_address: address of a FRAME.
         first_row, end_row: rows of the image, all of one band.
-        band_memory: address of the layer of these rows: BAND_ROWS x stride int32 and as many float32; 0: the frame has
-            a layer of the whole image.
-        faces: ALL_FACES, FRONT_FACES or BACK_FACES.
+        band_memory: as for ``set_band_layer``.
     """
-    frame = frame_at(frame_address)
-    layer = _new_layer()
-    if band_memory == 0:
-        layer.ids, layer.inv_z, layer.first_row = i32_at(frame.layer_ids), f32_at(frame.layer_inv_z), 0
-    else:
-        layer.ids, layer.first_row = i32_at(band_memory), first_row
-        layer.inv_z = advance(f32_at(band_memory), BAND_ROWS * frame.stride)
-    if faces != BACK_FACES:
-        clear_rows(frame, layer, first_row, end_row)
-    draw_rows(frame, layer, first_row, end_row, faces == BACK_FACES)
-    if faces != FRONT_FACES:
-        _resolve_rows(frame, layer, first_row, end_row)
+    frame, layer = frame_at(frame_address), _new_layer()
+    set_band_layer(frame, layer, first_row, band_memory)
+    for row in range(first_row, end_row):
+        layer_pixel, pixel = (row - layer.first_row) * frame.stride, row * frame.width
+        ids, inv_z = advance(layer.ids, layer_pixel), advance(layer.inv_z, layer_pixel)
+        if frame.depth != 0:
+            _resolve_depth_row(inv_z, ids, advance(f32_at(frame.depth), pixel), frame.width)
+        if frame.label != 0:
+            _resolve_instance_row(frame, ids, frame.labels, _BACKGROUND_LABEL, advance(i32_at(frame.label), pixel))
+        if frame.instance != 0:
+            out = advance(i32_at(frame.instance), pixel)
+            _resolve_instance_row(frame, ids, frame.instance_ids, _BACKGROUND_ID, out)
+    if frame.normal != 0:
+        call_kernel(frame.normals_kernel, (frame_address, first_row, end_row, band_memory))

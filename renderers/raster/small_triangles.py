@@ -80,9 +80,9 @@ def _load_edges(triangle):
     values = i32_at(address(triangle))
     fields = vec.to_f32(vec.load(values, 0) >> vec.i32(8))
     half, zero, no_limit = vec.f32(0.5), vec.f32(0.0), vec.f32(math.nan)
-    e0, e1, e2 = vec.broadcast_lane0(fields), vec.broadcast_lane1(fields), vec.broadcast_lane2(fields)
-    e0_dx, e1_dx, e0_dy = vec.broadcast_lane3(fields), vec.broadcast_lane4(fields), vec.broadcast_lane5(fields)
-    e1_dy = vec.broadcast_lane0(vec.to_f32(vec.load(values, vec.LANES) >> vec.i32(8)))
+    e0, e1, e2 = vec.f32(vec.lane(fields, 0)), vec.f32(vec.lane(fields, 1)), vec.f32(vec.lane(fields, 2))
+    e0_dx, e1_dx, e0_dy = vec.f32(vec.lane(fields, 3)), vec.f32(vec.lane(fields, 4)), vec.f32(vec.lane(fields, 5))
+    e1_dy = vec.f32(vec.lane(vec.to_f32(vec.load(values, vec.LANES) >> vec.i32(8)), 0))
     e2_dx, e2_dy = zero - e0_dx - e1_dx, zero - e0_dy - e1_dy
     # Lanes 0 to 2: the changes per column.
     lane = vec.iota()
@@ -94,8 +94,8 @@ def _load_edges(triangle):
     return _RowEdges(
         first=(e0 + half, e1 + half, e2 + half),
         dy=(e0_dy, e1_dy, e2_dy),
-        lower_scale=(vec.broadcast_lane0(lower), vec.broadcast_lane1(lower), vec.broadcast_lane2(lower)),
-        upper_scale=(vec.broadcast_lane0(upper), vec.broadcast_lane1(upper), vec.broadcast_lane2(upper)),
+        lower_scale=(vec.f32(vec.lane(lower, 0)), vec.f32(vec.lane(lower, 1)), vec.f32(vec.lane(lower, 2))),
+        upper_scale=(vec.f32(vec.lane(upper, 0)), vec.f32(vec.lane(upper, 1)), vec.f32(vec.lane(upper, 2))),
     )
 
 
@@ -137,9 +137,8 @@ def _block_masks(first_column, column_count):
     one, end = vec.i32(1), first_column + column_count + vec.i32(vec.LANES - 1)
     blocks = (one << (end >> vec.i32(3))) - (one << (first_column >> vec.i32(3)))
     blocks = vec.select(column_count > vec.i32(0), blocks, vec.i32(0))
-    blocks = blocks | vec.swapped(blocks)
-    blocks = blocks | vec.swapped_pairs(blocks)
-    upper, lower = np.int64(vec.lane0(blocks)), np.int64(vec.lane4(blocks))
+    is_upper, none = vec.iota() < vec.i32(_BLOCK_ROWS), vec.i32(0)
+    upper, lower = vec.or_of(vec.select(is_upper, blocks, none)), vec.or_of(vec.select(is_upper, none, blocks))
     return (upper & 255) | ((lower & 255) << 8), (upper >> 8) | ((lower >> 8) << 8)
 
 
@@ -164,7 +163,7 @@ def prepare_small(frame, triangle, first_row, end_row, prepared):
 
     edges = _load_edges(triangle)
     plane = vec.load(f32_at(address(triangle)), vec.LANES)
-    inv_z_base, inv_z_dy = vec.broadcast_lane3(plane), vec.broadcast_lane5(plane)
+    inv_z_base, inv_z_dy = vec.f32(vec.lane(plane, 3)), vec.f32(vec.lane(plane, 5))
     row = vec.to_f32(vec.i32(prepared_top - box_y) + vec.iota())
     box_lower, box_upper = vec.f32(left - box_x) - vec.f32(0.5), vec.f32(right - box_x) - vec.f32(0.5)
     blocks, ninth_blocks = np.int64(0), np.int64(0)

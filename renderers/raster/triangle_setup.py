@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numba import types
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import address, advance, as_u32, i32_at
+from renderers.compiler.pointers import address, advance, as_u32, i32_at, stack_array
 from renderers.raster.layout import (
+    BACK_BIT,
     HALF_PIXEL,
     KIND_SMALL,
     MAX_SMALL_DEPTH_RATIO,
@@ -20,7 +22,6 @@ from renderers.raster.layout import (
     SUBPIXEL,
     SUBPIXEL_BITS,
     TINY_SIDE,
-    TINY_STRIDE,
     small_triangle_at,
 )
 from renderers.raster.primitive_setup import set_up_large_triangle
@@ -29,11 +30,8 @@ from renderers.visibility_buffer import BAND_ROWS
 
 _SMALL_FIELDS: Final = SMALL_TRIANGLE.size // 4
 """Fields of a SMALL_TRIANGLE, of four bytes each."""
-BAND_SHIFT: Final = BAND_ROWS.bit_length() - 1
-BACK_BIT: Final = -(1 << 31)
-"""Marks pixels of back faces that are kept, in ``SETUP_MEMORY.tiny_pixels``."""
-_PREFETCH_DISTANCE: Final = 64
-"""Triangles from the current one to that whose vertices are prefetched; hardware does not prefetch across pages."""
+_BAND_SHIFT: Final = BAND_ROWS.bit_length() - 1
+_column_array = stack_array(types.int32, 16 * vec.LANES)
 
 
 class Box(NamedTuple):
@@ -176,23 +174,13 @@ def _inv_z_plane(x, y, w, box):
 
 
 @device_function
-def set_up_triangles(frame, draw_index, begin, end, memory):
-    """Set up the triangles ``begin .. end`` of a draw, and append what is visible to ``memory``.
-
-    Args:
-        memory: a SETUP_MEMORY.
-    """
+def set_up_triangles(frame, draw_index, begin, end, chunk):
+    """Set up the triangles ``begin .. end`` of a draw, and append what may be visible to a CHUNK."""
     # One loop: a function call for every eight would take a fifth of the time of those that are not visible.
     draw = frame.draws[draw_index]
-    vertices, indices = advance(frame.vertices, 4 * draw.first_vertex), draw.indices
+    vertices, columns = advance(frame.vertices, 4 * draw.first_vertex), _column_array()
     for triangle in range(begin, end, vec.LANES):
-        vec.prefetch(indices, 3 * (triangle + 2 * _PREFETCH_DISTANCE))
-        vec.prefetch(indices, 3 * (triangle + 2 * _PREFETCH_DISTANCE) + 12)
-        ahead = 3 * min(triangle + _PREFETCH_DISTANCE, end - 1)
-        vec.prefetch(vertices, 4 * np.int64(indices[ahead]))
-        vec.prefetch(vertices, 4 * np.int64(indices[ahead + 1]))
-        vec.prefetch(vertices, 4 * np.int64(indices[ahead + 2]))
-        _set_up_eight(frame, draw_index, vertices, triangle, min(end - triangle, vec.LANES), memory)
+        _set_up_eight(frame, draw_index, vertices, triangle, min(end - triangle, vec.LANES), columns, chunk)
 
 
 @inlined
@@ -202,7 +190,7 @@ def _swap_last_two(swapped, corners):
 
 
 @inlined
-def _set_up_eight(frame, draw_index, vertices, first, lanes, memory):
+def _set_up_eight(frame, draw_index, vertices, first, lanes, columns, chunk):
     """Set up the triangles ``first .. first + lanes`` (at most eight) of a draw.
 
     Those of at most TINY_SIDE x TINY_SIDE pixels are rasterized here, all at once, and leave their pixels. Small ones
@@ -210,10 +198,10 @@ def _set_up_eight(frame, draw_index, vertices, first, lanes, memory):
 
     Args:
         vertices: pointer to the draw's first vertex.
-        memory: as for ``set_up_triangles``.
+        columns: pointer to 16 x 8 int32 of scratch.
     """
     draw = frame.draws[draw_index]
-    x, y, w = _load_triangles(draw, first, lanes, vertices, memory.columns)
+    x, y, w = _load_triangles(draw, first, lanes, vertices, columns)
     inv_z_min, inv_z_max = _minimum_of_3(w), _maximum_of_3(w)
     zero, zeros = vec.i32(0), (vec.f32(0.0), vec.f32(0.0), vec.f32(0.0))
     used = vec.iota() < vec.i32(lanes)
@@ -235,22 +223,22 @@ def _set_up_eight(frame, draw_index, vertices, first, lanes, memory):
     area_sign = vec.select(area < zero, vec.i32(-1), vec.i32(1))
     small = visible & fits & (area != zero) & (area_sign != vec.i32(draw.hidden_sign))
     is_back = area_sign == vec.i32(draw.culled_sign)
-    if frame.bin_count == frame.band_count:
+    if frame.first_back_bin == 0:
         small = small & ~is_back
     if vec.movemask(small) == 0 and large == 0:
         return
     gx, gy = _swap_last_two(area < zero, gx), _swap_last_two(area < zero, gy)
     edges = _edge_functions(gx, gy, box)
     inv_z = _inv_z_plane(x, y, w, box)
-    tiny = small & _is_tiny(frame, box, memory.tiny_count)
+    tiny = small & _is_tiny(frame, box, chunk.pixel_count)
     ids = vec.i32(draw.first_id + first) + vec.iota()
     if vec.movemask(tiny) != 0:
-        _rasterize_tiny(frame, tiny, is_back, ids, box, edges, inv_z, memory)
+        _rasterize_tiny(frame, tiny, is_back, ids, box, edges, inv_z, chunk)
     small_lanes = vec.movemask(small & ~tiny)
     if small_lanes != 0:
-        _store_columns(memory.columns, ids, box, edges, inv_z)
+        _store_columns(columns, ids, box, edges, inv_z)
     if small_lanes | large != 0:
-        _append_primitives(frame, draw_index, first, small_lanes, large, vec.movemask(is_back), memory)
+        _append_primitives(frame, draw_index, first, small_lanes, large, vec.movemask(is_back), columns, chunk)
 
 
 @inlined
@@ -266,8 +254,8 @@ def _is_tiny(frame, box, pixel_count):
 
 
 @inlined
-def _rasterize_tiny(frame, tiny, is_back, ids, box, edges, inv_z, memory):
-    """Append the pixels of tiny triangles, at most TINY_SIDE x TINY_SIDE of each, to SETUP_MEMORY.tiny_pixels.
+def _rasterize_tiny(frame, tiny, is_back, ids, box, edges, inv_z, chunk):
+    """Append the pixels of tiny triangles, at most TINY_SIDE x TINY_SIDE of each, to a CHUNK.
 
     Args:
         tiny: m8, the triangles to draw.
@@ -280,7 +268,7 @@ def _rasterize_tiny(frame, tiny, is_back, ids, box, edges, inv_z, memory):
     three = vec.i32(TINY_SIDE - 1)
     is_wide = (box.right - box.left > three) | (box.bottom - box.top > three)
     sides = TINY_SIDE - 1 + (vec.movemask(tiny & is_wide) != 0)
-    count = memory.tiny_count
+    count = chunk.pixel_count
     row_e0, row_e1, row_e2 = edges.first
     for row in range(sides):
         row_inv_z = inv_z.first + inv_z.dy * vec.f32(np.float32(row))
@@ -290,27 +278,27 @@ def _rasterize_tiny(frame, tiny, is_back, ids, box, edges, inv_z, memory):
             pixel_inv_z = vec.minimum(vec.maximum(pixel_inv_z, inv_z.min), inv_z.max)
             covered = tiny & ((e0 | e1 | e2) >= vec.i32(0))
             pixel = corner + vec.i32(row * frame.stride + column)
-            count = _append_pixels(memory.tiny_pixels, count, covered, pixel, pixel_inv_z, ids)
+            count = _append_pixels(chunk, count, covered, pixel, pixel_inv_z, ids)
             e0, e1, e2 = e0 + edges.dx[0], e1 + edges.dx[1], e2 + edges.dx[2]
         row_e0, row_e1, row_e2 = row_e0 + edges.dy[0], row_e1 + edges.dy[1], row_e2 + edges.dy[2]
-    memory.tiny_count = count
+    chunk.pixel_count = count
 
 
 @inlined
-def _append_pixels(pixels, count, covered, pixel, inv_z, ids):
-    """Append one pixel of each covered triangle to SETUP_MEMORY.tiny_pixels; return the new ``count``.
+def _append_pixels(chunk, count, covered, pixel, inv_z, ids):
+    """Append one pixel of each covered triangle to a CHUNK that has ``count``; return the new ``count``.
 
     Without a branch, since coverage cannot be predicted. Up to seven values beyond the last are overwritten.
     """
-    vec.store(pixels, count, vec.compress(covered, pixel))
-    vec.store(pixels, TINY_STRIDE + count, vec.compress(covered, vec.float_bits(inv_z)))
-    vec.store(pixels, 2 * TINY_STRIDE + count, vec.compress(covered, ids))
+    vec.store(chunk.pixels, count, vec.compress(covered, pixel))
+    vec.store(chunk.pixel_inv_z, count, vec.compress(covered, inv_z))
+    vec.store(chunk.pixel_ids, count, vec.compress(covered, ids))
     return count + vec.count_bits(vec.movemask(covered))
 
 
 @inlined
 def _store_columns(columns, ids, box, edges, inv_z):
-    """Write eight SMALL_TRIANGLEs to SETUP_MEMORY.columns: a row of eight lanes for each field, in its order."""
+    """Write eight SMALL_TRIANGLEs to ``columns``: a row of eight lanes for each field, in its order."""
     low_half = vec.i32(0xFFFF)
     fields = (
         *edges.first,
@@ -335,21 +323,20 @@ def _store_columns(columns, ids, box, edges, inv_z):
 
 
 @inlined
-def _append_primitives(frame, draw_index, first, small_lanes, large_lanes, back_lanes, memory):
-    """Append the small triangles in SETUP_MEMORY.columns, and the large ones, in the order of their lanes.
+def _append_primitives(frame, draw_index, first, small_lanes, large_lanes, back_lanes, columns, chunk):
+    """Append the small triangles in ``columns``, and the large ones, to a CHUNK in the order of their lanes.
 
     Args:
         first: index of the first of the eight triangles in its mesh.
         small_lanes, large_lanes, back_lanes: a bit for each triangle that is small, large or clipped, a back face.
     """
-    columns, ranges, count = memory.columns, memory.bin_ranges, memory.count
-    first_back_bin = frame.bin_count - frame.band_count
+    count = chunk.count
     pending = small_lanes | large_lanes
     while pending != 0:
         k = vec.lowest_bit(pending)
         bit = np.int64(1) << k
         pending &= pending - 1
-        out = memory.binned[count]
+        out = chunk.primitives[count]
         if bit & small_lanes:
             values = i32_at(address(out))
             for field in range(_SMALL_FIELDS):
@@ -357,13 +344,13 @@ def _append_primitives(frame, draw_index, first, small_lanes, large_lanes, back_
             triangle = small_triangle_at(address(out))
             from_row = np.int64(triangle.box_corner) >> 16
             to_row = from_row + (np.int64(triangle.box_size) >> 16) - 1
-            first_bin = first_back_bin if bit & back_lanes else 0
-            begin = first_bin + (max(from_row, 0) >> BAND_SHIFT)  # type: ignore[operator]  # Numba's int
-            end = first_bin + (min(to_row, frame.height - 1) >> BAND_SHIFT)
+            first_bin = frame.first_back_bin if bit & back_lanes else 0
+            begin = first_bin + (max(from_row, 0) >> _BAND_SHIFT)  # type: ignore[operator]  # Numba's int
+            end = first_bin + (min(to_row, frame.height - 1) >> _BAND_SHIFT)
         else:
             begin, end = set_up_large_triangle(frame, draw_index, first + k, out)
             out.id = frame.draws[draw_index].first_id + first + k
         if begin <= end:
-            ranges[2 * count], ranges[2 * count + 1] = begin, end
+            chunk.bins[count] = end << 16 | begin
             count += 1
-    memory.count = count
+    chunk.count = count

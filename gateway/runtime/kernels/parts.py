@@ -43,7 +43,7 @@ class Part:
 
     def compile_or_load(self) -> None:
         """Compile the kernels, or load them from the cache."""
-        for module in ("renderers.depth_range", "renderers.fxaa", "renderers.raster", *self.modules):
+        for module in ("renderers.fxaa", "renderers.raster", *self.modules):
             package = import_module(module)
             for each in walk_packages(getattr(package, "__path__", ()), f"{module}."):
                 import_module(each.name)

@@ -120,3 +120,5 @@ minimum_of = _reduction("smin")
 """int64: the smallest lane of an i32x8."""
 maximum_of = _reduction("smax")
 """int64: the largest lane of an i32x8."""
+or_of = _reduction("or")
+"""int64: the bitwise or of the lanes of an i32x8."""

@@ -189,36 +189,19 @@ load_third = define(
 """``load_third(pointer, i, k)``: every third of the 24 values i .. i + 23, beginning with value i + k (k: 0, 1, 2)."""
 
 
-def _store_quads(builder: Any, vector: Any, pointer: Any, index: Any, columns: list[Any]) -> None:
-    """Write eight rows of four values from value ``index`` on, given their columns."""
-    a, b, c, d = columns
-    pairs = [(shuffle(builder, a, b, picks), shuffle(builder, c, d, picks)) for picks in (_LOW_VALUES, _HIGH_VALUES)]
-    rows = [shuffle(builder, ab, cd, picks) for ab, cd in pairs for picks in (_LOW_PAIRS, _HIGH_PAIRS)]
-    parts = ((0, _LOW_HALVES), (2, _LOW_HALVES), (0, _HIGH_HALVES), (2, _HIGH_HALVES))
-    for k, (first, halves) in enumerate(parts):
-        two_rows = shuffle(builder, rows[first], rows[first + 1], halves)
-        place = builder.add(index, ir.Constant(I64, LANES * k))
-        builder.store(two_rows, vector_address(builder, vector, pointer, place), align=4)
-
-
-@intrinsic
-def store_quads(typing_context: Any, pointer: Any, index: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """``store_quads(pointer, i, a, b, c, d)``: write (a, b, c, d) of each lane, four int32, from value i on."""
-
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        _store_quads(builder, i32x8, args[0], args[1], args[2:])
-        return ir.Constant(I32, 0)
-
-    return types.int32(pointer, types.int64, a, b, c, d), generate
-
-
 @intrinsic
 def store_vertices(typing_context: Any, vertices: Any, index: Any, x: Any, y: Any, w: Any) -> Any:
-    """``store_vertices(vertices, i, x, y, w)``: write (x, y, w, unused) of each lane, float32, from value i on."""
+    """``store_vertices(vertices, i, x, y, w)``: write (x, y, w, w) of each lane, float32, from value i on."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         vertices, index, x, y, w = args
-        _store_quads(builder, f32x8, vertices, index, [x, y, w, w])
+        pairs = [(shuffle(builder, x, y, p), shuffle(builder, w, w, p)) for p in (_LOW_VALUES, _HIGH_VALUES)]
+        rows = [shuffle(builder, xy, ww, picks) for xy, ww in pairs for picks in (_LOW_PAIRS, _HIGH_PAIRS)]
+        parts = ((0, _LOW_HALVES), (2, _LOW_HALVES), (0, _HIGH_HALVES), (2, _HIGH_HALVES))
+        for k, (first, halves) in enumerate(parts):
+            two_rows = shuffle(builder, rows[first], rows[first + 1], halves)
+            place = builder.add(index, ir.Constant(I64, LANES * k))
+            builder.store(two_rows, vector_address(builder, f32x8, vertices, place), align=4)
         return ir.Constant(I32, 0)
 
     return types.int32(vertices, types.int64, x, y, w), generate

@@ -10,45 +10,27 @@ from numba import types
 from renderers.compiler.simd.vectors import (
     I32,
     LANES,
-    Vector,
     call_llvm,
     define,
     f32x8,
+    f64x8,
     has_feature,
     i32x8,
     intrinsic,
     lane_of,
     m8,
-    shuffle,
 )
 
 
-def _numbers(a: Any) -> Any:
-    return a if isinstance(a, Vector) and a is not m8 else None
+def _emit_lane(builder: Any, sig: Any, value: Any, lane: Any) -> Any:
+    return builder.extract_element(value, lane)
 
 
-def _rearrangement(picks: list[int]) -> Any:
-    return define(_numbers, lambda builder, sig, value: shuffle(builder, value, value, picks))
-
-
-broadcast_lane0, broadcast_lane1, broadcast_lane2, broadcast_lane3, broadcast_lane4, broadcast_lane5 = (
-    _rearrangement([lane] * LANES) for lane in range(6)
+lane = define(
+    lambda value, lane: value.element if value in (f32x8, f64x8, i32x8) and isinstance(lane, types.Integer) else None,
+    _emit_lane,
 )
-"""``broadcast_lane3(v)``: lane 3 in all lanes."""
-swapped = _rearrangement([1, 0, 3, 2, 5, 4, 7, 6])
-"""Every two neighbouring lanes exchanged."""
-swapped_pairs = _rearrangement([2, 3, 0, 1, 6, 7, 4, 5])
-"""Every two neighbouring pairs of lanes exchanged."""
-
-
-def _lane(lane: int) -> Any:
-    return define(
-        lambda a: types.int32 if a is i32x8 else None, lambda builder, sig, value: lane_of(builder, value, lane)
-    )
-
-
-lane0, lane4 = _lane(0), _lane(4)
-"""``lane4(v)``: lane 4 of an i32x8, int32."""
+"""``lane(v, k)``: lane k, a number."""
 
 
 @intrinsic

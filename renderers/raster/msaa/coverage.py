@@ -19,10 +19,10 @@ from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pointers import address
 from renderers.compiler.structs import I64, Struct
 from renderers.msaa import SAMPLE_BAND
-from renderers.raster.chunks import bands_of, bin_starts_of, bins_of, tall_of
+from renderers.raster.chunks import primitives_in_bin
 from renderers.raster.fill import make_fill
 from renderers.raster.layout import (
-    CHUNK,
+    CHUNK_SIZE,
     HALF_PIXEL,
     KIND_SMALL,
     SUBPIXEL,
@@ -36,7 +36,7 @@ from renderers.visibility_buffer import BAND_ROWS
 
 _NO_COLUMN: Final = 1 << 30
 _TARGET: Final = Struct("SampleTarget", {"band": SAMPLE_BAND, "owner": I64, "scratch": SCRATCH})
-"""The band that a primitive is drawn into, and the index of the binned primitive."""
+"""The band that a primitive is drawn into, and the index of the primitive."""
 _new_target = _TARGET.local
 _new_scratch = SCRATCH.local
 
@@ -112,8 +112,8 @@ _fill = make_fill(1, _sample_points, _draw_span, _draw_point)
 
 @device_function
 def _draw_primitive(frame, target, index, first_row, end_row):
-    """Draw some rows of the binned primitive with an index."""
-    primitive = frame.binned[index]
+    """Draw some rows of the primitive with an index."""
+    primitive = frame.primitives[index]
     if primitive.kind == KIND_SMALL:
         triangle = small_triangle_at(address(primitive))
         draw_small_samples(frame, target.band, triangle, index, first_row, end_row, target.scratch)
@@ -146,14 +146,15 @@ def draw_sample_rows(frame, band, first_row, end_row):
     scratch.slot_count = 0
     target = _new_target()
     target.band, target.scratch = band, scratch
-    for chunk in range(frame.chunk_count):
-        bands = bands_of(frame, chunk)
-        if band_index < bands[0] or band_index > bands[1]:
+    for chunk_index in range(frame.chunk_count):
+        chunk = frame.chunks[chunk_index]
+        if band_index < chunk.first_band or band_index > chunk.last_band:
             continue
         if is_set(frame.stop):
             break
-        starts, bins, tall = bin_starts_of(frame, chunk), bins_of(frame, chunk), tall_of(frame, chunk)
-        for k in range(starts[band_index], starts[band_index + 1]):
-            _draw_primitive(frame, target, chunk * CHUNK + np.int64(bins[k]), first_row, end_row)
-        for k in range(starts[2 * frame.bin_count + 2]):
-            _draw_primitive(frame, target, chunk * CHUNK + np.int64(tall[k]), first_row, end_row)
+        for k in range(0, chunk.count, vec.LANES):
+            pending = primitives_in_bin(chunk, k, band_index)
+            while pending != 0:
+                index = chunk_index * CHUNK_SIZE + k + vec.lowest_bit(pending)
+                pending &= pending - 1
+                _draw_primitive(frame, target, index, first_row, end_row)

@@ -16,7 +16,7 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel
 from renderers.compiler.pointers import address, advance, allocate, i32_at, i64_at, release
-from renderers.compiler.structs import I32, I64, Struct, array_of, pointer_to
+from renderers.compiler.structs import I32, Struct, array_of
 from renderers.msaa import sample_band_at
 from renderers.raster.layout import frame_at
 from renderers.raster.msaa.coverage import draw_sample_rows
@@ -24,23 +24,7 @@ from renderers.raster.msaa.edge_merge import CACHE, share_smooth_edge
 from renderers.raster.msaa.storage import MIXED
 from renderers.shading.headlight.layout import HEADLIGHT_JOB, headlight_job_at
 
-_MAX_MOVE: Final = 32
-"""Positions by which an entry may move to lie beside those of its instance; rows are nearly sorted anyway."""
-_FIRST_ENTRY: Final = _MAX_MOVE
-"""Index of a row's first entry in its list. Before it are _MAX_MOVE values that are less than any id."""
-_LAST_ID: Final = 2**31 - 1
-"""Greater than any primitive id."""
 _new_job = HEADLIGHT_JOB.local
-
-_ENTRIES: Final = Struct(
-    "RowEntries",
-    {
-        "ids": pointer_to(I32),  # from _FIRST_ENTRY on
-        "marks": pointer_to(I32),  # column << 8 | number of samples
-        "end": I64,  # index after the last
-    },
-)
-"""Entries of a row, nearly sorted by primitive id."""
 
 _GROUPS: Final = Struct(
     "SampleGroups",
@@ -53,32 +37,21 @@ _GROUPS: Final = Struct(
     },
 )
 """The primitives that a pixel's samples see, grouped by ``share_smooth_edge``."""
-_new_entries, _new_groups, _new_cache = _ENTRIES.local, _GROUPS.local, CACHE.local
+_new_groups, _new_cache = _GROUPS.local, CACHE.local
 
 
 @inlined
-def _insert_entry(entries, primitive_id, column, samples):
-    """Insert an entry of a pixel, ``samples`` of which see a primitive, among the row's last ones by id."""
-    ids, marks, end = entries.ids, entries.marks, entries.end
-    entries.end = end + 1
-    ids[end] = _LAST_ID
-    new_id, new_mark = vec.i32(primitive_id), vec.i32((column << 8) | samples)
-    for _ in range(_MAX_MOVE // vec.LANES):
-        # Values from end - 7 to end, and those one position before.
-        old_ids, ids_before = vec.load(ids, end - 7), vec.load(ids, end - 8)
-        old_marks, marks_before = vec.load(marks, end - 7), vec.load(marks, end - 8)
-        is_moved, is_kept = ids_before > new_id, old_ids <= new_id
-        vec.store(ids, end - 7, vec.select(is_moved, ids_before, vec.select(is_kept, old_ids, new_id)))
-        vec.store(marks, end - 7, vec.select(is_moved, marks_before, vec.select(is_kept, old_marks, new_mark)))
-        end -= vec.LANES
-        if ids[end] <= primitive_id:
-            return
-    ids[end], marks[end] = primitive_id, (column << 8) | samples
+def _append_entry(band, row, primitive_id, column, samples):
+    """Append an entry to a row of the band: a primitive that ``samples`` of a pixel's samples see."""
+    count = band.counts[row]
+    entry = row * band.max_entries + count
+    band.entry_ids[entry], band.entry_columns[entry], band.entry_weights[entry] = primitive_id, column, samples
+    band.counts[row] = count + 1
 
 
 @device_function
-def _mix_pixel(frame, sample_ids, column, entries, groups, cache):
-    """Insert the entries of a pixel whose samples see any number of primitives.
+def _mix_pixel(frame, band, row, sample_ids, column, groups, cache):
+    """Append the entries of a pixel whose samples see any number of primitives.
 
     Args:
         sample_ids: i32x8.
@@ -123,29 +96,17 @@ def _mix_pixel(frame, sample_ids, column, entries, groups, cache):
         if group == best:
             shown_id = np.int64(groups.ids[largest])
         else:
-            _insert_entry(entries, groups.ids[largest], column, groups.group_counts[group])
+            _append_entry(band, row, groups.ids[largest], column, groups.group_counts[group])
     return shown_id, np.int64(groups.group_counts[best]), background
 
 
-@inlined
-def _store_entries(band, row, entries):
-    """Write the entries of a row of the band."""
-    first, count = row * band.max_entries, entries.end - _FIRST_ENTRY
-    for k in range(count):
-        mark = entries.marks[_FIRST_ENTRY + k]
-        band.entry_ids[first + k] = entries.ids[_FIRST_ENTRY + k]
-        band.entry_columns[first + k], band.entry_weights[first + k] = mark >> 8, mark & 255
-    band.counts[row] = count
-
-
 @device_function
-def _find_entries(frame, band, rows, columns, entries):
+def _find_entries(frame, band, rows, columns):
     """Fill a SAMPLE_BAND's ids, entries and mixed pixels.
 
     Args:
         rows: number of rows.
         columns: pointer to stride + 8 int32 of scratch.
-        entries: an _ENTRIES with room for all entries of a row.
     """
     stride, width = frame.stride, frame.width
     lane_lists, sample_ids = frame.lane_lists, band.sample_ids
@@ -155,7 +116,7 @@ def _find_entries(frame, band, rows, columns, entries):
         first_pixel = row * stride
         slots, ids = advance(band.slots, first_pixel), advance(band.ids, first_pixel)
         owners, mixed = advance(band.owners, first_pixel), advance(band.mixed, first_pixel)
-        entries.end = _FIRST_ENTRY
+        band.counts[row] = 0
         mixed_count, edge_count = np.int64(0), np.int64(0)
         for column in range(0, width, vec.LANES):
             owner = vec.load(owners, column)
@@ -168,11 +129,10 @@ def _find_entries(frame, band, rows, columns, entries):
         for k in range(edge_count):
             x = np.int64(columns[k])
             seen_ids = vec.load(sample_ids, vec.LANES * np.int64(slots[x]))
-            shown_id, own, background = _mix_pixel(frame, seen_ids, x, entries, groups, cache)
+            shown_id, own, background = _mix_pixel(frame, band, row, seen_ids, x, groups, cache)
             ids[x] = shown_id
             mixed[mixed_count] = (x << 8) | (own << 4) | background
             mixed_count += own < vec.LANES
-        _store_entries(band, row, entries)
         band.mixed_counts[row] = mixed_count
 
 
@@ -185,14 +145,9 @@ def draw_samples(frame_address, first_row, end_row, band_address):
 @kernel("void(int64, int64, int64, int64)")
 def find_edges(frame_address, first_row, end_row, band_address):
     """Find the primitives to shade in rows that ``draw_samples`` has drawn; arguments as there."""
-    frame, band = frame_at(frame_address), sample_band_at(band_address)
-    room = _FIRST_ENTRY + band.max_entries + vec.LANES
-    heap = allocate(4 * (2 * room + frame.stride + vec.LANES))
-    entries = _new_entries()
-    entries.ids, entries.marks = i32_at(heap), advance(i32_at(heap), room)
-    for k in range(_FIRST_ENTRY):
-        entries.ids[k] = -1
-    _find_entries(frame, band, end_row - first_row, advance(i32_at(heap), 2 * room), entries)
+    frame = frame_at(frame_address)
+    heap = allocate(4 * (frame.stride + vec.LANES))
+    _find_entries(frame, sample_band_at(band_address), end_row - first_row, i32_at(heap))
     release(heap)
 
 

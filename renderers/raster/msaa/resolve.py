@@ -16,7 +16,7 @@ from renderers.drawlist import DrawList
 from renderers.interface import Look
 from renderers.msaa import SAMPLE_BAND, sample_cameras
 from renderers.raster.buffers import Buffers
-from renderers.raster.msaa.edges import draw_samples, find_edges, shade_mixed
+from renderers.raster.msaa.edges import shade_mixed
 from renderers.shading import HeadlightJob, ShadingScene, paint
 from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.visibility_buffer import BAND_ROWS, Rasterizer, SampledShader
@@ -58,12 +58,6 @@ def allocate_sample_bands(buffers: Buffers, threads: int, camera: Camera, sample
         bands[field] = first + nbytes * np.arange(threads)
         first += 4 * (count + _GAP)
     return address
-
-
-@cache
-def edge_kernels() -> tuple[int, int]:
-    """Return the addresses of draw_samples and find_edges."""
-    return kernel_address(draw_samples), kernel_address(find_edges)
 
 
 @cache

@@ -232,13 +232,11 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
 
     Args:
         band: a SAMPLE_BAND.
-        owner: index of the binned primitive.
+        owner: index of the primitive.
         scratch: a SCRATCH.
     """
     box_x, box_y, box_columns, box_rows = box_of(triangle)
     top, bottom = max(box_y, first_row), min(box_y + box_rows, end_row)
-    if top >= bottom:  # one of the chunk's tall primitives
-        return
     left, right = max(box_x, 0), min(box_x + box_columns, frame.width)
     if _is_hidden(band.far, frame.stride, left, right, top - first_row, bottom - first_row, triangle.inv_z_max):
         return

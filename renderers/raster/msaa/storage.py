@@ -1,6 +1,6 @@
 """Storage of a band's samples, and the depth test of primitives against it.
 
-Most pixels see one primitive with all samples. Of those, only the index of the binned primitive (the pixel's *owner*)
+Most pixels see one primitive with all samples. Of those, only the index of the primitive (the pixel's *owner*)
 and a range of 1/z are stored. A pixel at an edge gets a slot, where each sample has its own primitive id and 1/z.
 """
 
@@ -49,8 +49,8 @@ def merge_whole_pixels(band, pixel, inv_z, max_offset, primitive, owner, full, t
         pixel: index of the first pixel in the band.
         inv_z: f32x8: 1/z at the centres before it is clamped to the primitive's range.
         max_offset: f32x8: as from ``max_inv_z_offset``.
-        primitive: a BINNED or SMALL_TRIANGLE.
-        owner: index of the binned primitive.
+        primitive: a PRIMITIVE or SMALL_TRIANGLE.
+        owner: index of the primitive.
         full, touched: m8: pixels of which all samples are covered, and some may be.
 
     Returns:
@@ -77,11 +77,11 @@ def _write_owner_samples(frame, band, pixel, first_sample, owner):
     Args:
         pixel: index of the pixel in the band.
         first_sample: index of its first sample.
-        owner: index of the binned primitive that all its samples see.
+        owner: index of the primitive that all its samples see.
     """
     row = pixel // frame.stride
     x, y = pixel - row * frame.stride, band.first_row + row
-    primitive = frame.binned[owner]
+    primitive = frame.primitives[owner]
     if primitive.kind == KIND_SMALL:
         small = small_triangle_at(address(primitive))
         base_x, base_y, _, _ = box_of(small)
