@@ -71,6 +71,17 @@ def _area_grids(texture, gradient):
 
 
 @inlined
+def _spread(squared_side, count):
+    """Return the factor of the distances of ``count`` samples with which edges are as wide as the footprint makes them.
+
+    The variance of a footprint of side L is L² / 12, that of n samples L² (1 - 1 / n²) / 12. Bilinear interpolation
+    adds 1 / 6: samples are that much closer together.
+    """
+    share = vec.maximum(vec.f32(1.0) - vec.f32(2.0) / vec.maximum(squared_side, vec.f32(2.0)), vec.f32(0.0))
+    return vec.sqrt(share * vec.f32(np.float32(count * count) / np.float32(max(count * count - 1, 1))))
+
+
+@inlined
 def _sample_grid(texture, sampler, grid, u, v, gradient):
     """Return the mean RGBA of the samples of one of ``_area_grids`` in the footprints of eight pixels."""
     du_dx, dv_dx, du_dy, dv_dy = gradient
@@ -80,11 +91,16 @@ def _sample_grid(texture, sampler, grid, u, v, gradient):
         return sample_level(texture, sampler, k, linear, u, v)
     half, zero = np.float32(0.5), vec.f32(0.0)
     r, g, b, alpha = zero, zero, zero, zero
+    spread_x, spread_y = vec.f32(1.0), vec.f32(1.0)
+    if linear:
+        _, width, height, _ = load_level(texture, k)
+        across, down = squared_sides(gradient, width, height)
+        spread_x, spread_y = _spread(across, columns), _spread(down, rows)
     for row in range(rows):
-        down = vec.f32((np.float32(row) + half) / np.float32(rows) - half)
+        down = vec.f32((np.float32(row) + half) / np.float32(rows) - half) * spread_y
         row_u, row_v = u + down * du_dy, v + down * dv_dy
         for column in range(columns):
-            across = vec.f32((np.float32(column) + half) / np.float32(columns) - half)
+            across = vec.f32((np.float32(column) + half) / np.float32(columns) - half) * spread_x
             rgba = sample_level(texture, sampler, k, linear, row_u + across * du_dx, row_v + across * dv_dx)
             r, g, b, alpha = r + rgba[0], g + rgba[1], b + rgba[2], alpha + rgba[3]
     share = vec.f32(np.float32(1.0) / np.float32(columns * rows))
