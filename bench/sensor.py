@@ -166,12 +166,13 @@ def report_confidence(mode: str, pairs: list[tuple[Sample, DepthImages]]) -> Non
         print(
             f"\n{mode}, projector {'on' if projector else 'off'}: share right minus confidence, (% of the pixels), for"
         )
-        print(f"  {'confidence from':15}" + "".join(f"{low:13.2f}" for low in BINS[:-1]))
+        print(f"  {'confidence from':15}" + "".join(f"{low:13.2f}" for low in BINS[:-1]) + "   mean")
         for name in ("all", *names) if len(names) > 1 else names:
             rows = reliability([pair for pair in chosen if name in ("all", pair[0].name)])
             total = max(sum(count for _, _, count in rows), 1)
             cells = (f"{right - said:+.3f} ({100.0 * count / total:4.1f})" for said, right, count in rows)
-            print(f"  {name:15}" + "".join(f"{cell:>13}" for cell in cells))
+            mean = sum(count * abs(right - said) for said, right, count in rows) / total
+            print(f"  {name:15}" + "".join(f"{cell:>13}" for cell in cells) + f"  {mean:.3f}")
 
 
 def unfiltered(sample: Sample) -> Sample:
