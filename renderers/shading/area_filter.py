@@ -7,14 +7,12 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
-from renderers.shading.texels import load_level, sample_level, select4
+from renderers.shading.texels import locate, read_texels
 
-_NO_GRID: Final = 1 << 20
-"""Greater than every value of ``_area_grids``."""
+_NO_LEVEL: Final = 1 << 20
+"""Greater than every index of a mip level."""
 _MAX_SAMPLES: Final = 12
 """Maximum number of samples in a pixel's footprint. More would cover finer mip levels, which makes edges sharper."""
 _MAX_SAMPLES_PER_AXIS: Final = 8
@@ -44,62 +42,46 @@ def _samples_along(squared_side):
 
 @inlined
 def _area_grids(texture, gradient):
-    """Return the samples for the footprints of eight pixels, i32x8: mip level, columns and rows, 4 bits each but the
-    first.
+    """Return the grids for the footprints of eight pixels: mip level, columns and rows, i32x8 each.
 
-    The level is the finest one whose texels the permitted number of samples covers. It depends on the pixel only, so
-    that an image does not depend on which pixels are sampled together.
+    The level is the finest one whose texels the permitted number of samples covers.
     """
     fewest = vec.f32(1.0 if texture.mag_linear != 0 or texture.min_linear != 0 else _NEAREST_SAMPLES)
-    most, most_per_axis, none = vec.f32(_MAX_SAMPLES), vec.f32(_MAX_SAMPLES_PER_AXIS), vec.i32(_NO_GRID)
-    grids = none
-    for k in range(texture.level_count):
-        _, width, height, _ = load_level(texture, k)
+    most, most_per_axis, limit = vec.f32(_MAX_SAMPLES), vec.f32(_MAX_SAMPLES_PER_AXIS), vec.f32(_NEAREST_SAMPLES)
+    last, none = texture.last_level, vec.i32(_NO_LEVEL)
+    levels, all_columns, all_rows = none, limit, limit
+    for k in range(last + 1):
+        width, height = max(texture.width >> k, 1), max(texture.height >> k, 1)
         across, down = squared_sides(gradient, width, height)
         columns, rows = _samples_along(across), _samples_along(down)
         is_covered = (columns <= most_per_axis) & (rows <= most_per_axis) & (columns * rows <= most)
-        if k == texture.level_count - 1:
-            limit = vec.f32(_NEAREST_SAMPLES)
-            columns, rows = vec.select(is_covered, columns, limit), vec.select(is_covered, rows, limit)
-            is_covered = rows == rows
-        columns, rows = vec.to_i32(vec.maximum(columns, fewest)), vec.to_i32(vec.maximum(rows, fewest))
-        grid = vec.i32(k << 8) + (columns << vec.i32(4)) + rows
-        grids = vec.select(is_covered & (grids == none), grid, grids)
-        if vec.movemask(grids == none) == 0:
+        is_new = is_covered & (levels == none)
+        levels = vec.select(is_new, vec.i32(k), levels)
+        all_columns, all_rows = vec.select(is_new, columns, all_columns), vec.select(is_new, rows, all_rows)
+        if vec.movemask(levels == none) == 0:
             break
-    return grids
+    levels = vec.select(levels == none, vec.i32(last), levels)
+    return levels, vec.to_i32(vec.maximum(all_columns, fewest)), vec.to_i32(vec.maximum(all_rows, fewest))
 
 
 @inlined
-def _sample_grid(texture, sampler, grid, u, v, gradient):
-    """Return the mean RGBA of the samples of one of ``_area_grids`` in the footprints of eight pixels."""
+def sample_area(texture, levels, pixels, x, u, v, gradient):
+    """Return RGBA averaged over the footprints of the pixels x .. x + 7, parallelograms of texture coordinates."""
     du_dx, dv_dx, du_dy, dv_dy = gradient
-    k, columns, rows = np.int64(grid >> 8), np.int64(grid >> 4) & 15, np.int64(grid) & 15
-    linear = texture.mag_linear != 0 or texture.min_linear != 0
-    if columns * rows == 1:
-        return sample_level(texture, sampler, k, linear, u, v)
-    half, zero = np.float32(0.5), vec.f32(0.0)
+    zero, half = vec.f32(0.0), vec.f32(0.5)
+    filter_half = vec.f32(0.5 if texture.mag_linear != 0 or texture.min_linear != 0 else 0.0)
+    level, columns, rows = _area_grids(texture, gradient)
     r, g, b, alpha = zero, zero, zero, zero
-    for row in range(rows):
-        down = vec.f32((np.float32(row) + half) / np.float32(rows) - half)
+    # Each pixel has a grid of its own, and takes no part in the samples beyond it.
+    for row in range(vec.maximum_of(rows)):
+        down = vec.f32(row + 0.5) / vec.to_f32(rows) - half
         row_u, row_v = u + down * du_dy, v + down * dv_dy
-        for column in range(columns):
-            across = vec.f32((np.float32(column) + half) / np.float32(columns) - half)
-            rgba = sample_level(texture, sampler, k, linear, row_u + across * du_dx, row_v + across * dv_dx)
-            r, g, b, alpha = r + rgba[0], g + rgba[1], b + rgba[2], alpha + rgba[3]
-    share = vec.f32(np.float32(1.0) / np.float32(columns * rows))
+        for column in range(vec.maximum_of(columns)):
+            across = vec.f32(column + 0.5) / vec.to_f32(columns) - half
+            locate(levels, pixels, x, level, filter_half, row_u + across * du_dx, row_v + across * dv_dx)
+            rgba = read_texels(levels, pixels, x)
+            is_sampled = (vec.i32(row) < rows) & (vec.i32(column) < columns)
+            r, g = r + vec.select(is_sampled, rgba[0], zero), g + vec.select(is_sampled, rgba[1], zero)
+            b, alpha = b + vec.select(is_sampled, rgba[2], zero), alpha + vec.select(is_sampled, rgba[3], zero)
+    share = vec.f32(1.0) / vec.to_f32(columns * rows)
     return r * share, g * share, b * share, alpha * share
-
-
-@inlined
-def sample_area(texture, sampler, u, v, gradient):
-    """Return RGBA averaged over the footprints of eight pixels, parallelograms of texture coordinates."""
-    grids = _area_grids(texture, gradient)
-    grid = vec.minimum_of(grids)
-    rgba = _sample_grid(texture, sampler, grid, u, v, gradient)
-    while True:
-        grids = vec.select(grids == vec.i32(grid), vec.i32(_NO_GRID), grids)
-        grid = vec.minimum_of(grids)
-        if grid == _NO_GRID:
-            return rgba
-        rgba = select4(grids == vec.i32(grid), _sample_grid(texture, sampler, grid, u, v, gradient), rgba)

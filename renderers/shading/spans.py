@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import address, advance, f64_at, i32_at, i64_at
+from renderers.compiler.pointers import address, advance, allocate, f64_at, i32_at, i64_at, release
 from renderers.shading.layout import (
     HAS_COLORS,
     HAS_NORMALS,
@@ -41,42 +41,37 @@ SPAN_OFFSETS: Final = _span_offsets()
 table is a mask of seven bits: bit k - 1 is set if a span begins at pixel k, 1 <= k <= 7."""
 
 
-@inlined
-def row_memory(width):
-    """Return the number of int64 of memory that shading a row of ``width`` pixels needs, see ``begin_rows``."""
-    ids, starts = width + 64 + 2 * vec.LANES, width + width // 64 + 4 * vec.LANES
-    return (_SEGMENT_BYTES + _SPANS_BYTES + _PIXELS_BYTES) // 8 + width // 64 + 3 + (ids + 2 * starts) // 2 + 1
-
-
 @device_function
-def begin_rows(job, memory_address, width):
-    """Lay out the working memory of rows of at most ``width`` pixels.
+def begin_rows(job, width):
+    """Return a new SEGMENT with working memory for rows of at most ``width`` pixels; ``end_rows`` frees it.
 
     Args:
         job: a SHADING_JOB.
-        memory_address: address of ``row_memory(width)`` int64.
-
-    Returns:
-        A SEGMENT, and a pointer to the working memory of ``find_spans``.
     """
-    segment = _segment_at(memory_address)
+    segment = _segment_at(allocate(_SEGMENT_BYTES))
+    max_spans = width + width // PART + 4 * vec.LANES
     segment.job = job
-    end = memory_address + _SEGMENT_BYTES
-    segment.masks = i64_at(end)
-    end += 8 * (width // 64 + 3)
-    segment.starts = i32_at(end)
-    end += 4 * (width + width // 64 + 4 * vec.LANES)
-    segment.ids = i32_at(end)
-    end += 4 * (width + width // 64 + 4 * vec.LANES)
-    segment.spans = _spans_at(end)
-    end += _SPANS_BYTES
-    segment.pixels = _pixels_at(end)
-    end += _PIXELS_BYTES
-    return segment, i32_at(end)
+    segment.masks = i64_at(allocate(8 * (width // 64 + 3)))
+    segment.starts, segment.ids = i32_at(allocate(4 * max_spans)), i32_at(allocate(4 * max_spans))
+    segment.row_ids = i32_at(allocate(4 * (width + 64 + 2 * vec.LANES)))
+    segment.spans, segment.pixels = _spans_at(allocate(_SPANS_BYTES)), _pixels_at(allocate(_PIXELS_BYTES))
+    return segment
 
 
 @device_function
-def find_spans(segment, y, columns, pixel_ids, width, row_ids):
+def end_rows(segment):
+    """Free the memory of ``begin_rows``."""
+    release(address(segment.masks))
+    release(address(segment.starts))
+    release(address(segment.ids))
+    release(address(segment.row_ids))
+    release(address(segment.spans))
+    release(address(segment.pixels))
+    release(address(segment))
+
+
+@device_function
+def find_spans(segment, y, columns, pixel_ids, width):
     """Find the spans of a row of pixels.
 
     A span also begins at every PART-th pixel, so that the parts of a segment are whole spans, and float32 is accurate
@@ -86,13 +81,12 @@ def find_spans(segment, y, columns, pixel_ids, width, row_ids):
         y: row of the image.
         columns: as in SEGMENT. If it is not 0, each pixel is a span of its own.
         pixel_ids: pointer to the primitive ids of ``width`` pixels, -1 for none.
-        row_ids: pointer to working memory for ``width`` + 64 + 16 int32.
 
     Returns:
         Number of spans.
     """
     segment.y, segment.columns = y, columns
-    masks, starts, span_ids = segment.masks, segment.starts, segment.ids
+    masks, starts, span_ids, row_ids = segment.masks, segment.starts, segment.ids, segment.row_ids
     vec.store(row_ids, 0, vec.i32(_NO_ID))
     ids = advance(row_ids, vec.LANES)
     for x in range(width):

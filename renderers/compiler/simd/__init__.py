@@ -37,10 +37,10 @@ from renderers.compiler.simd.arithmetic import (
     to_i32,
 )
 from renderers.compiler.simd.interleaved import (
-    gather_2x2,
     load_corners,
     load_elements,
     load_octets,
+    load_pairs,
     load_quads,
     load_third,
     store_quads,
@@ -66,7 +66,6 @@ from renderers.compiler.simd.load_store import (
     load,
     load_volatile,
     prefetch,
-    prefetch_pair_rows,
     store,
     store_where,
 )
@@ -95,7 +94,6 @@ __all__ = [
     "float_bits",
     "floor",
     "gather",
-    "gather_2x2",
     "i32",
     "iota",
     "lane0",
@@ -105,6 +103,7 @@ __all__ = [
     "load_corners",
     "load_elements",
     "load_octets",
+    "load_pairs",
     "load_quads",
     "load_third",
     "load_volatile",
@@ -116,7 +115,6 @@ __all__ = [
     "movemask",
     "permute",
     "prefetch",
-    "prefetch_pair_rows",
     "rint",
     "select",
     "sqrt",
