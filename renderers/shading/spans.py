@@ -27,9 +27,6 @@ _NO_ID: Final = -(2**31)
 """Value of pixels beyond the row; differs from every primitive id and from -1."""
 _HIGHEST_BIT: Final = -(2**63)
 
-_segment_at, _spans_at, _pixels_at = SEGMENT.at, SPANS.at, PIXELS.at
-_SEGMENT_BYTES, _SPANS_BYTES, _PIXELS_BYTES = SEGMENT.size, SPANS.size, PIXELS.size
-
 
 def _span_offsets() -> NDArray[np.int32]:
     starts = np.arange(128)[:, None] >> np.arange(7) & 1
@@ -41,21 +38,23 @@ SPAN_OFFSETS: Final = _span_offsets()
 table is a mask of seven bits: bit k - 1 is set if a span begins at pixel k, 1 <= k <= 7."""
 
 
+new_segment, new_spans, new_pixels = SEGMENT.local, SPANS.local, PIXELS.local
+"""Memory of a kernel's stack for ``begin_rows``, 120 kilobytes together."""
+
+
 @device_function
-def begin_rows(job, width):
-    """Return a new SEGMENT with working memory for rows of at most ``width`` pixels; ``end_rows`` frees it.
+def begin_rows(segment, job, width, spans, pixels):
+    """Give a SEGMENT its working memory for rows of at most ``width`` pixels; ``end_rows`` frees it.
 
     Args:
         job: a SHADING_JOB.
+        spans, pixels: the segment's SPANS and PIXELS.
     """
-    segment = _segment_at(allocate(_SEGMENT_BYTES))
     max_spans = width + width // PART + 4 * vec.LANES
-    segment.job = job
+    segment.job, segment.spans, segment.pixels = job, spans, pixels
     segment.masks = i64_at(allocate(8 * (width // 64 + 3)))
     segment.starts, segment.ids = i32_at(allocate(4 * max_spans)), i32_at(allocate(4 * max_spans))
     segment.row_ids = i32_at(allocate(4 * (width + 64 + 2 * vec.LANES)))
-    segment.spans, segment.pixels = _spans_at(allocate(_SPANS_BYTES)), _pixels_at(allocate(_PIXELS_BYTES))
-    return segment
 
 
 @device_function
@@ -65,9 +64,6 @@ def end_rows(segment):
     release(address(segment.starts))
     release(address(segment.ids))
     release(address(segment.row_ids))
-    release(address(segment.spans))
-    release(address(segment.pixels))
-    release(address(segment))
 
 
 @device_function

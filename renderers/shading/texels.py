@@ -124,7 +124,10 @@ def locate(levels, pixels, x, level, half, u, v):
         half: f32x8, 0.5: interpolate between the four nearest texels; 0: read the texel that contains (u, v).
         u, v: f32x8, texture coordinates.
     """
-    width, height = level_size(levels.width, level), level_size(levels.height, level)
+    width, height, first_texel = vec.i32(levels.width), vec.i32(levels.height), vec.i32(0)
+    if levels.last > 0:
+        width, height = level_size(levels.width, level), level_size(levels.height, level)
+        first_texel = vec.gather(levels.offsets, level)
     column = _texel_position(u, levels.wrap_s, width) - half
     row = _texel_position(v, levels.wrap_t, height) - half
     left, upper = vec.floor(column), vec.floor(row)
@@ -132,7 +135,7 @@ def locate(levels, pixels, x, level, half, u, v):
     zero, is_linear = vec.f32(0.0), half > vec.f32(0.0)
     i, tx = _wrapped_pair(i, vec.select(is_linear, column - left, zero), levels.wrap_s, width)
     stride = _row_stride(width)
-    first = vec.gather(levels.offsets, level) + i
+    first = first_texel + i
     vec.store(pixels.texel_offsets, x, first + _wrapped(j, levels.wrap_t, height) * stride)
     vec.store(pixels.texel_offsets, STRIDE + x, first + _wrapped(j + vec.i32(1), levels.wrap_t, height) * stride)
     vec.store(pixels.texel_weights, x, tx)

@@ -73,17 +73,11 @@ def _headlight_cosine(normal):
 @device_function
 def _shade_lambert(job, segment, has_rows, begin, count, packed_row):
     """Show the base colour times ``_headlight_cosine`` (Lambert)."""
-    direct, pixels = job.mode == DIRECT, segment.pixels
-    if has_rows:
-        for x in range(0, count, vec.LANES):
-            cosine = _headlight_cosine(load3(pixels.normal, x, STRIDE))
-            color = times(load3(pixels.base_color, x, STRIDE), cosine)
-            _store_pixels(job, pixels, False, direct, packed_row, begin, x, color)
-        return
-    base_color = broadcast3(segment.material.base_color, 0)
+    direct, material, pixels = job.mode == DIRECT, segment.material, segment.pixels
     for x in range(0, count, vec.LANES):
-        r, g, b = times(base_color, _headlight_cosine(load3(pixels.normal, x, STRIDE)))
-        write_pixels(job, False, packed_row, begin + x, r, g, b)
+        cosine = _headlight_cosine(load3(pixels.normal, x, STRIDE))
+        color = times(_base_color(material, pixels, has_rows, x), cosine)
+        _store_pixels(job, pixels, False, direct, packed_row, begin, x, color)
 
 
 @device_function

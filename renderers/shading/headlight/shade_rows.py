@@ -15,7 +15,17 @@ from renderers.shading.headlight.output_merge import gather, write_background, w
 from renderers.shading.interpolation import interpolate
 from renderers.shading.packed_rows import write_packed_row
 from renderers.shading.span_setup import set_up_spans
-from renderers.shading.spans import begin_rows, end_rows, find_spans, next_part, segment_end, select_instance
+from renderers.shading.spans import (
+    begin_rows,
+    end_rows,
+    find_spans,
+    new_pixels,
+    new_segment,
+    new_spans,
+    next_part,
+    segment_end,
+    select_instance,
+)
 
 
 @inlined
@@ -58,7 +68,8 @@ def shade_rows(job_address, ids_address, row_begin, row_end):
     """
     job = headlight_job_at(job_address)
     packed_row = i32_at(allocate(4 * (job.width + 2 * vec.LANES)))
-    segment = begin_rows(job.shading, job.width)
+    segment = new_segment()
+    begin_rows(segment, job.shading, job.width, new_spans(), new_pixels())
     starts, span_ids, first_ids = segment.starts, segment.ids, job.shading.first_ids
     instance = np.int64(0)
     for y in range(row_begin, row_end):

@@ -21,7 +21,17 @@ from renderers.primitive_ids import instance_of
 from renderers.shading.interpolation import interpolate, pixel_columns
 from renderers.shading.layout import PART, STRIDE
 from renderers.shading.span_setup import set_up_spans
-from renderers.shading.spans import begin_rows, end_rows, find_spans, next_part, segment_end, select_instance
+from renderers.shading.spans import (
+    begin_rows,
+    end_rows,
+    find_spans,
+    new_pixels,
+    new_segment,
+    new_spans,
+    next_part,
+    segment_end,
+    select_instance,
+)
 from renderers.shading.studio.layout import EDGE_SHADER, OUTPUT, STUDIO_JOB, SURFACES, channel_values_in_kernel
 from renderers.shading.studio.lighting import light_surfaces
 from renderers.shading.studio.material import ALPHA, COLOR, COLOR_AND_ALPHA, fill_surfaces
@@ -51,7 +61,7 @@ _ROW: Final = Struct(
 """State of the row that is being shaded."""
 
 _job_at, _output_at, _edge_shader_at = STUDIO_JOB.at, OUTPUT.at, EDGE_SHADER.at
-_surfaces_at, _new_row, _new_columns = SURFACES.at, _ROW.local, stack_array(I32, STRIDE)
+_new_surfaces, _new_row, _new_columns = SURFACES.local, _ROW.local, stack_array(I32, STRIDE)
 _SURFACES_VALUES: Final = SURFACES.size // 4
 
 
@@ -223,12 +233,12 @@ def shade_rows(
     max_pixels = width
     if mode == EDGES:
         max_pixels = max(width, band.max_entries)
-    segment, row = begin_rows(job.shading, max_pixels), _new_row()
+    segment, row, surfaces = new_segment(), _new_row(), _new_surfaces()
+    begin_rows(segment, job.shading, max_pixels, new_spans(), new_pixels())
     row.mode, row.channel_size, row.gathered = mode, channel_size, 0
-    own_row, surfaces = f32_at(allocate(4 * 4 * channel_size)), f32_at(allocate(4 * _SURFACES_VALUES))
-    _clear(surfaces, _SURFACES_VALUES)  # loops overrun the gathered surfaces
-    row.accumulated, row.surfaces, row.columns = own_row, _surfaces_at(address(surfaces)), _new_columns()
-    packed_row = i32_at(allocate(4 * channel_size))
+    _clear(f32_at(address(surfaces)), _SURFACES_VALUES)  # loops overrun the gathered surfaces
+    own_row, packed_row = f32_at(allocate(4 * 4 * channel_size)), i32_at(allocate(4 * channel_size))
+    row.accumulated, row.surfaces, row.columns = own_row, surfaces, _new_columns()
     instance, stop = np.int64(0), job.lighting.stop
     for y in range(row_begin, row_end):
         if is_set(stop):
@@ -252,7 +262,6 @@ def shade_rows(
             write_image_row(row.accumulated, output, y, width, packed_row)
     end_rows(segment)
     release(address(own_row))
-    release(address(surfaces))
     release(address(packed_row))
 
 
