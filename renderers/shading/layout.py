@@ -215,5 +215,3 @@ SEGMENT: Final = Struct(
     },
 )
 """Neighbouring pixels of a row that see one instance, and the memory in which they are shaded."""
-
-shading_job_at: Final = SHADING_JOB.at
