@@ -29,7 +29,7 @@ _BYTE_FROM_SCALED: Final = np.round(np.arange(_MAX_LINEAR + 1) * (255.0 / _MAX_L
 _cached_levels: WeakCache[Image, dict[bool, NDArray[np.uint8]]] = WeakCache("mip_levels")
 
 
-def mip_levels_of(image: Image, srgb: bool) -> NDArray[np.uint8]:
+def padded_mip_levels(image: Image, srgb: bool) -> NDArray[np.uint8]:
     """Return all mip levels of an image as ``padded_levels``, from the cache if possible; see ``make_chain``.
 
     Args:

@@ -43,7 +43,8 @@ class MipLevels(NamedTuple):
 
 
 @inlined
-def mip_levels_of(texture, linear_from_byte):
+def load_levels(texture, linear_from_byte):
+    """Return the MipLevels of a TEXTURE."""
     return MipLevels(
         texels=texture.texels,
         offsets=texture.level_offsets,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import Texture, Wrap, name_image_errors
 from renderers.shading.layout import TEXTURE
-from renderers.shading.mipmaps import level_offsets, mip_levels_of
+from renderers.shading.mipmaps import level_offsets, padded_mip_levels
 from renderers.shading.textures import is_decoded, texels_of
 
 WRAP_REPEAT: Final = 0
@@ -58,7 +58,7 @@ class TextureTable:
             decoded = texels_of(texture.image)
             texels, offsets, mips = decoded.rows, level_offsets(decoded.width, len(decoded.rows)), MIPS_NONE
             if sampler.mipmaps and len(offsets) > 1:
-                texels = mip_levels_of(texture.image, srgb)
+                texels = padded_mip_levels(texture.image, srgb)
                 mips = MIPS_LINEAR if sampler.mip_linear else MIPS_NEAREST
             struct["texels"], struct["level_offsets"] = address_of(texels, np.uint8), address_of(offsets, np.int32)
             struct["width"], struct["height"] = decoded.width, len(decoded.rows)
