@@ -11,9 +11,10 @@ Each row of a visibility buffer goes through the same steps:
 1. ``spans``: neighbouring pixels that see one primitive, and segments of spans that see one instance.
 2. ``span_setup``: weighted sums of vertex attributes at the start of each span, and their change per pixel (SPANS of
    ``layout``); ``interpolation``: the sums at eight pixels at a time (PIXELS), for a part of at most PART pixels.
-3. ``material``: base colour, normal map and the other maps, read by ``sampling``, into further rows of PIXELS.
+3. ``material``: base colour, normal map and the other maps, read by ``sampling`` (``mip_levels``, ``texels``), into
+   further rows of PIXELS.
 4. ``headlight.lighting`` or ``studio.lighting``: light (``brdf``).
-5. ``headlight.output_merge`` or ``studio.tone_mapping``: translucent layers, background, bytes.
+5. ``headlight.output_merge`` or ``studio.tone_mapping``: translucent layers, background; ``packed_rows``: bytes.
 
 Tables: ``scene`` (draw list), ``materials``, ``texture_table``, ``mipmaps``, ``textures`` (decoded images) and
 ``mesh_buffers`` (with ``mikktspace`` tangents). Rows and bands are independent: any number of threads gives the same

@@ -7,14 +7,12 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
-from renderers.shading.texels import load_level, sample_level, select4
+from renderers.shading.texels import level_size, locate, read_texels
 
-_NO_GRID: Final = 1 << 20
-"""Greater than every value of ``_area_grids``."""
+_NO_LEVEL: Final = 1 << 20
+"""Greater than every index of a mip level."""
 _MAX_SAMPLES: Final = 12
 """Maximum number of samples in a pixel's footprint. More would cover finer mip levels, which makes edges sharper."""
 _MAX_SAMPLES_PER_AXIS: Final = 8
@@ -27,10 +25,10 @@ _NEAREST_SAMPLES: Final = 3
 
 @inlined
 def squared_sides(gradient, width, height):
-    """Return the squares of both sides of eight pixels' footprints, texels of a level of this size."""
+    """Return the squares of both sides of eight pixels' footprints, texels of levels of this size, f32x8."""
     du_dx, dv_dx, du_dy, dv_dy = gradient
-    ds_dx, dt_dx = du_dx * vec.f32(width), dv_dx * vec.f32(height)
-    ds_dy, dt_dy = du_dy * vec.f32(width), dv_dy * vec.f32(height)
+    ds_dx, dt_dx = du_dx * width, dv_dx * height
+    ds_dy, dt_dy = du_dy * width, dv_dy * height
     return ds_dx * ds_dx + dt_dx * dt_dx, ds_dy * ds_dy + dt_dy * dt_dy
 
 
@@ -44,83 +42,72 @@ def _samples_along(squared_side):
 
 @inlined
 def _area_grids(texture, gradient):
-    """Return the samples for the footprints of eight pixels, i32x8: mip level, columns and rows, 4 bits each but the
-    first.
+    """Return the grids for the footprints of eight pixels: mip level, columns and rows, i32x8 each.
 
-    The level is the finest one whose texels the permitted number of samples covers. It depends on the pixel only, so
-    that an image does not depend on which pixels are sampled together.
+    The level is the finest one whose texels the permitted number of samples covers.
     """
     fewest = vec.f32(1.0 if texture.mag_linear != 0 or texture.min_linear != 0 else _NEAREST_SAMPLES)
-    most, most_per_axis, none = vec.f32(_MAX_SAMPLES), vec.f32(_MAX_SAMPLES_PER_AXIS), vec.i32(_NO_GRID)
-    grids = none
-    for k in range(texture.level_count):
-        _, width, height, _ = load_level(texture, k)
-        across, down = squared_sides(gradient, width, height)
+    most, most_per_axis, limit = vec.f32(_MAX_SAMPLES), vec.f32(_MAX_SAMPLES_PER_AXIS), vec.f32(_NEAREST_SAMPLES)
+    last, none = texture.last_level, vec.i32(_NO_LEVEL)
+    levels, all_columns, all_rows = none, limit, limit
+    for k in range(last + 1):
+        width, height = max(texture.width >> k, 1), max(texture.height >> k, 1)
+        across, down = squared_sides(gradient, vec.f32(width), vec.f32(height))
         columns, rows = _samples_along(across), _samples_along(down)
         is_covered = (columns <= most_per_axis) & (rows <= most_per_axis) & (columns * rows <= most)
-        if k == texture.level_count - 1:
-            limit = vec.f32(_NEAREST_SAMPLES)
-            columns, rows = vec.select(is_covered, columns, limit), vec.select(is_covered, rows, limit)
-            is_covered = rows == rows
-        columns, rows = vec.to_i32(vec.maximum(columns, fewest)), vec.to_i32(vec.maximum(rows, fewest))
-        grid = vec.i32(k << 8) + (columns << vec.i32(4)) + rows
-        grids = vec.select(is_covered & (grids == none), grid, grids)
-        if vec.movemask(grids == none) == 0:
+        is_new = is_covered & (levels == none)
+        levels = vec.select(is_new, vec.i32(k), levels)
+        all_columns, all_rows = vec.select(is_new, columns, all_columns), vec.select(is_new, rows, all_rows)
+        if vec.movemask(levels == none) == 0:
             break
-    return grids
+    levels = vec.select(levels == none, vec.i32(last), levels)
+    return levels, vec.to_i32(vec.maximum(all_columns, fewest)), vec.to_i32(vec.maximum(all_rows, fewest))
 
 
 @inlined
 def _spread(squared_side, count, edge_width):
-    """Return the factor of the distances of ``count`` samples with which edges are as wide as the footprint makes them.
+    """Return factors of the distances of ``count`` samples that keep edges as wide as the footprint makes them.
 
     The variance of a footprint of side L is L² / 12, that of n samples L² (1 - 1 / n²) / 12. Bilinear interpolation
     adds 1 / 12 to edges between texels, and the mean of the texels of a mip level another 1 / 12: samples are that much
     closer together. n samples of the first level, one texel apart, are exact.
 
     Args:
-        edge_width: variance of an edge of the level, units of 1/12 squared texel.
+        count: f32x8.
+        edge_width: f32x8, variance of an edge of the level, units of 1/12 squared texel.
     """
-    share = vec.f32(1.0) - vec.f32(edge_width) / vec.maximum(squared_side, vec.f32(edge_width))
-    return vec.sqrt(share * vec.f32(np.float32(count * count) / np.float32(max(count * count - 1, 1))))
+    one = vec.f32(1.0)
+    squared_count = count * count
+    share = one - edge_width / vec.maximum(squared_side, edge_width)
+    return vec.sqrt(share * squared_count / vec.maximum(squared_count - one, one))
 
 
 @inlined
-def _sample_grid(texture, sampler, grid, u, v, gradient):
-    """Return the mean RGBA of the samples of one of ``_area_grids`` in the footprints of eight pixels."""
+def sample_area(texture, levels, pixels, x, u, v, gradient):
+    """Return RGBA averaged over the footprints of the pixels x .. x + 7, parallelograms of texture coordinates."""
     du_dx, dv_dx, du_dy, dv_dy = gradient
-    k, columns, rows = np.int64(grid >> 8), np.int64(grid >> 4) & 15, np.int64(grid) & 15
-    linear = texture.mag_linear != 0 or texture.min_linear != 0
-    if columns * rows == 1:
-        return sample_level(texture, sampler, k, linear, u, v)
-    half, zero = np.float32(0.5), vec.f32(0.0)
+    zero, half, one = vec.f32(0.0), vec.f32(0.5), vec.f32(1.0)
+    is_linear = texture.mag_linear != 0 or texture.min_linear != 0
+    filter_half = vec.f32(0.5 if is_linear else 0.0)
+    level, columns, rows = _area_grids(texture, gradient)
+    column_count, row_count = vec.to_f32(columns), vec.to_f32(rows)
+    spread_x, spread_y = one, one
+    if is_linear:
+        width, height = level_size(texture.width, level), level_size(texture.height, level)
+        across, down = squared_sides(gradient, vec.to_f32(width), vec.to_f32(height))
+        edge_width = vec.select(level == vec.i32(0), one, vec.f32(2.0))
+        spread_x, spread_y = _spread(across, column_count, edge_width), _spread(down, row_count, edge_width)
     r, g, b, alpha = zero, zero, zero, zero
-    spread_x, spread_y = vec.f32(1.0), vec.f32(1.0)
-    if linear:
-        _, width, height, _ = load_level(texture, k)
-        across, down = squared_sides(gradient, width, height)
-        edge_width = np.float32(1.0 if k == 0 else 2.0)
-        spread_x, spread_y = _spread(across, columns, edge_width), _spread(down, rows, edge_width)
-    for row in range(rows):
-        down = vec.f32((np.float32(row) + half) / np.float32(rows) - half) * spread_y
+    # Each pixel has a grid of its own, and takes no part in the samples beyond it.
+    for row in range(vec.maximum_of(rows)):
+        down = (vec.f32(row + 0.5) / row_count - half) * spread_y
         row_u, row_v = u + down * du_dy, v + down * dv_dy
-        for column in range(columns):
-            across = vec.f32((np.float32(column) + half) / np.float32(columns) - half) * spread_x
-            rgba = sample_level(texture, sampler, k, linear, row_u + across * du_dx, row_v + across * dv_dx)
-            r, g, b, alpha = r + rgba[0], g + rgba[1], b + rgba[2], alpha + rgba[3]
-    share = vec.f32(np.float32(1.0) / np.float32(columns * rows))
+        for column in range(vec.maximum_of(columns)):
+            across = (vec.f32(column + 0.5) / column_count - half) * spread_x
+            locate(levels, pixels, x, level, filter_half, row_u + across * du_dx, row_v + across * dv_dx)
+            rgba = read_texels(levels, pixels, x)
+            is_sampled = (vec.i32(row) < rows) & (vec.i32(column) < columns)
+            r, g = r + vec.select(is_sampled, rgba[0], zero), g + vec.select(is_sampled, rgba[1], zero)
+            b, alpha = b + vec.select(is_sampled, rgba[2], zero), alpha + vec.select(is_sampled, rgba[3], zero)
+    share = one / (column_count * row_count)
     return r * share, g * share, b * share, alpha * share
-
-
-@inlined
-def sample_area(texture, sampler, u, v, gradient):
-    """Return RGBA averaged over the footprints of eight pixels, parallelograms of texture coordinates."""
-    grids = _area_grids(texture, gradient)
-    grid = vec.minimum_of(grids)
-    rgba = _sample_grid(texture, sampler, grid, u, v, gradient)
-    while True:
-        grids = vec.select(grids == vec.i32(grid), vec.i32(_NO_GRID), grids)
-        grid = vec.minimum_of(grids)
-        if grid == _NO_GRID:
-            return rgba
-        rgba = select4(grids == vec.i32(grid), _sample_grid(texture, sampler, grid, u, v, gradient), rgba)

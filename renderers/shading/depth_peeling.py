@@ -26,6 +26,13 @@ Each layer costs one pass over the transparent instances, and a hostile scene co
 opacity 0.2, less than a thousandth of the light is left."""
 
 
+def for_bands(rasterizer: Rasterizer, height: int, work: Callable[[int, int], object]) -> None:
+    """Call ``work(row_begin, row_end)`` for all bands of an image, in parallel."""
+    from renderers.visibility_buffer import BAND_ROWS, band_count
+
+    rasterizer.parallel(band_count(height), lambda band: work(band * BAND_ROWS, min((band + 1) * BAND_ROWS, height)))
+
+
 def peeled(
     rasterizer: Rasterizer,
     scene: DrawList,

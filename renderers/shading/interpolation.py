@@ -5,6 +5,8 @@ Both are evaluated at eight neighbouring pixels, which belong to at most eight s
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from renderers.compiler import simd as vec
@@ -12,6 +14,9 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import i32_at
 from renderers.shading.layout import HAS_COLORS, HAS_TANGENTS, HAS_UV0, HAS_UV1, SPAN_STRIDE, STRIDE
 from renderers.shading.vec3 import store3
+
+_WEIGHTED: Final = HAS_UV0 | HAS_UV1 | HAS_COLORS | HAS_TANGENTS
+"""Attributes that are divided by the sum of the weights."""
 
 
 @inlined
@@ -71,53 +76,7 @@ def interpolate(segment, begin, end):
     """
     spans, pixels, masks, columns = segment.spans, segment.pixels, segment.masks, segment.columns
     attributes, span_offsets = segment.attributes, segment.job.span_offsets
-    span = np.int64(0)
-    for x in range(begin, end, vec.LANES):
-        pixel = x - begin
-        starts = _starts_after(masks, x)
-        offsets = vec.load(span_offsets, vec.LANES * (starts & 127))
-        t = vec.to_f32(pixel_columns(columns, x)) - _span_values(spans.begin, 0, span, offsets)
-        normal = (
-            _along_span(spans.normal, 0, 3, span, offsets, t),
-            _along_span(spans.normal, 1, 3, span, offsets, t),
-            _along_span(spans.normal, 2, 3, span, offsets, t),
-        )
-        store3(pixels.normal, pixel, STRIDE, normal)
-        if attributes & (HAS_UV0 | HAS_COLORS | HAS_UV1 | HAS_TANGENTS):
-            inv_weight_sum = vec.f32(1.0) / _along_span(spans.weight_sum, 0, 1, span, offsets, t)
-            for uv_set in range(2):
-                if attributes & (HAS_UV0 << uv_set):
-                    for k in range(2):
-                        uv = _along_span(spans.uv, 4 * uv_set + k, 2, span, offsets, t) * inv_weight_sum
-                        vec.store(pixels.uv, (2 * uv_set + k) * STRIDE + pixel, uv)
-            if attributes & HAS_COLORS:
-                for k in range(4):
-                    color = _along_span(spans.color, k, 4, span, offsets, t) * inv_weight_sum
-                    vec.store(pixels.color, k * STRIDE + pixel, color)
-            if attributes & HAS_TANGENTS:
-                vec.store(pixels.facing, pixel, _span_values(spans.facing, 0, span, offsets))
-                for k in range(4):
-                    tangent = _along_span(spans.tangent, k, 4, span, offsets, t)
-                    vec.store(pixels.tangent, k * STRIDE + pixel, tangent)
-        span += vec.count_bits(starts)
-    for uv_set in range(2):
-        if segment.material.uv_sets & (1 << uv_set) and not attributes & (HAS_UV0 << uv_set):
-            _clear(pixels.uv, 2 * uv_set, 2, end - begin)
-            if segment.material.has_gradients != 0:
-                _clear(pixels.uv_gradient, 4 * uv_set, 4, end - begin)
-    if segment.material.has_surface != 0:
-        _interpolate_surface(segment, begin, end)
-    if segment.material.has_gradients != 0:
-        _interpolate_gradients(segment, begin, end)
-
-
-@device_function
-def _interpolate_surface(segment, begin, end):
-    """Fill the rows ``flat_normal`` and ``point`` of PIXELS."""
-    spans, pixels, masks, columns, job = segment.spans, segment.pixels, segment.masks, segment.columns, segment.job
-    span_offsets = job.span_offsets
-    center_offset, inv_fx = vec.f32(0.5 - job.cx), vec.f32(1.0 / job.fx)
-    ray_y = vec.f32((segment.y + 0.5 - job.cy) / job.fy)
+    has_gradients, has_surface = segment.material.has_gradients != 0, segment.material.has_surface != 0
     span = np.int64(0)
     for x in range(begin, end, vec.LANES):
         pixel = x - begin
@@ -125,40 +84,61 @@ def _interpolate_surface(segment, begin, end):
         offsets = vec.load(span_offsets, vec.LANES * (starts & 127))
         column = vec.to_f32(pixel_columns(columns, x))
         t = column - _span_values(spans.begin, 0, span, offsets)
-        z = _span_values(spans.depth, 0, span, offsets) / _along_span(spans.weight_sum, 0, 1, span, offsets, t)
-        store3(pixels.point, pixel, STRIDE, ((column + center_offset) * inv_fx * z, ray_y * z, z))
-        flat_normal = (
-            _span_values(spans.flat_normal, 0, span, offsets),
-            _span_values(spans.flat_normal, 1, span, offsets),
-            _span_values(spans.flat_normal, 2, span, offsets),
+        normal = (
+            _along_span(spans.normal, 0, 3, span, offsets, t),
+            _along_span(spans.normal, 1, 3, span, offsets, t),
+            _along_span(spans.normal, 2, 3, span, offsets, t),
         )
-        store3(pixels.flat_normal, pixel, STRIDE, flat_normal)
+        store3(pixels.normal, pixel, STRIDE, normal)
+        if attributes & _WEIGHTED or has_surface:
+            weight_sum = _along_span(spans.weight_sum, 0, 1, span, offsets, t)
+            inv_weight_sum = vec.f32(1.0) / weight_sum
+            for uv_set in range(2):
+                if attributes & (HAS_UV0 << uv_set):
+                    for k in range(2):
+                        uv = _along_span(spans.uv, 4 * uv_set + k, 2, span, offsets, t) * inv_weight_sum
+                        vec.store(pixels.uv, (2 * uv_set + k) * STRIDE + pixel, uv)
+                        if has_gradients:
+                            _store_gradient(segment, uv_set, k, pixel, span, offsets, uv, inv_weight_sum)
+            if attributes & HAS_COLORS:
+                for k in range(4):
+                    color = _along_span(spans.color, k, 4, span, offsets, t) * inv_weight_sum
+                    vec.store(pixels.color, k * STRIDE + pixel, color)
+            if attributes & HAS_TANGENTS:
+                vec.store(pixels.facing, pixel, _span_values(spans.facing, 0, span, offsets))
+                for k in range(4):
+                    vec.store(pixels.tangent, k * STRIDE + pixel, _along_span(spans.tangent, k, 4, span, offsets, t))
+            if has_surface:
+                _store_surface(segment, column, pixel, span, offsets, weight_sum)
         span += vec.count_bits(starts)
+    for uv_set in range(2):
+        if segment.material.uv_sets & (1 << uv_set) and not attributes & (HAS_UV0 << uv_set):
+            _clear(pixels.uv, 2 * uv_set, 2, end - begin)
+            _clear(pixels.uv_gradient, 4 * uv_set, 4, end - begin)
 
 
-@device_function
-def _interpolate_gradients(segment, begin, end):
-    """Fill the rows ``uv_gradient`` of PIXELS; reads ``uv``.
+@inlined
+def _store_gradient(segment, uv_set, k, pixel, span, offsets, uv, inv_weight_sum):
+    """Store how u (``k`` = 0) or v (1) of eight pixels changes per column and per row of the image.
 
     Let U be the weighted sum of u, and W the sum of the weights. Both are linear over the image, and u = U / W, so that
     du/dx = (dU/dx - u dW/dx) / W.
     """
-    spans, pixels, masks, columns = segment.spans, segment.pixels, segment.masks, segment.columns
-    attributes, span_offsets = segment.attributes, segment.job.span_offsets
-    span = np.int64(0)
-    for x in range(begin, end, vec.LANES):
-        pixel = x - begin
-        starts = _starts_after(masks, x)
-        offsets = vec.load(span_offsets, vec.LANES * (starts & 127))
-        t = vec.to_f32(pixel_columns(columns, x)) - _span_values(spans.begin, 0, span, offsets)
-        inv_weight_sum = vec.f32(1.0) / _along_span(spans.weight_sum, 0, 1, span, offsets, t)
-        for uv_set in range(2):
-            if attributes & (HAS_UV0 << uv_set):
-                for axis in range(2):  # columns, rows
-                    weight_sum_gradient = _span_values(spans.weight_sum_gradient, axis, span, offsets)
-                    for k in range(2):
-                        uv = vec.load(pixels.uv, (2 * uv_set + k) * STRIDE + pixel)
-                        uv_gradient = _span_values(spans.uv_gradient, 4 * uv_set + 2 * axis + k, span, offsets)
-                        gradient = (uv_gradient - uv * weight_sum_gradient) * inv_weight_sum
-                        vec.store(pixels.uv_gradient, (4 * uv_set + 2 * axis + k) * STRIDE + pixel, gradient)
-        span += vec.count_bits(starts)
+    spans = segment.spans
+    for axis in range(2):  # columns, rows
+        row = 4 * uv_set + 2 * axis + k
+        weight_sum_gradient = _span_values(spans.weight_sum_gradient, axis, span, offsets)
+        gradient = (_span_values(spans.uv_gradient, row, span, offsets) - uv * weight_sum_gradient) * inv_weight_sum
+        vec.store(segment.pixels.uv_gradient, row * STRIDE + pixel, gradient)
+
+
+@device_function
+def _store_surface(segment, column, pixel, span, offsets, weight_sum):
+    """Store ``flat_normal`` and ``point`` of eight pixels, given their image columns, f32x8."""
+    spans, pixels, job = segment.spans, segment.pixels, segment.job
+    z = _span_values(spans.depth, 0, span, offsets) / weight_sum
+    x = (column + vec.f32(0.5 - job.cx)) * vec.f32(1.0 / job.fx) * z
+    y = vec.f32((segment.y + 0.5 - job.cy) / job.fy) * z
+    store3(pixels.point, pixel, STRIDE, (x, y, z))
+    for k in range(3):
+        vec.store(pixels.flat_normal, k * STRIDE + pixel, _span_values(spans.flat_normal, k, span, offsets))

@@ -87,15 +87,6 @@ MATERIAL: Final = Struct(
         "specular_color": array_of(F32, 3),
     },
 )
-MIP_LEVEL: Final = Struct(
-    "MipLevel",
-    {
-        "texels": pointer_to(I32),  # (height, stride) RGBA, red in the lowest byte
-        "width": I64,
-        "height": I64,
-        "stride": I64,  # texels from one row to the next
-    },
-)
 TEXTURE: Final = Struct(
     "ShadingTexture",
     {
@@ -106,8 +97,11 @@ TEXTURE: Final = Struct(
         "mips": I64,  # MIPS_ constant of texture_table
         "uv_set": I64,
         "srgb": I64,  # 1: the colour channels are decoded to linear light
-        "level_count": I64,
-        "levels": MIP_LEVEL,  # (level_count,), the largest first
+        "texels": pointer_to(I32),  # textures.padded_levels: RGBA, red in the lowest byte
+        "level_offsets": pointer_to(I32),  # (last_level + 1,), index of each mip level's first texel, the largest first
+        "last_level": I64,
+        "width": I64,  # texels of the first level
+        "height": I64,
         "uv_transform": array_of(F32, 6),  # Texture.uv_transform
     },
 )
@@ -187,6 +181,12 @@ PIXELS: Final = Struct(
         "occlusion": _pixels(4),  # texture: the first channel
         "emissive": _pixels(4),  # texture
         "texel": _pixels(4),  # any other texture
+        # Filled and read by ``sampling``, one texture after the other:
+        "level": array_of(I32, STRIDE),  # mip level; mip_levels.MAGNIFIED
+        "next_level_weight": _pixels(1),
+        "sample_uv": _pixels(2),  # texture coordinates, transformed
+        "texel_offsets": array_of(I32, 2 * STRIDE),  # of the upper and the lower left of four texels, in TEXTURE.texels
+        "texel_weights": _pixels(2),  # of the right and the lower texels
     },
 )
 """Attributes of pixels: rows of STRIDE float32, one value per pixel."""
@@ -201,6 +201,7 @@ SEGMENT: Final = Struct(
         "masks": pointer_to(I64),  # one bit per pixel, set where a span begins
         "starts": pointer_to(I32),  # first pixel of each span; after the last span, the number of pixels
         "ids": pointer_to(I32),  # primitive id of each span
+        "row_ids": pointer_to(I32),  # working memory of spans.find_spans
         # The part that is being shaded.
         "spans": SPANS,
         "pixels": PIXELS,
@@ -214,5 +215,3 @@ SEGMENT: Final = Struct(
     },
 )
 """Neighbouring pixels of a row that see one instance, and the memory in which they are shaded."""
-
-shading_job_at: Final = SHADING_JOB.at

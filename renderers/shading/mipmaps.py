@@ -13,7 +13,7 @@ from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel, read_only
 from renderers.compiler.kernel_calls import is_set
 from renderers.drawlist import Image
-from renderers.shading.textures import texels_of
+from renderers.shading.textures import padded_levels, row_stride, texels_of
 from renderers.stop import current_stop
 
 _MAX_LINEAR: Final = 65535
@@ -26,11 +26,11 @@ _SRGB_FROM_LINEAR: Final = np.round(srgb_values_from_linear(_LINEAR_VALUES) * 25
 _SCALED_FROM_BYTE: Final = np.round(np.arange(256) * (_MAX_LINEAR / 255.0)).astype(np.uint16)
 _BYTE_FROM_SCALED: Final = np.round(np.arange(_MAX_LINEAR + 1) * (255.0 / _MAX_LINEAR)).astype(np.uint8)
 
-_cached_chains: WeakCache[Image, dict[bool, tuple[NDArray[np.uint8], ...]]] = WeakCache("mip_levels")
+_cached_levels: WeakCache[Image, dict[bool, NDArray[np.uint8]]] = WeakCache("mip_levels")
 
 
-def mip_chain(image: Image, srgb: bool) -> tuple[NDArray[np.uint8], ...]:
-    """Return the image's mip levels after the first, from the cache if possible; see ``make_chain``.
+def padded_mip_levels(image: Image, srgb: bool) -> NDArray[np.uint8]:
+    """Return all mip levels of an image as ``padded_levels``, from the cache if possible; see ``make_chain``.
 
     Args:
         srgb: average colours in linear light. Alpha is always averaged as stored.
@@ -38,13 +38,24 @@ def mip_chain(image: Image, srgb: bool) -> tuple[NDArray[np.uint8], ...]:
     Raises:
         ImageError: the image cannot be decoded. The message does not name the image.
     """
-    chains = _cached_chains.get(image) or {}
-    chain = chains.get(srgb)
-    if chain is None:
-        chain = make_chain(texels_of(image).rgba, srgb)
-        chains = {**chains, srgb: chain}
-        _cached_chains.put(image, chains, sum(level.nbytes for each in chains.values() for level in each))
-    return chain
+    by_color_space = _cached_levels.get(image) or {}
+    levels = by_color_space.get(srgb)
+    if levels is None:
+        rgba = texels_of(image).rgba
+        levels = padded_levels([rgba, *make_chain(rgba, srgb)])
+        by_color_space = {**by_color_space, srgb: levels}
+        _cached_levels.put(image, by_color_space, sum(each.nbytes for each in by_color_space.values()))
+    return levels
+
+
+def level_offsets(width: int, height: int) -> NDArray[np.int32]:
+    """Return the index of each mip level's first texel in ``padded_levels``, (n,) int32, given the image's size."""
+    counts = []
+    while True:
+        counts.append(height * row_stride(width))
+        if max(width, height) == 1:
+            return np.concatenate(((0,), np.cumsum(counts[:-1]))).astype(np.int32)
+        width, height = max(width // 2, 1), max(height // 2, 1)
 
 
 def make_chain(rgba: NDArray[np.uint8], srgb: bool) -> tuple[NDArray[np.uint8], ...]:

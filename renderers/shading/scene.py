@@ -17,7 +17,7 @@ from renderers.compiler.pointers import address_of, advance, f64_at
 from renderers.drawlist import AlphaMode, Instance, Material, Mesh, Topology
 from renderers.interface import VTK_LOOKS, LookName
 from renderers.shading.gamma import LINEAR_FROM_GAMMA
-from renderers.shading.layout import INSTANCE, INSTANCE_MATRICES, MATERIAL, TEXTURE
+from renderers.shading.layout import INSTANCE, INSTANCE_MATRICES, MATERIAL, SHADING_JOB, TEXTURE
 from renderers.shading.materials import MaterialTable, drawn_material
 from renderers.shading.mesh_buffers import MeshBuffers, buffers_of
 from renderers.shading.spans import SPAN_OFFSETS
@@ -153,28 +153,27 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
     )
 
 
-def fill_shading_job(
-    job: NDArray[Any],
-    shading: ShadingScene,
-    camera: Camera,
-    first_ids: int,
-    X_camera_mesh: int,
-    matrices: int,
-    *,
-    area_filter: bool = False,
-) -> None:
-    """Fill one SHADING_JOB, and the INSTANCE_MATRICES that it refers to.
+class ShadingJob:
+    """A SHADING_JOB for one image or layer, and the memory that it points into. Immutable, thread-safe."""
 
-    Args:
-        first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``.
-        matrices: address of an INSTANCE_MATRICES per instance.
-        area_filter: as in ``Look``.
-    """
-    count = len(shading.transparent)
-    # As an int: with a bool, the first call would compile the kernel for another signature.
-    compute_instance_matrices(X_camera_mesh, matrices, count, int(shading.look in VTK_LOOKS))
-    intrinsics = camera.fx, camera.fy, camera.cx, camera.cy
-    job[0] = (count, first_ids, X_camera_mesh, matrices, *intrinsics, area_filter, *shading.tables)
+    def __init__(
+        self, shading: ShadingScene, camera: Camera, first_ids: int, X_camera_mesh: int, *, area_filter: bool = False
+    ) -> None:
+        """
+        Args:
+            first_ids, X_camera_mesh: addresses of the arrays of these names in ``Visibility``.
+            area_filter: as in ``Look``.
+        """
+        count = len(shading.transparent)
+        matrices, job = np.empty(len(shading.instances), INSTANCE_MATRICES.dtype), np.empty(1, SHADING_JOB.dtype)
+        matrices_address = address_of(matrices, INSTANCE_MATRICES.dtype)
+        # As an int: with a bool, the first call would compile the kernel for another signature.
+        compute_instance_matrices(X_camera_mesh, matrices_address, count, int(shading.look in VTK_LOOKS))
+        intrinsics = camera.fx, camera.fy, camera.cx, camera.cy
+        job[0] = (count, first_ids, X_camera_mesh, matrices_address, *intrinsics, area_filter, *shading.tables)
+        self.address = address_of(job, SHADING_JOB.dtype)
+        """Valid while this object is alive."""
+        self._keep = (shading, matrices, job)
 
 
 @kernel("void(int64, int64, int64, int64)", releases_gil=False)

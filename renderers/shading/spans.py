@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import address, advance, f64_at, i32_at, i64_at
+from renderers.compiler.pointers import address, advance, allocate, f64_at, i32_at, i64_at, release
 from renderers.shading.layout import (
     HAS_COLORS,
     HAS_NORMALS,
@@ -27,9 +27,6 @@ _NO_ID: Final = -(2**31)
 """Value of pixels beyond the row; differs from every primitive id and from -1."""
 _HIGHEST_BIT: Final = -(2**63)
 
-_segment_at, _spans_at, _pixels_at = SEGMENT.at, SPANS.at, PIXELS.at
-_SEGMENT_BYTES, _SPANS_BYTES, _PIXELS_BYTES = SEGMENT.size, SPANS.size, PIXELS.size
-
 
 def _span_offsets() -> NDArray[np.int32]:
     starts = np.arange(128)[:, None] >> np.arange(7) & 1
@@ -41,42 +38,36 @@ SPAN_OFFSETS: Final = _span_offsets()
 table is a mask of seven bits: bit k - 1 is set if a span begins at pixel k, 1 <= k <= 7."""
 
 
-@inlined
-def row_memory(width):
-    """Return the number of int64 of memory that shading a row of ``width`` pixels needs, see ``begin_rows``."""
-    ids, starts = width + 64 + 2 * vec.LANES, width + width // 64 + 4 * vec.LANES
-    return (_SEGMENT_BYTES + _SPANS_BYTES + _PIXELS_BYTES) // 8 + width // 64 + 3 + (ids + 2 * starts) // 2 + 1
+new_segment, new_spans, new_pixels = SEGMENT.local, SPANS.local, PIXELS.local
+"""Memory of a kernel's stack for ``begin_rows``, 120 kilobytes together."""
 
 
 @device_function
-def begin_rows(job, memory_address, width):
-    """Lay out the working memory of rows of at most ``width`` pixels.
+def begin_rows(segment, job, width, spans, pixels):
+    """Give a SEGMENT its working memory for rows of at most ``width`` pixels; ``end_rows`` frees it.
 
     Args:
         job: a SHADING_JOB.
-        memory_address: address of ``row_memory(width)`` int64.
-
-    Returns:
-        A SEGMENT, and a pointer to the working memory of ``find_spans``.
+        spans, pixels: the segment's SPANS and PIXELS.
     """
-    segment = _segment_at(memory_address)
-    segment.job = job
-    end = memory_address + _SEGMENT_BYTES
-    segment.masks = i64_at(end)
-    end += 8 * (width // 64 + 3)
-    segment.starts = i32_at(end)
-    end += 4 * (width + width // 64 + 4 * vec.LANES)
-    segment.ids = i32_at(end)
-    end += 4 * (width + width // 64 + 4 * vec.LANES)
-    segment.spans = _spans_at(end)
-    end += _SPANS_BYTES
-    segment.pixels = _pixels_at(end)
-    end += _PIXELS_BYTES
-    return segment, i32_at(end)
+    max_spans = width + width // PART + 4 * vec.LANES
+    segment.job, segment.spans, segment.pixels = job, spans, pixels
+    segment.masks = i64_at(allocate(8 * (width // 64 + 3)))
+    segment.starts, segment.ids = i32_at(allocate(4 * max_spans)), i32_at(allocate(4 * max_spans))
+    segment.row_ids = i32_at(allocate(4 * (width + 64 + 2 * vec.LANES)))
 
 
 @device_function
-def find_spans(segment, y, columns, pixel_ids, width, row_ids):
+def end_rows(segment):
+    """Free the memory of ``begin_rows``."""
+    release(address(segment.masks))
+    release(address(segment.starts))
+    release(address(segment.ids))
+    release(address(segment.row_ids))
+
+
+@device_function
+def find_spans(segment, y, columns, pixel_ids, width):
     """Find the spans of a row of pixels.
 
     A span also begins at every PART-th pixel, so that the parts of a segment are whole spans, and float32 is accurate
@@ -86,13 +77,12 @@ def find_spans(segment, y, columns, pixel_ids, width, row_ids):
         y: row of the image.
         columns: as in SEGMENT. If it is not 0, each pixel is a span of its own.
         pixel_ids: pointer to the primitive ids of ``width`` pixels, -1 for none.
-        row_ids: pointer to working memory for ``width`` + 64 + 16 int32.
 
     Returns:
         Number of spans.
     """
     segment.y, segment.columns = y, columns
-    masks, starts, span_ids = segment.masks, segment.starts, segment.ids
+    masks, starts, span_ids, row_ids = segment.masks, segment.starts, segment.ids, segment.row_ids
     vec.store(row_ids, 0, vec.i32(_NO_ID))
     ids = advance(row_ids, vec.LANES)
     for x in range(width):

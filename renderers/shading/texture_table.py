@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import Texture, Wrap, name_image_errors
-from renderers.shading.layout import MIP_LEVEL, TEXTURE
-from renderers.shading.mipmaps import mip_chain
+from renderers.shading.layout import TEXTURE
+from renderers.shading.mipmaps import level_offsets, padded_mip_levels
 from renderers.shading.textures import is_decoded, texels_of
 
 WRAP_REPEAT: Final = 0
@@ -55,25 +55,20 @@ class TextureTable:
         _decode({id(texture.image): texture for texture, _ in self._indices}.values(), parallel)
         for (texture, srgb), struct in zip(self._indices, structs, strict=False):
             sampler = texture.sampler
-            texels = texels_of(texture.image)
-            images = [texels.rows]
-            mips = MIPS_NONE
-            if sampler.mipmaps:
-                images += mip_chain(texture.image, srgb)
-                if len(images) > 1:
-                    mips = MIPS_LINEAR if sampler.mip_linear else MIPS_NEAREST
-            levels = np.zeros(len(images), MIP_LEVEL.dtype)
-            for k, image in enumerate(images):
-                height, stride = image.shape[:2]
-                levels[k] = address_of(image, np.uint8), stride, height, stride
-            levels["width"][0] = texels.width
+            decoded = texels_of(texture.image)
+            texels, offsets, mips = decoded.rows, level_offsets(decoded.width, len(decoded.rows)), MIPS_NONE
+            if sampler.mipmaps and len(offsets) > 1:
+                texels = padded_mip_levels(texture.image, srgb)
+                mips = MIPS_LINEAR if sampler.mip_linear else MIPS_NEAREST
+            struct["texels"], struct["level_offsets"] = address_of(texels, np.uint8), address_of(offsets, np.int32)
+            struct["width"], struct["height"] = decoded.width, len(decoded.rows)
+            struct["last_level"] = len(offsets) - 1 if mips != MIPS_NONE else 0
             struct["wrap_s"], struct["wrap_t"] = _WRAPS[sampler.wrap_s], _WRAPS[sampler.wrap_t]
             struct["mag_linear"], struct["min_linear"], struct["mips"] = sampler.mag_linear, sampler.min_linear, mips
             struct["uv_set"], struct["srgb"] = texture.uv_set, srgb
-            struct["level_count"], struct["levels"] = len(levels), address_of(levels, MIP_LEVEL.dtype)
             with np.errstate(over="ignore"):  # a transform beyond the range of float32 becomes infinite
                 struct["uv_transform"] = texture.uv_transform or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-            self.keep += [*images, levels]
+            self.keep += [texels, offsets]
         return structs
 
 

@@ -1,7 +1,12 @@
-"""Decoded images of textures, cached."""
+"""Decoded images of textures, cached, in the layout that kernels read.
+
+Rows of texels are padded to ``row_stride``. The first texel of the padding repeats the row's first texel: a kernel
+loads two neighbouring texels at once, also across the border of a repeated texture.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,10 +17,9 @@ from renderers.cache import WeakCache
 from renderers.drawlist import Image, ImageError
 from renderers.stop import check_stop
 
-_CONFLICTING_WIDTH: Final = 1024
-"""Texels. Rows whose length is a multiple of this begin in the same set of a processor's cache."""
-_CACHE_LINE: Final = 16
-"""Size of a cache line, texels."""
+MAX_CONFLICT_PADDING: Final = 16
+"""Texels of padding, a cache line, that keep rows of 1024 texels and more from evicting each other from the cache.
+Frames that show such a texture rotated by 90 degrees would take twice as long. Shorter rows have a 64th of padding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,9 +27,9 @@ class Texels:
     """A decoded image."""
 
     rows: NDArray[np.uint8]
-    """(H, W or more, 4) uint8, C-contiguous, straight alpha, as stored (not linearised)."""
+    """(H, row_stride(W), 4) uint8, C-contiguous, straight alpha, as stored (not linearised)."""
     width: int
-    """W, columns of the image. Further columns of ``rows`` are padding."""
+    """W, columns of the image without padding."""
     opaque: bool
     """True if every alpha is 255."""
     translucent: bool
@@ -33,7 +37,7 @@ class Texels:
 
     @property
     def rgba(self) -> NDArray[np.uint8]:
-        """(H, W, 4) uint8, C-contiguous; a copy where the rows are padded."""
+        """(H, W, 4) uint8, C-contiguous; a copy."""
         return np.ascontiguousarray(self.rows[:, : self.width])
 
 
@@ -59,22 +63,28 @@ def texels_of(image: Image) -> Texels:
     check_stop()
     translucent = not opaque and bool(alpha.any())
     check_stop()
-    texels = Texels(_padded(pixels), pixels.shape[1], opaque, translucent)
+    height, width = pixels.shape[:2]
+    texels = Texels(padded_levels([pixels]).reshape(height, -1, 4), width, opaque, translucent)
     _decoded.put(image, texels, texels.rows.nbytes)
     return texels
 
 
-def _padded(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the rows of an image, each padded by a cache line if they would evict each other from the cache.
+def row_stride(width: int) -> int:
+    """Return the number of texels from one row to the next."""
+    return width + 1 + min(width // 64, MAX_CONFLICT_PADDING)
 
-    Padding halves the time of frames that show such a texture rotated by 90 degrees.
-    """
-    height, width = pixels.shape[:2]
-    if width % _CONFLICTING_WIDTH:
-        return np.ascontiguousarray(pixels)
-    rows = np.zeros((height, width + _CACHE_LINE, 4), np.uint8)
-    rows[:, :width] = pixels
-    return rows
+
+def padded_levels(levels: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Return the mip levels of a texture, each (H, W, 4) uint8, with padded rows one after the other, (n, 4) uint8."""
+    texels = np.zeros((sum(level.shape[0] * row_stride(level.shape[1]) for level in levels), 4), np.uint8)
+    begin = 0
+    for level in levels:
+        height, width = level.shape[:2]
+        end = begin + height * row_stride(width)
+        rows = texels[begin:end].reshape(height, -1, 4)
+        rows[:, :width], rows[:, width] = level, level[:, 0]
+        begin = end
+    return texels
 
 
 def is_decoded(image: Image) -> bool:

@@ -38,10 +38,10 @@ from renderers.compiler.simd.arithmetic import (
     to_i32,
 )
 from renderers.compiler.simd.interleaved import (
-    gather_2x2,
     load_corners,
     load_elements,
     load_octets,
+    load_pairs,
     load_quads,
     load_third,
     store_rgb,
@@ -57,7 +57,6 @@ from renderers.compiler.simd.load_store import (
     load,
     load_volatile,
     prefetch,
-    prefetch_pair_rows,
     store,
     store_where,
 )
@@ -80,7 +79,6 @@ __all__ = [
     "float_bits",
     "floor",
     "gather",
-    "gather_2x2",
     "i32",
     "iota",
     "lane",
@@ -89,6 +87,7 @@ __all__ = [
     "load_corners",
     "load_elements",
     "load_octets",
+    "load_pairs",
     "load_quads",
     "load_third",
     "load_volatile",
@@ -101,7 +100,6 @@ __all__ = [
     "or_of",
     "permute",
     "prefetch",
-    "prefetch_pair_rows",
     "rint",
     "select",
     "sqrt",

@@ -137,38 +137,34 @@ load_elements = _loader(i32x8, 3, _triple_columns)
 
 
 @intrinsic
-def gather_2x2(typing_context: Any, texels: Any, offsets: Any, stride: Any) -> Any:
-    """Return four i32x8: the texel at each offset, the one to its right, the one below, and the one below right.
+def load_pairs(typing_context: Any, values: Any, offsets: Any, index: Any) -> Any:
+    """Return two i32x8: the int32 at each of eight offsets, and the one after it.
+
+    Offsets are loaded one by one: a processor begins all loads before those of earlier vectors have ended.
 
     Args:
-        texels: pointer to int32.
-        offsets: i32x8, at least 0.
-        stride: int64, from a texel to the one below.
+        values: pointer to int32.
+        offsets: pointer to int32, at least 0; the offsets ``index .. index + 7`` are read.
     """
-    result: Any = types.UniTuple(i32x8, 4)
+    result: Any = types.UniTuple(i32x8, 2)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        texels, offsets, stride = args
-        rows = texels, builder.gep(texels, [stride])
-        each_offset = [
-            builder.zext(builder.extract_element(offsets, ir.Constant(I32, lane)), I64) for lane in range(LANES)
+        values, offsets, index = args
+        fours = [ir.Constant(ir.VectorType(I64, 4), ir.Undefined)] * 2
+        for lane in range(LANES):
+            place = builder.gep(offsets, [builder.add(index, ir.Constant(I64, lane))])
+            address = builder.gep(values, [builder.zext(builder.load(place), I64)])
+            pair = builder.load(builder.bitcast(address, I64.as_pointer()), align=4)
+            # Lanes 0, 1, 4, 5 go to the first vector, 2, 3, 6, 7 to the second: then each half is shuffled by itself.
+            which, position = lane // 2 % 2, ir.Constant(I32, lane // 4 * 2 + lane % 2)
+            fours[which] = builder.insert_element(fours[which], pair, position)
+        first, second = (builder.bitcast(four, i32x8.llvm) for four in fours)
+        columns = [
+            shuffle(builder, first, second, [pick + k for pick in (0, 2, 8, 10, 4, 6, 12, 14)]) for k in range(2)
         ]
-        columns = [column for row in rows for column in _pair_columns(builder, row, each_offset)]
         return context.make_tuple(builder, result, columns)
 
-    return result(texels, offsets, stride), generate
-
-
-def _pair_columns(builder: Any, texels: Any, offsets: list[Any]) -> list[Any]:
-    """Return two i32x8: the int32 at each offset, and the one after it."""
-    fours = [ir.Constant(ir.VectorType(I64, 4), ir.Undefined)] * 2
-    for lane, offset in enumerate(offsets):
-        pair = builder.load(builder.bitcast(builder.gep(texels, [offset]), I64.as_pointer()), align=4)
-        # Lanes 0, 1, 4, 5 go to the first vector, 2, 3, 6, 7 to the second: then each half is shuffled by itself.
-        which, place = lane // 2 % 2, ir.Constant(I32, lane // 4 * 2 + lane % 2)
-        fours[which] = builder.insert_element(fours[which], pair, place)
-    first, second = (builder.bitcast(four, i32x8.llvm) for four in fours)
-    return [shuffle(builder, first, second, [pick + k for pick in (0, 2, 8, 10, 4, 6, 12, 14)]) for k in range(2)]
+    return result(values, offsets, types.int64), generate
 
 
 def _emit_third(builder: Any, sig: Any, pointer: Any, index: Any, k: Any) -> Any:

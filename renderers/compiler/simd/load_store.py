@@ -25,7 +25,6 @@ from renderers.compiler.simd.vectors import (
     insert,
     intrinsic,
     m8,
-    offset_of,
 )
 
 _VECTORS: Final = {types.float32: f32x8, types.float64: f64x8, types.int32: i32x8, types.uint32: i32x8}
@@ -139,14 +138,10 @@ gather = define(lambda pointer, indices: vector_behind(pointer) if indices is i3
 than eight loads: on Intel since Skylake (half the time), not on Zen."""
 
 
-def _prefetch(builder: Any, pointer: Any, index: Any) -> None:
+def _emit_prefetch(builder: Any, sig: Any, pointer: Any, index: Any) -> Any:
     address = builder.bitcast(builder.gep(pointer, [index]), I8.as_pointer())
     read, high_locality, data_cache = ir.Constant(I32, 0), ir.Constant(I32, 3), ir.Constant(I32, 1)
     call_llvm(builder, "llvm.prefetch.p0", ir.VoidType(), [address, read, high_locality, data_cache])
-
-
-def _emit_prefetch(builder: Any, sig: Any, pointer: Any, index: Any) -> Any:
-    _prefetch(builder, pointer, index)
     return ir.Constant(I32, 0)
 
 
@@ -155,19 +150,3 @@ prefetch = define(
     _emit_prefetch,
 )
 """``prefetch(pointer, i)``: fetch the cache line of value i; the address need not be valid."""
-
-
-def _emit_prefetch_pair_rows(builder: Any, sig: Any, pointer: Any, indices: Any, stride: Any) -> Any:
-    next_row = builder.gep(pointer, [stride])
-    for lane in (0, 3, 5, LANES - 1):
-        offset = offset_of(builder, indices, lane)
-        _prefetch(builder, pointer, offset)
-        _prefetch(builder, next_row, offset)
-    return ir.Constant(I32, 0)
-
-
-prefetch_pair_rows = define(
-    lambda pointer, indices, stride: types.int32 if indices is i32x8 else None, _emit_prefetch_pair_rows
-)
-"""``prefetch_pair_rows(pointer, indices, stride)``: fetch the cache lines of the values at four of eight indices, and
-those ``stride`` (int64) values further on. The addresses need not be valid."""

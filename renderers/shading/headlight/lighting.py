@@ -1,6 +1,6 @@
 """Lighting of a part of a segment in the headlight looks, eight pixels at a time.
 
-``packed_row`` is explained in ``output_merge``. Functions with a parameter ``begin`` shade the first ``count`` PIXELS,
+``packed_row`` is explained in ``packed_rows``. Functions with a parameter ``begin`` shade the first ``count`` PIXELS,
 which are the row's pixels from ``begin`` on.
 """
 
@@ -10,7 +10,8 @@ import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import i32_at
+from renderers.compiler.pointers import stack_array
+from renderers.compiler.structs import I32
 from renderers.shading.brdf import headlight_cosines, schlick, vtk_colors, vtk_reflected, vtk_specular
 from renderers.shading.headlight.layout import DIRECT
 from renderers.shading.headlight.output_merge import packed, write_pixels
@@ -24,6 +25,8 @@ from renderers.shading.material import (
     unoccluded_share,
 )
 from renderers.shading.vec3 import broadcast3, load3, multiply3, scale_to, store3, times
+
+_colors = stack_array(I32, vec.LANES)
 
 
 @inlined
@@ -70,17 +73,11 @@ def _headlight_cosine(normal):
 @device_function
 def _shade_lambert(job, segment, has_rows, begin, count, packed_row):
     """Show the base colour times ``_headlight_cosine`` (Lambert)."""
-    direct, pixels = job.mode == DIRECT, segment.pixels
-    if has_rows:
-        for x in range(0, count, vec.LANES):
-            cosine = _headlight_cosine(load3(pixels.normal, x, STRIDE))
-            color = times(load3(pixels.base_color, x, STRIDE), cosine)
-            _store_pixels(job, pixels, False, direct, packed_row, begin, x, color)
-        return
-    base_color = broadcast3(segment.material.base_color, 0)
+    direct, material, pixels = job.mode == DIRECT, segment.material, segment.pixels
     for x in range(0, count, vec.LANES):
-        r, g, b = times(base_color, _headlight_cosine(load3(pixels.normal, x, STRIDE)))
-        write_pixels(job, False, packed_row, begin + x, r, g, b)
+        cosine = _headlight_cosine(load3(pixels.normal, x, STRIDE))
+        color = times(_base_color(material, pixels, has_rows, x), cosine)
+        _store_pixels(job, pixels, False, direct, packed_row, begin, x, color)
 
 
 @device_function
@@ -134,8 +131,7 @@ def fill_spans(segment, span, part_end_span, packed_row):
     Walls, floors and meshes without normals have such spans. ``set_up_spans`` has filled SPANS.
     """
     base_color, normals, starts = broadcast3(segment.material.base_color, 0), segment.spans.normal, segment.starts
-    color_memory = np.empty(vec.LANES, np.int32)
-    colors = i32_at(np.int64(color_memory.ctypes.data))
+    colors = _colors()
     for first in range(span, part_end_span, vec.LANES):
         r, g, b = times(base_color, _headlight_cosine(load3(normals, first - span, SPAN_STRIDE)))
         vec.store(colors, 0, packed(r, g, b))
@@ -143,7 +139,6 @@ def fill_spans(segment, span, part_end_span, packed_row):
             color = vec.i32(np.int64(colors[k]))
             for x in range(starts[first + k], starts[first + k + 1], vec.LANES):
                 vec.store(packed_row, x, color)
-    color_memory[0] = 0  # the pointer above does not keep the array alive
 
 
 @inlined

@@ -1,13 +1,11 @@
 """From shaded pixels to the image: bytes, translucent layers, background.
 
-A *packed row* is a pointer to a row of pixels, int32 each, red in the lowest byte. *Gathered* layers are the
+``packed_row`` is a pointer to a row of ``packed_rows``. *Gathered* layers are the
 translucent layers blended so far: four channels of float32, one after the other, for red, green, blue and
 transmittance. Their rows are eight values longer than those of the image.
 """
 
 from __future__ import annotations
-
-from typing import Final
 
 import numpy as np
 
@@ -20,9 +18,6 @@ from renderers.shading.layout import STRIDE
 from renderers.shading.level_cells import encoded_pixels
 from renderers.shading.materials import ALPHA_BLEND, ALPHA_MASK
 from renderers.shading.vec3 import load3, saturate
-
-_PREFETCH_DISTANCE: Final = 1024
-"""Number of pixels between the one that is written and the one that is prefetched."""
 
 
 @inlined
@@ -125,17 +120,3 @@ def write_background(job, y, begin, end, packed_row):
         )
         for x in range(begin, end, vec.LANES):
             vec.store(packed_row, x, _beneath(gathered, channel_size, x, r, g, b))
-
-
-@device_function
-def write_image_row(job, y, width, packed_row):
-    """Write the first ``width`` pixels of a packed row to row ``y`` of the image."""
-    color = advance(job.color, 3 * (y - job.first_row) * job.width)
-    # A vector store overruns by up to four bytes. The last pixels are stored singly, to keep the next row intact.
-    vector_end = max(width - 2, 0) // vec.LANES * vec.LANES
-    for x in range(0, vector_end, vec.LANES):
-        vec.prefetch(color, 3 * (x + _PREFETCH_DISTANCE))
-        vec.store_rgb(color, 3 * x, vec.load(packed_row, x))
-    for x in range(vector_end, width):
-        for k in range(3):
-            color[3 * x + k] = packed_row[x] >> (8 * k)

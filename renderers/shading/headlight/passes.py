@@ -8,16 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.compiler.pointers import address_of, table
+from renderers.compiler.pointers import address_of
 from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList
 from renderers.interface import VTK_LOOKS, Look
-from renderers.shading.depth_peeling import peeled, surfaces_in_drawing_order
+from renderers.shading.depth_peeling import for_bands, peeled, surfaces_in_drawing_order
 from renderers.shading.gamma import GAMMA_CELLS, GAMMA_FROM_LINEAR
 from renderers.shading.headlight.layout import DIRECT, GATHER, HEADLIGHT_JOB, UNDER
 from renderers.shading.headlight.shade_rows import shade_rows
-from renderers.shading.layout import INSTANCE_MATRICES, SHADING_JOB
-from renderers.shading.scene import ShadingScene, fill_shading_job
+from renderers.shading.scene import ShadingJob, ShadingScene
 
 if TYPE_CHECKING:  # the rasterizer imports this module
     from renderers.visibility_buffer import Rasterizer, Visibility
@@ -109,13 +108,11 @@ class HeadlightJob:
         """
         if shading.look != look.name:
             raise ValueError(f"the scene was prepared for the look {shading.look!r}, not {look.name!r}")
-        # One array for both jobs and the matrices.
-        job_end = HEADLIGHT_JOB.size
-        matrices = job_end + SHADING_JOB.size
-        array, _, address = table(-(-(matrices + len(shading.instances) * INSTANCE_MATRICES.size) // 8))
+        shading_job = ShadingJob(shading, camera, first_ids, X_camera_mesh, area_filter=look.area_filter)
+        job = np.empty(1, HEADLIGHT_JOB.dtype)
         red, green, blue = look.background
-        array[: job_end // 8].view(HEADLIGHT_JOB.dtype)[0] = HEADLIGHT_JOB.record(
-            shading=address + job_end,
+        job[0] = HEADLIGHT_JOB.record(
+            shading=shading_job.address,
             mode=mode,
             width=camera.width,
             height=camera.height,
@@ -126,13 +123,9 @@ class HeadlightJob:
             gamma_cells=_GAMMA_TABLES[0],
             gamma_from_linear=_GAMMA_TABLES[1],
         )
-        shading_job = array[job_end // 8 : matrices // 8].view(SHADING_JOB.dtype)
-        fill_shading_job(
-            shading_job, shading, camera, first_ids, X_camera_mesh, address + matrices, area_filter=look.area_filter
-        )
-        self.address = address
+        self.address = address_of(job, HEADLIGHT_JOB.dtype)
         """Valid while this object is alive."""
-        self._keep = (shading, array, keep)
+        self._keep = (shading_job, job, keep)
 
 
 def _shade(
@@ -146,8 +139,6 @@ def _shade(
     color: NDArray[np.uint8] | None,
 ) -> None:
     """Shade all bands of a layer."""
-    from renderers.visibility_buffer import BAND_ROWS, band_count
-
     job = HeadlightJob(
         shading,
         camera,
@@ -160,8 +151,7 @@ def _shade(
         gathered=address_of(gathered, np.float32),
     )
 
-    def shade_band(band: int) -> None:
-        begin, end = band * BAND_ROWS, min((band + 1) * BAND_ROWS, camera.height)
+    def shade(begin: int, end: int) -> None:
         shade_rows(job.address, address_of(visible.ids[begin:], np.int32), begin, end)
 
-    rasterizer.parallel(band_count(camera.height), shade_band)
+    for_bands(rasterizer, camera.height, shade)

@@ -7,14 +7,25 @@ import numpy as np
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
-from renderers.compiler.pointers import address, advance, i32_at
+from renderers.compiler.pointers import address, advance, allocate, i32_at, release
 from renderers.primitive_ids import instance_of
 from renderers.shading.headlight.layout import DIRECT, GATHER, headlight_job_at
 from renderers.shading.headlight.lighting import fill_spans, is_uniform_lambert, shade
-from renderers.shading.headlight.output_merge import gather, write_background, write_image_row, write_under
+from renderers.shading.headlight.output_merge import gather, write_background, write_under
 from renderers.shading.interpolation import interpolate
+from renderers.shading.packed_rows import write_packed_row
 from renderers.shading.span_setup import set_up_spans
-from renderers.shading.spans import begin_rows, find_spans, next_part, row_memory, segment_end, select_instance
+from renderers.shading.spans import (
+    begin_rows,
+    end_rows,
+    find_spans,
+    new_pixels,
+    new_segment,
+    new_spans,
+    next_part,
+    segment_end,
+    select_instance,
+)
 
 
 @inlined
@@ -56,16 +67,15 @@ def shade_rows(job_address, ids_address, row_begin, row_end):
             HEADLIGHT_JOB's ``stride`` values apart.
     """
     job = headlight_job_at(job_address)
-    own_memory = np.empty(row_memory(job.width), np.int64)
-    own_row = np.empty(job.width + 2 * vec.LANES, np.int32)
-    packed_row = i32_at(np.int64(own_row.ctypes.data))
-    segment, row_ids = begin_rows(job.shading, np.int64(own_memory.ctypes.data), job.width)
+    packed_row = i32_at(allocate(4 * (job.width + 2 * vec.LANES)))
+    segment = new_segment()
+    begin_rows(segment, job.shading, job.width, new_spans(), new_pixels())
     starts, span_ids, first_ids = segment.starts, segment.ids, job.shading.first_ids
     instance = np.int64(0)
     for y in range(row_begin, row_end):
         count, columns = _row_columns(job, y)
         ids = advance(i32_at(ids_address), (y - row_begin) * job.stride)
-        span_count = find_spans(segment, y, columns, ids, count, row_ids)
+        span_count = find_spans(segment, y, columns, ids, count)
         span = np.int64(0)
         while span < span_count:
             primitive_id = np.int64(span_ids[span])
@@ -79,5 +89,6 @@ def shade_rows(job_address, ids_address, row_begin, row_end):
                 _shade_segment(job, segment, span, end_span, packed_row)
             span = end_span
         if job.mode != GATHER:
-            write_image_row(job, y, count, packed_row)
-    own_memory[0] = own_row[0] = 0  # the pointers above do not keep the arrays alive
+            write_packed_row(advance(job.color, 3 * (y - job.first_row) * job.width), packed_row, count)
+    end_rows(segment)
+    release(address(packed_row))

@@ -40,12 +40,9 @@ _SPLIT_SUM_SIZE: Final = 32
 class Environment:
     """Filtered environment, world frame."""
 
-    irradiance: NDArray[np.float32]
-    """Octahedral table with border, (IRRADIANCE_SIZE + 2, IRRADIANCE_SIZE + 2, 3) float32: irradiance / pi."""
-    levels: tuple[NDArray[np.float32], ...]
-    """Octahedral tables with border, (N + 2, N + 2, 3) float32 radiance, by ascending roughness."""
     texels: NDArray[np.float32]
-    """All levels and then the irradiance, flat. Texels have four values; the last is unused."""
+    """Octahedral tables with border, flat: radiance by ascending roughness, then irradiance / pi. Texels have four
+    values; the last is unused."""
     tables: NDArray[np.int32]
     """(LEVELS + 1, 2) int32: offset in ``texels`` and side N of each table."""
 
@@ -81,26 +78,25 @@ def _filtered(radiance: NDArray[np.float32]) -> Environment:
     sizes = np.array([image.shape[:2] for image in pyramid], np.int64)
     offsets = np.concatenate(((0,), np.cumsum([image.size for image in pyramid])[:-1])).astype(np.int64)
     values = np.concatenate([image.reshape(-1) for image in pyramid])
-    levels = []
+    maps = []
     for k, size in enumerate(LEVEL_SIZES):
         directions = np.ascontiguousarray(octahedral_directions(size).reshape(-1, 3))
         samples = _hammersley(1 if k == 0 else _FILTER_SAMPLES)
         means = np.zeros((size * size, 3), np.float32)
         _prefilter(values, offsets, sizes, directions, k / (LEVELS - 1), samples, means)
-        levels.append(with_border(means.reshape(size, size, 3)))
-    irradiance = irradiance_of(radiance)
-    tables = [*levels, irradiance]
-    table_offsets = np.cumsum([0, *(4 * table.shape[0] * table.shape[1] for table in tables[:-1])])
-    return Environment(
-        irradiance,
-        tuple(levels),
-        np.concatenate([np.pad(table, ((0, 0), (0, 0), (0, 1))).reshape(-1) for table in tables]),
-        np.stack((table_offsets, (*LEVEL_SIZES, IRRADIANCE_SIZE)), -1).astype(np.int32),
-    )
+        maps.append(with_border(means.reshape(size, size, 3)))
+    maps.append(irradiance_of(radiance))
+    map_offsets = np.cumsum([0, *(4 * each.shape[0] * each.shape[1] for each in maps[:-1])])
+    texels = np.concatenate([np.pad(each, ((0, 0), (0, 0), (0, 1))).reshape(-1) for each in maps])
+    return Environment(texels, np.stack((map_offsets, (*LEVEL_SIZES, IRRADIANCE_SIZE)), -1).astype(np.int32))
 
 
 def irradiance_of(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return ``Environment.irradiance`` for an equirectangular image, (H, W, 3) float32."""
+    """Return the irradiance / pi of an equirectangular image, (H, W, 3) float32.
+
+    Returns:
+        Octahedral table with border, (IRRADIANCE_SIZE + 2, IRRADIANCE_SIZE + 2, 3) float32.
+    """
     # 64 x 128 pixels are enough: the cosine blurs smaller details.
     height, width = min(radiance.shape[0], 64), min(radiance.shape[1], 128)
     small = cv2.resize(radiance, (width, height), interpolation=cv2.INTER_AREA).reshape(-1, 3)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -17,9 +17,8 @@ from renderers.compiler.pointers import address_of
 from renderers.drawlist import DrawList, Light
 from renderers.light_rig import MAX_LIGHTS, MAX_SHADOWS, Rig
 from renderers.msaa import sample_cameras
-from renderers.shading.depth_peeling import peeled
-from renderers.shading.layout import INSTANCE_MATRICES, SHADING_JOB
-from renderers.shading.scene import ShadingScene, fill_shading_job
+from renderers.shading.depth_peeling import for_bands, peeled
+from renderers.shading.scene import ShadingJob, ShadingScene
 from renderers.shading.studio import layout
 from renderers.shading.studio.environment_map import environment_of, split_sum
 from renderers.shading.studio.lights import exposed, light_structs
@@ -119,14 +118,7 @@ def paint(
         if samples > 1:
             mean += accumulated * np.float32(1.0 / samples)
     mean_address = address_of(mean, np.float32)
-    _for_bands(rasterizer, camera.height, partial(write_image_rows, mean_address, output_address, camera.width))
-
-
-def _for_bands(rasterizer: Rasterizer, height: int, work: Callable[[int, int], object]) -> None:
-    """Call ``work(row_begin, row_end)`` for all bands of an image, in parallel."""
-    from renderers.visibility_buffer import BAND_ROWS, band_count
-
-    rasterizer.parallel(band_count(height), lambda band: work(band * BAND_ROWS, min((band + 1) * BAND_ROWS, height)))
+    for_bands(rasterizer, camera.height, partial(write_image_rows, mean_address, output_address, camera.width))
 
 
 def _shade_layer(
@@ -153,7 +145,7 @@ def _shade_layer(
         ids = address_of(layer.ids[begin:], np.int32)
         shade_rows(mode, job_address, ids, 0, width, width, begin, end, target, output)
 
-    _for_bands(rasterizer, camera.height, shade)
+    for_bands(rasterizer, camera.height, shade)
     del keep  # the addresses in the job were valid until here
 
 
@@ -243,17 +235,8 @@ def _job(
     camera: Camera,
 ) -> tuple[NDArray[Any], tuple[object, ...]]:
     """Return a STUDIO_JOB, and the objects that its addresses point into."""
-    matrices = np.empty(len(shading.instances), INSTANCE_MATRICES.dtype)
-    shading_job = np.zeros(1, SHADING_JOB.dtype)
-    fill_shading_job(
-        shading_job,
-        shading,
-        camera,
-        address_of(first_ids, np.int64),
-        address_of(X_camera_mesh, np.float64),
-        address_of(matrices, INSTANCE_MATRICES.dtype),
-    )
+    shading_job = ShadingJob(shading, camera, address_of(first_ids, np.int64), address_of(X_camera_mesh, np.float64))
     job = np.zeros(1, layout.STUDIO_JOB.dtype)
-    job["shading"] = address_of(shading_job, SHADING_JOB.dtype)
+    job["shading"] = shading_job.address
     job["lighting"] = address_of(lighting.struct, layout.LIGHTING.dtype)
-    return job, (shading, shading_job, matrices, lighting, first_ids, X_camera_mesh)
+    return job, (shading_job, lighting, first_ids, X_camera_mesh)

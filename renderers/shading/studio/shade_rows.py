@@ -14,14 +14,24 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel, is_set
-from renderers.compiler.pointers import address, advance, f32_at, i32_at, u8_at
+from renderers.compiler.pointers import address, advance, allocate, f32_at, i32_at, release, stack_array
 from renderers.compiler.structs import F32, I32, I64, U8, Struct, pointer_to
 from renderers.msaa import sample_band_at
 from renderers.primitive_ids import instance_of
 from renderers.shading.interpolation import interpolate, pixel_columns
 from renderers.shading.layout import PART, STRIDE
 from renderers.shading.span_setup import set_up_spans
-from renderers.shading.spans import begin_rows, find_spans, next_part, row_memory, segment_end, select_instance
+from renderers.shading.spans import (
+    begin_rows,
+    end_rows,
+    find_spans,
+    new_pixels,
+    new_segment,
+    new_spans,
+    next_part,
+    segment_end,
+    select_instance,
+)
 from renderers.shading.studio.layout import EDGE_SHADER, OUTPUT, STUDIO_JOB, SURFACES, channel_values_in_kernel
 from renderers.shading.studio.lighting import light_surfaces
 from renderers.shading.studio.material import ALPHA, COLOR, COLOR_AND_ALPHA, fill_surfaces
@@ -51,7 +61,7 @@ _ROW: Final = Struct(
 """State of the row that is being shaded."""
 
 _job_at, _output_at, _edge_shader_at = STUDIO_JOB.at, OUTPUT.at, EDGE_SHADER.at
-_surfaces_at, _new_row = SURFACES.at, _ROW.local
+_new_surfaces, _new_row, _new_columns = SURFACES.local, _ROW.local, stack_array(I32, STRIDE)
 _SURFACES_VALUES: Final = SURFACES.size // 4
 
 
@@ -153,20 +163,19 @@ def _gather(job, segment, row, span, end_span):
 
 
 @device_function
-def _shade_row(job, segment, row, y, ids, columns, count, instance, row_ids):
+def _shade_row(job, segment, row, y, ids, columns, count, instance):
     """Shade the pixels of one row and blend them into its accumulated row.
 
     Args:
         ids: pointer to the primitive ids of ``count`` pixels.
         columns: as in SEGMENT.
         instance: index of the instance that probably owns the first primitive.
-        row_ids: as ``begin_rows`` returns it.
 
     Returns:
         Index of the last instance, as ``instance`` for the next row.
     """
     first_ids, span_ids = job.shading.first_ids, segment.ids
-    span_count = find_spans(segment, y, columns, ids, count, row_ids)
+    span_count = find_spans(segment, y, columns, ids, count)
     span = np.int64(0)
     while span < span_count:
         primitive_id = np.int64(span_ids[span])
@@ -224,18 +233,12 @@ def shade_rows(
     max_pixels = width
     if mode == EDGES:
         max_pixels = max(width, band.max_entries)
-    own_memory = np.empty(row_memory(max_pixels), np.int64)
-    own_surfaces = np.zeros(_SURFACES_VALUES, np.float32)
-    own_columns = np.zeros(STRIDE, np.int32)
-    own_row = np.zeros(4 * channel_size, np.float32)
-    own_bytes = np.empty(3 * channel_size + 4, np.uint8)
-    rgb_bytes = u8_at(np.int64(own_bytes.ctypes.data))
-    segment, row_ids = begin_rows(job.shading, np.int64(own_memory.ctypes.data), max_pixels)
-    row = _new_row()
+    segment, row, surfaces = new_segment(), _new_row(), _new_surfaces()
+    begin_rows(segment, job.shading, max_pixels, new_spans(), new_pixels())
     row.mode, row.channel_size, row.gathered = mode, channel_size, 0
-    row.accumulated = f32_at(np.int64(own_row.ctypes.data))
-    row.surfaces = _surfaces_at(np.int64(own_surfaces.ctypes.data))
-    row.columns = i32_at(np.int64(own_columns.ctypes.data))
+    _clear(f32_at(address(surfaces)), _SURFACES_VALUES)  # loops overrun the gathered surfaces
+    own_row, packed_row = f32_at(allocate(4 * 4 * channel_size)), i32_at(allocate(4 * channel_size))
+    row.accumulated, row.surfaces, row.columns = own_row, surfaces, _new_columns()
     instance, stop = np.int64(0), job.lighting.stop
     for y in range(row_begin, row_end):
         if is_set(stop):
@@ -246,7 +249,7 @@ def shade_rows(
         else:
             _clear(row.accumulated, 4 * channel_size)
         ids = advance(i32_at(ids_address), band_row * stride)
-        instance = _shade_row(job, segment, row, y, ids, np.int64(0), width, instance, row_ids)
+        instance = _shade_row(job, segment, row, y, ids, np.int64(0), width, instance)
         if mode == EDGES:
             mixed = advance(band.mixed, band_row * stride)
             _scale_mixed_pixels(row.accumulated, channel_size, mixed, band.mixed_counts[band_row])
@@ -254,11 +257,12 @@ def shade_rows(
             ids = advance(band.entry_ids, first_entry)
             columns, count = address(advance(band.entry_columns, first_entry)), np.int64(band.counts[band_row])
             row.weights = advance(band.entry_weights, first_entry)
-            instance = _shade_row(job, segment, row, y, ids, columns, count, instance, row_ids)
+            instance = _shade_row(job, segment, row, y, ids, columns, count, instance)
         if target_address == 0:
-            write_image_row(row.accumulated, output, y, width, rgb_bytes)
-    # The pointers above do not keep the arrays alive.
-    own_surfaces[0] = own_columns[0] = own_row[0] = own_bytes[0] = own_memory[0] = 0
+            write_image_row(row.accumulated, output, y, width, packed_row)
+    end_rows(segment)
+    release(address(own_row))
+    release(address(packed_row))
 
 
 @kernel("void(int64, int64, int64, int64, int64)")

@@ -12,14 +12,13 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-
 from renderers.color import linear_values_from_srgb
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
-from renderers.compiler.pointers import advance, f32_at, u8_at
+from renderers.compiler.pointers import address, advance, allocate, f32_at, i32_at, release
 from renderers.shading.level_cells import encoded_pixels, level_cells, level_thresholds
+from renderers.shading.packed_rows import write_packed_row
 from renderers.shading.studio.layout import OUTPUT, channel_values_in_kernel
 from renderers.shading.vec3 import broadcast3, load3, saturate
 
@@ -102,13 +101,13 @@ def tone_map(tone, r, g, b):
 
 
 @device_function
-def write_image_row(accumulated, output, y, width, rgb_bytes):
+def write_image_row(accumulated, output, y, width, packed_row):
     """Blend a row of surfaces over the background, and write row ``y`` of the image, encoded as sRGB.
 
     Args:
         accumulated: pointer to an accumulated row, see ``shade_rows``.
         output: an OUTPUT.
-        rgb_bytes: pointer to 3 * channel_values(width) + 4 bytes of working memory.
+        packed_row: pointer to working memory for channel_values(width) int32.
     """
     channel_size = channel_values_in_kernel(width)
     zero, one, min_share = vec.f32(0.0), vec.f32(1.0), vec.f32(1e-6)
@@ -123,10 +122,8 @@ def write_image_row(accumulated, output, y, width, rgb_bytes):
             b + background_share * background_b,
             output.srgb_cells,
         )
-        vec.store_rgb(rgb_bytes, 3 * x, pixels)
-    row = advance(output.color, 3 * y * width)
-    for k in range(3 * width):
-        row[k] = rgb_bytes[k]
+        vec.store(packed_row, x, pixels)
+    write_packed_row(advance(output.color, 3 * y * width), packed_row, width)
 
 
 @kernel("void(int64, int64, int64, int64, int64)")
@@ -138,8 +135,7 @@ def write_image_rows(accumulated_address, output_address, width, row_begin, row_
         output_address: address of an OUTPUT.
     """
     channel_size, output = channel_values_in_kernel(width), _output_at(output_address)
-    own_bytes = np.empty(3 * channel_size + 4, np.uint8)
-    rgb_bytes = u8_at(np.int64(own_bytes.ctypes.data))
+    packed_row = i32_at(allocate(4 * channel_size))
     for y in range(row_begin, row_end):
-        write_image_row(advance(f32_at(accumulated_address), 4 * y * channel_size), output, y, width, rgb_bytes)
-    own_bytes[0] = 0  # the pointer above does not keep the array alive
+        write_image_row(advance(f32_at(accumulated_address), 4 * y * channel_size), output, y, width, packed_row)
+    release(address(packed_row))
