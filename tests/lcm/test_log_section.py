@@ -101,7 +101,7 @@ async def test_a_recording_of_directors_client_from_its_last_second(tmp_path: Pa
     for live, arguments in ((whole, ()), (part, ("--start", "2.5"))):
         async with serving(live=live) as service:
             await run_play(log, service.tcpq_port, "--rate", "0", *arguments)
-            await until(lambda: service.status()["received"] >= 2000)
+            await until(lambda: service.status()["received"] >= 2000 and not service.status()["waiting"])
     shown = [[(path, node.matrix.tolist()) for path, node in live.snapshot.root.walk()] for live in (whole, part)]
     assert shown[0] == shown[1]
 
