@@ -12,7 +12,11 @@ matches among these. A match is right if it is within 3 disparity errors. The ou
 * Wrong, at an edge: the disparity of the other side, which makes outlines ragged. Pixels beside a nearer surface that
   the right camera does not see may get the disparity of that surface. Foreground objects are therefore too wide by a
   part of the matching window.
+* Wrong, in repeated texture: off by a period.
 * Wrong, elsewhere: off by more than 3 disparity errors.
+
+Semi-global matching carries disparities from textured surfaces into plain ones, so plain pixels far from texture have
+fewer matches.
 
 There are no random numbers. Errors follow from the texture, the dots and the sub-pixel phase, so they stay while the
 scene is static; the image noise adds a small part that differs from frame to frame. The holes and wrong pixels of a
@@ -34,21 +38,30 @@ from renderers.stereo.depth import matcher_statistics as statistics
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.downscale import grey_levels
 from renderers.stereo.depth.matcher_statistics import HIDDEN_CLASS
-from renderers.stereo.depth.pixel_classes import EDGE_STEP, MIN_NOISE_SIGMA, ImageKind, classify, window_range
-from renderers.stereo.depth.repetition import repeated_texture
+from renderers.stereo.depth.pixel_classes import (
+    DISAGREEMENTS,
+    EDGE_STEP,
+    EDGES,
+    MIN_NOISE_SIGMA,
+    ImageKind,
+    classify,
+    window_range,
+)
+from renderers.stereo.depth.repetition import second_match
 from renderers.stereo.depth.residual_shift import residual_shift
 from renderers.stereo.model import DISPARITY_SCALE
 
 ERROR_TOLERANCE: Final = 0.05
 """Maximum relative difference between a pixel's error and the value in the error image."""
-ERROR_RADIUS: Final = 5
-"""Radius of the windows of ``residual_shift``, pixels. Semi-global matching is smoother than its own windows."""
-ERROR_BLUR: Final = 7
-"""Side of the box over which errors are averaged, pixels."""
+ERROR_RADIUS: Final = 2
+"""Radius of the windows of ``residual_shift``, pixels: that of the matcher's windows. In larger ones, errors change
+less than a matcher's when surface, dots or pixel grid move."""
+ERROR_BLUR: Final = 3
+"""Side of the box over which errors are averaged, pixels. Semi-global matching is smoother than its own windows."""
 ERROR_BANDS: Final = (5, 11)
 """Sides of two boxes, pixels. The difference of their mean brightness determines the errors of weak texture, where
 semi-global matching depends on the surroundings."""
-WEAK_SHIFT: Final = 0.02
+WEAK_SHIFT: Final = 0.03
 """Standard deviation of the shift that ``residual_shift`` expects in windows without texture, pixels."""
 OUTCOME_BANDS: Final = (11, 31)
 """Sides of the boxes for holes and wrong pixels, pixels: our choice."""
@@ -59,6 +72,13 @@ _LOCKING_BY_PHASE: Final = (LOCKING * np.sin(np.arange(17) / 8.0 * np.pi)).astyp
 """(17,) float32, disparity errors by sixteenths of the disparity; the last one for pixels without disparity."""
 REPEATED: Final = 0.6
 """Added to the rank of pixels in repeated texture: about this share of them has no match."""
+UNTEXTURED: Final = 2
+"""Highest class of texture of plain surfaces."""
+TEXTURED: Final = 4
+"""Lowest class of texture whose disparities are carried into plain surfaces."""
+CARRIED: Final = 50.0
+"""Distance from such texture up to which plain surfaces have the share of matches of their class, pixels. Farther away,
+the share falls with the inverse of the distance."""
 RANK_BINS: Final = 256
 """Bins of the histogram by which the pixels of a class are ordered."""
 MAX_NOISE: Final = 3.0
@@ -140,11 +160,13 @@ def measured_images(
     _standardise(outcome, classes)
     outcome += np.float32(0.5) * noise
     _rank(outcome, classes)
-    outcome[repeated_texture(levels, right_levels, true_disparity)] += np.float32(REPEATED)
+    _move_matches_to_texture(outcome, classes)
+    second = second_match(levels, right_levels, true_disparity)
+    outcome[second > 0.0] += np.float32(REPEATED)
     images = DepthImages(exact, np.empty_like(levels), np.empty_like(levels), model.error_scale)
     _write_measured(
-        true_disparity, nearest, farthest, classes, phases, noise, outcome, _LOCKING_BY_PHASE, _class_table(model),
-        statistics.wrong_spread(), images.disparity, images.error, images.confidence,
+        true_disparity, nearest, farthest, second, classes, phases, noise, outcome, _LOCKING_BY_PHASE,
+        _class_table(model), statistics.wrong_spread(), images.disparity, images.error, images.confidence,
     )  # fmt: skip
     return images
 
@@ -177,6 +199,23 @@ def _class_table(model: ErrorModel) -> NDArray[np.float32]:
     confidences = np.floor(np.stack((table["confidence"], table["neighbour_confidence"])) * 255.0)
     columns = (found * right, found, before_rounding, wrong, units, *confidences)
     return np.ascontiguousarray(np.stack(columns, axis=1), np.float32)
+
+
+def _move_matches_to_texture(outcome: NDArray[np.float32], classes: NDArray[np.uint8]) -> None:
+    """Raise the ranks of plain pixels in place by their distance from texture (``CARRIED``).
+
+    Args:
+        outcome: (H, W) float32, rank in the class, 0 to 1.
+        classes: (H, W) uint8.
+    """
+    is_plain = classes < (UNTEXTURED + 1) * DISAGREEMENTS * EDGES
+    if not is_plain.any():
+        return
+    is_textured = (classes >= TEXTURED * DISAGREEMENTS * EDGES) & (classes != HIDDEN_CLASS)
+    # Single windows reach that class by noise alone. A surface has many of them.
+    is_surface = cv2.erode(is_textured.view(np.uint8), np.ones((5, 5), np.uint8))
+    distance = cv2.distanceTransform(1 - is_surface, cv2.DIST_L2, 3)
+    np.multiply(outcome, np.maximum(distance / np.float32(CARRIED), np.float32(1.0)), out=outcome, where=is_plain)
 
 
 def _contrast(levels: NDArray[np.uint8], sides: tuple[int, int]) -> NDArray[np.float32]:
@@ -259,11 +298,11 @@ def _rank(values, groups):
 
 
 @kernel(
-    "void(float32[:,::1], uint16[:,::1], uint16[:,::1], uint8[:,::1], uint8[:,::1], float32[:,::1], float32[:,::1], "
-    "float32[::1], float32[:,::1], float64, uint16[:,::1], uint8[:,::1], uint8[:,::1])"
+    "void(float32[:,::1], uint16[:,::1], uint16[:,::1], float32[:,::1], uint8[:,::1], uint8[:,::1], float32[:,::1], "
+    "float32[:,::1], float32[::1], float32[:,::1], float64, uint16[:,::1], uint8[:,::1], uint8[:,::1])"
 )
 def _write_measured(
-    true_disparity, nearest, farthest, classes, phases, noise, outcome, locking, class_table, wrong_spread,
+    true_disparity, nearest, farthest, second, classes, phases, noise, outcome, locking, class_table, wrong_spread,
     disparity, error, confidence,
 ):  # fmt: skip
     """Write the measured disparity with its error and confidence.
@@ -272,6 +311,7 @@ def _write_measured(
         true_disparity: (H, W) float32, pixels, 0: not measurable.
         nearest: (H, W) uint16, ``window_range`` of the exact disparity, units of 1/16 pixel.
         farthest: (H, W) uint16, likewise.
+        second: (H, W) float32, ``second_match``, pixels, 0: none.
         classes: (H, W) uint8, row of ``class_table``.
         phases: (H, W) uint8, index of ``locking``.
         noise: (H, W) float32, error, of variance 1 in each class.
@@ -302,6 +342,8 @@ def _write_measured(
                     if is_behind or measured >= back + np.float32(EDGE_STEP):
                         measured = front if is_behind else back
                         confidence_units = entry[_NEIGHBOUR_CONFIDENCE]
+                    elif second[row, column] > zero:
+                        measured = second[row, column] * np.float32(16.0)
                     else:
                         deviation = entry[_MIN_WRONG] + np.float32(wrong_spread) * abs(pixel_noise)
                         if pixel_noise < zero:
