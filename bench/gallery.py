@@ -47,7 +47,6 @@ from renderers.light_rig import STUDIO, Hemisphere, Rig, Surroundings
 from renderers.raster import CpuRenderer, warmup
 from renderers.stereo.depth.downscale import fine_means
 from renderers.stereo.depth.matching import match_pair
-from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
 from renderers.stereo.lens.optics import SceneLight, light_on_sensor
 from renderers.stereo.light.projector import projected_dots
@@ -332,7 +331,7 @@ def stereo_tiles(
         depths.append(rendered.depth)
     count, noise_sigma = model.disparity_count(divisor, 0.5), exposure.noise_sigma(128.0)
     fine_left, fine_right = (fine_means(image, 1, *image.shape) for image in images)
-    matched = match_pair(fine_left, fine_right, count, noise_sigma, ImageKind.DOTS)
+    matched = match_pair(fine_left, fine_right, count, noise_sigma)
     ft = k.focal_length * model.baseline
     exact = true_disparity(depths[0], depths[1], ft, DepthRange(0.5, 100.0))
     if max_disparity is None:

@@ -159,13 +159,20 @@ def print_row(name: str, projector: str, row: Iterable[float]) -> None:
 
 
 def report_confidence(mode: str, pairs: list[tuple[Sample, DepthImages]]) -> None:
-    """Print confidence and share of right pixels, without and with the projector."""
+    """Print how far the share of right pixels is from the confidence, without and with the projector, by scene."""
     for projector in (False, True):
-        rows = reliability([pair for pair in pairs if pair[0].projector == projector])
-        print(f"\n{mode}, projector {'on' if projector else 'off'}: confidence promised, share right, pixels")
-        for promised, right, count in rows:
-            if count:
-                print(f"  {promised:.3f} {right:.3f} {right - promised:+.3f} {count:9d}")
+        chosen = [pair for pair in pairs if pair[0].projector == projector]
+        names = list(dict.fromkeys(sample.name for sample, _ in chosen))
+        print(
+            f"\n{mode}, projector {'on' if projector else 'off'}: share right minus confidence, (% of the pixels), for"
+        )
+        print(f"  {'confidence from':15}" + "".join(f"{low:13.2f}" for low in BINS[:-1]) + "   mean")
+        for name in ("all", *names) if len(names) > 1 else names:
+            rows = reliability([pair for pair in chosen if name in ("all", pair[0].name)])
+            total = max(sum(count for _, _, count in rows), 1)
+            cells = (f"{right - said:+.3f} ({100.0 * count / total:4.1f})" for said, right, count in rows)
+            mean = sum(count * abs(right - said) for said, right, count in rows) / total
+            print(f"  {name:15}" + "".join(f"{cell:>13}" for cell in cells) + f"  {mean:.3f}")
 
 
 def unfiltered(sample: Sample) -> Sample:

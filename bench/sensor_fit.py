@@ -48,12 +48,8 @@ def _zeros() -> NDArray[np.float64]:
 class Totals:
     """Sums over all pixels by class, (``CLASSES``,) float64 each. A match is right within 3 disparity errors."""
 
-    matched: NDArray[np.float64] = field(default_factory=_zeros)
-    """Number of pixels with a match, by the class at their match; so are all of ``matched_*``."""
-    matched_right: NDArray[np.float64] = field(default_factory=_zeros)
-    """Number of right matches."""
     matched_small: NDArray[np.float64] = field(default_factory=_zeros)
-    """Number of matches that are off by less than a pixel."""
+    """Number of matches that are off by less than a pixel, by the class at their match."""
     matched_square: NDArray[np.float64] = field(default_factory=_zeros)
     """Sum of the squared errors of ``matched_small``, pixels squared."""
     visible: NDArray[np.float64] = field(default_factory=_zeros)
@@ -98,8 +94,6 @@ def add_sample(totals: Totals, sample: Sample, matches: NDArray[np.uint16], erro
     at_match = classify(left, right, matches, *window_range(matches), noise)
     known = has_match & has_truth
     classes, off = at_match[known], np.abs(deviation[known])
-    totals.matched += count(classes)
-    totals.matched_right += count(classes[off <= 3.0 * error[classes]])
     totals.matched_small += count(classes[off < 1.0])
     totals.matched_square += count(classes[off < 1.0], off[off < 1.0] ** 2)
 
@@ -145,13 +139,8 @@ Table = dict[str, NDArray[np.float64]]
 """``matcher_statistics.COLUMNS``, (``CLASSES`` + 1,) each."""
 
 
-def table(totals: Totals, error: NDArray[np.float64]) -> Table:
-    """Return the table for the totals of all samples.
-
-    Args:
-        totals: totals of all samples.
-        error: (``CLASSES``,) float64, disparity error with which the totals were counted, pixels.
-    """
+def table(totals: Totals) -> Table:
+    """Return the table for the totals of all samples."""
     right = shares(totals.right, totals.found)
     by_edge = (TEXTURES, DISAGREEMENTS, EDGES)
     is_right, is_wrong = (
@@ -177,8 +166,6 @@ def table(totals: Totals, error: NDArray[np.float64]) -> Table:
         "confidence": (confidence.reshape(-1), 0.0),
         "neighbour_confidence": (neighbour.reshape(-1), front_right.sum() / front_found.sum()),
         "relative_error": (np.maximum(spread / best_spread, 1.0), 1.0),
-        "matched_error": (error, 1.0 / 16.0),
-        "matched_right": (shares(totals.matched_right, totals.matched), 0.0),
     }
     return {name: np.append(values, hidden) for name, (values, hidden) in by_class.items()}
 
@@ -190,9 +177,8 @@ def fitted_table(pairs: list[tuple[Sample, NDArray[np.uint16]]]) -> tuple[Table,
         totals = Totals()
         for sample, matches in pairs:
             add_sample(totals, sample, matches, error)
-        new_error = np.maximum(np.rint(np.sqrt(shares(totals.matched_square, totals.matched_small)) * 16), 1) / 16
-        used, error = error, new_error
-    return table(totals, used), totals
+        error = np.maximum(np.rint(np.sqrt(shares(totals.matched_square, totals.matched_small)) * 16), 1) / 16
+    return table(totals), totals
 
 
 def all_samples(

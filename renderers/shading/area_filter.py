@@ -71,6 +71,21 @@ def _area_grids(texture, gradient):
 
 
 @inlined
+def _spread(squared_side, count, edge_width):
+    """Return the factor of the distances of ``count`` samples with which edges are as wide as the footprint makes them.
+
+    The variance of a footprint of side L is L² / 12, that of n samples L² (1 - 1 / n²) / 12. Bilinear interpolation
+    adds 1 / 12 to edges between texels, and the mean of the texels of a mip level another 1 / 12: samples are that much
+    closer together. n samples of the first level, one texel apart, are exact.
+
+    Args:
+        edge_width: variance of an edge of the level, units of 1/12 squared texel.
+    """
+    share = vec.f32(1.0) - vec.f32(edge_width) / vec.maximum(squared_side, vec.f32(edge_width))
+    return vec.sqrt(share * vec.f32(np.float32(count * count) / np.float32(max(count * count - 1, 1))))
+
+
+@inlined
 def _sample_grid(texture, sampler, grid, u, v, gradient):
     """Return the mean RGBA of the samples of one of ``_area_grids`` in the footprints of eight pixels."""
     du_dx, dv_dx, du_dy, dv_dy = gradient
@@ -80,11 +95,17 @@ def _sample_grid(texture, sampler, grid, u, v, gradient):
         return sample_level(texture, sampler, k, linear, u, v)
     half, zero = np.float32(0.5), vec.f32(0.0)
     r, g, b, alpha = zero, zero, zero, zero
+    spread_x, spread_y = vec.f32(1.0), vec.f32(1.0)
+    if linear:
+        _, width, height, _ = load_level(texture, k)
+        across, down = squared_sides(gradient, width, height)
+        edge_width = np.float32(1.0 if k == 0 else 2.0)
+        spread_x, spread_y = _spread(across, columns, edge_width), _spread(down, rows, edge_width)
     for row in range(rows):
-        down = vec.f32((np.float32(row) + half) / np.float32(rows) - half)
+        down = vec.f32((np.float32(row) + half) / np.float32(rows) - half) * spread_y
         row_u, row_v = u + down * du_dy, v + down * dv_dy
         for column in range(columns):
-            across = vec.f32((np.float32(column) + half) / np.float32(columns) - half)
+            across = vec.f32((np.float32(column) + half) / np.float32(columns) - half) * spread_x
             rgba = sample_level(texture, sampler, k, linear, row_u + across * du_dx, row_v + across * dv_dx)
             r, g, b, alpha = r + rgba[0], g + rgba[1], b + rgba[2], alpha + rgba[3]
     share = vec.f32(np.float32(1.0) / np.float32(columns * rows))

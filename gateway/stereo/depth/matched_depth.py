@@ -20,7 +20,6 @@ from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.downscale import block_means
 from renderers.stereo.depth.filters import apply_filters, fill_holes
 from renderers.stereo.depth.matching import match_pair
-from renderers.stereo.depth.pixel_classes import ImageKind
 
 
 def matched_depth(
@@ -43,16 +42,16 @@ def matched_depth(
 
     noise_sigma = depth_noise_sigma(pair, config, settings)
     scaled = depth_pair(pair, model, divisor)
-    images = _match_region(*scaled, disparity_count, noise_sigma, pair.kind, settings)
+    images = _match_region(*scaled, disparity_count, noise_sigma, settings)
     if not settings.double_shot:
         apply_filters(images, filters, focal_times_baseline, divisor)
         return images
     if dark_pair is not None:
         dark = depth_pair(dark_pair, model, divisor)
         dark_noise = depth_noise_sigma(dark_pair, config, settings)
-        second_images = _match_region(*dark, disparity_count, dark_noise, dark_pair.kind, settings)
+        second_images = _match_region(*dark, disparity_count, dark_noise, settings)
     else:
-        second_images = _match_half_resolution(*scaled, disparity_count, noise_sigma, pair.kind)
+        second_images = _match_half_resolution(*scaled, disparity_count, noise_sigma)
         clear_outside_region(second_images.disparity, settings)
     for measured in (images, second_images):
         apply_filters(measured, replace(filters, fill=0), focal_times_baseline, divisor)
@@ -70,7 +69,6 @@ def _match_region(
     right: NDArray[np.uint16],
     disparity_count: int,
     noise_sigma: float,
-    kind: ImageKind,
     settings: StreamSettings,
 ) -> DepthImages:
     """Return depth images of the full size, of which only the depth region is matched, to save time.
@@ -79,7 +77,7 @@ def _match_region(
     """
     region = settings.depth_region
     if region is None:
-        return match_pair(left, right, disparity_count, noise_sigma, kind)
+        return match_pair(left, right, disparity_count, noise_sigma)
     height, width = left.shape
     rows, columns = region.slices(settings.quality.divisor)
     full_size = DepthImages(np.zeros_like(left), np.zeros_like(left, np.uint8), np.zeros_like(left, np.uint8))
@@ -93,7 +91,6 @@ def _match_region(
         np.ascontiguousarray(right[search_window]),
         disparity_count,
         noise_sigma,
-        kind,
     )
     region_columns = np.s_[:, columns.start - first_column :]
     full_size.disparity[rows, columns] = region_images.disparity[region_columns]
@@ -103,7 +100,7 @@ def _match_region(
 
 
 def _match_half_resolution(
-    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float, kind: ImageKind
+    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float
 ) -> DepthImages:
     """Return depth images by matching at half the resolution, where a window covers four times the area of the scene.
 
@@ -111,7 +108,7 @@ def _match_half_resolution(
     """
     height, width = left.shape
     half_left, half_right = (block_means(image, 2, -(-height // 2), -(-width // 2)) for image in (left, right))
-    half_images = match_pair(half_left, half_right, -(-disparity_count // 2), noise_sigma / 2, kind)
+    half_images = match_pair(half_left, half_right, -(-disparity_count // 2), noise_sigma / 2)
 
     def enlarge(values: NDArray[np.uint8] | NDArray[np.uint16], factor: int) -> NDArray[np.uint16]:
         """Return the values times ``factor``, each repeated in 2 x 2 pixels."""

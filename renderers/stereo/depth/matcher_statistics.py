@@ -22,8 +22,6 @@ COLUMNS: Final = {
     "confidence": "share of right pixels among all that look like a right one of the class",
     "neighbour_confidence": "the same for pixels with the disparity of the other side of an edge",
     "relative_error": "standard deviation of right matches, relative to that on good texture",
-    "matched_error": "standard deviation of matches, pixels, by class at the match, of those below a pixel",
-    "matched_right": "share of matches within 3 of these errors of the exact disparity",
 }
 """Names of the columns of a table, and their meanings."""
 HIDDEN_CLASS: Final = CLASSES

@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.stereo.depth import matcher_statistics as statistics
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.downscale import grey_levels
-from renderers.stereo.depth.pixel_classes import MIN_NOISE_SIGMA, ImageKind, classify, window_range
+from renderers.stereo.depth.match_confidence import error_and_confidence, match_features
+from renderers.stereo.depth.pixel_classes import MIN_NOISE_SIGMA
 from renderers.stereo.depth.residual_shift import residual_shift
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stop import check_stop
@@ -31,27 +31,19 @@ MAX_REFINEMENT: Final = 0.5
 
 
 def match_pair(
-    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float, kind: ImageKind
+    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float
 ) -> DepthImages:
     """Return depth images by matching a pair.
-
-    Error and confidence of a match are those of its class in ten rendered scenes (``matcher_statistics``).
 
     Args:
         left: (H, W) uint16, rectified: a point's row is the same in both images; units of 1/16 grey level.
         right: (H, W) uint16, likewise.
         disparity_count: number of disparities to search, one per pixel from 0.
         noise_sigma: standard deviation of the image noise, grey levels.
-        kind: kind of the images.
     """
     disparity = find_matches(left, right, disparity_count, noise_sigma)
-    noise = max(noise_sigma, MIN_NOISE_SIGMA)
-    classes = classify(grey_levels(left), grey_levels(right), disparity, *window_range(disparity), noise)
-    found = disparity > 0
-    table = statistics.table(kind)
-    error = np.clip(np.rint(table["matched_error"] / DISPARITY_SCALE), 1, 255).astype(np.uint8)
-    confidence = np.floor(table["matched_right"] * 255.0).astype(np.uint8)
-    return DepthImages(disparity, error[classes] * found, confidence[classes] * found)
+    features = match_features(left, right, disparity, max(noise_sigma, MIN_NOISE_SIGMA))
+    return DepthImages(disparity, *error_and_confidence(features, disparity))
 
 
 def find_matches(

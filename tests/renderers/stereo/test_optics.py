@@ -10,7 +10,6 @@ from gateway.stereo.device.profile import PROFILE_NAMES, read_profile
 from renderers.camera import Camera
 from renderers.stereo.depth.downscale import fine_means
 from renderers.stereo.depth.matching import match_pair
-from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
 from renderers.stereo.lens.optics import LENS_BLUR, Lens, SceneLight, light_on_sensor
 from renderers.stereo.light.key_light import FACTOR_ONE, GROUND_LIGHT, KEY_LIGHT, SKY_LIGHT, light_factors
@@ -200,7 +199,7 @@ def test_matching_with_soft_dots(quality: Quality) -> None:
         images.append(image_from_light(light, Exposure(), frame_key(1, 1, NoiseStream(number + 1)), pattern).image)
     true = true_disparity(depths[0], depths[1], k.focal_length * MODEL.baseline, DepthRange(0.4, 100))
     left, right = (fine_means(image, 1, *image.shape) for image in images)
-    measured = match_pair(left, right, MODEL.disparity_count(quality.divisor, 0.1), 0.3, ImageKind.DOTS)
+    measured = match_pair(left, right, MODEL.disparity_count(quality.divisor, 0.1), 0.3)
     sure = (true > 0) & (measured.confidence >= 128)
     assert sure.sum() / (true > 0).sum() >= 0.95
     assert (np.abs(measured.disparity / 16 - true)[sure] > 1).mean() < 0.01

@@ -62,7 +62,7 @@ def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
         image = image_from_light(on_sensor, Exposure(), KEY, pattern).image
     write_mean_light(rendered, 4, 2, [rendered[:8, :12].copy()])
     fine = fine_means(image, 1, 24, 40)
-    match_pair(fine, fine, 16, 0.3, ImageKind.PLAIN)
+    match_pair(fine, fine, 16, 0.3)
     true = true_disparity(depth, depth, 8.0, DepthRange(0.4, 100.0))
     images = measured_images(true, fine, fine, ErrorModel(sigma=0.25, noise_sigma=0.3, kind=ImageKind.DOTS))
     apply_filters(images, Filters(), 8.0, 2)
@@ -70,7 +70,7 @@ def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
     disparity_mesh(images.disparity, k, 0.2, MeshOptions(watertight=True, textured=True), image)
     align_depth(np.full((24, 40), 2000, np.uint16), k, ColorCamera(k, (0.0, 0.0, 0.0)))
     kernels = [kernel for kernel in KERNELS if kernel.py_func.__module__.startswith("renderers.stereo.")]
-    assert len(kernels) == 22
+    assert len(kernels) == 25
     for kernel in kernels:
         assert kernel.signatures, f"{kernel.py_func.__name__} was not called"
         kernel.compile()

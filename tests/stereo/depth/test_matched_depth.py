@@ -38,7 +38,6 @@ class FakeMatcher:
         right: NDArray[np.uint16],
         disparity_count: int,
         noise_sigma: float,
-        kind: ImageKind,
     ) -> DepthImages:
         assert left.shape == right.shape
         self.calls.append((left.shape, disparity_count, noise_sigma))
