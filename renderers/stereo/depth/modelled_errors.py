@@ -55,9 +55,10 @@ ERROR_TOLERANCE: Final = 0.05
 """Maximum relative difference between a pixel's error and the value in the error image."""
 ERROR_RADIUS: Final = 2
 """Radius of the windows of ``residual_shift``, pixels: that of the matcher's windows. In larger ones, errors change
-less than a matcher's when surface, dots or pixel grid move."""
-ERROR_BLUR: Final = 3
-"""Side of the box over which errors are averaged, pixels. Semi-global matching is smoother than its own windows."""
+more than a matcher's with the sub-pixel phase."""
+ERROR_BLUR: Final = 13
+"""Side of the box over which errors are averaged, pixels. It makes neighbours alike: the configured errors are three
+times those of ``matching``, and with its window their slopes would be, too, and with these the errors of normals."""
 ERROR_BANDS: Final = (5, 11)
 """Sides of two boxes, pixels. The difference of their mean brightness determines the errors of weak texture, where
 semi-global matching depends on the surroundings."""
@@ -79,6 +80,8 @@ TEXTURED: Final = 4
 CARRIED: Final = 50.0
 """Distance from such texture up to which plain surfaces have the share of matches of their class, pixels. Farther away,
 the share falls with the inverse of the distance."""
+CARRIED_SCALE: Final = 4
+"""These distances are measured at 1/4 of the resolution."""
 RANK_BINS: Final = 256
 """Bins of the histogram by which the pixels of a class are ordered."""
 MAX_NOISE: Final = 3.0
@@ -147,8 +150,9 @@ def measured_images(
     levels, right_levels = grey_levels(left), grey_levels(right)
     noise_sigma = max(model.noise_sigma, MIN_NOISE_SIGMA)
     classes = classify(levels, right_levels, exact, nearest, farthest, noise_sigma)
-    classes[exact == 0] = HIDDEN_CLASS
-    phases = np.where(exact > 0, exact & np.uint16(15), np.uint16(16)).astype(np.uint8)
+    phases = (exact & np.uint16(15)).astype(np.uint8)
+    is_hidden = exact == 0
+    classes[is_hidden], phases[is_hidden] = HIDDEN_CLASS, 16
     expected = _contrast(levels, ERROR_BANDS)
     _standardise(expected, classes)
     expected *= np.float32(WEAK_SHIFT)
@@ -173,8 +177,8 @@ def measured_images(
 
 def _sixteenths(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
     """Return disparities in units of 1/16 pixel, (H, W) uint16; 0 stays 0, and others are at least 1."""
-    units = np.floor(np.clip(disparity * np.float32(16.0), 1.0, 65535.0) + np.float32(0.5))
-    return np.where(disparity > 0.0, units, np.float32(0.0)).astype(np.uint16)
+    units = np.minimum(disparity * np.float32(16.0) + np.float32(0.5), np.float32(65535.0)).astype(np.uint16)
+    return np.maximum(units, disparity > 0.0)
 
 
 def _class_table(model: ErrorModel) -> NDArray[np.float32]:
@@ -211,11 +215,14 @@ def _move_matches_to_texture(outcome: NDArray[np.float32], classes: NDArray[np.u
     is_plain = classes < (UNTEXTURED + 1) * DISAGREEMENTS * EDGES
     if not is_plain.any():
         return
+    height, width = classes.shape
+    blocks = max(width // CARRIED_SCALE, 1), max(height // CARRIED_SCALE, 1)
     is_textured = (classes >= TEXTURED * DISAGREEMENTS * EDGES) & (classes != HIDDEN_CLASS)
-    # Single windows reach that class by noise alone. A surface has many of them.
-    is_surface = cv2.erode(is_textured.view(np.uint8), np.ones((5, 5), np.uint8))
-    distance = cv2.distanceTransform(1 - is_surface, cv2.DIST_L2, 3)
-    np.multiply(outcome, np.maximum(distance / np.float32(CARRIED), np.float32(1.0)), out=outcome, where=is_plain)
+    # Single windows reach that class by noise alone. All windows of a block do so on a textured surface.
+    textured = cv2.resize(is_textured.view(np.uint8) * np.uint8(255), blocks, interpolation=cv2.INTER_AREA)
+    distance = cv2.distanceTransform(np.not_equal(textured, 255).view(np.uint8), cv2.DIST_L2, 3)
+    factors = np.maximum(distance * np.float32(CARRIED_SCALE / CARRIED), np.float32(1.0))
+    np.multiply(outcome, cv2.resize(factors, (width, height)), out=outcome, where=is_plain)
 
 
 def _contrast(levels: NDArray[np.uint8], sides: tuple[int, int]) -> NDArray[np.float32]:

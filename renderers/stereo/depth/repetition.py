@@ -43,16 +43,15 @@ def second_match(
     half_pixels = [small_right, cv2.addWeighted(small_right, 0.5, np.roll(small_right, 1, axis=1), 0.5, 0.0)]
     exact = cv2.resize(disparity, (columns, rows), interpolation=cv2.INTER_NEAREST)
     exact_steps = exact * np.float32(HALF / SCALE)
-    best, second = np.full((rows, columns), 255, np.uint8), np.zeros((rows, columns), np.float32)
-    for candidate in range(min(int(exact_steps.max() / HALF) + 2, columns) * HALF):
+    candidates = min(int(exact_steps.max() / HALF) + 2, columns) * HALF
+    costs = np.full((candidates, rows, columns), 255, np.uint8)
+    for candidate in range(candidates):
         whole, half = divmod(candidate, HALF)
         difference = cv2.absdiff(small_left[:, whole:], half_pixels[half][:, : columns - whole])
-        cost = cv2.blur(difference, (WINDOW, WINDOW))
         is_same = cv2.inRange(exact_steps[:, whole:], candidate - MIN_DISTANCE * HALF, candidate + MIN_DISTANCE * HALF)
-        cost = np.asarray(cv2.max(cost, is_same), np.uint8)
-        second[:, whole:][cost < best[:, whole:]] = candidate * SCALE / HALF
-        cv2.min(best[:, whole:], cost, dst=best[:, whole:])
+        cv2.max(cv2.blur(difference, (WINDOW, WINDOW)), is_same, dst=costs[candidate, :, whole:])
     contrast = cv2.blur(cv2.absdiff(small_left, cv2.blur(small_left, (WINDOW, 1))), (WINDOW, WINDOW))
-    repeated = (best <= MAX_COST * contrast) & (contrast >= MIN_CONTRAST) & (exact > 0.0)
-    resized = cv2.resize(second * repeated, (width, height), interpolation=cv2.INTER_NEAREST)
-    return np.asarray(resized, np.float32)
+    repeated = (costs.min(axis=0) <= MAX_COST * contrast) & (contrast >= MIN_CONTRAST) & (exact > 0.0)
+    second = np.zeros((rows, columns), np.float32)
+    second[repeated] = costs[:, repeated].argmin(axis=0) * (SCALE / HALF)
+    return np.asarray(cv2.resize(second, (width, height), interpolation=cv2.INTER_NEAREST), np.float32)
