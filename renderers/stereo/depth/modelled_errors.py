@@ -178,7 +178,7 @@ def measured_images(
 def _sixteenths(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
     """Return disparities in units of 1/16 pixel, (H, W) uint16; 0 stays 0, and others are at least 1."""
     units = np.minimum(disparity * np.float32(16.0) + np.float32(0.5), np.float32(65535.0)).astype(np.uint16)
-    return np.maximum(units, disparity > 0.0)
+    return np.asarray(np.maximum(units, disparity > 0.0), np.uint16)
 
 
 def _class_table(model: ErrorModel) -> NDArray[np.float32]:
