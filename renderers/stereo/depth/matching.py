@@ -1,7 +1,7 @@
 """Semi-global matching of a rectified pair, with an error and a confidence for each match.
 
 OpenCV's matcher finds the disparities. Its interpolation prefers whole pixels by up to 0.2 pixels, so two steps of
-``residual_shift`` refine them.
+``residual_shift`` refine them. They correct the mean of a window, so they start from smoothed matches.
 """
 
 from __future__ import annotations
@@ -56,12 +56,24 @@ def find_matches(
     """
     matches = _semi_global_matches(grey_levels(left), grey_levels(right), disparity_count)
     start = matches.astype(np.float32) * np.float32(DISPARITY_SCALE)
-    refined = start
+    refined = _smoothed(start)
     for _ in range(REFINEMENTS):
         shift = residual_shift(left, right, refined, REFINEMENT_RADIUS, noise_sigma)
         refined = np.where(start > 0.0, np.maximum(refined + shift, np.float32(DISPARITY_SCALE)), np.float32(0.0))
     is_refined = np.abs(refined - start) <= MAX_REFINEMENT
     return np.where(is_refined, np.rint(refined / np.float32(DISPARITY_SCALE)), matches).astype(np.uint16)
+
+
+def _smoothed(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the mean of the known disparities in each pixel's window of the refinement, (H, W) float32.
+
+    A pixel whose disparity differs by more than ``MAX_REFINEMENT`` from the mean, as beside an edge, keeps it.
+    """
+    window = (2 * REFINEMENT_RADIUS + 1,) * 2
+    counts = cv2.boxFilter((disparity > 0.0).astype(np.float32), -1, window)
+    mean = cv2.boxFilter(disparity, -1, window) / np.maximum(counts, np.float32(1e-3))
+    is_smooth = (disparity > 0.0) & (np.abs(mean - disparity) <= MAX_REFINEMENT)
+    return np.asarray(np.where(is_smooth, mean, disparity), np.float32)
 
 
 def _semi_global_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int) -> NDArray[np.uint16]:

@@ -12,7 +12,11 @@ matches among these. A match is right if it is within 3 disparity errors. The ou
 * Wrong, at an edge: the disparity of the other side, which makes outlines ragged. Pixels beside a nearer surface that
   the right camera does not see may get the disparity of that surface. Foreground objects are therefore too wide by a
   part of the matching window.
+* Wrong, in repeated texture: off by a period.
 * Wrong, elsewhere: off by more than 3 disparity errors.
+
+Semi-global matching carries disparities from textured surfaces into plain ones, so plain pixels far from texture have
+fewer matches.
 
 There are no random numbers. Errors follow from the texture, the dots and the sub-pixel phase, so they stay while the
 scene is static; the image noise adds a small part that differs from frame to frame. The holes and wrong pixels of a
@@ -34,21 +38,31 @@ from renderers.stereo.depth import matcher_statistics as statistics
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.downscale import grey_levels
 from renderers.stereo.depth.matcher_statistics import HIDDEN_CLASS
-from renderers.stereo.depth.pixel_classes import EDGE_STEP, MIN_NOISE_SIGMA, ImageKind, classify, window_range
-from renderers.stereo.depth.repetition import repeated_texture
+from renderers.stereo.depth.pixel_classes import (
+    DISAGREEMENTS,
+    EDGE_STEP,
+    EDGES,
+    MIN_NOISE_SIGMA,
+    ImageKind,
+    classify,
+    window_range,
+)
+from renderers.stereo.depth.repetition import second_match
 from renderers.stereo.depth.residual_shift import residual_shift
 from renderers.stereo.model import DISPARITY_SCALE
 
 ERROR_TOLERANCE: Final = 0.05
 """Maximum relative difference between a pixel's error and the value in the error image."""
-ERROR_RADIUS: Final = 5
-"""Radius of the windows of ``residual_shift``, pixels. Semi-global matching is smoother than its own windows."""
-ERROR_BLUR: Final = 7
-"""Side of the box over which errors are averaged, pixels."""
+ERROR_RADIUS: Final = 2
+"""Radius of the windows of ``residual_shift``, pixels: that of the matcher's windows. In larger ones, errors change
+more than a matcher's with the sub-pixel phase."""
+ERROR_BLUR: Final = 13
+"""Side of the box over which errors are averaged, pixels. It makes neighbours alike: the configured errors are three
+times those of ``matching``, and with its window their slopes would be, too, and with these the errors of normals."""
 ERROR_BANDS: Final = (5, 11)
 """Sides of two boxes, pixels. The difference of their mean brightness determines the errors of weak texture, where
 semi-global matching depends on the surroundings."""
-WEAK_SHIFT: Final = 0.02
+WEAK_SHIFT: Final = 0.03
 """Standard deviation of the shift that ``residual_shift`` expects in windows without texture, pixels."""
 OUTCOME_BANDS: Final = (11, 31)
 """Sides of the boxes for holes and wrong pixels, pixels: our choice."""
@@ -59,6 +73,15 @@ _LOCKING_BY_PHASE: Final = (LOCKING * np.sin(np.arange(17) / 8.0 * np.pi)).astyp
 """(17,) float32, disparity errors by sixteenths of the disparity; the last one for pixels without disparity."""
 REPEATED: Final = 0.6
 """Added to the rank of pixels in repeated texture: about this share of them has no match."""
+UNTEXTURED: Final = 2
+"""Highest class of texture of plain surfaces."""
+TEXTURED: Final = 4
+"""Lowest class of texture whose disparities are carried into plain surfaces."""
+CARRIED: Final = 50.0
+"""Distance from such texture up to which plain surfaces have the share of matches of their class, pixels. Farther away,
+the share falls with the inverse of the distance."""
+CARRIED_SCALE: Final = 4
+"""These distances are measured at 1/4 of the resolution."""
 RANK_BINS: Final = 256
 """Bins of the histogram by which the pixels of a class are ordered."""
 MAX_NOISE: Final = 3.0
@@ -127,8 +150,9 @@ def measured_images(
     levels, right_levels = grey_levels(left), grey_levels(right)
     noise_sigma = max(model.noise_sigma, MIN_NOISE_SIGMA)
     classes = classify(levels, right_levels, exact, nearest, farthest, noise_sigma)
-    classes[exact == 0] = HIDDEN_CLASS
-    phases = np.where(exact > 0, exact & np.uint16(15), np.uint16(16)).astype(np.uint8)
+    phases = (exact & np.uint16(15)).astype(np.uint8)
+    is_hidden = exact == 0
+    classes[is_hidden], phases[is_hidden] = HIDDEN_CLASS, 16
     expected = _contrast(levels, ERROR_BANDS)
     _standardise(expected, classes)
     expected *= np.float32(WEAK_SHIFT)
@@ -140,19 +164,21 @@ def measured_images(
     _standardise(outcome, classes)
     outcome += np.float32(0.5) * noise
     _rank(outcome, classes)
-    outcome[repeated_texture(levels, right_levels, true_disparity)] += np.float32(REPEATED)
+    _move_matches_to_texture(outcome, classes)
+    second = second_match(levels, right_levels, true_disparity)
+    outcome[second > 0.0] += np.float32(REPEATED)
     images = DepthImages(exact, np.empty_like(levels), np.empty_like(levels), model.error_scale)
     _write_measured(
-        true_disparity, nearest, farthest, classes, phases, noise, outcome, _LOCKING_BY_PHASE, _class_table(model),
-        statistics.wrong_spread(), images.disparity, images.error, images.confidence,
+        true_disparity, nearest, farthest, second, classes, phases, noise, outcome, _LOCKING_BY_PHASE,
+        _class_table(model), statistics.wrong_spread(), images.disparity, images.error, images.confidence,
     )  # fmt: skip
     return images
 
 
 def _sixteenths(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
     """Return disparities in units of 1/16 pixel, (H, W) uint16; 0 stays 0, and others are at least 1."""
-    units = np.floor(np.clip(disparity * np.float32(16.0), 1.0, 65535.0) + np.float32(0.5))
-    return np.where(disparity > 0.0, units, np.float32(0.0)).astype(np.uint16)
+    units = np.minimum(disparity * np.float32(16.0) + np.float32(0.5), np.float32(65535.0)).astype(np.uint16)
+    return np.asarray(np.maximum(units, disparity > 0.0), np.uint16)
 
 
 def _class_table(model: ErrorModel) -> NDArray[np.float32]:
@@ -177,6 +203,26 @@ def _class_table(model: ErrorModel) -> NDArray[np.float32]:
     confidences = np.floor(np.stack((table["confidence"], table["neighbour_confidence"])) * 255.0)
     columns = (found * right, found, before_rounding, wrong, units, *confidences)
     return np.ascontiguousarray(np.stack(columns, axis=1), np.float32)
+
+
+def _move_matches_to_texture(outcome: NDArray[np.float32], classes: NDArray[np.uint8]) -> None:
+    """Raise the ranks of plain pixels in place by their distance from texture (``CARRIED``).
+
+    Args:
+        outcome: (H, W) float32, rank in the class, 0 to 1.
+        classes: (H, W) uint8.
+    """
+    is_plain = classes < (UNTEXTURED + 1) * DISAGREEMENTS * EDGES
+    if not is_plain.any():
+        return
+    height, width = classes.shape
+    blocks = max(width // CARRIED_SCALE, 1), max(height // CARRIED_SCALE, 1)
+    is_textured = (classes >= TEXTURED * DISAGREEMENTS * EDGES) & (classes != HIDDEN_CLASS)
+    # Single windows reach that class by noise alone. All windows of a block do so on a textured surface.
+    textured = cv2.resize(is_textured.view(np.uint8) * np.uint8(255), blocks, interpolation=cv2.INTER_AREA)
+    distance = cv2.distanceTransform(np.not_equal(textured, 255).view(np.uint8), cv2.DIST_L2, 3)
+    factors = np.maximum(distance * np.float32(CARRIED_SCALE / CARRIED), np.float32(1.0))
+    np.multiply(outcome, cv2.resize(factors, (width, height)), out=outcome, where=is_plain)
 
 
 def _contrast(levels: NDArray[np.uint8], sides: tuple[int, int]) -> NDArray[np.float32]:
@@ -259,11 +305,11 @@ def _rank(values, groups):
 
 
 @kernel(
-    "void(float32[:,::1], uint16[:,::1], uint16[:,::1], uint8[:,::1], uint8[:,::1], float32[:,::1], float32[:,::1], "
-    "float32[::1], float32[:,::1], float64, uint16[:,::1], uint8[:,::1], uint8[:,::1])"
+    "void(float32[:,::1], uint16[:,::1], uint16[:,::1], float32[:,::1], uint8[:,::1], uint8[:,::1], float32[:,::1], "
+    "float32[:,::1], float32[::1], float32[:,::1], float64, uint16[:,::1], uint8[:,::1], uint8[:,::1])"
 )
 def _write_measured(
-    true_disparity, nearest, farthest, classes, phases, noise, outcome, locking, class_table, wrong_spread,
+    true_disparity, nearest, farthest, second, classes, phases, noise, outcome, locking, class_table, wrong_spread,
     disparity, error, confidence,
 ):  # fmt: skip
     """Write the measured disparity with its error and confidence.
@@ -272,6 +318,7 @@ def _write_measured(
         true_disparity: (H, W) float32, pixels, 0: not measurable.
         nearest: (H, W) uint16, ``window_range`` of the exact disparity, units of 1/16 pixel.
         farthest: (H, W) uint16, likewise.
+        second: (H, W) float32, ``second_match``, pixels, 0: none.
         classes: (H, W) uint8, row of ``class_table``.
         phases: (H, W) uint8, index of ``locking``.
         noise: (H, W) float32, error, of variance 1 in each class.
@@ -302,6 +349,8 @@ def _write_measured(
                     if is_behind or measured >= back + np.float32(EDGE_STEP):
                         measured = front if is_behind else back
                         confidence_units = entry[_NEIGHBOUR_CONFIDENCE]
+                    elif second[row, column] > zero:
+                        measured = second[row, column] * np.float32(16.0)
                     else:
                         deviation = entry[_MIN_WRONG] + np.float32(wrong_spread) * abs(pixel_noise)
                         if pixel_noise < zero:

@@ -23,15 +23,18 @@ MIN_CONTRAST: Final = 4.0
 """Minimum contrast of a window along its rows, grey levels: without contrast, nothing is repeated."""
 
 
-def repeated_texture(
+def second_match(
     left: NDArray[np.uint8], right: NDArray[np.uint8], disparity: NDArray[np.float32]
-) -> NDArray[np.bool_]:
-    """Return where a window matches at a second disparity, up to the largest one of the image, (H, W) bool.
+) -> NDArray[np.float32]:
+    """Return the second disparity at which a window matches, up to the largest one of the image.
 
     Args:
         left: (H, W) uint8, rectified.
         right: (H, W) uint8, rectified.
         disparity: (H, W) float32, exact disparity, pixels, 0: unknown.
+
+    Returns:
+        (H, W) float32, pixels, 0: the texture is not repeated.
     """
     height, width = left.shape
     rows, columns = max(height // SCALE, 1), max(width // SCALE, 1)
@@ -40,13 +43,15 @@ def repeated_texture(
     half_pixels = [small_right, cv2.addWeighted(small_right, 0.5, np.roll(small_right, 1, axis=1), 0.5, 0.0)]
     exact = cv2.resize(disparity, (columns, rows), interpolation=cv2.INTER_NEAREST)
     exact_steps = exact * np.float32(HALF / SCALE)
-    best = np.full((rows, columns), 255, np.uint8)
-    for candidate in range(min(int(exact_steps.max() / HALF) + 2, columns) * HALF):
+    candidates = min(int(exact_steps.max() / HALF) + 2, columns) * HALF
+    costs = np.full((candidates, rows, columns), 255, np.uint8)
+    for candidate in range(candidates):
         whole, half = divmod(candidate, HALF)
         difference = cv2.absdiff(small_left[:, whole:], half_pixels[half][:, : columns - whole])
-        cost = cv2.blur(difference, (WINDOW, WINDOW))
         is_same = cv2.inRange(exact_steps[:, whole:], candidate - MIN_DISTANCE * HALF, candidate + MIN_DISTANCE * HALF)
-        cv2.min(best[:, whole:], cv2.max(cost, is_same), dst=best[:, whole:])
+        cv2.max(cv2.blur(difference, (WINDOW, WINDOW)), is_same, dst=costs[candidate, :, whole:])
     contrast = cv2.blur(cv2.absdiff(small_left, cv2.blur(small_left, (WINDOW, 1))), (WINDOW, WINDOW))
-    repeated = (best <= MAX_COST * contrast) & (contrast >= MIN_CONTRAST) & (exact > 0.0)
-    return cv2.resize(repeated.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
+    repeated = (costs.min(axis=0) <= MAX_COST * contrast) & (contrast >= MIN_CONTRAST) & (exact > 0.0)
+    second = np.zeros((rows, columns), np.float32)
+    second[repeated] = costs[:, repeated].argmin(axis=0) * (SCALE / HALF)
+    return np.asarray(cv2.resize(second, (width, height), interpolation=cv2.INTER_NEAREST), np.float32)

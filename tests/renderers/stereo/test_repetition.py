@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.stereo.depth.repetition import repeated_texture
+from renderers.stereo.depth.repetition import second_match
 
 DISPARITY = 60.3
 
@@ -27,13 +27,18 @@ def test_a_chequerboard_is_repeated_and_a_random_texture_is_not() -> None:
     noise = np.kron(random.normal(size=(30, 100)), np.ones((4, 4))) * 25 + random.normal(128, 20, (120, 400))
     stripes = 60.0 + 120.0 * (rows // 14 % 2)  # along the rows: no matcher can measure them, at any disparity
     inner = np.s_[20:-20, 120:280]
-    assert repeated_texture(*seen(chequer))[inner].mean() > 0.8
-    assert repeated_texture(*seen(np.clip(noise, 0, 255)))[inner].mean() < 0.01
-    assert not repeated_texture(*seen(stripes))[inner].any()
-    assert not repeated_texture(*seen(np.full((120, 400), 99.0))).any()
+    second = second_match(*seen(chequer))[inner]
+    is_repeated = second > 0.0
+    assert is_repeated.mean() > 0.8
+    periods = (second[is_repeated] - DISPARITY) / 28.0
+    assert np.abs(periods - np.rint(periods)).max() < 2.0 / 28.0
+    assert np.abs(periods).min() > 0.9
+    assert (second_match(*seen(np.clip(noise, 0, 255)))[inner] > 0.0).mean() < 0.01
+    assert not second_match(*seen(stripes))[inner].any()
+    assert not second_match(*seen(np.full((120, 400), 99.0))).any()
 
 
 def test_small_images_and_unknown_disparities_have_no_repetition() -> None:
     tiny = np.zeros((3, 5), np.uint8)
-    assert not repeated_texture(tiny, tiny, np.zeros((3, 5), np.float32)).any()
-    assert not repeated_texture(tiny, tiny, np.full((3, 5), 400.0, np.float32)).any()
+    assert not second_match(tiny, tiny, np.zeros((3, 5), np.float32)).any()
+    assert not second_match(tiny, tiny, np.full((3, 5), 400.0, np.float32)).any()
