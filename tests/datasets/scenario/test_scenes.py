@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.cli.render import _parse_numbers
+from gateway.cli.render import _parse_scene_numbers
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.check import check_dataset
 from gateway.datasets.errors import DatasetError
@@ -370,13 +370,13 @@ def test_two_scenarios_of_one_name(write: Write, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("text", "numbers"), [("7", range(7, 8)), ("2-4", range(2, 5)), ("", None)])
 def test_numbers_of_scenes_of_a_command(text: str, numbers: range | None) -> None:
-    assert _parse_numbers(text) == numbers
+    assert _parse_scene_numbers(text) == numbers
 
 
 @pytest.mark.parametrize("text", ["1-", "-1", "3-2", "a", "-"])
 def test_numbers_that_are_no_range(text: str) -> None:
     with pytest.raises(ValueError, match="must be a number, or FIRST-LAST"):
-        _parse_numbers(text)
+        _parse_scene_numbers(text)
 
 
 def test_options_of_scenarios_without_a_scenario(write: Write, tmp_path: Path) -> None:
