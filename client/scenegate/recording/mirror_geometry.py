@@ -75,7 +75,7 @@ def split_rigid(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the polar decomposition of ``parent_stretch @ X``: a rigid transform, (4, 4), and the stretch, (3, 3).
 
-    The stretch is applied first. It is ``IDENTITY`` if that is rigid itself.
+    The stretch is applied first; it is ``IDENTITY`` if the product is rigid.
     """
     matrix = X.copy()
     if parent_stretch is not IDENTITY:
