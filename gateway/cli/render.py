@@ -16,6 +16,7 @@ from gateway.cli.render_options import RenderOptions
 if TYPE_CHECKING:
     from gateway.datasets.classes import ClassTable
     from gateway.datasets.sources import Source
+    from gateway.datasets.views import View
     from scenegate.datasets.manifest import ImageType, Settings
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -43,29 +44,17 @@ def add_render(app: typer.Typer) -> None:
 
 def run(options: RenderOptions) -> None:
     """Render one image or a dataset."""
-    single = _is_image(options)
+    if options.samples not in SAMPLES:
+        raise ValueError(f"--samples {options.samples} is not one of 0, 1, 4, 8")
+    is_image = _is_image(options.out)
     image_types = _parse_types(options.types)
-    _check_stereo(image_types, options.baseline, options.stereo_profile)
-    if single and (len(options.scenes) != 1 or options.scenes[0].is_dir() or len(image_types) != 1 or options.cameras):
-        raise ValueError(f"{options.out} is one image: for more scenes, types or cameras name a folder with -o")
-    names = options.format_names or []
-    if names and single:
-        raise ValueError(f"--format {names[0]} is for datasets: name a folder with -o")
-    formats = _checked_formats(names, image_types, options.out)
-    if options.rig is not None and options.look not in ("auto", "studio"):
-        typer.echo(f"--rig lights the studio look only: --look {options.look} is rendered without it", err=True)
-    from gateway.runtime.kernels.loading import ensure_compiled
-    from scenegate.robots.joint_text import parse_joints
-
+    formats = _check_options(options, image_types, is_image=is_image)
     background = _parse_color(options.background)
-    parse_joints(options.joint or ())  # raises an error now instead of for each scene
+    from gateway.runtime.kernels.loading import ensure_compiled
+
     ensure_compiled(show=True)
     # The following imports load compiled kernels.
-    from gateway.cli.render_dataset import render_dataset
     from gateway.cli.render_image import render_image
-    from gateway.datasets.camera_file import CameraFile, read_camera_file
-    from gateway.datasets.job import make_job
-    from gateway.datasets.scenario_jobs import find_scenes
     from gateway.datasets.views import View
     from gateway.runtime.scheduling import usable_cpus
     from gateway.scene.cameras import OrbitCamera
@@ -78,16 +67,32 @@ def run(options: RenderOptions) -> None:
             for index in range(options.orbit)
         ),
     )
-    cores, out = options.threads or usable_cpus(), options.out.absolute()
-    if single:
-        render_image(options.scenes[0], options.out, settings, views, cores, options.timeout)
-        return
-    file = CameraFile() if options.cameras is None else read_camera_file(options.cameras)
-    numbers = _parse_numbers(options.numbers)
-    sources, file, digest = find_scenes(options.scenes, file, numbers, options.recorded, out, bool(views))
-    class_table, settings = _parse_classes(options.classes, sources, replace(settings, scenario_sha256=digest))
-    job = make_job(sources, views, file, settings, out, options.timeout, class_table)
-    complete = render_dataset(job, cores, options.ray)
+    threads = options.threads or usable_cpus()
+    if is_image:
+        render_image(options.scenes[0], options.out, settings, views, threads, options.timeout)
+    else:
+        _render_dataset(options, settings, views, formats, threads)
+
+
+def _render_dataset(
+    options: RenderOptions, settings: Settings, views: tuple[View, ...], formats: tuple[Format, ...], threads: int
+) -> None:
+    """Render a dataset and export it to ``formats``. Exit with status 1 if it is incomplete."""
+    from gateway.cli.render_dataset import render_dataset
+    from gateway.datasets.camera_file import CameraFile, read_camera_file
+    from gateway.datasets.job import make_job
+    from gateway.datasets.scenario_jobs import find_scenes
+
+    out = options.out.absolute()
+    cameras = CameraFile() if options.cameras is None else read_camera_file(options.cameras)
+    scene_numbers = _parse_scene_numbers(options.numbers)
+    sources, cameras, scenario_sha256 = find_scenes(
+        options.scenes, cameras, scene_numbers, options.recorded, out, bool(views)
+    )
+    settings = replace(settings, scenario_sha256=scenario_sha256)
+    class_table, settings = _parse_classes(options.classes, sources, settings)
+    job = make_job(sources, views, cameras, settings, out, options.timeout, class_table)
+    complete = render_dataset(job, threads, options.ray)
     if options.classes is not None:
         _report_unseen_classes(options.out)
     for format_name in formats:
@@ -96,23 +101,41 @@ def run(options: RenderOptions) -> None:
         raise typer.Exit(1)
 
 
-def _is_image(options: RenderOptions) -> bool:
-    """Return True if OUT is one image and not a dataset; raise ValueError for options that no image can have."""
-    out = options.out
-    if options.samples not in SAMPLES:
-        raise ValueError(f"--samples {options.samples} is not one of 0, 1, 4, 8")
+def _is_image(out: Path) -> bool:
+    """Return True if OUT is one image, not a dataset's folder; raise ValueError for unsupported image formats."""
     if out.suffix.lower() in UNSUPPORTED_SUFFIXES and not out.is_dir():
         raise ValueError(f"{out}: images are written as {', '.join(IMAGE_SUFFIXES)}; or name a folder with -o")
     return out.suffix.lower() in IMAGE_SUFFIXES and not out.is_dir()
 
 
+def _check_options(options: RenderOptions, types: tuple[ImageType, ...], *, is_image: bool) -> tuple[Format, ...]:
+    """Check options before kernels are compiled and scenes are read; return the formats to export the dataset to.
+
+    Raises:
+        ValueError: an option is invalid, or excluded by another.
+    """
+    from scenegate.robots.joint_text import parse_joints
+
+    _check_stereo(types, options.baseline, options.stereo_profile)
+    if is_image and (len(options.scenes) != 1 or options.scenes[0].is_dir() or len(types) != 1 or options.cameras):
+        raise ValueError(f"{options.out} is one image: for more scenes, types or cameras name a folder with -o")
+    names = options.format_names or []
+    if names and is_image:
+        raise ValueError(f"--format {names[0]} is for datasets: name a folder with -o")
+    formats = _checked_formats(names, types, options.out)
+    if options.rig is not None and options.look not in ("auto", "studio"):
+        typer.echo(f"--rig lights the studio look only: --look {options.look} is rendered without it", err=True)
+    parse_joints(options.joint or ())
+    return formats
+
+
 def _settings(options: RenderOptions, types: tuple[ImageType, ...], background: tuple[int, int, int]) -> Settings:
-    """Return the settings in the options; their names are those of the settings, except a few."""
+    """Return the settings in the options. Most options have the names of the settings."""
     from gateway.assets.light_rig_file import rig_digest
     from scenegate.datasets.manifest import Settings
 
-    same = {each.name for each in fields(options)} & {*Settings.__struct_fields__}
-    values = {name: getattr(options, name) for name in same}
+    shared_names = {each.name for each in fields(options)} & {*Settings.__struct_fields__}
+    values = {name: getattr(options, name) for name in shared_names}
     values |= {"types": types, "background": background, "joints": tuple(options.joint or ())}
     values["roots"] = tuple(str(folder.absolute()) for folder in options.root or ())
     if options.rig is not None:
@@ -121,8 +144,8 @@ def _settings(options: RenderOptions, types: tuple[ImageType, ...], background: 
     return _with_profile(settings, options.stereo_profile) if options.stereo_profile else settings
 
 
-def _parse_numbers(text: str) -> range | None:
-    """Return the numbers in ``7`` or ``0-99``; None for an empty text."""
+def _parse_scene_numbers(text: str) -> range | None:
+    """Return the range of ``--scenes``, ``7`` or ``0-99``; None for an empty text."""
     if not text:
         return None
     first, dash, last = text.partition("-")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from gateway.datasets.rendering import IMAGE_FORMATS, OUTPUTS, ignored_rig, render_images, style_of
+from gateway.datasets.rendering import IMAGE_FORMATS, OUTPUTS, render_images, rig_warning, style_of
 from gateway.datasets.scenes import SceneError, load_options, load_scene
 from gateway.datasets.sources import SourceKind, find_sources
 from gateway.datasets.views import View, camera_of
@@ -50,7 +50,7 @@ def _render_image(path: Path, out: Path, settings: Settings, views: tuple[View, 
     except SceneError as error:
         raise ValueError(f"{path}: {error}") from None
     view = views[0] if views else scene.first_view
-    scene, view = scene.posed(view)
+    scene, view = scene.at_frame_of(view)
     camera = camera_of(
         view, scene.root, scene.draw_list, scene.file_camera, settings.width, settings.height, settings.fovy
     )
@@ -59,6 +59,6 @@ def _render_image(path: Path, out: Path, settings: Settings, views: tuple[View, 
     out.write_bytes(images[image_type])
     if image_type == "label":
         out.with_suffix(".labels.json").write_bytes(manifest.encode_labels(scene.description))
-    for warning in (*scene.description.warnings, ignored_rig(scene, settings)):
+    for warning in (*scene.description.warnings, rig_warning(scene, settings)):
         if warning is not None:
             typer.echo(f"{path}: {warning}", err=True)

@@ -35,7 +35,7 @@ class AnnotatedObject:
     path: TreePath
     model: str
     class_id: int
-    frame: ObjectFrame
+    object_frame: ObjectFrame
     box: NDArray[np.float64]
     """(2, 3): smallest and largest coordinates in the frame of the object, in metres."""
     draw_list: DrawList

@@ -1,7 +1,7 @@
-"""Annotations of an image: pixels that each object has, and those that it would have without the others.
+"""Annotations of an image: visible and amodal pixels of each object. Amodal pixels are its silhouette, if drawn alone.
 
 Silhouettes, boxes and visible fractions follow the BOP toolkit: each object is drawn alone on a canvas that is three
-times as wide and high as the image, so that those of truncated objects are whole.
+times as wide and high as the image, so that silhouettes of truncated objects are whole.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Annotations:
     """Annotations of an image."""
 
     objects: tuple[ObjectRecord, ...]
-    """Objects in the image, and those that would be without the others."""
+    """Objects that are visible, or would be if nothing hid them."""
     instance: NDArray[np.uint16]
     """(H, W): ``ObjectRecord.instance`` in each pixel; 0: none."""
     masks: Masks
@@ -82,37 +82,37 @@ def annotate(
     instance = scene.instance_of[frame.instance]
     image = _Window(0, 0, camera.width, camera.height)
     records: list[ObjectRecord] = []
-    counts: dict[str, tuple[int, ...]] = {}
+    run_lengths: dict[str, tuple[int, ...]] = {}
     X_camera_world = camera.X_camera_world
-    for each in scene.objects:
+    for item in scene.objects:
         check_stop()
-        X_camera_object = X_camera_world @ each.frame.X_world_object
-        window, max_depth = _window_of(each, X_camera_object, camera)
+        X_camera_object = X_camera_world @ item.object_frame.X_world_object
+        window, max_depth = _window_of(item, X_camera_object, camera)
         inside = window.intersection(image)
         if inside.is_empty:
             continue
         ids = inside.part_of(instance, image)
-        visible = ids == each.instance
+        visible = ids == item.instance
         nearer = (inside.part_of(frame.depth, image) <= max_depth) & ~visible
         if window == inside and visible.any() and not nearer.any():
-            silhouette = visible  # nothing can hide it
+            silhouette = visible  # nothing hides it
         else:
-            silhouette = _draw_alone(renderer, each, camera, window, look)
+            silhouette = _draw_alone(renderer, item, camera, window, look)
             inside.part_of(silhouette, window)[visible] = True  # rounding may move an edge by a pixel
         in_image = inside.part_of(silhouette, window)
         if not in_image.any():
             continue
         visible_pixels, amodal_pixels = int(np.count_nonzero(visible)), int(np.count_nonzero(silhouette))
-        low, high = map(tuple, each.box.tolist())
+        low, high = map(tuple, item.box.tolist())
         records.append(
             ObjectRecord(
-                instance=each.instance,
-                path=each.path,
-                model=each.model,
-                class_id=each.class_id,
-                X_world_object=pose_rows(each.frame.X_world_object),
+                instance=item.instance,
+                path=item.path,
+                model=item.model,
+                class_id=item.class_id,
+                X_world_object=pose_rows(item.object_frame.X_world_object),
                 X_camera_object=pose_rows(X_camera_object),
-                scale=each.frame.scale,
+                scale=item.object_frame.scale,
                 box_3d=(low, high),
                 box_visible=inside.box_of(visible),
                 box_amodal=window.box_of(silhouette),
@@ -123,38 +123,42 @@ def annotate(
             )
         )
         if with_masks:
-            counts[str(each.instance)] = _run_lengths(in_image, inside, camera.height, camera.width)
-    masks = Masks(size=(camera.height, camera.width), counts=counts)
+            run_lengths[str(item.instance)] = _run_lengths(in_image, inside, camera.height, camera.width)
+    masks = Masks(size=(camera.height, camera.width), counts=run_lengths)
     return Annotations(tuple(records), instance, masks)
 
 
-def _window_of(each: AnnotatedObject, X_camera_object: NDArray[np.float64], camera: Camera) -> tuple[_Window, float]:
-    """Return the part of the canvas that has all pixels of an object, and the largest depth of the object in metres."""
+def _window_of(item: AnnotatedObject, X_camera_object: NDArray[np.float64], camera: Camera) -> tuple[_Window, float]:
+    """Return the window of the canvas that holds all pixels of an object, and an upper bound of its depth.
+
+    The depth is in metres from ``camera.depth_origin``, as in depth images. An object out of the depth range has an
+    empty window.
+    """
     margin_x = min(camera.width, (MAX_SIDE - camera.width) // 2)
     margin_y = min(camera.height, (MAX_SIDE - camera.height) // 2)
     canvas = _Window(-margin_x, -margin_y, camera.width + margin_x, camera.height + margin_y)
-    corners = box_corners(each.box) @ X_camera_object[:3, :3].T + X_camera_object[:3, 3]
+    corners = box_corners(item.box) @ X_camera_object[:3, :3].T + X_camera_object[:3, 3]
     z = corners[:, 2]
     farthest = float(z.max())
     if farthest < camera.near or z.min() > camera.far:
-        return _Window(0, 0, 0, 0), farthest
-    limit = farthest * (1.0 + _DEPTH_TOLERANCE) - camera.depth_origin
+        return _Window(0, 0, 0, 0), 0.0
+    max_depth = farthest * (1.0 + _DEPTH_TOLERANCE) - camera.depth_origin
     if z.min() < camera.near or not np.isfinite(corners).all():
-        return canvas, limit
+        return canvas, max_depth
     pixels = corners[:, :2] / z[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-    first = np.floor(pixels.min(axis=0)) - each.margin
-    last = np.ceil(pixels.max(axis=0)) + each.margin
+    first = np.floor(pixels.min(axis=0)) - item.margin
+    last = np.ceil(pixels.max(axis=0)) + item.margin
     left, top, right, bottom = np.clip((*first, *last), -MAX_SIDE, 2 * MAX_SIDE).astype(int).tolist()
-    return _Window(left, top, right, bottom).intersection(canvas), limit
+    return _Window(left, top, right, bottom).intersection(canvas), max_depth
 
 
 def _draw_alone(
-    renderer: Renderer, each: AnnotatedObject, camera: Camera, window: _Window, look: Look
+    renderer: Renderer, item: AnnotatedObject, camera: Camera, window: _Window, look: Look
 ) -> NDArray[np.bool_]:
-    """Return the pixels of a window in which an object is seen if there is nothing else."""
+    """Return the amodal mask of an object in a window: the pixels that it covers if drawn alone."""
     width, height = window.right - window.left, window.bottom - window.top
-    part = replace(camera, width=width, height=height, cx=camera.cx - window.left, cy=camera.cy - window.top)
-    depth = renderer.render(each.draw_list, part, Output.DEPTH, look).depth
+    window_camera = replace(camera, width=width, height=height, cx=camera.cx - window.left, cy=camera.cy - window.top)
+    depth = renderer.render(item.draw_list, window_camera, Output.DEPTH, look).depth
     assert depth is not None
     return np.isfinite(depth)
 

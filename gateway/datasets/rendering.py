@@ -92,7 +92,7 @@ def style_of(settings: Settings) -> Style:
     )
 
 
-def ignored_rig(scene: LoadedScene, settings: Settings) -> str | None:
+def rig_warning(scene: LoadedScene, settings: Settings) -> str | None:
     """Return a warning if a scene does not use the lights of ``--rig``, or is black as neither of them has one.
 
     Returns None if the scene uses them, if there is no ``--rig``, or if ``--look`` excludes them for all scenes.
@@ -113,8 +113,8 @@ def ignored_rig(scene: LoadedScene, settings: Settings) -> str | None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shot:
-    """Input of a sample: scene, cameras and sensor."""
+class SampleInputs:
+    """Inputs of a sample: scene, cameras and sensor."""
 
     scene: LoadedScene
     camera: Camera
@@ -123,24 +123,24 @@ class Shot:
     next_camera: Camera | None = None
     """Camera of the next view, for ``flow``; None: there is none."""
     next_scene: LoadedScene | None = None
-    """Scene of the next view, if it has moved."""
+    """Scene of the next view, if its objects have moved."""
     baseline: float = 0.0
     """Distance of the right camera in metres, for ``stereo``."""
     sensor: StereoSensor | None = None
     """Camera that measures depth, for ``measured``."""
-    number: int = 0
-    """Seed of the noise of the sensor."""
+    noise_seed: int = 0
+    """Seed of the noise of ``sensor``."""
 
 
 def render_images(
     renderer: Renderer, scene: LoadedScene, camera: Camera, formats: Mapping[ImageType, str], style: Style
 ) -> dict[ImageType, bytes]:
     """Render images of a scene that need neither objects nor a second camera; as ``render_sample``."""
-    return render_sample(renderer, Shot(scene, camera), formats, style)[0]
+    return render_sample(renderer, SampleInputs(scene, camera), formats, style)[0]
 
 
 def render_sample(
-    renderer: Renderer, shot: Shot, formats: Mapping[ImageType, str], style: Style
+    renderer: Renderer, inputs: SampleInputs, formats: Mapping[ImageType, str], style: Style
 ) -> tuple[dict[ImageType, bytes], tuple[ObjectRecord, ...]]:
     """Render the images of a sample; return them encoded, by type, and the annotated objects.
 
@@ -154,13 +154,13 @@ def render_sample(
         ImageError: a texture cannot be decoded.
         ValueError: the image is larger than the renderer's limit.
     """
-    scene, camera = shot.scene, shot.camera
+    scene, camera = inputs.scene, inputs.camera
     look = _look_of(scene, style)
     outputs = reduce(or_, (OUTPUTS.get(image_type, Output(0)) for image_type in formats))
-    if shot.annotated is not None:
+    if inputs.annotated is not None:
         outputs |= ANNOTATION_OUTPUTS
     if "flow" in formats:
-        outputs |= Output.DEPTH if shot.next_scene is None else Output.DEPTH | Output.INSTANCE
+        outputs |= Output.DEPTH if inputs.next_scene is None else Output.DEPTH | Output.INSTANCE
     frame = renderer.render(scene.draw_list, camera, outputs, look) if outputs else Frame()
     _finish(frame, scene, camera, renderer, look, style)
     images = {name: _encode(frame, name, file_format) for name, file_format in formats.items() if name in OUTPUTS}
@@ -168,25 +168,27 @@ def render_sample(
         albedo = renderer.render(unlit(scene.draw_list, look), camera, Output.COLOR, BASE_COLOR_LOOK)
         images["albedo"] = _encode(albedo, "color", formats["albedo"])
     if "stereo" in formats:
-        right_view = right_camera(camera, shot.baseline)
+        right_view = right_camera(camera, inputs.baseline)
         right = renderer.render(scene.draw_list, right_view, Output.COLOR, look)
         _finish(right, scene, right_view, renderer, look, style)
         images["stereo"] = _encode(right, "color", formats["stereo"])
-    if "measured" in formats and shot.sensor is not None:
-        images["measured"] = png_gray16(shot.sensor.measure(scene.draw_list, camera, look, shot.number))
-    if "flow" in formats and shot.next_camera is not None:
+    if "measured" in formats and inputs.sensor is not None:
+        images["measured"] = png_gray16(inputs.sensor.measure(scene.draw_list, camera, look, inputs.noise_seed))
+    if "flow" in formats and inputs.next_camera is not None:
         assert frame.depth is not None
         X = None
-        if shot.next_scene is not None and frame.instance is not None:
-            X = instance_motions(scene.draw_list, camera, shot.next_scene.draw_list, shot.next_camera)[frame.instance]
-        images["flow"] = flow_file(flow_between(frame.depth, camera, shot.next_camera, X))
-    if shot.annotated is None:
+        if inputs.next_scene is not None and frame.instance is not None:
+            X = instance_motions(scene.draw_list, camera, inputs.next_scene.draw_list, inputs.next_camera)[
+                frame.instance
+            ]
+        images["flow"] = flow_file(flow_between(frame.depth, camera, inputs.next_camera, X))
+    if inputs.annotated is None:
         return images, ()
-    found = annotate(renderer, shot.annotated, camera, frame, look, with_masks="amodal" in formats)
+    found = annotate(renderer, inputs.annotated, camera, frame, look, with_masks="amodal" in formats)
     if "instance" in formats:
         images["instance"] = png_gray16(found.instance)
     if "class" in formats:
-        images["class"] = png_gray16(shot.annotated.class_of[found.instance])
+        images["class"] = png_gray16(inputs.annotated.class_of[found.instance])
     if "amodal" in formats:
         images["amodal"] = msgspec.json.encode(found.masks)
     return images, found.objects

@@ -96,7 +96,7 @@ class LoadedScene:
             return View("default", None)
         return scene_views(1, self.scenario.catalogue.scenario.frame_count)[0]
 
-    def posed(self, view: View) -> tuple[LoadedScene, View]:
+    def at_frame_of(self, view: View) -> tuple[LoadedScene, View]:
         """Return the scene at the frame of a view, and the view with the pose of its camera; usually both unchanged.
 
         Raises:

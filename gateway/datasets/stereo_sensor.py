@@ -15,15 +15,13 @@ from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.profile import Profile, read_profile
 from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
+from gateway.stereo.imaging.rendered_images import GREY, Capture, ImageRequest, Imaging
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
 from renderers.interface import Look, Output, Renderer
 from renderers.stereo.depth.metric_depth import millimetres_from_disparity
 from renderers.stereo.model import Quality
 from renderers.stereo.sensor.noise import NoiseStream
-
-_GREY = frozenset({False})
 
 
 @lru_cache(maxsize=4)
@@ -45,13 +43,13 @@ class StereoSensor:
     profile: Profile
     renderer: Renderer
 
-    def measure(self, scene: DrawList, camera: Camera, look: Look, number: int) -> NDArray[np.uint16]:
+    def measure(self, scene: DrawList, camera: Camera, look: Look, noise_seed: int) -> NDArray[np.uint16]:
         """Return depth along the optical axis, (H, W) uint16, in millimetres; 0: not measured.
 
         Args:
             camera: left camera; has the lens of the profile.
             look: background, and what is cut out.
-            number: seed of the noise.
+            noise_seed: seed of the noise.
 
         Raises:
             CameraError: the camera has another lens.
@@ -64,7 +62,7 @@ class StereoSensor:
         config = StereoConfig(
             model=profile.model,
             limits=profile.limits,
-            seed=number,
+            seed=noise_seed,
             image_noise=profile.stereo.noise,
             disparity_error=profile.depth.disparity_error,
             projector=profile.projector is not None,
@@ -77,7 +75,7 @@ class StereoSensor:
         capture = Capture(0, scene, 0, camera.X_world_camera, settings.gpio(depth=True))
         exposure = imaging.meter(capture, settings).exposure
         left, right = (
-            imaging.expose(capture, ImageRequest(exposure, stream, _GREY, settings.averaged_images))[False]
+            imaging.expose(capture, ImageRequest(exposure, stream, frozenset((GREY,)), settings.averaged_images))[GREY]
             for stream in (NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
         )
         pair = ImagePair(left, right, exposure, imaging.image_kind(capture))

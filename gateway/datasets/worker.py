@@ -21,7 +21,14 @@ from gateway.datasets.annotated_scene import AnnotatedScene, annotate_scene
 from gateway.datasets.classes import ClassTable
 from gateway.datasets.files import write_atomically
 from gateway.datasets.job import Result, Task, view_description
-from gateway.datasets.rendering import IMAGE_FORMATS, RequestRenderer, Shot, ignored_rig, render_sample, style_of
+from gateway.datasets.rendering import (
+    IMAGE_FORMATS,
+    RequestRenderer,
+    SampleInputs,
+    render_sample,
+    rig_warning,
+    style_of,
+)
 from gateway.datasets.scenario.tables import ScenarioError
 from gateway.datasets.scenes import LoadedScene, SceneError, load_options, load_scene
 from gateway.datasets.sources import Source
@@ -75,11 +82,11 @@ class Worker:
     def run_task(self, task: Task) -> Result:
         """Render all views of a task. Errors are not raised, but are in the result."""
         scene_name = task.source.name
-        if problem := _task_problem(task):
-            return Result(failures=[FailureRecord(scene_name, None, problem)])
+        if reason := _rejection(task):
+            return Result(failures=[FailureRecord(scene_name, None, reason)])
         try:
             scene = _with_timeout(task, partial(_load, task))
-            warning = ignored_rig(scene, task.settings)
+            warning = rig_warning(scene, task.settings)
             annotated = _with_timeout(task, partial(_annotate, task, scene))
             description = scene.description
             if annotated is not None:
@@ -87,7 +94,7 @@ class Worker:
             folder = Path(task.out) / manifest.SCENES_FOLDER / scene_name
             write_atomically(folder / manifest.SCENE_FILE, manifest.encode_indented(description))
         except Exception as error:  # noqa: BLE001 - one bad scene must not end the others
-            return Result(failures=[FailureRecord(scene_name, None, _reason(error))])
+            return Result(failures=[FailureRecord(scene_name, None, _error_text(error))])
         result = Result(
             warnings=scene.description.warnings if warning is None else (*scene.description.warnings, warning)
         )
@@ -96,7 +103,7 @@ class Worker:
                 render = partial(self._render_sample, task, scene, annotated, view, next_view)
                 result.samples.append(_with_timeout(task, render))
             except Exception as error:  # noqa: BLE001 - one bad view must not end the others
-                result.failures.append(FailureRecord(scene_name, view.name, _reason(error)))
+                result.failures.append(FailureRecord(scene_name, view.name, _error_text(error)))
         return result
 
     def _render_sample(
@@ -129,25 +136,32 @@ class Worker:
         if scene.request is not None:
             camera, image_type, data = RequestRenderer(self._renderer, settings).render(scene.request)
             return camera, {image_type: data}, ()
-        posed, view = scene.posed(view)
-        if posed is not scene:
-            scene, annotated = posed, None if annotated is None else _annotate_cached(posed, task.classes, task.out)
-        camera = _camera_of(view, scene, settings)
-        next_scene, next_camera = scene, None
+        scene_at_frame, view_with_pose = scene.at_frame_of(view)
+        if scene_at_frame is not scene and annotated is not None:
+            annotated = _annotate_cached(scene_at_frame, task.classes, task.out)
+        camera = _camera_of(view_with_pose, scene_at_frame, settings)
+        next_scene, next_camera = None, None
         if next_view is not None:
-            next_scene, next_view = scene.posed(next_view)
-            next_camera = _camera_of(next_view, next_scene, settings)
+            next_scene, next_view_with_pose = scene_at_frame.at_frame_of(next_view)
+            next_camera = _camera_of(next_view_with_pose, next_scene, settings)
         formats = {image_type: _file_format(image_type, settings) for image_type in settings.types}
         sensor = None
         if settings.stereo_profile:
             sensor = StereoSensor(cached_profile(settings.stereo_profile), self._renderer)
-        number = zlib.crc32(f"{task.source.name}/{view.name}".encode())
-        moved = next_scene if next_scene is not scene else None
-        shot = Shot(scene, camera, annotated, next_camera, moved, settings.baseline, sensor, number)
-        return camera, *render_sample(self._renderer, shot, formats, style_of(settings))
+        inputs = SampleInputs(
+            scene_at_frame,
+            camera,
+            annotated,
+            next_camera=next_camera,
+            next_scene=None if next_scene is scene_at_frame else next_scene,
+            baseline=settings.baseline,
+            sensor=sensor,
+            noise_seed=zlib.crc32(f"{task.source.name}/{view.name}".encode()),
+        )
+        return camera, *render_sample(self._renderer, inputs, formats, style_of(settings))
 
 
-def _task_problem(task: Task) -> str:
+def _rejection(task: Task) -> str:
     """Return the reason why this process cannot run a task, or an empty text."""
     node = os.uname().nodename
     if task.renderer_digest != cache_folder.sources_digest():
@@ -202,7 +216,7 @@ def _with_timeout(task: Task, call: Callable[[], T]) -> T:
     return run_within(task.timeout, call, TimeoutError(f"it took longer than --timeout = {task.timeout:g} s"))
 
 
-def _reason(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     """Return the text of an error. The type is added if it is not one of the expected types."""
     if isinstance(error, SceneError | ScenarioError | CameraError | ImageError | RequestError | OSError):
         return str(error)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gateway.datasets.annotated_scene import AnnotatedScene, annotate_scene
 from gateway.datasets.classes import ClassTable, classes_of_models
-from gateway.datasets.rendering import Shot, Style, render_sample
+from gateway.datasets.rendering import SampleInputs, Style, render_sample
 from gateway.datasets.scenes import LoadedScene, load_scene
 from gateway.datasets.sources import find_sources
 from gateway.robots.scene_files import SceneOptions
@@ -111,7 +111,7 @@ def see(
         classes = classes_of_models(each.model for each in scene.objects)
     annotated = annotate_scene(scene, classes, lambda record, data: None)
     images, objects = render_sample(
-        renderer, Shot(scene, camera or plate_camera(), annotated), FORMATS, style or Style()
+        renderer, SampleInputs(scene, camera or plate_camera(), annotated), FORMATS, style or Style()
     )
     instance = cv2.imdecode(np.frombuffer(images["instance"], np.uint8), cv2.IMREAD_UNCHANGED)
     by_name = {str(each.path[-1]): each for each in objects}

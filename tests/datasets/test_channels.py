@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.datasets.rendering import Shot, Style, render_sample
+from gateway.datasets.rendering import SampleInputs, Style, render_sample
 from gateway.datasets.scenes import LoadedScene
 from gateway.datasets.second_view import flow_between, flow_file, right_camera
 from gateway.datasets.stereo_sensor import StereoSensor, cached_profile, intrinsics_of
@@ -40,9 +40,11 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "plates.gltf"
 
 
-def image(renderer: CpuRenderer, shot: Shot, image_type: ImageType, style: Style | None = None) -> NDArray[np.uint8]:
-    """Return a PNG image of a shot in RGB."""
-    images, objects = render_sample(renderer, shot, {image_type: "png"}, style or Style())
+def image(
+    renderer: CpuRenderer, inputs: SampleInputs, image_type: ImageType, style: Style | None = None
+) -> NDArray[np.uint8]:
+    """Return a PNG image of a sample in RGB."""
+    images, objects = render_sample(renderer, inputs, {image_type: "png"}, style or Style())
     assert objects == ()
     bgr = cv2.imdecode(np.frombuffer(images[image_type], np.uint8), cv2.IMREAD_COLOR)
     assert bgr is not None
@@ -50,11 +52,11 @@ def image(renderer: CpuRenderer, shot: Shot, image_type: ImageType, style: Style
 
 
 def test_normals_are_in_the_optical_frame(renderer: CpuRenderer, path: Path) -> None:
-    facing = image(renderer, Shot(load(write_plates(path, [Plate("a")])), plate_camera()), "normal")
+    facing = image(renderer, SampleInputs(load(write_plates(path, [Plate("a")])), plate_camera()), "normal")
     assert facing[MIDDLE].tolist() == [128, 128, 1]
     assert facing[0, 0].tolist() == [128, 128, 128]
     scene = load(write_plates(path, [Plate("a", node={"rotation": QUARTER_TURN})]))
-    turned = image(renderer, Shot(scene, plate_camera()), "normal")
+    turned = image(renderer, SampleInputs(scene, plate_camera()), "normal")
     normal = (turned[MIDDLE].astype(float) - 128.0) / 127.0
     np.testing.assert_allclose(normal, (-np.sin(1.0), 0.0, -np.cos(1.0)), atol=1 / 127)
 
@@ -66,7 +68,7 @@ def test_base_colours_are_srgb_without_light(renderer: CpuRenderer, path: Path, 
     away = [1.0, 0.0, 0.0, 0.0]
     scene = load(write_plates(path, [Plate("a", node={"rotation": away}, material=material)]))
     for rig in (Rig(), Rig(surroundings=None)):
-        seen = image(renderer, Shot(scene, plate_camera()), "albedo", Style(look, rig=rig))  # type: ignore[arg-type]  # text
+        seen = image(renderer, SampleInputs(scene, plate_camera()), "albedo", Style(look, rig=rig))  # type: ignore[arg-type]  # text
         assert seen[MIDDLE].tolist() == [124, 255, 0]
         assert seen[0, 0].tolist() == [0, 0, 0]
 
@@ -83,7 +85,7 @@ def test_base_colours_multiply_textures_and_are_cut_out(renderer: CpuRenderer, p
     )
     row, column = MIDDLE
     for threshold, behind in ((0.0, [0, 255, 0]), (0.5, [255, 255, 255])):
-        seen = image(renderer, Shot(scene, plate_camera()), "albedo", Style(alpha_threshold=threshold))
+        seen = image(renderer, SampleInputs(scene, plate_camera()), "albedo", Style(alpha_threshold=threshold))
         assert seen[row, column + 3].tolist() == [188, 0, 0]
         assert seen[row, column - 3].tolist() == behind
 
@@ -94,7 +96,7 @@ def wall(path: Path, depth: float) -> LoadedScene:
 
 
 def flow(renderer: CpuRenderer, scene: LoadedScene, camera: Camera, next_camera: Camera | None) -> NDArray[np.float32]:
-    images, _ = render_sample(renderer, Shot(scene, camera, None, next_camera), {"flow": "flo"}, Style())
+    images, _ = render_sample(renderer, SampleInputs(scene, camera, None, next_camera), {"flow": "flo"}, Style())
     return decode_flow(images["flow"], "flow")
 
 
@@ -144,8 +146,8 @@ def test_flow_is_not_known_of_the_background_and_behind_the_camera() -> None:
 
 
 def test_there_is_no_flow_without_a_next_view(renderer: CpuRenderer, path: Path) -> None:
-    shot = Shot(wall(path, 4.0), plate_camera())
-    assert render_sample(renderer, shot, {"flow": "flo", "depth": "tiff"}, Style())[0].keys() == {"depth"}
+    inputs = SampleInputs(wall(path, 4.0), plate_camera())
+    assert render_sample(renderer, inputs, {"flow": "flo", "depth": "tiff"}, Style())[0].keys() == {"depth"}
 
 
 @pytest.mark.parametrize("cut", [0, 11, 12, -1, -8])
@@ -158,8 +160,8 @@ def test_damaged_flow_files_are_errors(cut: int) -> None:
 def test_the_right_image_is_shifted_by_the_disparity(renderer: CpuRenderer, path: Path) -> None:
     """A baseline of 0.5 m at 4 m is a disparity of 5 pixels."""
     scene = load(write_plates(path, [Plate("a")]))
-    shot = Shot(scene, plate_camera(), baseline=0.5)
-    left, right = (image(renderer, shot, name, Style("plain", antialias="none")) for name in ("color", "stereo"))
+    inputs = SampleInputs(scene, plate_camera(), baseline=0.5)
+    left, right = (image(renderer, inputs, name, Style("plain", antialias="none")) for name in ("color", "stereo"))
     np.testing.assert_array_equal(left[:, 5:], right[:, :-5])
     assert (left != right).any()
     X = np.eye(4)
@@ -187,8 +189,8 @@ def test_measured_depth_has_the_errors_of_a_profile(renderer: CpuRenderer, path:
     scene = wall(path, 2.0)
 
     def measured(number: int, camera: Camera) -> NDArray[np.uint16]:
-        shot = Shot(scene, camera, sensor=StereoSensor(profile, renderer), number=number)
-        images, _ = render_sample(renderer, shot, {"measured": "png"}, Style())
+        inputs = SampleInputs(scene, camera, sensor=StereoSensor(profile, renderer), noise_seed=number)
+        images, _ = render_sample(renderer, inputs, {"measured": "png"}, Style())
         return np.asarray(cv2.imdecode(np.frombuffer(images["measured"], np.uint8), cv2.IMREAD_UNCHANGED), np.uint16)
 
     first = measured(1, plate_camera())

@@ -91,16 +91,18 @@ def test_poses_equal_those_of_trimesh(tmp_path: Path, scale: tuple[float, float,
     loaded = trimesh.load_scene(path)
     X_document_node, geometry = loaded.graph.get("child")
     X_world_node = np.array(((1, 0, 0, 0), (0, 0, -1, 0), (0, 1, 0, 0), (0, 0, 0, 1))) @ X_document_node
-    np.testing.assert_allclose(each.frame.X_world_object @ np.diag((*each.frame.scale, 1.0)), X_world_node, atol=1e-6)
-    rotation = each.frame.X_world_object[:3, :3]
+    np.testing.assert_allclose(
+        each.object_frame.X_world_object @ np.diag((*each.object_frame.scale, 1.0)), X_world_node, atol=1e-6
+    )
+    rotation = each.object_frame.X_world_object[:3, :3]
     np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-9)
     assert np.linalg.det(rotation) > 0.0
     (data,) = files.values()
     model = trimesh.load_mesh(trimesh.util.wrap_as_stream(data), file_type="ply", process=False)
     np.testing.assert_allclose(model.vertices, loaded.geometry[geometry].vertices, atol=1e-6)
-    world = trimesh.transform_points(model.vertices * each.frame.scale, each.frame.X_world_object)
+    world = trimesh.transform_points(model.vertices * each.object_frame.scale, each.object_frame.X_world_object)
     np.testing.assert_allclose(world, trimesh.transform_points(model.vertices, X_world_node), atol=1e-6)
-    inside = model.vertices * each.frame.scale
+    inside = model.vertices * each.object_frame.scale
     np.testing.assert_allclose(each.box, (inside.min(axis=0), inside.max(axis=0)), atol=1e-6)
 
 

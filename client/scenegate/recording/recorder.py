@@ -89,19 +89,19 @@ class SceneWriter:
             if self._whole_scene_ns is not None:
                 self._write_whole(log_time_ns, log_time_ns)
         if isinstance(value, ViewFrame):
-            self._write_frame(value, log_time_ns)
+            self._write_view_frame(value, log_time_ns)
         elif isinstance(value, ImuSample):
             self._write_all(self._profile.imu(value), log_time_ns, value.time_ns)
         else:
             for images in self._camera.convert(value):
                 self._write_all(self._profile.camera(images), log_time_ns, images.time_ns)
 
-    def _write_frame(self, frame: ViewFrame, log_time_ns: int) -> None:
-        change = self._mirror.apply(frame, log_time_ns)
+    def _write_view_frame(self, view_frame: ViewFrame, log_time_ns: int) -> None:
+        change = self._mirror.apply(view_frame, log_time_ns)
         if change is None:
             return
         size = self._write_all(self._profile.scene(change), log_time_ns, change.time_ns)
-        if self._whole_scene_ns is None and frame.header["kind"] == "update":
+        if self._whole_scene_ns is None and view_frame.header["kind"] == "update":
             self._plan_whole(log_time_ns, size)
         elif self._whole_scene_ns is not None and log_time_ns >= self._whole_scene_ns:
             self._write_whole(log_time_ns, change.time_ns)

@@ -1,7 +1,7 @@
 """The live scene of a gateway, from the frames of its view: nodes, their transforms and their triangles.
 
-Frames of transforms are rigid, nodes may be scaled. The scale (any linear part that is no rotation) is therefore in the
-points of the geometry: with the rotation Q and the rest S of a node, X_world_node = X_world_frame S.
+Coordinate frames of recordings are rigid, nodes may be scaled. The stretch S of a node (the part of its transform that
+is not rigid) is therefore applied to the points of its geometry: X_world_node = X_world_frame S.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from scenegate.recording.mirror_geometry import (
     NO_GEOMETRY,
     Mesh,
     NodeGeometry,
-    matrices,
     node_geometry,
     quaternion_of,
     read_mesh,
-    rigid_part,
+    read_transforms,
+    split_rigid,
 )
 from scenegate.recording.values import (
     LEFT_FRAME,
@@ -38,7 +38,7 @@ from scenegate.recording.values import (
 from scenegate.recording.view_frames import ViewFrame, ViewFrameError
 
 ROOT_FRAME: Final = "scene"
-"""Frame of the scene's root. The frames of other nodes are paths: ``scene/robot/head``."""
+"""Coordinate frame of the scene's root. The frames of other nodes are paths: ``scene/robot/head``."""
 MAX_NODE_POINTS: Final = 300_000
 """Maximum number of points of a node's triangles and lines. Messages have an object for each: more take seconds."""
 MAX_WARNINGS: Final = 100
@@ -47,7 +47,7 @@ MAX_WARNINGS: Final = 100
 
 @dataclass(slots=True, eq=False)
 class _Node:
-    frame: str
+    frame_id: str
     parent: _Node | None
     children: dict[int, _Node] = field(default_factory=dict)
     matrix: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
@@ -58,11 +58,11 @@ class _Node:
     opacity: float = 1.0
     draws: list[dict[str, Any]] = field(default_factory=list)
     X_parent_frame: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
-    """Rigid, (4, 4): from this node's frame to that of its parent."""
+    """Rigid, (4, 4): from this node's coordinate frame to that of its parent."""
     frame_quaternion: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0, 0.0])
     """Rotation of ``X_parent_frame``, [w, x, y, z]."""
-    scale: NDArray[np.float64] = field(default_factory=lambda: IDENTITY)
-    """S, (3, 3): from the node to its frame."""
+    stretch: NDArray[np.float64] = field(default_factory=lambda: IDENTITY)
+    """S, (3, 3): from the node to its coordinate frame."""
     hidden: bool = False
     """True if the node or an ancestor is not visible."""
     alpha: float = 1.0
@@ -88,31 +88,31 @@ class SceneMirror:
         self._meshes: dict[int, Mesh] = {}
         self._joints = Joints()
         self._rig: dict[str, Any] | None = None
-        """Header of the newest frame with the stereo camera's pose."""
+        """Header of the newest frame of the view with the stereo camera's pose."""
         self._rig_changed = False
         self.warnings: dict[str, str] = {}
-        """Sentences about nodes that are left out, by frame."""
+        """Sentences about nodes that are left out, by ``frame_id``."""
 
     def reconnect(self) -> None:
-        """Prepare for the frames of a new connection. Its first update removes all nodes that it does not have."""
+        """Prepare for the frames of a new view connection. Its first update removes all nodes that it does not have."""
         self._meshes.clear()
         self._joints = Joints()
 
-    def apply(self, frame: ViewFrame, now_ns: int) -> SceneChange | None:
-        """Apply a frame; return the change of the scene, None if nothing can be seen of it yet.
+    def apply(self, view_frame: ViewFrame, now_ns: int) -> SceneChange | None:
+        """Apply a frame of the view; return the change of the scene, None if nothing can be seen of it yet.
 
         Args:
-            frame: frame of the view.
+            view_frame: frame of the view.
             now_ns: time of a change that has none of its own, nanoseconds since the epoch.
 
         Raises:
             ViewFrameError: the frame is invalid.
         """
-        header = frame.header
+        header = view_frame.header
         try:
             match header.get("kind"):
                 case "mesh":
-                    self._meshes[header["id"]] = read_mesh(frame)
+                    self._meshes[header["id"]] = read_mesh(view_frame)
                 case "forget":
                     for mesh_id in header["meshes"]:
                         self._meshes.pop(mesh_id, None)
@@ -122,7 +122,7 @@ class SceneMirror:
                     if self._joints.apply(header):
                         return SceneChange(now_ns, joints=self._joints.values)
                 case "update":
-                    return self._update(frame, now_ns)
+                    return self._update(view_frame, now_ns)
         except ViewFrameError:
             raise
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
@@ -132,17 +132,17 @@ class SceneMirror:
     def whole(self, time_ns: int) -> SceneChange:
         """Return the whole scene, valid from a time in nanoseconds since the epoch."""
         nodes = list(self._root.walk())
-        shapes = [(node.frame, node.geometry.primitives) for node in nodes]
+        shapes = [(node.frame_id, node.geometry.primitives) for node in nodes]
         return SceneChange(
             time_ns,
             [*map(_transform_of, nodes), *self._rig_transforms()],
-            [Entity(frame, primitives, len(primitives)) for frame, primitives in shapes if primitives],
+            [Entity(frame_id, primitives, len(primitives)) for frame_id, primitives in shapes if primitives],
             [node.geometry.cloud for node in nodes if node.geometry.cloud is not None],
             self._joints.values,
         )
 
-    def _update(self, frame: ViewFrame, now_ns: int) -> SceneChange:
-        header = frame.header
+    def _update(self, view_frame: ViewFrame, now_ns: int) -> SceneChange:
+        header = view_frame.header
         removed: list[_Node] = []
         if header["from"] == 0:  # the whole scene
             removed += self._remove_all()
@@ -152,13 +152,13 @@ class SceneMirror:
         redrawn: dict[_Node, None] = {}
         for fields in header.get("nodes", ()):
             redrawn[self._edit_node(fields)] = None
-        for node_id, matrix, quaternion in matrices(frame):
+        for node_id, matrix, quaternion in read_transforms(view_frame):
             node = self._nodes[node_id]
             node.matrix, node.quaternion = matrix, quaternion
             moved[node] = None
         for node in {**redrawn, **moved}:
             self._propagate(node, moved, redrawn)
-        earlier = {node.frame: node for node in removed}
+        earlier = {node.frame_id: node for node in removed}
         entities, clouds = self._changed_geometry(redrawn, earlier)
         transforms = [_transform_of(node) for node in moved]
         if self._rig_changed:
@@ -173,7 +173,7 @@ class SceneMirror:
             old = self._nodes.get(node_id)
             parent = self._nodes[fields["parent"]]
             if old is None or old.parent is not parent:
-                node = _Node(f"{parent.frame}/{_frame_element(fields['name'])}", parent)
+                node = _Node(f"{parent.frame_id}/{_frame_element(fields['name'])}", parent)
                 self._nodes[node_id] = parent.children[node_id] = node
         node = self._nodes[node_id]
         node.visible = fields.get("visible", node.visible)
@@ -191,8 +191,8 @@ class SceneMirror:
         removed = []
         stack = [(node_id, top)]
         while stack:
-            number, node = stack.pop()
-            self._nodes.pop(number, None)
+            descendant_id, node = stack.pop()
+            self._nodes.pop(descendant_id, None)
             removed.append(node)
             stack.extend(node.children.items())
         return removed
@@ -204,23 +204,23 @@ class SceneMirror:
         return removed
 
     def _propagate(self, top: _Node, moved: dict[_Node, None], redrawn: dict[_Node, None]) -> None:
-        """Compute frame, scale, visibility and opacity of a node, and of its descendants if these have changed."""
+        """Compute X_parent_frame, stretch, visibility and opacity of a node, and of its descendants if these change."""
         stack = [top]
         while stack:
             node = stack.pop()
             parent = node.parent
-            above = IDENTITY if parent is None else parent.scale
-            if above is IDENTITY and node.quaternion is not None:  # five times as fast
-                scale, node.X_parent_frame, node.frame_quaternion = IDENTITY, node.matrix, node.quaternion
+            parent_stretch = IDENTITY if parent is None else parent.stretch
+            if parent_stretch is IDENTITY and node.quaternion is not None:  # five times as fast
+                stretch, node.X_parent_frame, node.frame_quaternion = IDENTITY, node.matrix, node.quaternion
             else:
-                node.X_parent_frame, scale = rigid_part(above, node.matrix)
+                node.X_parent_frame, stretch = split_rigid(parent_stretch, node.matrix)
                 node.frame_quaternion = quaternion_of(node.X_parent_frame)
             hidden = not node.visible or (parent is not None and parent.hidden)
             alpha = node.opacity * (1.0 if parent is None else parent.alpha)
-            same_scale = scale is node.scale or np.array_equal(scale, node.scale)
-            changed = hidden != node.hidden or alpha != node.alpha or not same_scale
+            same_stretch = stretch is node.stretch or np.array_equal(stretch, node.stretch)
+            changed = hidden != node.hidden or alpha != node.alpha or not same_stretch
             moved[node] = None
-            node.scale, node.hidden, node.alpha = scale, hidden, alpha
+            node.stretch, node.hidden, node.alpha = stretch, hidden, alpha
             if changed:
                 redrawn[node] = None
                 stack.extend(node.children.values())
@@ -231,35 +231,35 @@ class SceneMirror:
         """Return the geometry of nodes that has changed.
 
         Args:
-            earlier: removed nodes by frame, some of which are there again.
+            earlier: removed nodes by ``frame_id``; some have been added again.
         """
         entities: list[Entity] = []
         clouds: list[Cloud] = []
-        pairs = []
+        changes: list[tuple[str, NodeGeometry, NodeGeometry]] = []
         for node in redrawn:
-            old = earlier.pop(node.frame, node).geometry
+            old = earlier.pop(node.frame_id, node).geometry
             node.geometry = self._geometry(node)
-            pairs.append((node.frame, old, node.geometry))
-        pairs += [(frame, node.geometry, NO_GEOMETRY) for frame, node in earlier.items()]
-        for frame, old, new in pairs:
+            changes.append((node.frame_id, old, node.geometry))
+        changes += [(frame_id, node.geometry, NO_GEOMETRY) for frame_id, node in earlier.items()]
+        for frame_id, old, new in changes:
             if old.primitives or new.primitives:
-                entities.append(Entity(frame, new.primitives, len(old.primitives)))
+                entities.append(Entity(frame_id, new.primitives, len(old.primitives)))
             if old.cloud is not None or new.cloud is not None:
-                clouds.append(new.cloud or empty_cloud(frame))
+                clouds.append(new.cloud or empty_cloud(frame_id))
         return entities, clouds
 
     def _geometry(self, node: _Node) -> NodeGeometry:
         """Return the geometry of a node; none if it is hidden or too large."""
-        self.warnings.pop(node.frame, None)
+        self.warnings.pop(node.frame_id, None)
         if node.hidden:
             return NO_GEOMETRY
-        geometry = node_geometry(node.frame, node.draws, self._meshes, node.scale, node.alpha)
+        geometry = node_geometry(node.frame_id, node.draws, self._meshes, node.stretch, node.alpha)
         count = sum(len(each.points) for each in geometry.primitives)
         if count <= MAX_NODE_POINTS:
             return geometry
         if len(self.warnings) < MAX_WARNINGS:
-            text = f"{node.frame} is left out: its triangles and lines have {count} points, the limit is"
-            self.warnings[node.frame] = f"{text} {MAX_NODE_POINTS}"
+            text = f"{node.frame_id} is left out: its triangles and lines have {count} points, the limit is"
+            self.warnings[node.frame_id] = f"{text} {MAX_NODE_POINTS}"
         return NodeGeometry(cloud=geometry.cloud)
 
     def _rig_transforms(self) -> list[FrameTransform]:
@@ -273,12 +273,12 @@ class SceneMirror:
 
 
 def _transform_of(node: _Node) -> FrameTransform:
-    parent = WORLD if node.parent is None else node.parent.frame
-    return FrameTransform(parent, node.frame, node.X_parent_frame[:3, 3].tolist(), node.frame_quaternion)
+    parent = WORLD if node.parent is None else node.parent.frame_id
+    return FrameTransform(parent, node.frame_id, node.X_parent_frame[:3, 3].tolist(), node.frame_quaternion)
 
 
 def _frame_element(name: str | int) -> str:
-    """Return a path's element as it is in the names of frames: different paths have different names."""
+    """Escape an element of a node's path for a ``frame_id``, so that different paths have different ids."""
     if isinstance(name, int):
         return f"#{name}"
     return name.replace("%", "%25").replace("/", "%2F").replace("#", "%23")

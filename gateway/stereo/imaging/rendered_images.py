@@ -86,6 +86,9 @@ class Capture:
         return config.projector and config.dot_light > 0.0 and self.out1_high
 
 
+GREY: Final = False
+COLOR: Final = True
+"""An image of a camera in RGB; ``GREY``: one channel."""
 DOT_ALPHA: Final = 0.5
 """Alpha below which a matcher and the projector's dots reach what is behind a blended surface."""
 
@@ -98,7 +101,7 @@ class ImageRequest:
     stream: NoiseStream
     """Stream of random numbers for the noise; it also selects the left or right camera."""
     colors: frozenset[bool]
-    """Images to make: True for one in colour, False for one in grey."""
+    """Images to make: ``COLOR``, ``GREY`` or both."""
     averaged_images: int = 1
     """Number of images to average, which reduces the noise."""
 
@@ -202,7 +205,7 @@ class Imaging:
         return MeteredExposure(exposure, float(brightness), out1_reduction)
 
     def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
-        """Return the requested images of one camera at full resolution; keys are True for colour, False for grey."""
+        """Return the requested images of one camera at full resolution, by ``COLOR`` or ``GREY``."""
         config, exposure = self.config, request.exposure
         right = request.stream.is_right
         offset = config.model.baseline if right else 0.0

@@ -19,7 +19,15 @@ from gateway.stereo.depth.rendered_depth import ImagePair
 from gateway.stereo.device.stream_settings import StreamSettings
 from gateway.stereo.imaging.color_images import expose_color_camera
 from gateway.stereo.imaging.raw_images import raw_image
-from gateway.stereo.imaging.rendered_images import Capture, ColorImage, ImageRequest, Imaging, MeteredExposure
+from gateway.stereo.imaging.rendered_images import (
+    COLOR,
+    GREY,
+    Capture,
+    ColorImage,
+    ImageRequest,
+    Imaging,
+    MeteredExposure,
+)
 from gateway.stereo.stream import image_messages as messages
 from gateway.stereo.stream import image_wire as wire
 from gateway.stereo.stream.image_messages import ImageMetadata
@@ -33,9 +41,11 @@ from renderers.stereo.mesh.disparity_mesh import MeshOptions
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 from renderers.stereo.sensor.noise import NoiseStream
 from renderers.stereo.sensor.sensor_image import SensorImage
+from scenegate.camera.image_interface_pb2 import ImageSet
 
 T = TypeVar("T")
-
+_ResultKey = tuple[str, *tuple[Hashable, ...]]
+"""Name of a result of a frame, and the values that distinguish it from results of the same name."""
 
 _MAX_RESULTS: Final = 64
 """Maximum number of images, messages and sets of a frame: 16 kinds of set (``max_kinds``) need fewer."""
@@ -75,7 +85,7 @@ class FrameImages:
         self.record = record
         self.generation = generation
         self.left_metered: MeteredExposure | None = None
-        """Exposure of the left image; None until the image is made."""
+        """Exposure of the left image; None until a set with this image is serialised."""
         self._workers = workers
         self._imaging, self._settings = record.imaging, record.settings
         self._camera_capture, self._depth_capture = record.camera_capture, record.depth_capture
@@ -86,22 +96,22 @@ class FrameImages:
             and self._settings.averaged_images == 1
         )
         """True if depth is measured in the left and right images themselves."""
-        grey = [False] if self._measures_streamed_images and any(kind.has_depth for kind in kinds) else []
-        color = [True] if config.color_camera is None and any(kind.color_camera for kind in kinds) else []
-        self._colors = {
+        grey = [GREY] if self._measures_streamed_images and any(kind.has_depth for kind in kinds) else []
+        color = [COLOR] if config.color_camera is None and any(kind.color_camera for kind in kinds) else []
+        self._colors_to_render = {
             NoiseStream.LEFT: frozenset([*grey, *color, *[kind.color for kind in kinds if kind.needs_left]]),
             NoiseStream.RIGHT: frozenset([*grey, *[kind.color for kind in kinds if kind.right]]),
         }
-        """Images to make of each camera: True for colour, False for grey."""
-        self._results: SharedResults[Hashable, Any] = SharedResults(_MAX_RESULTS)
+        """Images to make from one rendering of each camera: ``ImageRequest.colors``."""
+        self._results: SharedResults[_ResultKey, Any] = SharedResults(_MAX_RESULTS)
 
     def serialised(self, kind: SetKind) -> Awaitable[bytes]:
         """Return the serialised ``ImageSet`` of a kind."""
-        return self._results.get(kind, partial(self._serialise, kind))
+        return self._results.get(("set", kind), partial(self._serialise, kind))
 
     def depth_images(self) -> Awaitable[DepthImages]:
         """Return the disparity, error and confidence images."""
-        return self._results.get("depth", self._measure_depth)
+        return self._results.get(("depth",), self._measure_depth)
 
     def metered(self, capture: Capture) -> Awaitable[MeteredExposure]:
         """Return the exposure of the images of a capture."""
@@ -109,24 +119,23 @@ class FrameImages:
 
     async def image(self, stream: NoiseStream, color: bool) -> SensorImage:
         """Return the left or right image in colour or grey."""
-        colors = self._colors[stream]
+        colors = self._colors_to_render[stream]
         if color not in colors:  # requested by a client that subscribed after the capture
             colors = frozenset((color,))
-        key, capture = (stream, colors), self._camera_capture
-        images: dict[bool, SensorImage] = await self._results.get(key, partial(self._expose, capture, stream, colors))
+        make = partial(self._expose, self._camera_capture, stream, colors)
+        images: dict[bool, SensorImage] = await self._results.get(("images", stream, colors), make)
         return images[color]
 
     async def color_camera_image(self) -> ColorImage:
         """Return the image of the colour camera; without a colour camera, the left image in colour."""
         color_camera = self._config.color_camera
         if color_camera is None:
-            image, metered = await self.image(NoiseStream.LEFT, True), await self.metered(self._camera_capture)
+            image, metered = await self.image(NoiseStream.LEFT, COLOR), await self.metered(self._camera_capture)
             return ColorImage(image, metered.exposure)
         arguments = (self._imaging, color_camera, self._camera_capture, self._settings)
-        found: ColorImage = await self._results.get(
-            "color camera", partial(self._workers.run, expose_color_camera, *arguments)
-        )
-        return found
+        make = partial(self._workers.run, expose_color_camera, *arguments)
+        color_image: ColorImage = await self._results.get(("color camera",), make)
+        return color_image
 
     def depth_mm(self, *, aligned: bool) -> Awaitable[NDArray[np.uint16]]:
         """Return depth in millimetres, (H, W) uint16, 0: invalid.
@@ -156,24 +165,23 @@ class FrameImages:
         return await self._workers.run(raw_image, self._imaging, self._camera_capture, exposure, right)
 
     async def _serialise(self, kind: SetKind) -> bytes:
-        # Field numbers of the message ImageSet.
         fields: list[tuple[int, Awaitable[list[Chunk]]]] = []
         if kind.left:
-            fields.append((2, self._image_message(NoiseStream.LEFT, kind.color)))
+            fields.append((ImageSet.LEFT_FIELD_NUMBER, self._image_message(NoiseStream.LEFT, kind.color)))
         if kind.right:
-            fields.append((3, self._image_message(NoiseStream.RIGHT, kind.color)))
+            fields.append((ImageSet.RIGHT_FIELD_NUMBER, self._image_message(NoiseStream.RIGHT, kind.color)))
         if kind.disparity:
-            fields.append((4, self._depth_message("disparity", kind)))
+            fields.append((ImageSet.DISPARITY_FIELD_NUMBER, self._depth_message("disparity", kind)))
         if kind.error:
-            fields.append((5, self._depth_message("error", kind)))
+            fields.append((ImageSet.DISPARITY_ERROR_FIELD_NUMBER, self._depth_message("error", kind)))
         if kind.confidence:
-            fields.append((6, self._depth_message("confidence", kind)))
+            fields.append((ImageSet.CONFIDENCE_FIELD_NUMBER, self._depth_message("confidence", kind)))
         if kind.color_camera:
-            fields.append((1001, self._color_camera_message()))
+            fields.append((ImageSet.COLOR_CAMERA_FIELD_NUMBER, self._color_camera_message()))
         if kind.depth_mm:
-            fields.append((1002, self._depth_mm_message(kind)))
+            fields.append((ImageSet.DEPTH_MM_FIELD_NUMBER, self._depth_mm_message(kind)))
         if kind.mesh is not None:
-            fields.append((7, self._mesh_message(kind.mesh, kind.color)))
+            fields.append((ImageSet.MESH_FIELD_NUMBER, self._mesh_message(kind.mesh, kind.color)))
         values = await _gather([value for _, value in fields])
         capture = self._depth_capture if kind.has_depth else self._camera_capture
         chunks: list[Chunk] = [messages.timestamp_field(capture.timestamp)]
@@ -187,6 +195,7 @@ class FrameImages:
             return await self._workers.run(wire.join, chunks)
 
     async def _image_message(self, stream: NoiseStream, color: bool) -> list[Chunk]:
+        """Return the left or right image as a message, and set ``left_metered`` if it is the left one."""
         image = await self.image(stream, color)
         metered = await self.metered(self._camera_capture)
         if stream is NoiseStream.LEFT:
@@ -203,8 +212,8 @@ class FrameImages:
         if name == "disparity" and images.error_scale < DISPARITY_SCALE:
             # The message has one scale for disparity and error.
             pixels = pixels * np.uint16(DISPARITY_SCALE / images.error_scale)
-        k = config.model.intrinsics(self._settings.quality.divisor)
-        image = messages.image(pixels, k, self._metadata(capture, metered, brightness))
+        intrinsics = config.model.intrinsics(self._settings.quality.divisor)
+        image = messages.image(pixels, intrinsics, self._metadata(capture, metered, brightness))
         if name != "disparity":
             return image
         return messages.disparity(image, capture.timestamp, config.model.baseline, images.error_scale)
@@ -218,15 +227,16 @@ class FrameImages:
     async def _depth_mm_message(self, kind: SetKind) -> list[Chunk]:
         pixels = await self.depth_mm(aligned=kind.aligned)
         metered, brightness = await self.metered(self._depth_capture), await self._depth_brightness(kind)
-        k = self.depth_intrinsics(aligned=kind.aligned)
-        return messages.image(pixels, k, self._metadata(self._depth_capture, metered, brightness))
+        intrinsics = self.depth_intrinsics(aligned=kind.aligned)
+        return messages.image(pixels, intrinsics, self._metadata(self._depth_capture, metered, brightness))
 
     async def _depth_brightness(self, kind: SetKind) -> float:
         """Return the mean brightness of the left image of the depth exposure."""
-        colors = self._colors[NoiseStream.LEFT]
+        colors = self._colors_to_render[NoiseStream.LEFT]
         if colors and self._depth_capture.timestamp == self._camera_capture.timestamp:
+            color = kind.color if kind.left else (GREY if GREY in colors else COLOR)
             try:
-                return (await self.image(NoiseStream.LEFT, kind.color if kind.left else min(colors))).brightness
+                return (await self.image(NoiseStream.LEFT, color)).brightness
             except ImageError:  # a broken texture prevents images, but not depth in every mode
                 return 0.0
         if self._config.measures_images:
@@ -295,11 +305,10 @@ class FrameImages:
         Depth needs another image if its timestamp differs, or if several images are averaged.
         """
         if self._measures_streamed_images:
-            return await self.image(NoiseStream.RIGHT if stream.is_right else NoiseStream.LEFT, color=False)
-        averaged_images, grey = self._settings.averaged_images, frozenset((False,))
-        make = partial(self._expose, capture, stream, grey, averaged_images)
-        images: dict[bool, SensorImage] = await self._results.get(stream, make)
-        return images[False]
+            return await self.image(NoiseStream.RIGHT if stream.is_right else NoiseStream.LEFT, color=GREY)
+        make = partial(self._expose, capture, stream, frozenset((GREY,)), self._settings.averaged_images)
+        images: dict[bool, SensorImage] = await self._results.get(("depth images", stream), make)
+        return images[GREY]
 
 
 async def _gather(awaitables: list[Awaitable[T]]) -> list[T]:

@@ -27,12 +27,12 @@ class FrameClock:
         self.frame_due = 0.0
         """Due time of the newest frame, seconds of the event loop's clock."""
         self._next_frame_due = 0.0
-        self._resting = True
+        self._stopped = True
         """True while no client streams: no frames are missed."""
         self._next_depth_due: float | None = None
         """Timestamp from which depth is due, nanoseconds; None: due now."""
-        self._unneeded = 0
-        """Number of frames from the next one on that nobody needs: they are not missed."""
+        self._unneeded_frames = 0
+        """Number of frames from the next one on that no client needs: they are not missed."""
 
     def next_timestamp(self, period: int, now: float | None = None, exposure: float = 0.0) -> int:
         """Return the timestamp of a frame: the middle of an exposure that ended when the frame was due.
@@ -53,18 +53,18 @@ class FrameClock:
             now: seconds of the event loop's clock.
             depth_only: current parameters, if frames without depth are not needed; None: every frame is needed.
         """
-        seconds, self._unneeded = self._next_frame_due - now, 0
+        seconds, self._unneeded_frames = self._next_frame_due - now, 0
         if depth_only is None or depth_only.single_frame or self.simulated or self._next_depth_due is None:
             return seconds
         age = round((0.5 * depth_only.longest_exposure - seconds) * NANOSECONDS_PER_SECOND)
         remaining = self._next_depth_due - self._clock.next_timestamp(None, 0, age)
         period = 1.0 / depth_only.camera_rate
         if remaining <= 2e9 / depth_only.depth_rate:  # see ``depth_due``
-            self._unneeded = max(0, math.ceil(remaining / 1e9 / period - 0.5))
-        return seconds + self._unneeded * period
+            self._unneeded_frames = max(0, math.ceil(remaining / 1e9 / period - 0.5))
+        return seconds + self._unneeded_frames * period
 
-    def take_frame(self, now: float, period: float) -> int:
-        """Take the newest frame that is due, and schedule the next one. Return the number of frames that were missed.
+    def advance_to_due_frame(self, now: float, period: float) -> int:
+        """Advance to the newest frame that is due, and schedule the next one. Return the number of missed frames.
 
         However late the caller is, due times are a multiple of the period apart.
 
@@ -73,11 +73,11 @@ class FrameClock:
             period: seconds between frames.
         """
         late_periods = int(max(0.0, now - self._next_frame_due) / period)
-        missed = 0 if self._resting or self.simulated else max(0, late_periods - self._unneeded)
-        is_first = self._resting and late_periods > 0
+        missed = 0 if self._stopped or self.simulated else max(0, late_periods - self._unneeded_frames)
+        is_first = self._stopped and late_periods > 0
         self.frame_due = now if is_first else self._next_frame_due + late_periods * period
         self._next_frame_due = self.frame_due + period
-        self._resting = False
+        self._stopped = False
         return missed
 
     def depth_due(self, settings: StreamSettings, timestamp: int, period: int, *, triggered: bool) -> bool:
@@ -125,7 +125,7 @@ class FrameClock:
         if self.simulated:
             self.timestamp = self.next_timestamp(period)
 
-    def rest(self) -> None:
+    def stop_schedule(self) -> None:
         """Stop the schedule until the next frame, which includes depth."""
         self._next_depth_due = None
-        self._resting = True
+        self._stopped = True

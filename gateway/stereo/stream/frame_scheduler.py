@@ -6,7 +6,7 @@ import asyncio
 import math
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Final
 
@@ -121,25 +121,15 @@ class FrameScheduler:
             await hub.changed.wait()
             return
         settings, now = self.settings, asyncio.get_running_loop().time()
+        delay = self._advance_clock(kinds, settings, now)
+        if delay > 0.0:
+            await _wait(hub.changed, delay)
+            return
         period = 1.0 / settings.camera_rate
-        camera_kinds = [kind for kind in kinds if not kind.has_depth]
-        if not self._unlimited or all(kind.empty for kind in kinds):
-            delay = clock.seconds_until_frame(now, None if camera_kinds or self._unlimited else settings)
-            if delay > 0:
-                await _wait(hub.changed, delay)
-                return
-            missed = clock.take_frame(now, period)
-            self._counts.skipped += 0 if self._unlimited else missed
         period_ns = round(period * NANOSECONDS_PER_SECOND)
-        timestamp = self._next_timestamp(settings, period_ns)
-        exposed_from = (now if self._unlimited else clock.frame_due) - settings.longest_exposure
-        triggered = self.trigger_time is not None and (clock.simulated or self.trigger_time <= exposed_from)
-        depth_due = clock.depth_due(settings, timestamp, period_ns, triggered=triggered)
-        depth_kinds = [kind for kind in kinds if kind.has_depth] if depth_due else []
-        if depth_kinds and not await self._has_room(self._depth_frames):
-            depth_kinds = []
-        if camera_kinds and not await self._has_room(self._camera_frames):
-            camera_kinds = []
+        camera_kinds, depth_kinds = self._due_kinds(kinds, settings, now, period_ns)
+        depth_kinds = await self._kinds_with_room(depth_kinds, self._depth_frames)
+        camera_kinds = await self._kinds_with_room(camera_kinds, self._camera_frames)
         if depth_kinds or camera_kinds:
             # Read the settings again: they may have changed while ``_has_room`` waited.
             await self._capture(self.settings, camera_kinds, depth_kinds, period_ns)
@@ -147,6 +137,32 @@ class FrameScheduler:
             await _wait(hub.changed, period)
         else:
             clock.skip_frame(period_ns)
+
+    def _advance_clock(self, kinds: Collection[SetKind], settings: StreamSettings, now: float) -> float:
+        """Advance the clock to the frame that is due. Return the seconds until a frame is due; at most 0: one is.
+
+        At rate ``max`` a frame is always due, except for sets of timestamps alone.
+        """
+        if self._unlimited and not all(kind.empty for kind in kinds):
+            return 0.0
+        depth_only = not self._unlimited and all(kind.has_depth for kind in kinds)
+        delay = self._clock.seconds_until_frame(now, settings if depth_only else None)
+        if delay <= 0.0:
+            missed = self._clock.advance_to_due_frame(now, 1.0 / settings.camera_rate)
+            self._counts.skipped += 0 if self._unlimited else missed
+        return delay
+
+    def _due_kinds(
+        self, kinds: Collection[SetKind], settings: StreamSettings, now: float, period_ns: int
+    ) -> tuple[list[SetKind], list[SetKind]]:
+        """Return the kinds without depth, and those with depth if the frame that is due includes depth."""
+        clock = self._clock
+        camera_kinds = [kind for kind in kinds if not kind.has_depth]
+        timestamp = self._next_timestamp(settings, period_ns)
+        exposure_start = (now if self._unlimited else clock.frame_due) - settings.longest_exposure
+        triggered = self.trigger_time is not None and (clock.simulated or self.trigger_time <= exposure_start)
+        depth_due = clock.depth_due(settings, timestamp, period_ns, triggered=triggered)
+        return camera_kinds, [kind for kind in kinds if kind.has_depth] if depth_due else []
 
     def _set_streaming(self, streaming: bool) -> None:
         """Report that clients begin to stream, or that none streams; then the schedule stops."""
@@ -157,7 +173,7 @@ class FrameScheduler:
         if not streaming:
             self._cancel_frames()
             self._camera_frames.last = self._depth_frames.last = None
-            self._clock.rest()
+            self._clock.stop_schedule()
 
     def _next_timestamp(self, settings: StreamSettings, period_ns: int) -> int:
         """Return the timestamp of the frame that is due."""
@@ -172,6 +188,10 @@ class FrameScheduler:
         if self._camera_frames or self._depth_frames:
             return self._hub.kinds_with_mailbox(MailboxState.WAITING)
         return self._hub.kinds_with_mailbox(MailboxState.WAITING, MailboxState.EMPTY)
+
+    async def _kinds_with_room(self, kinds: list[SetKind], frames: FramesInFlight) -> list[SetKind]:
+        """Return the kinds, or none if too many frames are in flight."""
+        return kinds if kinds and await self._has_room(frames) else []
 
     async def _has_room(self, frames: FramesInFlight) -> bool:
         """Return False if too many frames are in flight. If frames must not be skipped, wait instead."""
@@ -230,14 +250,14 @@ class FrameScheduler:
         self.trigger_time = None
         if frame is None or settings.separate_depth:
             clock.delay_for_alternate_exposure(period_ns)
-            depth = self._expose_depth(settings, capture, timestamp, depth_kinds, generation)
+            make_depth_frame = self._expose_depth(settings, capture, timestamp, depth_kinds, generation)
         else:
             self._depth_frames.last = frame
-            depth = publisher.publish_depth_sets(frame, depth_kinds)
-        publisher.spawn(self._depth_frames, depth)
+            make_depth_frame = publisher.publish_depth_sets(frame, depth_kinds)
+        publisher.spawn(self._depth_frames, make_depth_frame)
 
     async def _expose_depth(
-        self, settings: StreamSettings, camera: Capture, timestamp: int, kinds: list[SetKind], generation: int
+        self, settings: StreamSettings, camera_capture: Capture, timestamp: int, kinds: list[SetKind], generation: int
     ) -> None:
         """Capture the scene for depth 40 ms after the camera images, with the outputs of depth exposures.
 
@@ -245,16 +265,25 @@ class FrameScheduler:
             timestamp: true timestamp of the camera images, nanoseconds since the epoch.
         """
         await asyncio.sleep(0 if self._unlimited else ALTERNATE_GAP_NS / NANOSECONDS_PER_SECOND)
-        timestamp, sent_timestamp = (each + ALTERNATE_GAP_NS for each in (timestamp, camera.timestamp))
-        depth = await self._capture_scene(camera.frame_number, timestamp, sent_timestamp, settings, kinds, depth=True)
-        if depth is not None:
-            self._depth_frames.last = frame = self._new_frame(settings, camera, depth, kinds, generation)
+        timestamp += ALTERNATE_GAP_NS
+        sent_timestamp = camera_capture.timestamp + ALTERNATE_GAP_NS
+        number = camera_capture.frame_number
+        depth_capture = await self._capture_scene(number, timestamp, sent_timestamp, settings, kinds, for_depth=True)
+        if depth_capture is not None:
+            self._depth_frames.last = frame = self._new_frame(
+                settings, camera_capture, depth_capture, kinds, generation
+            )
             await self._publisher.publish_depth_sets(frame, kinds)
 
     def _new_frame(
-        self, settings: StreamSettings, camera: Capture, depth: Capture, kinds: list[SetKind], generation: int
+        self,
+        settings: StreamSettings,
+        camera_capture: Capture,
+        depth_capture: Capture,
+        kinds: list[SetKind],
+        generation: int,
     ) -> FrameImages:
-        record = FrameRecord(self.imaging, settings, camera, depth)
+        record = FrameRecord(self.imaging, settings, camera_capture, depth_capture)
         self.history.append(record)
         return FrameImages(record, self._workers, kinds, generation)
 
@@ -289,7 +318,7 @@ class FrameScheduler:
         settings: StreamSettings,
         kinds: list[SetKind],
         *,
-        depth: bool = False,
+        for_depth: bool = False,
     ) -> Capture | None:
         """Return scene and pose at a time, or None if they cannot be read.
 
@@ -298,7 +327,7 @@ class FrameScheduler:
         Args:
             timestamp: true time, nanoseconds since the epoch.
             sent_timestamp: time that clients get; a fault may falsify it.
-            depth: the exposure is for depth alone.
+            for_depth: the exposure is for depth alone.
         """
         try:
             state, earlier = await self.read_scene(timestamp)
@@ -311,7 +340,7 @@ class FrameScheduler:
             self._last = state
             if earlier is not None:
                 earlier = replace(earlier, timestamp=earlier.timestamp + sent_timestamp - timestamp)
-            return Capture.of_state(state, settings, sent_timestamp, frame_number, earlier, depth=depth)
+            return Capture.of_state(state, settings, sent_timestamp, frame_number, earlier, depth=for_depth)
         return None
 
     def _repeat_last_frame(self, kind: SetKind) -> None:

@@ -43,12 +43,14 @@ def timestamp_field(nanoseconds: int) -> bytes:
     return b"".join(wire.field(1, [time_message(nanoseconds).SerializeToString()]))
 
 
-def image(pixels: NDArray[np.uint8] | NDArray[np.uint16], k: Intrinsics, metadata: ImageMetadata) -> list[Chunk]:
+def image(
+    pixels: NDArray[np.uint8] | NDArray[np.uint16], intrinsics: Intrinsics, metadata: ImageMetadata
+) -> list[Chunk]:
     """Return an ``Image``. The chunks share memory with ``pixels``.
 
     Args:
         pixels: (H, W) uint8: mono8, (H, W) uint16: mono16, (H, W, 3) uint8: rgb8.
-        k: intrinsics of this image.
+        intrinsics: those of this image.
         metadata: time and exposure.
     """
     height, width = pixels.shape[:2]
@@ -62,9 +64,9 @@ def image(pixels: NDArray[np.uint8] | NDArray[np.uint16], k: Intrinsics, metadat
         timestamp=time_message(metadata.timestamp),
         height=height,
         width=width,
-        focal_length=k.focal_length,
-        principal_point_u=k.cx,
-        principal_point_v=k.cy,
+        focal_length=intrinsics.focal_length,
+        principal_point_u=intrinsics.cx,
+        principal_point_v=intrinsics.cy,
         encoding=encoding,
         is_bigendian=False,
         step=step,

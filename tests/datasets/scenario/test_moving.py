@@ -26,7 +26,7 @@ FRAMES = "frames = {count = 5, rate = 2}\nsurfaces = [{}]\n"
 
 
 def at(scene: LoadedScene, frame: int, camera: int = 0) -> tuple[LoadedScene, View]:
-    return scene.posed(View("v", SceneCamera(camera, frame)))
+    return scene.at_frame_of(View("v", SceneCamera(camera, frame)))
 
 
 def load(path: Path) -> LoadedScene:

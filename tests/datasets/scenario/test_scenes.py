@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.cli.render import _parse_numbers
+from gateway.cli.render import _parse_scene_numbers
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.check import check_dataset
 from gateway.datasets.errors import DatasetError
@@ -217,7 +217,7 @@ def test_cameras_see_the_objects(write: Write) -> None:
     for number in range(5):
         loaded = scene(write(), number)
         for index in range(2):
-            posed, view = loaded.posed(View(f"camera-{index:03d}", SceneCamera(index, None)))
+            posed, view = loaded.at_frame_of(View(f"camera-{index:03d}", SceneCamera(index, None)))
             camera = camera_of(view, posed.root, posed.draw_list, None, 64, 48, 45.0)
             points = np.concatenate([p for _, bodies in parts(loaded, "models") for p in bodies])
             x, y, z = camera.X_camera_world[:3, :3] @ points.T + camera.X_camera_world[:3, 3:]
@@ -370,13 +370,13 @@ def test_two_scenarios_of_one_name(write: Write, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("text", "numbers"), [("7", range(7, 8)), ("2-4", range(2, 5)), ("", None)])
 def test_numbers_of_scenes_of_a_command(text: str, numbers: range | None) -> None:
-    assert _parse_numbers(text) == numbers
+    assert _parse_scene_numbers(text) == numbers
 
 
 @pytest.mark.parametrize("text", ["1-", "-1", "3-2", "a", "-"])
 def test_numbers_that_are_no_range(text: str) -> None:
     with pytest.raises(ValueError, match="must be a number, or FIRST-LAST"):
-        _parse_numbers(text)
+        _parse_scene_numbers(text)
 
 
 def test_options_of_scenarios_without_a_scenario(write: Write, tmp_path: Path) -> None:
@@ -394,7 +394,7 @@ def test_an_environment_map_and_a_background_change_the_colour_only(write: Write
     cv2.imwrite(str(plain.parent / "behind.png"), np.full((30, 40, 3), (0, 200, 0), np.uint8))
     images = []
     for path in (plain, rich):
-        loaded, view = scene(path).posed(View("v", SceneCamera(0, None)))
+        loaded, view = scene(path).at_frame_of(View("v", SceneCamera(0, None)))
         camera = camera_of(view, loaded.root, loaded.draw_list, None, 64, 48, 45.0)
         images.append(render_images(CpuRenderer(1), loaded, camera, {"color": "png", "depth": "tiff"}, Style()))
     assert images[0]["depth"] == images[1]["depth"]

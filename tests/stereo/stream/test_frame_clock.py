@@ -36,24 +36,24 @@ def clock_at(clock: Clock, rate: Rate = "device") -> FrameClock:
 
 def test_frames_keep_their_beat() -> None:
     clock = clock_at(FixedClock())
-    assert clock.take_frame(10.0, 0.04) == 0
+    assert clock.advance_to_due_frame(10.0, 0.04) == 0
     assert clock.seconds_until_frame(10.0) == pytest.approx(0.04)
-    assert clock.take_frame(10.045, 0.04) == 0  # 5 ms late
+    assert clock.advance_to_due_frame(10.045, 0.04) == 0  # 5 ms late
     assert clock.seconds_until_frame(10.045) == pytest.approx(0.035)
 
 
 @pytest.mark.parametrize(("late", "missed", "wait"), [(0.125, 0, 0.125), (0.25, 1, 0.25), (3.0625, 12, 0.1875)])
 def test_missed_frames_are_counted_and_not_made_up_for(late: float, missed: int, wait: float) -> None:
     clock = clock_at(FixedClock())
-    clock.take_frame(7.75, 0.25)  # next at 8.0
-    assert clock.take_frame(8.0 + late, 0.25) == missed
+    clock.advance_to_due_frame(7.75, 0.25)  # next at 8.0
+    assert clock.advance_to_due_frame(8.0 + late, 0.25) == missed
     assert clock.seconds_until_frame(8.0 + late) == pytest.approx(wait)
 
 
 def test_frames_without_depth_are_neither_waited_for_nor_missed_if_only_depth_is_needed() -> None:
     source = FixedClock()
     clock = clock_at(source)
-    clock.take_frame(8.0, 0.04)
+    clock.advance_to_due_frame(8.0, 0.04)
     source.now = 8 * NANOSECONDS_PER_SECOND
     assert clock.seconds_until_frame(8.0, SETTINGS) == pytest.approx(0.04), "the first frame has depth"
     clock.schedule_next_depth(clock.next_timestamp(PERIOD, 8.0, SETTINGS.longest_exposure), 8.0)
@@ -62,7 +62,7 @@ def test_frames_without_depth_are_neither_waited_for_nor_missed_if_only_depth_is
     assert clock.seconds_until_frame(8.0, SETTINGS) == pytest.approx(0.12)
     source.now = round(8.15 * NANOSECONDS_PER_SECOND)
     assert clock.seconds_until_frame(8.15, SETTINGS) == pytest.approx(-0.03)
-    assert clock.take_frame(8.15, 0.04) == 0
+    assert clock.advance_to_due_frame(8.15, 0.04) == 0
     assert clock.frame_due == pytest.approx(8.12)
     timestamp = clock.next_timestamp(PERIOD, 8.15, SETTINGS.longest_exposure)
     assert clock.depth_due(SETTINGS, timestamp, PERIOD, triggered=False)
@@ -72,8 +72,8 @@ def test_frames_without_depth_are_neither_waited_for_nor_missed_if_only_depth_is
 def test_timestamps_do_not_depend_on_lateness(late: float) -> None:
     source = FixedClock()
     clock = clock_at(source)
-    clock.take_frame(8.0, 0.25)
-    clock.take_frame(8.25 + late, 0.25)
+    clock.advance_to_due_frame(8.0, 0.25)
+    clock.advance_to_due_frame(8.25 + late, 0.25)
     for delay in (0.0, 0.03125):  # until the timestamp is needed
         now = 8.25 + late + delay
         source.now = round(now * NANOSECONDS_PER_SECOND)
@@ -83,18 +83,18 @@ def test_timestamps_do_not_depend_on_lateness(late: float) -> None:
 
 def test_no_frames_are_missed_while_no_client_streams() -> None:
     clock = clock_at(FixedClock())
-    assert clock.take_frame(100.0, 0.25) == 0
+    assert clock.advance_to_due_frame(100.0, 0.25) == 0
     assert clock.seconds_until_frame(100.0) == pytest.approx(0.25)
-    clock.rest()
+    clock.stop_schedule()
     assert clock.seconds_until_frame(100.125) == pytest.approx(0.125), "not faster by disconnecting"
-    assert clock.take_frame(150.125, 0.25) == 0
+    assert clock.advance_to_due_frame(150.125, 0.25) == 0
     assert clock.seconds_until_frame(150.125) == pytest.approx(0.25)
 
 
 def test_simulated_frames_are_never_missed() -> None:
     clock = clock_at(SimulatedClock())
-    clock.take_frame(1.0, 0.25)
-    assert clock.take_frame(9.0, 0.25) == 0
+    clock.advance_to_due_frame(1.0, 0.25)
+    assert clock.advance_to_due_frame(9.0, 0.25) == 0
 
 
 def test_depth_is_due_within_half_a_period() -> None:
@@ -143,7 +143,7 @@ def test_depth_restarts_after_a_gap() -> None:
     clock.schedule_next_depth(200_000_001, 10.0)
     source.now = 300_000_000 - PERIOD // 2
     assert not clock.depth_due(SETTINGS, source.now, PERIOD, triggered=False)
-    clock.rest()
+    clock.stop_schedule()
     assert clock.depth_due(SETTINGS, source.now, PERIOD, triggered=False)
 
 
