@@ -142,12 +142,14 @@ def _decode_block_byte(stream, position, end, previous, elements, begin, block_e
         escape = (1 << bits) - 1
         first = begin + group * _GROUP
         for in_group in range(_GROUP):
-            value = _packed_value(stream, packed, in_group, bits)
-            if value == escape and 0 < bits < 8:  # the value follows the group
-                if position >= end:
-                    return _NO_POSITION
-                value = np.int64(stream[position])
-                position += 1
+            value = np.int64(0)
+            if bits > 0:
+                value = _packed_value(stream, packed, in_group, bits, escape)
+                if value == escape and bits < 8:  # the value follows the group
+                    if position >= end:
+                        return _NO_POSITION
+                    value = np.int64(stream[position])
+                    position += 1
             if first + in_group < block_end:
                 previous = (previous + ((value >> 1) ^ -(value & 1))) & 0xFF
                 elements[(first + in_group) * size + byte_index] = previous
@@ -162,12 +164,10 @@ def _bits_of_group(stream, header, group):
 
 
 @inlined
-def _packed_value(stream, packed, in_group, bits):
-    """Return the value at an index in a group that starts at ``packed``; 0 if values have no bits."""
-    if bits == 0:
-        return np.int64(0)
+def _packed_value(stream, packed, in_group, bits, mask):
+    """Return the value at an index in a group that starts at ``packed``. ``mask`` has ``bits`` ones."""
     bit = in_group * bits
-    return (np.int64(stream[packed + bit // 8]) >> (8 - bits - bit % 8)) & ((1 << bits) - 1)
+    return (np.int64(stream[packed + bit // 8]) >> (8 - bits - bit % 8)) & mask
 
 
 @device_function
