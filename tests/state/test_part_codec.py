@@ -42,7 +42,7 @@ def test_names_of_shapes_in_stored_files_do_not_change() -> None:
     assert stored <= set(codec.CLASSES)
 
 
-@pytest.mark.parametrize("solid", map(example, TYPES), ids=lambda solid: solid.kind)
+@pytest.mark.parametrize("solid", [example(solid) for solid in TYPES], ids=lambda solid: solid.kind)
 def test_every_solid_type_survives_the_round_trip(solid: Solid) -> None:
     (part,) = round_trip((Part(solid, Material()),))
     assert part.shape == solid
