@@ -13,10 +13,11 @@ import numpy as np
 
 from gateway.demo.meshes import textured_box, tile
 from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Box, Cylinder, Part, Shape, Sphere, Surface
+from gateway.scene.geometry import Part, Shape, Surface
 from gateway.scene.transforms import Matrix, look_at, translation
 from gateway.scene.tree import Node, TreeEdit
 from renderers.drawlist import AlphaMode, DrawList, Image, Material, Texture
+from scenegate.messages.geometry import Box, Cylinder, Sphere
 
 POSE: Final = look_at((-0.2, 0.0, 0.5), (1.7, 0.0, -0.25), (0.0, 0.0, 1.0))
 """X_world_left, (4, 4) float64."""

@@ -69,7 +69,7 @@ def ours(counter: Counter) -> None:
     from fastapi import FastAPI
 
     from gateway.runtime import process_tuning
-    from gateway.scene.geometry import Box, Part, PointCloud
+    from gateway.scene.geometry import Part, PointCloud
     from gateway.scene.live import LiveTree
     from gateway.server import http_server
     from gateway.viewer.config import ViewerConfig
@@ -77,6 +77,7 @@ def ours(counter: Counter) -> None:
     from gateway.viewer.routes import router
     from gateway.wiring.telemetry import NO_TELEMETRY
     from renderers.drawlist import Material
+    from scenegate.messages.geometry import Box
 
     tree = LiveTree()
     points, colors = cloud()

@@ -10,22 +10,11 @@ import numpy as np
 from gateway.demo.meshes import globe, knot, relief, ring, textured_box, tile, wall
 from gateway.demo.motion import CRYSTAL_BALL, ORBIT_RADIUS
 from gateway.demo.textures import checker, stripes, target, wood
-from gateway.scene.geometry import (
-    Box,
-    Capsule,
-    Cylinder,
-    Ellipsoid,
-    Line,
-    Part,
-    PointCloud,
-    Shape,
-    Sphere,
-    Surface,
-    Triad,
-)
+from gateway.scene.geometry import Line, Part, PointCloud, Shape, Surface
 from gateway.scene.transforms import Matrix, from_pose, translation
 from gateway.scene.tree import Path
 from renderers.drawlist import AlphaMode, Image, Material, Texture
+from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere, Triad
 
 
 @cache

@@ -8,9 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.geometry import Cylinder, Part, Surface
+from gateway.scene.geometry import Part, Surface
 from gateway.scene.materials import Color, material
 from renderers import primitives
+from scenegate.messages.geometry import Cylinder
 
 SIDES: Final = 12
 """Number of sides of an arrow's cylinder and cones. A message may have thousands of arrows a few pixels wide."""

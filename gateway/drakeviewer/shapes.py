@@ -16,9 +16,10 @@ from gateway.drakeviewer.config import Limits
 from gateway.drakeviewer.float_meshes import surface_of
 from gateway.drakeviewer.json_meshes import memory_mesh
 from gateway.drakeviewer.messages import Geometry, GeometryType, MessageError
-from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, Shape, Sphere
+from gateway.scene.geometry import Part, Shape
 from gateway.scene.materials import Color, material
 from gateway.scene.transforms import from_pose
+from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 
 
 def read_geometries(

@@ -114,15 +114,15 @@ class DocumentCache:
         self.cache: Final[Cache[_Key, _Entry]] = Cache("documents", budget=budget)
 
     def find(self, document: HashedDocument, limits: GltfLimits) -> tuple[DocumentContent, schema.Document] | None:
-        """Return the content of a document, and its nodes and scenes; None if the whole document must be read."""
+        """Return the content of a document, and one with only its nodes and scenes; None if all of it must be read."""
         if document.nodes_offset == 0:
             return None
         entry = self.cache.get((document.prefix_digest, limits))
         if entry is None:
             return None
         with memoryview(document.data) as view:
-            nodes_and_scenes = _parse_suffix(bytes(view[document.nodes_offset :]), entry, limits)
-        return None if nodes_and_scenes is None else (entry.content, nodes_and_scenes)
+            node_document = _parse_suffix(bytes(view[document.nodes_offset :]), entry, limits)
+        return None if node_document is None else (entry.content, node_document)
 
     def add(
         self,

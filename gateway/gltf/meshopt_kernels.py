@@ -31,6 +31,10 @@ _CODE_TABLE_BYTES: Final = 16
 _INDICES_TAIL_BYTES: Final = 4
 _FIFO: Final = 16
 """Edges, and vertices, that a triangle can refer to."""
+_NO_POSITION: Final = -1
+"""Position after a part of a stream that is truncated."""
+_NOT_RECENT: Final = -1
+"""Vertex in place of one in the FIFO, for digits that never count back."""
 _OK: Final = 0
 _TRUNCATED: Final = 1
 _TRAILING_BYTES: Final = 2
@@ -106,38 +110,64 @@ def _decode_attributes(stream_at, stream_size, elements_at, count, size, stop_at
     for begin in range(0, count, block_size):
         if is_set(stop_at):
             return _OK
-        block_count = min(block_size, count - begin)
-        group_count = (block_count + _GROUP - 1) // _GROUP
-        header_bytes = (group_count + 3) // 4
-        for k in range(size):
-            header = position
-            position += header_bytes
-            if position > end:
+        block_end = min(begin + block_size, count)
+        for byte_index in range(size):
+            last_at = stream_size - size + byte_index
+            previous = np.int64(stream[last_at]) if begin == 0 else elements[(begin - 1) * size + byte_index]
+            position = _decode_block_byte(stream, position, end, previous, elements, begin, block_end, size, byte_index)
+            if position == _NO_POSITION:
                 return _TRUNCATED
-            previous = np.int64(stream[stream_size - size + k]) if begin == 0 else elements[(begin - 1) * size + k]
-            for group in range(group_count):
-                width = (np.int64(stream[header + group // 4]) >> (group % 4 * 2)) & 3
-                bits = 8 if width == 3 else 2 * width
-                packed = position
-                position += _GROUP * bits // 8
-                if position > end:
-                    return _TRUNCATED
-                escape = (1 << bits) - 1
-                first = begin + group * _GROUP
-                for j in range(_GROUP):
-                    value = np.int64(0)
-                    if bits > 0:
-                        bit = j * bits
-                        value = (np.int64(stream[packed + bit // 8]) >> (8 - bits - bit % 8)) & escape
-                        if value == escape and bits < 8:  # the value follows the group
-                            if position >= end:
-                                return _TRUNCATED
-                            value = np.int64(stream[position])
-                            position += 1
-                    if first + j < begin + block_count:
-                        previous = (previous + ((value >> 1) ^ -(value & 1))) & 0xFF
-                        elements[(first + j) * size + k] = previous
     return _OK if position == end else _TRAILING_BYTES
+
+
+@inlined
+def _decode_block_byte(stream, position, end, previous, elements, begin, block_end, size, byte_index):
+    """Decode one byte of each element of a block; return the position after it, or _NO_POSITION if truncated.
+
+    Args:
+        previous: this byte of the element before the block.
+        begin, block_end: the block's elements.
+    """
+    header = position
+    group_count = (block_end - begin + _GROUP - 1) // _GROUP
+    position += (group_count + 3) // 4
+    if position > end:
+        return _NO_POSITION
+    for group in range(group_count):
+        bits = _bits_of_group(stream, header, group)
+        packed = position
+        position += _GROUP * bits // 8
+        if position > end:
+            return _NO_POSITION
+        escape = (1 << bits) - 1
+        first = begin + group * _GROUP
+        for in_group in range(_GROUP):
+            value = np.int64(0)
+            if bits > 0:
+                value = _packed_value(stream, packed, in_group, bits, escape)
+                if value == escape and bits < 8:  # the value follows the group
+                    if position >= end:
+                        return _NO_POSITION
+                    value = np.int64(stream[position])
+                    position += 1
+            if first + in_group < block_end:
+                previous = (previous + ((value >> 1) ^ -(value & 1))) & 0xFF
+                elements[(first + in_group) * size + byte_index] = previous
+    return position
+
+
+@inlined
+def _bits_of_group(stream, header, group):
+    """Return the number of bits of each value in a group: 0, 2, 4 or 8."""
+    width = (np.int64(stream[header + group // 4]) >> (group % 4 * 2)) & 3
+    return 8 if width == 3 else 2 * width
+
+
+@inlined
+def _packed_value(stream, packed, in_group, bits, mask):
+    """Return the value at an index in a group that starts at ``packed``. ``mask`` has ``bits`` ones."""
+    bit = in_group * bits
+    return (np.int64(stream[packed + bit // 8]) >> (8 - bits - bit % 8)) & mask
 
 
 @device_function
@@ -227,13 +257,14 @@ def _decode_triangles(stream_at, stream_size, indices_at, triangle_count, stop_a
             a_digit, b_digit, c_digit, position = _triangle_digits(stream, code, position, end)
             if code >= 0xFE and b_digit == 0 and c_digit == 0:
                 next_vertex = np.int64(0)
-            newest = vertices[(vertex_end - b_digit) & (_FIFO - 1)]
+            recent_b = vertices[(vertex_end - b_digit) & (_FIFO - 1)]
             recent = vertices[(vertex_end - c_digit) & (_FIFO - 1)]
+            # a_digit is 0 or 15.
             a, position, next_vertex, last_explicit = _vertex_of(
-                a_digit, stream, position, end, newest, next_vertex, last_explicit
+                a_digit, stream, position, end, _NOT_RECENT, next_vertex, last_explicit
             )
             b, position, next_vertex, last_explicit = _vertex_of(
-                b_digit, stream, position, end, newest, next_vertex, last_explicit
+                b_digit, stream, position, end, recent_b, next_vertex, last_explicit
             )
             vertex_end = _push(vertices, vertex_end, a)
             if b_digit == 0 or b_digit == 15:
@@ -241,7 +272,7 @@ def _decode_triangles(stream_at, stream_size, indices_at, triangle_count, stop_a
             edge_end = _push_edge(edges_a, edges_b, edge_end, b, a)
         beside_explicit = shares_edge and 13 <= c_digit < 15
         if beside_explicit:
-            last_explicit += 2 * c_digit - 27
+            last_explicit += -1 if c_digit == 13 else 1
             c = last_explicit
         else:
             c, position, next_vertex, last_explicit = _vertex_of(

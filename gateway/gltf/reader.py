@@ -22,7 +22,7 @@ from gateway.gltf.container import open_container
 from gateway.gltf.deformation import REST, Pose
 from gateway.gltf.document_cache import DocumentContent, HashedDocument
 from gateway.gltf.draco import DracoMeshes
-from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
+from gateway.gltf.errors import GltfError, GltfLimitError, add_warning, as_warning, checked_item
 from gateway.gltf.extensions import check_extensions
 from gateway.gltf.gltf_cache import GltfCache
 from gateway.gltf.lights import place_lights, read_lights
@@ -72,20 +72,16 @@ def read_gltf(
         Exception: The error with which the current ``renderers.stop.StopFlag`` was set. Nothing partial is cached.
     """
     limits = limits or _DEFAULT_LIMITS
-    hashed: HashedDocument | None = None  # None: the document cache is not used
-    if isinstance(data, HashedDocument):
-        hashed, data = data, data.data
-    elif cache is not None and resolve is None:
-        hashed = HashedDocument(bytes(data))
+    hashed = _hashed_document(data, cache, resolve)
     if cache is None:
         cache = GltfCache(CacheBudget(limits.max_buffer_bytes + limits.max_mesh_bytes))
     if hashed is not None and (scene := _cached_scene(hashed, cache, limits)) is not None:
         return scene
     check_stop()
-    container = open_container(data)
+    container = open_container(data.data if isinstance(data, HashedDocument) else data)
     warnings: list[str] = []
     document = parse_document(container.json, limits, warnings)
-    has_wrong_types = bool(warnings)  # perhaps in nodes, which are not part of the content
+    has_wrong_types = bool(warnings)
     check_stop()
     buffers = Buffers(document, container, limits, resolve, warnings)
     accessors = Accessors(document, buffers, limits, warnings)
@@ -93,7 +89,7 @@ def read_gltf(
         pose_nodes(document, accessors, animation, warnings)
     nodes = read_nodes(document, limits)
     mesh_names = nodes.mesh_names(document.meshes)
-    has_posed_nodes = not document.merged_by_drake and any(map(has_own_parts, nodes.sources))
+    has_posed_nodes = _has_posed_nodes(document.generator, nodes)
     poses: Mapping[int, Pose] = {}
     check_version(document, warnings)
     check_extensions(document, warnings)
@@ -101,14 +97,13 @@ def read_gltf(
         nodes, poses = expand_mesh_nodes(document, nodes, accessors, limits, warnings)
     meshes = Meshes(accessors, DracoMeshes(document, buffers, limits), cache.content, limits, warnings)
     images = Textures(document, buffers, cache.content, limits, warnings, decode_images)
-    materials = Materials(document, images, warnings, variant)
-    lights = read_lights(document, warnings)
-    reader = _PartReader(document, meshes, materials, limits)
-    content = reader.read(nodes, poses, mesh_names, lights, warnings)
+    reader = _PartReader(document, meshes, Materials(document, images, warnings, variant), limits)
+    content = reader.read(nodes, poses, mesh_names, read_lights(document, warnings), warnings)
     check_stop()
     scene = _combine(content, nodes, limits)
-    is_flawed = has_wrong_types or nodes.warnings or len(content.warnings) > _MAX_LISTED_WARNINGS
-    if hashed is not None and not has_posed_nodes and not is_flawed:
+    # Poses of nodes, and warnings that may be about nodes, do not hold for a document with other nodes.
+    depends_on_nodes = has_posed_nodes or has_wrong_types or nodes.warnings
+    if hashed is not None and not depends_on_nodes and len(content.warnings) <= _MAX_LISTED_WARNINGS:
         cache.documents.add(hashed, container, limits, content)
     return scene
 
@@ -123,15 +118,28 @@ def read_mesh_names(data: bytes) -> frozenset[str]:
     return frozenset(read_nodes(document, _DEFAULT_LIMITS).mesh_names(document.meshes).values())
 
 
+def _hashed_document(
+    data: bytes | bytearray | memoryview | HashedDocument, cache: GltfCache | None, resolve: Resolver | None
+) -> HashedDocument | None:
+    """Return the document with its digests for the document cache; None if this cache is not used."""
+    if isinstance(data, HashedDocument):
+        return data
+    return HashedDocument(bytes(data)) if cache is not None and resolve is None else None
+
+
+def _has_posed_nodes(generator: str, nodes: SceneNodes) -> bool:
+    """Return True if nodes have parts of their own: skins, morph weights or instances, which Drake's merger breaks."""
+    return generator != DRAKE_MERGER and any(map(has_own_parts, nodes.sources))
+
+
 def _cached_scene(document: HashedDocument, cache: GltfCache, limits: GltfLimits) -> GltfScene | None:
     """Return the scene of a document that differs from one in the cache only in its nodes; None if there is none."""
     cached = cache.documents.find(document, limits)
     if cached is None:
         return None
-    content, nodes_and_scenes = cached
-    nodes = read_nodes(nodes_and_scenes, limits)
-    has_posed_nodes = content.generator != DRAKE_MERGER and any(map(has_own_parts, nodes.sources))
-    if has_posed_nodes or list(nodes.first_node_by_mesh()) != list(content.parts):
+    content, node_document = cached
+    nodes = read_nodes(node_document, limits)
+    if _has_posed_nodes(content.generator, nodes) or list(nodes.first_node_by_mesh()) != list(content.parts):
         return None
     return _combine(content, nodes, limits)
 
@@ -160,7 +168,7 @@ class _PartReader:
         """Return everything but the nodes.
 
         Args:
-            poses: Poses of the nodes with parts of their own, by position in ``nodes``.
+            poses: Poses of the nodes with parts of their own, by index in ``nodes``.
             mesh_names: Names of the meshes in use, by mesh index.
             warnings: Warnings so far; those about primitives that are left out are appended to this list.
 
@@ -186,21 +194,21 @@ class _PartReader:
     def _parts(
         self, nodes: SceneNodes, poses: Mapping[int, Pose]
     ) -> tuple[dict[int, tuple[Part, ...]], dict[int, tuple[Part, ...]]]:
-        """Return the parts by mesh index, and those of nodes with a pose of their own by position in ``nodes``."""
+        """Return the parts by mesh index, and those of nodes with a pose of their own by index in ``nodes``."""
         parts: dict[int, tuple[Part, ...]] = {}
         posed_parts: dict[int, tuple[Part, ...]] = {}
         parts_in_pose: dict[tuple[int, Pose], tuple[Part, ...]] = {}  # the instances of a node share a pose
         missing: list[str] = []
-        for position, mesh_index in enumerate(nodes.meshes):
-            pose = poses.get(position)
+        for scene_index, mesh_index in enumerate(nodes.meshes):
+            pose = poses.get(scene_index)
             if mesh_index is None or (pose is None and mesh_index in parts):
                 continue
             if pose is not None and (mesh_index, pose) in parts_in_pose:
-                posed_parts[position] = parts_in_pose[mesh_index, pose]
+                posed_parts[scene_index] = parts_in_pose[mesh_index, pose]
                 continue
             mesh = Mesh()
             with as_warning(missing, "the node has no mesh"):
-                path = f"nodes[{nodes.indices[position]}].mesh"
+                path = f"nodes[{nodes.indices[scene_index]}].mesh"
                 mesh = checked_item(self._document.meshes, mesh_index, "meshes", path)
                 if not mesh.primitives:
                     raise GltfError(f"meshes[{mesh_index}].primitives: there are none")
@@ -208,7 +216,7 @@ class _PartReader:
                 at_rest = REST if self._document.merged_by_drake else Pose(tuple(mesh.weights or ()))
                 parts[mesh_index] = self._parts_of(mesh, mesh_index, at_rest)
             else:
-                posed_parts[position] = parts_in_pose[mesh_index, pose] = self._parts_of(mesh, mesh_index, pose)
+                posed_parts[scene_index] = parts_in_pose[mesh_index, pose] = self._parts_of(mesh, mesh_index, pose)
         if not self._any_read and (missing or self._left_out):
             raise GltfError(f"nothing can be drawn: {joined_warnings(missing + self._left_out)}")
         nodes.warnings.extend(missing)
@@ -229,9 +237,10 @@ class _PartReader:
                 if (surface := self._meshes.read(primitive, name, pose, smooth=smooth)) is not None:
                     parts.append(Part(Surface(surface), self._materials.get(primitive, name)))
                 self._any_read = True
-            except GltfError:
-                with as_warning(self._left_out, f"{name} is left out"):
-                    raise
+            except GltfLimitError:
+                raise
+            except GltfError as error:
+                add_warning(self._left_out, error, f"{name} is left out")
         return tuple(parts)
 
 
@@ -248,18 +257,18 @@ def _combine(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) ->
 
 
 def _node_parts(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) -> tuple[NodeParts, int, int]:
-    """Return the parts of each node, and two totals: the number of parts, and of their triangles, lines and points.
+    """Return the parts of each node, and two totals: the number of parts, and of their elements.
 
     Raises:
         GltfLimitError: ``max_instances`` or ``max_drawn_elements`` is exceeded.
     """
     node_parts: NodeParts = []
     instance_count = element_count = 0
-    for position, (node, mesh) in enumerate(zip(nodes.indices, nodes.meshes, strict=True)):
+    for scene_index, (node, mesh) in enumerate(zip(nodes.indices, nodes.meshes, strict=True)):
         if mesh is None:
             node_parts.append(None)
             continue
-        posed_parts = content.posed_parts.get(position)
+        posed_parts = content.posed_parts.get(scene_index)
         parts = content.parts[mesh] if posed_parts is None else posed_parts
         node_parts.append(parts)
         instance_count += len(parts)
@@ -274,7 +283,7 @@ def _node_parts(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits)
 
 
 def _element_count(parts: tuple[Part, ...]) -> int:
-    """Return the number of triangles, lines and points of the parts of a mesh."""
+    """Return the number of elements (triangles, lines and points; a primitive of glTF is a mesh of them)."""
     return sum(len(part.shape.mesh.elements) for part in parts if isinstance(part.shape, Surface))
 
 

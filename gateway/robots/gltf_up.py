@@ -13,13 +13,13 @@ from gateway.scene.geometry import Part
 from gateway.scene.tree import Node
 
 RobotGltfUp: TypeAlias = Literal["y", "z", "auto"]
-"""Up axis of a robot's glTF meshes: ``y`` by the specification, as in Drake and RViz 2; ``auto``: see ``nearer_up``."""
+"""Up axis of a robot's glTF meshes: ``y`` by the specification, as in Drake and RViz 2; ``auto``: see below."""
 
 LinkParts: TypeAlias = Sequence[tuple[Part, ...]]
 """Parts of each link, in the link's frame."""
 
 
-def nearer_up(y_up: LinkParts, z_up: LinkParts, collision: LinkParts) -> Literal["y", "z"]:
+def nearest_up_axis(y_up: LinkParts, z_up: LinkParts, collision: LinkParts) -> Literal["y", "z"]:
     """Return the up axis for which the visual geometry's bounds are nearer to those of the collision geometry.
 
     Boxes are compared by the sum of the absolute differences of their corners. A link without one is skipped.

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.robots.mjcf_materials import MjcfMaterials
-from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, Shape, Sphere, Surface
+from gateway.scene.geometry import Part, Shape, Surface
 from gateway.scene.transforms import from_pose
 from renderers.drawlist import Mesh
+from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.robot import GeometryUse
 
 COLLISION_GROUP: Final = 3

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TypeAlias
 
-from gateway.robots.gltf_up import RobotGltfUp, nearer_up
+from gateway.robots.gltf_up import RobotGltfUp, nearest_up_axis
 from gateway.robots.limits import RobotLimits
 from gateway.robots.link_parts import LinkParts
 from gateway.robots.robot import Robot
 from gateway.robots.xacro_files import expand_xacro
+from gateway.scene.geometry import Part
 from renderers.stop import check_stop
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.link_kinematics import LinkKinematics
+from scenegate.robots.link_model import Link
 from scenegate.robots.reader import errors_of, parse_links
 from scenegate.robots.robot import GeometryUse
 from scenegate.robots.xml_text import parse_xml, uses_xacro
 from scenegate.warning_text import strict_refusal
+
+PartsOfLinks: TypeAlias = tuple[tuple[Part, ...], ...]
+"""Parts of each link, in the link's frame."""
 
 
 def read_robot(
@@ -36,7 +42,7 @@ def read_robot(
         path: A URDF, SDF, MJCF or xacro file.
         roots: Folders to search for the packages of ``package://`` names, and for relative file names.
         geometry: Geometry of the links to return.
-        keyframe: Name of an MJCF file's ``<key>``, which has the joints' default values. Empty: those of the model.
+        keyframe: MJCF only: name of the ``<key>`` with the joints' default values. Empty: the model's ``qpos0``.
         gltf_up: Up axis of glTF meshes in URDF and SDF.
         strict: True: a warning is an error.
         limits: Limits; None: ``RobotLimits()``.
@@ -54,7 +60,7 @@ def read_robot(
         return robot
 
 
-def _read(files: RobotFiles, use: GeometryUse, keyframe: str, gltf_up: RobotGltfUp, limits: RobotLimits) -> Robot:
+def _read(files: RobotFiles, geometry: GeometryUse, keyframe: str, gltf_up: RobotGltfUp, limits: RobotLimits) -> Robot:
     warnings: list[str] = []
     root = parse_xml(files.read_robot_file(), limits.max_elements, warnings)
     if files.path.suffix.lower() == ".xacro" or uses_xacro(root):
@@ -62,22 +68,38 @@ def _read(files: RobotFiles, use: GeometryUse, keyframe: str, gltf_up: RobotGltf
     if root.tag == "mujoco":
         if files.is_pipe:
             raise RobotFileError("MuJoCo reads files only, not pipes: write it into a file first")
-        from gateway.robots.mjcf import read_mjcf
+        from gateway.robots.mjcf import read_mjcf  # needs the package mujoco, which is optional
 
-        return read_mjcf(root, files, use, keyframe, limits)
+        return read_mjcf(root, files, geometry, keyframe, limits)
     if keyframe:
         raise RobotFileError("only MJCF files have keyframes")
-    model = parse_links(root, files, use, limits, warnings)
+    model = parse_links(root, files, geometry, limits, warnings)
     joints, kinematics = model.moving_joints(warnings), LinkKinematics(model)
     parts = LinkParts(files, limits, warnings, "z" if gltf_up == "z" else "y").parts_of_links(model.links)
     notes: tuple[str, ...] = ()
     if gltf_up == "auto":
-        z_up = LinkParts(files, limits, [], "z").parts_of_links(model.links)
         collision_links = parse_links(root, files, "collision", limits, []).links
-        up = nearer_up(parts, z_up, LinkParts(files, limits, [], "y").parts_of_links(collision_links))
-        note = f"glTF meshes are taken as {up.upper()} up: their bounds are nearer to those of the collision geometry"
-        parts, notes = z_up if up == "z" else parts, (note,)
+        parts, note = _choose_up_axis(parts, model.links, collision_links, files, limits)
+        notes = (note,)
     name = model.name or files.path.stem
     return Robot(
         name, model.link_names, joints, parts, kinematics, tuple(dict.fromkeys(warnings)), notes, files.digests
     )
+
+
+def _choose_up_axis(
+    y_up: PartsOfLinks,
+    links: tuple[Link, ...],
+    collision_links: tuple[Link, ...],
+    files: RobotFiles,
+    limits: RobotLimits,
+) -> tuple[PartsOfLinks, str]:
+    """Return the parts of ``links`` for the up axis of glTF meshes that fits the collision geometry, and a note.
+
+    Either axis gives the same warnings: those of ``y_up`` are kept, and the others dropped.
+    """
+    z_up = LinkParts(files, limits, [], "z").parts_of_links(links)
+    collision = LinkParts(files, limits, [], "y").parts_of_links(collision_links)
+    up = nearest_up_axis(y_up, z_up, collision)
+    note = f"glTF meshes are taken as {up.upper()} up: their bounds are nearer to those of the collision geometry"
+    return z_up if up == "z" else y_up, note

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +76,15 @@ class _Entry:
         """True if ``subtree_instances`` is out of date."""
 
 
-_Outdated = tuple[_Entry, Node, Matrix, float, bool]
+class _PendingUpdate(NamedTuple):
+    """Entry that may differ from its node."""
+
+    entry: _Entry
+    node: Node
+    X_world_parent: Matrix
+    parent_opacity: float
+    parent_changed: bool
+    """True if ``X_world_parent`` or ``parent_opacity`` has changed."""
 
 
 def flatten(root: Node, *, label_of: LabelOf | None = None) -> DrawList:
@@ -121,7 +129,7 @@ class _TreeFlattener:
         """Root of the tree of ``_last_draw_list``; None after an error."""
         self._last_draw_list = DrawList()
         self._materials_changed = False
-        """True if the current call of ``flatten`` may have changed the set of materials."""
+        """True if the current call of ``flatten`` may have changed the set of materials: images are collected again."""
 
     def flatten(self, tree: Node) -> DrawList:
         """Return the draw list of a tree, given its root."""
@@ -147,8 +155,7 @@ class _TreeFlattener:
     def _update_entries(self, tree: Node) -> list[_Entry]:
         """Update entries and world matrices level by level; return the entries whose instances are out of date."""
         outdated: list[_Entry] = []
-        # (entry, node, world matrix of the parent, opacity of the parent, True if one of those has changed)
-        level: list[_Outdated] = [(self._root, tree, IDENTITY, 1.0, False)]
+        level = [_PendingUpdate(self._root, tree, IDENTITY, 1.0, parent_changed=False)]
         while level:
             moved_entries: list[_Entry] = []
             moved_nodes: list[Node] = []
@@ -159,9 +166,9 @@ class _TreeFlattener:
                 entry.subtree_changed = True
                 entry.node = node
                 opacity = parent_opacity * node.opacity
-                faded_anew = opacity != entry.opacity
+                opacity_changed = opacity != entry.opacity
                 entry.opacity = opacity
-                parts_changed = faded_anew or node.parts is not (None if old_node is None else old_node.parts)
+                parts_changed = opacity_changed or node.parts is not (None if old_node is None else old_node.parts)
                 if parts_changed:
                     self._update_meshes(entry, node.parts or ())
                 moved = parent_changed or old_node is None or not old_node.same_transform(node)
@@ -172,7 +179,7 @@ class _TreeFlattener:
                 elif parts_changed:
                     outdated.append(entry)
                 if node.children or entry.children:
-                    parents.append((entry, node, moved or faded_anew))
+                    parents.append((entry, node, moved or opacity_changed))
             if moved_entries:
                 with np.errstate(all="ignore"):
                     worlds = np.matmul(np.array(parent_matrices), _local_matrices(moved_nodes))
@@ -181,7 +188,7 @@ class _TreeFlattener:
                 outdated.extend(moved_entries)
             level = []
             for entry, node, changed in parents:
-                self._add_children(entry, node, changed, level)
+                self._add_children(entry, node, changed, next_level=level)
         return outdated
 
     def _update_meshes(self, entry: _Entry, parts: tuple[Part, ...]) -> None:
@@ -196,8 +203,8 @@ class _TreeFlattener:
                 matrices.append(_product(part.X_node_part, X_part_mesh))
         entry.X_node_mesh = np.array(matrices) if matrices else None
 
-    def _add_children(self, entry: _Entry, node: Node, changed: bool, level: list[_Outdated]) -> None:
-        """Append the children that need an update to ``level``, the next one, and drop the entries of removed children.
+    def _add_children(self, entry: _Entry, node: Node, changed: bool, next_level: list[_PendingUpdate]) -> None:
+        """Append the children that need an update to ``next_level``, and drop the entries of removed children.
 
         Args:
             changed: True if the world matrix or the opacity of ``entry`` has changed.
@@ -208,7 +215,7 @@ class _TreeFlattener:
             entry.children = {name: entry.children.get(name) or _Entry((*entry.path, name)) for name in drawn}
         for child_entry, child in zip(entry.children.values(), drawn.values(), strict=True):
             if changed or child_entry.node is not child:
-                level.append((child_entry, child, entry.X_world_node, entry.opacity, changed))
+                next_level.append(_PendingUpdate(child_entry, child, entry.X_world_node, entry.opacity, changed))
 
     def _make_instances(self, entries: list[_Entry]) -> None:
         """Create the instances of entries from their world matrices, with one matrix product for all of them."""
@@ -228,6 +235,7 @@ class _TreeFlattener:
             instances: list[Instance] = []
             for mesh, material, label in entry.meshes:
                 if drawable[row]:
+                    # _all_instances renumbers the instances if first_index is out of date.
                     instance_id = entry.first_index + len(instances)
                     instances.append(Instance(mesh, material, X_world_mesh[row], label, instance_id))
                 row += 1
@@ -253,8 +261,8 @@ class _TreeFlattener:
                 continue
             if entry.instances and entry.instances[0].instance_id != index:
                 entry.instances = [
-                    Instance(i.mesh, i.material, i.X_world_mesh, i.label, index + k)
-                    for k, i in enumerate(entry.instances)
+                    Instance(old.mesh, old.material, old.X_world_mesh, old.label, instance_id)
+                    for instance_id, old in enumerate(entry.instances, index)
                 ]
             entry.first_index, entry.subtree_changed, entry.subtree_instances = index, False, None
             result.extend(entry.instances)

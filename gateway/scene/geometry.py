@@ -16,13 +16,7 @@ from numpy.typing import NDArray
 
 from gateway.scene.transforms import IDENTITY
 from renderers.drawlist import Material, Mesh
-from scenegate.messages.geometry import Box as Box
-from scenegate.messages.geometry import Capsule as Capsule
-from scenegate.messages.geometry import Cylinder as Cylinder
-from scenegate.messages.geometry import Ellipsoid as Ellipsoid
-from scenegate.messages.geometry import Solid as Solid
-from scenegate.messages.geometry import Sphere as Sphere
-from scenegate.messages.geometry import Triad as Triad
+from scenegate.messages.geometry import Solid
 
 _NO_CHANNELS: Mapping[str, NDArray[np.float32]] = MappingProxyType({})
 

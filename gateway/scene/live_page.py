@@ -49,10 +49,13 @@ class LivePage:
             self.notify()
 
     def notify(self) -> None:
-        """Call the listeners. Callers do so after a change of ``clicks``."""
+        """Call the listeners. Callers of methods of ``clicks`` call this after a change."""
         for listener in self._listeners:
             listener()
 
     def listen(self, listener: Callable[[], None]) -> None:
-        """Register a listener that is called after every change. It must not block."""
+        """Register a listener that is called after a change of the view or of clickable paths. It must not block.
+
+        ``ControlStore.listen`` registers listeners for changes of controls.
+        """
         self._listeners.append(listener)

@@ -13,23 +13,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.geometry import (
-    Box,
-    Capsule,
-    Cylinder,
-    Ellipsoid,
-    Line,
-    PointCloud,
-    Shape,
-    Sphere,
-    Surface,
-    Triad,
-)
+from gateway.scene.geometry import Line, PointCloud, Shape, Surface
 from gateway.scene.transforms import IDENTITY, Matrix, scaling, translation
 from renderers import primitives
 from renderers.color import linear_colors_from_srgb
 from renderers.drawlist import Material, Mesh
 from renderers.tubes import clean_polyline, tube
+from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere, Triad
 
 TRIAD_TUBE_RADIUS: Final = 0.002
 """Radius of the tubes of a triad of any scale, metres; the same as in Director."""

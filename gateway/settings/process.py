@@ -82,7 +82,7 @@ class ProcessSettings(BaseSettings):
         256,
         "State",
         "Maximum memory of these states, in MiB; the oldest go first. A minute of 1000 nodes that move at 60 Hz needs "
-        "245.",
+        "245 MiB.",
         ge=1,
         le=1 << 16,
     )
@@ -122,8 +122,8 @@ class ProcessSettings(BaseSettings):
     render_seconds: float = option(
         30.0,
         "Speed and limits",
-        "Maximum time for reading a scene and rendering one image, without the time in the queue and that for which it "
-        "waits for kernels. Beyond it the response is 503 without Retry-After.",
+        "Maximum time for reading a scene and rendering one image, without waiting in the queue or for kernels. "
+        "Beyond it the response is 503 without Retry-After.",
         gt=0,
         le=86_400,
     )

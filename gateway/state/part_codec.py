@@ -25,12 +25,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.geometry import SHAPES, Part, Solid
+from gateway.scene.geometry import SHAPES, Part
 from gateway.scene.transforms import IDENTITY
 from renderers.drawlist import AlphaMode, Image, ImageError, Material, Mesh, Sampler, Texture, Wrap
 from renderers.encode import png_rgba
 from renderers.images import image_from_bytes
-from scenegate.messages.geometry import fields_of
+from scenegate.messages.geometry import Solid, fields_of
 
 INLINE_BYTES: Final = 256
 """Maximum bytes of an array inside the structure. As a blob, a small array would cost more than its content."""

@@ -29,6 +29,8 @@ from scenegate.messages import wire
 
 _log = structlog.get_logger("gateway.treeviewer")
 
+MESSAGEPACK_COMPACTNESS: Final = 4
+"""Ratio of the time to read a MessagePack request to that of a JSON request of the same size; see ``offload_bytes``."""
 PATH_BYTES: Final = 100
 """Memory of one path in a response that waits for the store."""
 TOO_MANY: Final = "too many messages are waiting; send slower"
@@ -46,7 +48,7 @@ class Counters:
     answered: int = 0
     """Responses sent."""
     missing: int = 0
-    """Responses with status 1."""
+    """Responses with missing paths (status 1)."""
     failed: int = 0
     """Responses with a negative status."""
     undecodable: int = 0
@@ -116,7 +118,7 @@ class Dispatcher:
 
     def receive(
         self,
-        source: object,
+        connection: object,
         channel: str,
         message: bytes | memoryview,
         publish: Publish,
@@ -127,12 +129,12 @@ class Dispatcher:
         """Handle a request at once, or put it into the client's queue.
 
         Args:
-            source: transport or connection; together with the channel it identifies the client.
+            connection: connection of a transport, or a transport; with the channel, it identifies the client.
             channel: channel of the request.
             message: the request, a viewer2_comms_t.
             publish: sends the response; raises OSError or ValueError if it cannot be sent.
             on_drained: called after a queued request if the client's queue is below half of ``client_waiting_bytes``.
-            is_local: True for a program on this machine (``OnMessage``).
+            is_local: True for a program on this machine, whose ``mesh_file`` paths may be read.
         Returns:
             bytes in the client's queue. A transport that can pause clients compares them with the limit.
         """
@@ -146,7 +148,7 @@ class Dispatcher:
         if self._closing:
             self._refuse(request, SHUTTING_DOWN)
             return 0
-        key = (source, channel, is_local)
+        key = (connection, channel, is_local)
         queue = self._queues.get(key)
         storage_full = self._durable is not None and self._durable.full
         if queue is None and not storage_full and self._handle_at_once(request):
@@ -223,7 +225,8 @@ class Dispatcher:
 
     def _handle_at_once(self, request: Received) -> bool:
         """Read and apply a small regular request on the event loop, and respond; return False for other requests."""
-        if request.nbytes > self._config.offload_bytes // (4 if request.comms.format == wire.BINARY else 1):
+        compactness = MESSAGEPACK_COMPACTNESS if request.comms.format == wire.BINARY else 1
+        if request.nbytes > self._config.offload_bytes // compactness:
             return False
         try:
             applier = self._protocol.read_at_once(request.comms)
@@ -284,11 +287,11 @@ class Dispatcher:
             path_count = len(response.deleted_paths) + len(response.added_geometries) + len(response.set_transforms)
         self._durable.call_when_stored(partial(self._on_stored, pending), OVERHEAD_BYTES + PATH_BYTES * path_count)
 
-    def _on_stored(self, pending: PendingResponse, problem: str) -> None:
-        """Send a response, with status -3 if the tree could not be stored because of ``problem``."""
+    def _on_stored(self, pending: PendingResponse, failure: str) -> None:
+        """Send a response, with status -3 if the tree could not be stored. ``failure`` is the reason, or empty."""
         response = pending.response
-        if problem and isinstance(response, Response):
-            reason = f"the tree has been changed, but the change could not be stored: {problem}"
+        if failure and isinstance(response, Response):
+            reason = f"the tree has been changed, but the change could not be stored: {failure}"
             response.error = f"{response.error}; {reason}" if response.error else reason
             response.status = responses.ERROR_HANDLING_REQUEST
         self._delayed.add(pending)

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.geometry import Part, Solid
+from gateway.scene.geometry import Part
 from gateway.scene.materials import WHITE, material
 from gateway.scene.transforms import IDENTITY
 from gateway.treeviewer import array_geometry, fields, image_geometry, mesh_file_geometry
@@ -21,7 +21,7 @@ from gateway.treeviewer.context import ReadContext
 from scenegate.messages import geometry as messages
 from scenegate.messages import image_geometry as image_messages
 from scenegate.messages.field_kinds import CommandError, NothingToDraw, read_color, show
-from scenegate.messages.geometry import Geometry, read_fields
+from scenegate.messages.geometry import Geometry, Solid, read_fields
 from scenegate.messages.mesh_file import MeshFile
 
 

@@ -49,7 +49,10 @@ _POWERS_OF_TEN: Final = np.array([float(f"1e{i}") for i in range(309)])
 MAX_MANTISSA_DIGITS: Final = 19
 """Digits that always fit into uint64."""
 MAX_EXPONENT: Final = 1_000_000
-"""Exponents beyond this are not read on: the number is 0 or infinite."""
+"""Exponents saturate here: the number is 0 or infinite."""
+COLUMN_COUNT: Final = 6
+BEGIN, END, NUMBERS, ROWS, COLUMNS, DIMENSIONS = range(COLUMN_COUNT)
+"""Columns of the table of ``find_arrays``."""
 NOT_HERE: Final = -1
 """Position after a text that is not valid."""
 
@@ -63,10 +66,10 @@ def find_arrays(text: NDArray[np.uint8], max_arrays: int, min_numbers: int) -> N
         text: (N,) uint8.
 
     Returns:
-        (M, 6) int64: first byte, byte after the last, number of numbers, rows, columns, dimensions (1 or 2). An array
-        of one dimension has 0 rows and NO_COLUMNS.
+        (M, COLUMN_COUNT) int64: first byte, byte after the last, number of numbers, rows, columns, dimensions (1 or 2).
+        An array of one dimension has 0 rows and NO_COLUMNS.
     """
-    table = np.empty((max_arrays, 6), np.int64)
+    table = np.empty((max_arrays, COLUMN_COUNT), np.int64)
     found = _find_arrays(address_of(text, np.uint8), len(text), address_of(table, np.int64), max_arrays, min_numbers)
     return table[:found]
 
@@ -158,12 +161,13 @@ def _find_arrays(text_at, size, table_at, max_arrays, min_numbers):
             end, count, rows, columns, dimensions = _scan_array(data, size, i)
             if end >= 0:
                 if count >= min_numbers:
-                    table[6 * found] = i
-                    table[6 * found + 1] = end
-                    table[6 * found + 2] = count
-                    table[6 * found + 3] = rows
-                    table[6 * found + 4] = columns
-                    table[6 * found + 5] = dimensions
+                    row = COLUMN_COUNT * found
+                    table[row + BEGIN] = i
+                    table[row + END] = end
+                    table[row + NUMBERS] = count
+                    table[row + ROWS] = rows
+                    table[row + COLUMNS] = columns
+                    table[row + DIMENSIONS] = dimensions
                     found += 1
                 i = end - 1
         i += 1
@@ -243,51 +247,51 @@ def _end_of_word(data, i, word):
 @inlined
 def _decimal_at(data, i):
     """Return mantissa, exponent and end of a number without sign, mantissa * 10^exponent; the end may be NOT_HERE."""
-    start = i
-    mantissa, kept, skipped, i = _digits_at(data, start, np.uint64(0), 0)
-    if i == start or (data[start] == ZERO and i - start > 1):
+    integer_at = i
+    mantissa, mantissa_digits, exponent, i = _digits_at(data, integer_at, np.uint64(0), 0)
+    if i == integer_at or (data[integer_at] == ZERO and i - integer_at > 1):
         return mantissa, 0, NOT_HERE
-    exponent = skipped
     if data[i] == DOT:
-        start = i + 1
-        mantissa, kept, skipped, i = _digits_at(data, start, mantissa, kept)
-        if i == start:
+        fraction_at = i + 1
+        mantissa, _, skipped_digits, i = _digits_at(data, fraction_at, mantissa, mantissa_digits)
+        if i == fraction_at:
             return mantissa, 0, NOT_HERE
-        exponent -= i - start - skipped
+        exponent -= i - fraction_at - skipped_digits  # digits after the point that are in the mantissa
     if data[i] == LOWER_E or data[i] == UPPER_E:
         i += 1
         negative = data[i] == MINUS
         if negative or data[i] == PLUS:
             i += 1
-        start = i
+        magnitude_at = i
         magnitude = 0
         while ZERO <= data[i] <= NINE:
             if magnitude < MAX_EXPONENT:
                 magnitude = magnitude * 10 + (data[i] - ZERO)
             i += 1
-        if i == start:
+        if i == magnitude_at:
             return mantissa, 0, NOT_HERE
         exponent += -magnitude if negative else magnitude
     return mantissa, exponent, i
 
 
 @inlined
-def _digits_at(data, i, mantissa, kept):
-    """Append the digits from a position on to a mantissa of ``kept`` digits, as far as it has room.
+def _digits_at(data, i, mantissa, mantissa_digits):
+    """Append the digits from a position on to a mantissa, as far as it has room.
 
     Returns:
-        The mantissa, its digits without leading zeros, the digits that had no room, and the position after the digits.
+        The mantissa, its digits without leading zeros, the number of digits that had no room, and the position after
+        all digits.
     """
-    skipped = 0
+    skipped_digits = 0
     while ZERO <= data[i] <= NINE:
-        if kept < MAX_MANTISSA_DIGITS:
+        if mantissa_digits < MAX_MANTISSA_DIGITS:
             mantissa = mantissa * np.uint64(10) + np.uint64(data[i] - ZERO)
             if mantissa:
-                kept += 1
+                mantissa_digits += 1
         else:
-            skipped += 1
+            skipped_digits += 1
         i += 1
-    return mantissa, kept, skipped, i
+    return mantissa, mantissa_digits, skipped_digits, i
 
 
 @inlined

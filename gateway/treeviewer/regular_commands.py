@@ -11,14 +11,14 @@ from typing import Annotated, Any, Final, Union
 
 import msgspec
 
-from gateway.scene.geometry import Part, Solid
+from gateway.scene.geometry import Part
 from gateway.scene.materials import WHITE, material
 from gateway.scene.transforms import IDENTITY
 from gateway.scene.tree import Path, Pose
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.fields import IDENTITY_QUATERNION, ZERO_TRANSLATION, matrix_of
 from scenegate.messages.field_kinds import MAX_DISTANCE
-from scenegate.messages.geometry import fields_of
+from scenegate.messages.geometry import Solid, fields_of
 
 _Coordinate = Annotated[float, msgspec.Meta(ge=-MAX_DISTANCE, le=MAX_DISTANCE)]
 _Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]

@@ -18,7 +18,7 @@ from numba.core import caching, config
 
 from renderers.compiler import cache_folder
 
-CACHED: Final[list[Any]] = []
+CACHED_KERNELS: Final[list[Any]] = []
 """All functions that ``cached_njit`` has decorated."""
 _jit: Final[Any] = njit  # its stubs lack some of the options
 _caching: Final[Any] = caching  # without stubs
@@ -69,7 +69,7 @@ def cached_njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     def decorate(function: Callable[..., Any]) -> Any:
         with _own_locator():
             dispatcher = _jit(cache=True, **options)(function)
-        CACHED.append(dispatcher)
+        CACHED_KERNELS.append(dispatcher)
         return dispatcher
 
     return decorate

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gateway.robots.part_geometry import geometries_of
 from gateway.robots.part_images import MAX_IMAGE_SIDE, PartImages
-from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Part, Shape, Sphere, Surface
+from gateway.scene.geometry import Part, Shape, Surface
 from gateway.scene.geometry import PointCloud as Points
 from gateway.scene.meshing import meshes_of
 from gateway.scene.transforms import from_pose, scaling, translation
@@ -22,8 +22,8 @@ from renderers.drawlist import AlphaMode, Image, ImageError, Material, Mesh, Tex
 from renderers.images import decode_image
 from scenegate.cli.publish import _read_request
 from scenegate.messages.changes import Changes, Entry
+from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, PointCloud, Sphere, Transform
 from scenegate.messages.geometry import Mesh as Triangles
-from scenegate.messages.geometry import PointCloud, Transform
 from tests.robots.files import ARM, TRIANGLE, write
 from tests.support import clients
 from tests.support.command import scenegate

@@ -190,5 +190,5 @@ def test_missing_geometry_comes_with_the_transforms_of_its_parents() -> None:
     update = Changes()
     update.set(("a", "b"), Entry(transform={"x": 3}))
     tree.update(update)
-    entry = tree.all().entries["a", "b"]
+    entry = tree.as_changes().entries["a", "b"]
     assert (entry.geometries, entry.transform) == ([{}], {"x": 3})

@@ -308,7 +308,7 @@ async def test_async_client() -> None:
 
 
 async def test_controls_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(callbacks, "RENEW_SECONDS", 0.01)
+    monkeypatch.setattr(callbacks, "RESEND_SECONDS", 0.01)
     async with serving() as service:
         viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))
         await in_thread(viewer.controls.add_slider, "speed", 0, 10)

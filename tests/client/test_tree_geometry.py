@@ -18,9 +18,6 @@ from gateway.treeviewer.packed_arrays import unpack
 from scenegate import (
     Box,
     CameraFrustum,
-    Capsule,
-    Cylinder,
-    Ellipsoid,
     Geometry,
     Heightmap,
     ImagePlane,
@@ -32,21 +29,18 @@ from scenegate import (
     Sphere,
     Text,
     Transform,
-    Triad,
 )
 from scenegate.messages import wire
 from scenegate.messages.request_encoding import decode_response, empty_with_header, encode_request, pack
+from tests.support.solids import TYPES, example
 from tests.treeviewer.conversation import Viewer
 
 POINTS = np.arange(12, dtype=np.float64).reshape(4, 3)
 PIXELS = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
 ALL = [
+    *map(example, TYPES),
     Box((1, 2, 3), color=(1, 0, 0)),
     Sphere(1, transform=(1, 2, 3)),
-    Ellipsoid((1, 2, 3)),
-    Cylinder(1, 2),
-    Capsule(1, 2),
-    Triad(0.5, tube=True),
     Line(POINTS, end_head=True, head_length=0.1),
     Mesh(POINTS, [[0, 1, 2]]),
     PointCloud(POINTS, rgb=np.full((4, 3), 255, np.uint8), channels={"label": [1, 2, 3, 4], "uv": POINTS[:, :2]}),

@@ -199,7 +199,7 @@ async def test_async_client() -> None:
 
 
 async def test_the_subscription_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(callbacks, "RENEW_SECONDS", 0.01)
+    monkeypatch.setattr(callbacks, "RESEND_SECONDS", 0.01)
     async with serving() as service:
         page = service.protocol.page
         viewer = await in_thread(lambda: TreeViewer(hub_of(service), timeout=SECONDS))

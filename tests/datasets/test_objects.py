@@ -17,10 +17,11 @@ from gateway.datasets.scenes import LoadedScene, load_scene, model_names
 from gateway.datasets.sources import find_sources
 from gateway.robots.scene_files import SceneOptions
 from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.transforms import IDENTITY, scaling, translation
 from gateway.scene.tree import Node
 from renderers.drawlist import Material
+from scenegate.messages.geometry import Box
 from tests.datasets.plates import Plate, load, write_plates
 from tests.gltf.builder import Builder
 

@@ -14,9 +14,10 @@ from gateway.assets.mesh_files import MeshFiles
 from gateway.drakeviewer.config import DrakeViewerConfig, Limits
 from gateway.drakeviewer.messages import MessageError
 from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere, Surface
+from gateway.scene.geometry import Surface
 from gateway.scene.transforms import from_pose
 from renderers.color import linear_from_srgb
+from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from tests.drakeviewer.conftest import Viewer
 from tests.drakeviewer.encoding import (
     BOX,

@@ -81,13 +81,13 @@ with pending.announced({name: part.has_kernel for name, part in parts.BACKGROUND
     for part in parts.BACKGROUND:
         parts.load_background(part)
 from renderers.compiler import cache_folder as kernel_cache
-from renderers.compiler.cache_locator import CACHED, folder_of
+from renderers.compiler.cache_locator import CACHED_KERNELS, folder_of
 from renderers.compiler.jit import KERNELS
 
 manifest = json.loads((kernel_cache.folder() / "complete.json").read_bytes())
 listed = [name.split("/")[0] for part in manifest.values() for name in part if name.endswith(".nbi")]
 
-total = lambda name: sum(sum(getattr(kernel.stats, name).values()) for kernel in CACHED)
+total = lambda name: sum(sum(getattr(kernel.stats, name).values()) for kernel in CACHED_KERNELS)
 print(json.dumps({
     "where": gateway.__file__,
     "cached": cached,
@@ -95,7 +95,7 @@ print(json.dumps({
     "misses": total("cache_misses"),
     "parts": list(manifest),
     "listed": sorted(listed),
-    "defined": sorted(folder_of(kernel).name for kernel in CACHED),
+    "defined": sorted(folder_of(kernel).name for kernel in CACHED_KERNELS),
     "loaded": [len(kernel.stats.cache_hits) for kernel in KERNELS],
 }))
 """

@@ -23,10 +23,11 @@ from gateway.foxglove import service as foxglove_service
 from gateway.foxglove.channels import BACKLOG_MESSAGES, MAX_CLIENTS, Channels
 from gateway.foxglove.service import FoxgloveService
 from gateway.recording.snapshot_frames import SnapshotFrames
-from gateway.scene.geometry import Box, Part, PointCloud
+from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.live import LiveTree
 from gateway.stereo.service import StereoService
 from renderers.drawlist import Material
+from scenegate.messages.geometry import Box
 from tests.foxglove.client import SUBPROTOCOL, FoxgloveClient
 from tests.stereo.conftest import Start, renderer, start
 from tests.support.waiting import SECONDS, until

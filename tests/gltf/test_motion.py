@@ -12,12 +12,13 @@ import pytest
 
 from gateway.gltf import AnimationTime, GltfScene, read_gltf
 from gateway.gltf.export import MotionWriter
-from gateway.scene.geometry import Box, Part, Sphere
+from gateway.scene.geometry import Part
 from gateway.scene.live import Snapshot
 from gateway.scene.sampling import FileTooLargeError
 from gateway.scene.transforms import Y_UP_TO_Z_UP, Matrix
 from gateway.scene.tree import Node, Path, TreeEdit
 from renderers.drawlist import Material
+from scenegate.messages.geometry import Box, Sphere
 
 BOX, BALL = Part(Box((1, 1, 1)), Material()), Part(Sphere(0.5), Material())
 

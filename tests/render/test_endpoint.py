@@ -16,12 +16,13 @@ from structlog.testing import capture_logs
 from gateway.render.config import LookChoice, RenderConfig
 from gateway.render.form import LOOK_FIELD
 from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.tree import Node, TreeEdit
 from renderers.compiler.pending import KernelsDelayed
 from renderers.drawlist import ImageError, Material
 from renderers.interface import Output
 from renderers.light_rig import Rig
+from scenegate.messages.geometry import Box
 from tests.render.conftest import SCENE, Start, WatchedRenderer, assert_refused, decoded
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 

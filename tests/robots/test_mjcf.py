@@ -12,9 +12,10 @@ import pytest
 from gateway.robots.limits import RobotLimits
 from gateway.robots.reader import read_robot
 from gateway.robots.robot import Robot
-from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere, Surface
+from gateway.scene.geometry import Surface
 from renderers.color import linear_from_srgb
 from renderers.stop import StopFlag
+from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.errors import RobotFileError
 from tests.robots.files import TRIANGLE, write
 

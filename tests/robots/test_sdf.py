@@ -12,8 +12,9 @@ import pytest
 
 from gateway.robots.reader import read_robot
 from gateway.robots.robot import Robot
-from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere, Surface
+from gateway.scene.geometry import Shape, Surface
 from renderers.color import linear_from_srgb
+from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.errors import RobotFileError
 from tests.robots.files import TRIANGLE, write
 from tests.support.waiting import SECONDS

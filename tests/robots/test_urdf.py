@@ -10,9 +10,10 @@ import pytest
 
 from gateway.robots.limits import RobotLimits
 from gateway.robots.reader import read_robot
-from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere
+from gateway.scene.geometry import Shape
 from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode
+from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.errors import RobotFileError
 from tests.robots.files import ARM, link, read, visual, write
 

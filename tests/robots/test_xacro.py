@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gateway.robots.reader import read_robot
-from gateway.scene.geometry import Sphere
+from scenegate.messages.geometry import Sphere
 from scenegate.robots.errors import RobotFileError
 from tests.robots.files import write
 

@@ -13,12 +13,13 @@ import pytest
 
 from gateway.recording.snapshot_frames import SnapshotFrames
 from gateway.scene.controls import ControlStore
-from gateway.scene.geometry import Box, Part, PointCloud
+from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.live import LiveTree
 from gateway.viewer.control_frames import ControlFrames
 from renderers.drawlist import Material
 from scenegate.gateway_http import GatewayError
 from scenegate.messages.controls import Slider
+from scenegate.messages.geometry import Box
 from scenegate.recording.view_frames import ViewFrame
 from tests.ros2 import stand_in
 

@@ -11,10 +11,11 @@ from hypothesis.extra import numpy as hnp
 from gateway.scene import bounds as bd
 from gateway.scene import transforms as tf
 from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Box, Part, Sphere
+from gateway.scene.geometry import Part
 from gateway.scene.tree import Node, TreeEdit
 from renderers import primitives
 from renderers.drawlist import DrawList, Instance, Material, Mesh
+from scenegate.messages.geometry import Box, Sphere
 
 MATERIAL = Material()
 

@@ -8,8 +8,9 @@ import pytest
 
 from gateway.scene import transforms as tf
 from gateway.scene.broken_textures import without_broken_textures
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from renderers.drawlist import Image, ImageError, Material, Texture
+from scenegate.messages.geometry import Box
 
 TEXTURE_FIELDS = (
     "base_color_texture",

@@ -21,7 +21,7 @@ from gateway.scene.cameras import (
     parse_camera,
 )
 from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Box, Part, Sphere
+from gateway.scene.geometry import Part
 from gateway.scene.tree import Node, TreeEdit
 from gateway.scene.viewpoints import resolve_camera
 from renderers.camera import Camera
@@ -29,6 +29,7 @@ from renderers.drawlist import DrawList, Instance, Material, Mesh
 from renderers.interface import Output
 from renderers.primitives import box
 from renderers.raster import CpuRenderer
+from scenegate.messages.geometry import Box, Sphere
 
 
 def project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,13 +8,14 @@ import pytest
 from gateway.scene import transforms as tf
 from gateway.scene.cameras import parse_camera
 from gateway.scene.flatten import Flattener
-from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Line, Part, Shape, Sphere
+from gateway.scene.geometry import Line, Part, Shape
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.viewpoints import resolve_camera
 from renderers.drawlist import LABEL_NONE, Material
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer
+from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 
 ONE_SIDED = Material(base_color=(1, 1, 1, 1), metallic=0.0, roughness=1.0)
 ARROW = Line(np.array([(0, 0, -1), (0, 0, 1)], np.float32), 0.2, end_head=True, head_radius=0.5)

@@ -10,13 +10,14 @@ import pytest
 
 from gateway.scene import transforms as tf
 from gateway.scene.flatten import Flattener, flatten
-from gateway.scene.geometry import Box, Capsule, Line, Part, Sphere, Surface, Triad
+from gateway.scene.geometry import Line, Part, Surface
 from gateway.scene.labels import MAX_LABELS, LabelTable
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.materials import faded
 from gateway.scene.tree import Node, Path, TreeEdit
 from renderers import primitives
 from renderers.drawlist import LABEL_NONE, DrawList, Image, Material, Texture
+from scenegate.messages.geometry import Box, Capsule, Sphere, Triad
 
 RED = Material(base_color=(1, 0, 0, 1))
 IMAGES = [Image(bytes([index]), lambda: np.zeros((1, 1, 4), np.uint8)) for index in range(2)]

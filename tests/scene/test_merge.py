@@ -7,11 +7,12 @@ from typing import Any
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.merge import merged
 from gateway.scene.tree import Node, Path, TreeEdit
 from renderers.drawlist import Material
+from scenegate.messages.geometry import Box
 
 BOX = Part(Box((1.0, 1.0, 1.0)), Material())
 

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from gateway.scene import transforms as tf
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.tree import Node, Path, TreeEdit, changes
 from renderers.drawlist import Material
+from scenegate.messages.geometry import Box
 
 BOX = Part(Box((1.0, 1.0, 1.0)), Material())
 

@@ -12,7 +12,7 @@ from fastapi import FastAPI
 
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene import transforms as tf
-from gateway.scene.geometry import Box, Part, Sphere
+from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.routes import router
@@ -20,6 +20,7 @@ from gateway.sceneapi.service import SceneApi
 from renderers.camera import Camera
 from renderers.drawlist import LABEL_NONE, DrawList, Material
 from renderers.interface import Frame, Look, Output
+from scenegate.messages.geometry import Box, Sphere
 
 SPOT = (20, 30)
 """Row and column."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gateway.gltf import read_gltf
 from gateway.runtime.worker_pool import WorkerPool
-from gateway.scene.geometry import Box, Part, PointCloud
+from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import look_at
 from gateway.sceneapi.config import SceneApiConfig
@@ -29,6 +29,7 @@ from renderers.camera import Camera
 from renderers.compiler import pending
 from renderers.drawlist import DrawList, ImageError, Material
 from renderers.interface import Frame, Look, Output
+from scenegate.messages.geometry import Box
 from tests.sceneapi.conftest import SPOT, World
 from tests.support.endless import EndlessRenderer
 from tests.support.waiting import until

@@ -14,7 +14,7 @@ from fastapi import FastAPI
 from gateway.gltf import read_gltf
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.history import TreeHistory
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.sceneapi.config import SceneApiConfig
@@ -22,6 +22,7 @@ from gateway.sceneapi.routes import router
 from gateway.sceneapi.service import SceneApi
 from renderers.camera import Camera
 from renderers.drawlist import Material
+from scenegate.messages.geometry import Box
 from tests.sceneapi.conftest import RecordingRenderer
 
 SECOND = 1_000_000_000

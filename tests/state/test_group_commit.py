@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 import structlog.testing
 
-from gateway.scene.geometry import Box, Part, PointCloud
+from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.live import LiveTree
 from gateway.state.config import StateConfig
 from gateway.state.service import PersistentState
 from renderers.drawlist import Material
+from scenegate.messages.geometry import Box
 from tests.state import trees
 from tests.support.waiting import SECONDS, until
 

@@ -6,12 +6,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway.scene.geometry import Box, Part, PointCloud, Shape, Surface, Triad
+from gateway.scene.geometry import Part, PointCloud, Shape, Surface
 from gateway.scene.transforms import IDENTITY
 from gateway.state import part_codec as codec
 from gateway.state.part_codec import DamagedError, PartDecoder, PartEncoder
 from renderers.drawlist import Image, Material, Mesh, Texture
+from scenegate.messages.geometry import Box, Solid, Triad
 from tests.state import trees
+from tests.support.solids import TYPES, example
 
 
 def round_trip(parts: tuple[Part, ...]) -> tuple[Part, ...]:
@@ -35,9 +37,15 @@ def test_texture_names_survive_the_round_trip() -> None:
     np.testing.assert_array_equal(texture.image.decode(), pixels)
 
 
-def test_shapes_have_the_names_that_are_stored() -> None:
+def test_names_of_shapes_in_stored_files_do_not_change() -> None:
     stored = {"Box", "Sphere", "Ellipsoid", "Cylinder", "Capsule", "Triad", "Surface", "PointCloud", "Line", "Part"}
     assert stored <= set(codec.CLASSES)
+
+
+@pytest.mark.parametrize("solid", [example(solid) for solid in TYPES], ids=lambda solid: solid.kind)
+def test_every_solid_type_survives_the_round_trip(solid: Solid) -> None:
+    (part,) = round_trip((Part(solid, Material()),))
+    assert part.shape == solid
 
 
 @pytest.mark.parametrize(

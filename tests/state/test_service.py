@@ -6,12 +6,13 @@ from pathlib import Path
 
 from structlog.testing import capture_logs
 
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
 from gateway.state.config import StateConfig
 from gateway.state.service import PersistentState
 from gateway.stereo.device.parameters import Parameters
 from renderers.drawlist import Material
+from scenegate.messages.geometry import Box
 from tests.support.waiting import until
 
 

@@ -13,7 +13,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from gateway.scene.geometry import Box, Part, PointCloud
+from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import translation
 from gateway.scene.tree import Node, Path
@@ -21,6 +21,7 @@ from gateway.state.database import Database
 from gateway.state.part_codec import DamagedError
 from gateway.state.tree_store import TreeStore
 from renderers.drawlist import Material
+from scenegate.messages.geometry import Box
 from tests.state import trees
 
 MATERIAL = Material()

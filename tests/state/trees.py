@@ -12,24 +12,13 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from gateway.scene.geometry import (
-    Box,
-    Capsule,
-    Cylinder,
-    Ellipsoid,
-    Line,
-    Part,
-    PointCloud,
-    Shape,
-    Sphere,
-    Surface,
-    Triad,
-)
+from gateway.scene.geometry import Line, Part, PointCloud, Shape, Surface
 from gateway.scene.transforms import IDENTITY
 from gateway.scene.tree import Node, Path
 from renderers.drawlist import AlphaMode, Image, Material, Mesh, Sampler, Texture, Wrap
 from renderers.encode import png_rgba
 from renderers.images import image_from_bytes
+from tests.support.solids import solids
 
 numbers = st.floats(allow_nan=True, allow_infinity=True)
 sizes = st.floats(0.0, 1e6)
@@ -89,12 +78,7 @@ materials = st.builds(
     point_size=sizes,
 )
 shapes: st.SearchStrategy[Shape] = st.one_of(
-    st.builds(Box, triples),
-    st.builds(Sphere, numbers),
-    st.builds(Ellipsoid, triples),
-    st.builds(Cylinder, sizes, sizes),
-    st.builds(Capsule, sizes, sizes),
-    st.builds(Triad, sizes, st.booleans()),
+    solids(numbers),
     st.builds(Surface, meshes()),
     clouds(),
     st.builds(

@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Box, Cylinder, Part, PointCloud, Shape, Sphere
+from gateway.scene.geometry import Part, PointCloud, Shape
 from gateway.scene.transforms import look_at, translation
 from gateway.scene.tree import Node, TreeEdit
 from renderers.drawlist import DrawList, Material
+from scenegate.messages.geometry import Box, Cylinder, Sphere
 
 
 def part(shape: Shape, color: tuple[float, float, float], x: float, y: float, z: float) -> Part:

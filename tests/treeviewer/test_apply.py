@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.scene.geometry import Box, Sphere
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.protocol import TreeViewerProtocol, client_of, response_channel
 from scenegate.messages import wire
+from scenegate.messages.geometry import Box, Sphere
 from tests.treeviewer.conversation import BOX, Viewer, message
 
 POSE = {"translation": [1, 2, 3], "quaternion": [1, 0, 0, 0]}

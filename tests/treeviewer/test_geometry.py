@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Line, Sphere, Triad
+from gateway.scene.geometry import Line
 from gateway.scene.materials import material
 from gateway.scene.transforms import IDENTITY, from_pose
 from gateway.treeviewer.config import Limits
 from renderers.drawlist import AlphaMode
+from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere, Triad
 from tests.treeviewer.conversation import BOX, CLOUD, TRIANGLE, Viewer
 from tests.treeviewer.differences import UNRECORDED, Difference
 

@@ -9,12 +9,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from gateway.scene.geometry import Part, Sphere, Surface
+from gateway.scene.geometry import Part, Surface
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import from_pose, scaling
 from gateway.treeviewer.protocol import TreeViewerProtocol
 from renderers.drawlist import AlphaMode, Material, Mesh
 from scenegate.messages import wire
+from scenegate.messages.geometry import Sphere
 from tests.treeviewer.conversation import TRIANGLE, Viewer, message
 
 NAN = float("nan")

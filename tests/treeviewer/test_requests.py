@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from gateway.scene.geometry import Box
 from gateway.treeviewer.config import Limits
+from scenegate.messages.geometry import Box
 from tests.treeviewer.conversation import BOX, Viewer
 
 POSE = {"translation": [1, 2, 3], "quaternion": [1, 0, 0, 0]}

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.scene.geometry import Box, Part, PointCloud, Sphere, Surface
+from gateway.scene.geometry import Part, PointCloud, Surface
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node, TreeEdit
 from gateway.viewer import encoder as encoder_module
@@ -22,6 +22,7 @@ from gateway.viewer.geometry_messages import part_message
 from gateway.viewer.resources import Resources, channel_values, colors_to_uint8, encode_mesh, sample_order
 from gateway.viewer.sources import StereoRig
 from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
+from scenegate.messages.geometry import Box, Sphere
 from tests.support.view_frames import parse_frame
 from tests.viewer.model import Model, tree_of
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
 from gateway.viewer.encoder import Encoder
 from gateway.viewer.flow_control import BrowserState, FlowControl
 from gateway.viewer.resources import Resources
 from renderers.drawlist import Material
+from scenegate.messages.geometry import Box
 from tests.support.view_frames import parse_frame
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from gateway.scene.cameras import LookAtCamera
 from gateway.scene.clicks import ClickSubscriptions
-from gateway.scene.geometry import Box, Part, Sphere, Surface
+from gateway.scene.geometry import Part, Surface
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
 from gateway.viewer.browser import Browser
@@ -23,6 +23,7 @@ from gateway.viewer.hub import ViewHub
 from gateway.viewer.messages import Fact, Status
 from gateway.viewer.sources import RenderSummary, StereoImages, StereoRig
 from renderers.drawlist import Material, Mesh
+from scenegate.messages.geometry import Box, Sphere
 from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS, until
 from tests.viewer.model import Model, tree_of

@@ -7,11 +7,12 @@ from typing import Annotated, Any, Literal
 import msgspec
 import pytest
 
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.viewer import messages
 from gateway.viewer.geometry_messages import part_message
 from gateway.viewer.resources import Resources
 from renderers.drawlist import AlphaMode, Material
+from scenegate.messages.geometry import Box
 from tools.page_types import Writer, page_types
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.history import TreeHistory
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node, TreeEdit
@@ -19,6 +19,7 @@ from gateway.viewer.hub import ViewHub
 from gateway.viewer.messages import TimeCommand
 from gateway.viewer.sources import StereoRig
 from renderers.drawlist import Material
+from scenegate.messages.geometry import Box
 from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS
 from tests.viewer.model import Model, tree_of

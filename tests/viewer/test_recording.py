@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from gateway.scene.geometry import Box, Part, PointCloud, Sphere
+from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
 from gateway.scene.sampling import FileTooLargeError, write_section
@@ -19,6 +19,7 @@ from gateway.viewer.recording import MAX_BYTES, Recorder
 from gateway.viewer.resources import sample_order
 from renderers.drawlist import Material, Texture
 from renderers.images import image_from_bytes
+from scenegate.messages.geometry import Box, Sphere
 from tests.support.view_frames import parse_frame
 from tests.viewer.model import Model, tree_of
 from tests.viewer.recordings import SECOND, States, frames_of, headers_of

@@ -18,7 +18,7 @@ from gateway.runtime.pool_errors import DeadlineExceeded, QueueFull
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.cameras import parse_camera
 from gateway.scene.flatten import Flattener
-from gateway.scene.geometry import Box, Part, PointCloud
+from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node
@@ -38,6 +38,7 @@ from renderers.encode import png_gray16, png_rgb, tiff_float32
 from renderers.images import image_from_bytes
 from renderers.interface import Frame, Look, Output
 from renderers.light_rig import Rig
+from scenegate.messages.geometry import Box
 from tests.support.endless import EndlessRenderer
 from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS, until

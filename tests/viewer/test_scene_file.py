@@ -13,7 +13,7 @@ import httpx2
 import pytest
 from fastapi import FastAPI
 
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
 from gateway.viewer import scene_file
@@ -21,6 +21,7 @@ from gateway.viewer.recording import MAX_BYTES
 from gateway.viewer.scene_file import STATIC, scene_html
 from gateway.viewer.share_routes import share_router
 from renderers.drawlist import Material
+from scenegate.messages.geometry import Box
 from tests.viewer.recordings import SECOND, headers_of
 from tests.viewer.test_recording import moving_scene
 

@@ -14,7 +14,7 @@ from fastapi import FastAPI
 
 from gateway.scene.clicks import Click
 from gateway.scene.controls import ControlLimits, ControlStore
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
 from gateway.viewer.config import ViewerConfig
@@ -22,6 +22,7 @@ from gateway.viewer.hub import ViewHub
 from gateway.viewer.routes import ACKNOWLEDGE, ACKNOWLEDGE_CONTROLS, MAX_MESSAGE_CHARS, router
 from renderers.drawlist import Material
 from scenegate.messages.controls import AnyControl, Button, Gizmo, Plot, Slider, TextInput
+from scenegate.messages.geometry import Box
 from tests.support.view_frames import parse_frame
 from tests.support.waiting import SECONDS, until
 

@@ -20,7 +20,7 @@ from gateway.render.service import RenderRecord
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene import transforms as tf
 from gateway.scene.flatten import Flattener
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.mount import Mount
@@ -37,6 +37,7 @@ from gateway.wiring.interfaces import enabled_interfaces
 from renderers.drawlist import Material
 from renderers.raster import CpuRenderer
 from renderers.stereo.model import StereoModel
+from scenegate.messages.geometry import Box
 from tests.support.waiting import until
 
 MIB = 1 << 20

@@ -127,18 +127,18 @@ class Sample:
     def flow(self) -> NDArray[np.float32]:
         """Optical flow to the next view in pixels, (H, W, 2): columns to the right, rows down. NaN: not known."""
         path = self.path("flow")
-        flow = decode_flow(self._bytes(path), str(path))
+        flow = decode_flow(self._read_file(path), str(path))
         self._check_size(path, flow.shape[1], flow.shape[0])
         return flow
 
     def amodal_mask(self, instance: int) -> NDArray[np.bool_]:
-        """Return the pixels that an object would have without the others, (H, W).
+        """Return the amodal mask of an object: its pixels if no other object hid it, (H, W).
 
         Raises:
             RecordError: the sample has no such object, or no amodal masks.
         """
         path = self.path("amodal")
-        masks = manifest.decode_masks(self._bytes(path), str(path))
+        masks = manifest.decode_masks(self._read_file(path), str(path))
         if masks.size != (self.record.camera.height, self.record.camera.width) or str(instance) not in masks.counts:
             raise RecordError(f"{path}: there is no mask of instance {instance} and of the camera's size")
         return masks.mask(str(instance))
@@ -147,8 +147,8 @@ class Sample:
     def rays(self) -> NDArray[np.float64]:
         """Ray of each pixel in the optical frame, (H, W, 3), z = 1. ``rays * depth[..., None]`` is points in metres."""
         camera = self.record.camera
-        x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
-        y = (np.arange(camera.height) + 0.5 - camera.cy) / camera.fy
+        x = (np.arange(camera.width) + PIXEL_CENTER - camera.cx) / camera.fx
+        y = (np.arange(camera.height) + PIXEL_CENTER - camera.cy) / camera.fy
         return np.stack((*np.meshgrid(x, y), np.ones((camera.height, camera.width))), axis=-1)
 
     def path(self, image_type: ImageType) -> Path:
@@ -166,10 +166,14 @@ class Sample:
             raise RecordError(f"{self.id}: the {image_type} image {error}") from None
 
     def file_bytes(self, image_type: ImageType) -> bytes:
-        """Return the content of an image file; raises as ``path``, and if it is not an image of the camera's size."""
+        """Return the encoded bytes of an image file.
+
+        Raises:
+            RecordError: as ``path``, or the file has no image of the camera's size.
+        """
         if image_type in ("amodal", "flow"):
-            return self._bytes(self.path(image_type))
-        return self._opened(image_type)[0]
+            return self._read_file(self.path(image_type))
+        return self._open_image(image_type)[0]
 
     def image(self, image_type: ImageType) -> NDArray[Any]:
         """Return an image as the property of its type does. For ``amodal``: all silhouettes by object, (N, H, W)."""
@@ -195,23 +199,23 @@ class Sample:
 
     def _read(self, image_type: ImageType) -> NDArray[Any]:
         """Return the pixels of an image."""
-        _, image = self._opened(image_type)
+        _, image = self._open_image(image_type)
         try:
             return np.array(image)  # writable, as tensors have to be
         except (OSError, SyntaxError, ValueError) as error:
             raise RecordError(f"{self.path(image_type)}: not an image that can be read: {error}") from None
 
-    def _opened(self, image_type: ImageType) -> tuple[bytes, Any]:
-        """Return an image file's content, and the image of the camera's size, which is not decompressed yet."""
+    def _open_image(self, image_type: ImageType) -> tuple[bytes, Any]:
+        """Return the encoded bytes of an image file, and its image, which Pillow has not decoded yet."""
         path = self.path(image_type)
-        data = self._bytes(path)
-        image = pillow()
+        encoded = self._read_file(path)
+        Image = pillow()
         try:
-            opened = image.open(io.BytesIO(data))
-        except (OSError, SyntaxError, ValueError, image.DecompressionBombError) as error:
+            image = Image.open(io.BytesIO(encoded))
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             raise RecordError(f"{path}: not an image that can be read: {error}") from None
-        self._check_size(path, *opened.size)
-        return data, opened
+        self._check_size(path, *image.size)
+        return encoded, image
 
     def _read_rgb(self, image_type: ImageType) -> NDArray[np.uint8]:
         """Return an image without its alpha."""
@@ -222,7 +226,7 @@ class Sample:
         if (width, height) != (camera.width, camera.height):
             raise RecordError(f"{path}: {width}x{height} pixels, the camera has {camera.width}x{camera.height}")
 
-    def _bytes(self, path: Path) -> bytes:
+    def _read_file(self, path: Path) -> bytes:
         """Return the content of an image file."""
         with errors_as(RecordError, path):
             return read_regular(path)
@@ -242,12 +246,12 @@ def decode_flow(data: bytes, location: str) -> NDArray[np.float32]:
     return flow
 
 
-class _Items(Sequence[T]):
-    """A sequence whose items are made on each access."""
+class LazySequence(Sequence[T]):
+    """Sequence that makes an item on each access and keeps none."""
 
     @abstractmethod
-    def _item(self, index: int) -> T:
-        """Return an item; raises IndexError."""
+    def _make(self, index: int) -> T:
+        """Return the item at an index; raises IndexError."""
 
     @overload
     def __getitem__(self, index: int) -> T: ...
@@ -255,11 +259,11 @@ class _Items(Sequence[T]):
     def __getitem__(self, index: slice) -> list[T]: ...
     def __getitem__(self, index: int | slice) -> T | list[T]:
         if isinstance(index, slice):
-            return [self._item(k) for k in range(*index.indices(len(self)))]
-        return self._item(index)
+            return [self._make(k) for k in range(*index.indices(len(self)))]
+        return self._make(index)
 
 
-class Dataset(_Items[Sample]):
+class Dataset(LazySequence[Sample]):
     """The samples of a dataset, in the order of its manifest. It can be pickled, as data loaders require.
 
     It takes 8 bytes of memory per sample. Lines of the manifest are read on access; an invalid line raises RecordError.
@@ -307,14 +311,14 @@ class Dataset(_Items[Sample]):
     def __len__(self) -> int:
         return len(self._lines)
 
-    def _item(self, index: int) -> Sample:
+    def _make(self, index: int) -> Sample:
         return Sample(self.folder, self._record(index))
 
     def _record(self, index: int) -> manifest.SampleRecord:
         return manifest.decode(self._lines[index], manifest.SampleRecord, self._lines.location(index))
 
 
-class Transformed(_Items[T]):
+class Transformed(LazySequence[T]):
     """The results of a function for each sample of a dataset, computed on each access; made by ``Dataset.map``."""
 
     def __init__(self, dataset: Dataset, transform: Callable[[Sample], T]) -> None:
@@ -324,5 +328,5 @@ class Transformed(_Items[T]):
     def __len__(self) -> int:
         return len(self.dataset)
 
-    def _item(self, index: int) -> T:
+    def _make(self, index: int) -> T:
         return self._transform(self.dataset[index])

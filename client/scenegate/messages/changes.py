@@ -148,6 +148,6 @@ class PublishedTree:
             changes.entries.clear()
         return changes
 
-    def all(self) -> Changes:
+    def as_changes(self) -> Changes:
         """Return changes that restore everything in a viewer that has just started."""
         return Changes(entries=dict(self._content.entries), view=dict(self._content.view))

@@ -38,12 +38,15 @@ _UINT8, _FLOAT32 = 1, 7
 
 def encode(topic: str, message: Message) -> EncodedMessage:
     """Return an encoded message."""
-    schema, encode_fields = _type(message.type)
+    schema, encode_fields = _schema_and_encoder(message.type)
     return EncodedMessage(topic, schema, encode_fields(message.fields))
 
 
 def schemas() -> dict[str, Schema]:
-    """Return the schemas of the topics of scene and camera, without those of the scene's point clouds."""
+    """Return the schemas of the topics of scene and camera.
+
+    Each point cloud of the scene has a topic of its own, with ``cloud_schema``.
+    """
     types = {
         TF_TOPIC: "FrameTransforms",
         SCENE_TOPIC: "SceneUpdate",
@@ -51,16 +54,16 @@ def schemas() -> dict[str, Schema]:
         **{info_topic: "CameraCalibration" for _, info_topic in IMAGE_TOPICS.values()},
         DISPARITY_TOPIC: "RawImage",
     }
-    return {topic: _type(name)[0] for topic, name in types.items()} | {CLOUD_TOPIC: cloud_schema()}
+    return {topic: _schema_and_encoder(name)[0] for topic, name in types.items()} | {CLOUD_TOPIC: cloud_schema()}
 
 
 def cloud_schema() -> Schema:
-    """Return the schema of the topics of point clouds."""
-    return _type("PointCloud")[0]
+    """Return the schema ``foxglove.PointCloud``."""
+    return _schema_and_encoder("PointCloud")[0]
 
 
 @cache
-def _type(name: str) -> tuple[Schema, Callable[[Fields], bytes]]:
+def _schema_and_encoder(name: str) -> tuple[Schema, Callable[[Fields], bytes]]:
     """Return the schema and the encoder of a type."""
     if name == _IMU_TYPE:
         return Schema(name, "jsonschema", msgspec.json.encode(_IMU_SCHEMA), "json"), msgspec.json.encode
@@ -71,7 +74,7 @@ def _type(name: str) -> tuple[Schema, Callable[[Fields], bytes]]:
 
 
 def transforms(values: Iterable[FrameTransform], time_ns: int) -> Message:
-    """Return the message with transforms that are valid from a time."""
+    """Return ``foxglove.FrameTransforms`` with transforms that are valid from a time."""
     messages = [
         {
             "timestamp": _timestamp(time_ns),
@@ -86,7 +89,7 @@ def transforms(values: Iterable[FrameTransform], time_ns: int) -> Message:
 
 
 def entities(values: Iterable[Entity], time_ns: int) -> Message:
-    """Return the message that replaces or deletes the geometry of nodes."""
+    """Return ``foxglove.SceneUpdate``, which replaces or deletes the geometry of nodes."""
     stamp = _timestamp(time_ns)
     added, deleted = [], []
     for entity in values:
@@ -109,18 +112,18 @@ def entities(values: Iterable[Entity], time_ns: int) -> Message:
 
 
 def deletion_of_all(topic: str, time_ns: int) -> EncodedMessage:
-    """Return the message that deletes the geometry of all nodes."""
+    """Return an encoded ``foxglove.SceneUpdate`` that deletes the geometry of all nodes."""
     deletion = {"timestamp": _timestamp(time_ns), "type": _DELETE_ALL}
     return encode(topic, Message("SceneUpdate", {"deletions": [deletion]}))
 
 
 def image(value: CameraImage, time_ns: int) -> Message:
-    """Return an image."""
+    """Return ``foxglove.RawImage``."""
     return Message("RawImage", _header(value.calibration.frame, time_ns) | message_fields.image(value))
 
 
 def calibration(value: Calibration, time_ns: int) -> Message:
-    """Return the intrinsics of a rectified image."""
+    """Return ``foxglove.CameraCalibration`` of a rectified image."""
     fields = {
         "width": value.width,
         "height": value.height,
@@ -134,23 +137,23 @@ def calibration(value: Calibration, time_ns: int) -> Message:
 
 
 def disparity(value: Disparity, time_ns: int) -> Message:
-    """Return a disparity image, which has no schema of its own."""
+    """Return ``foxglove.RawImage`` of disparities, for which Foxglove has no schema."""
     return image(value.image, time_ns)
 
 
 def cloud(value: Cloud, time_ns: int) -> Message:
-    """Return a point cloud: x, y, z, and red, green, blue, alpha if it has colours."""
-    fields = [{"name": name, "offset": 4 * index, "type": _FLOAT32} for index, name in enumerate("xyz")]
+    """Return ``foxglove.PointCloud``: x, y, z, and red, green, blue, alpha if it has colours."""
+    columns = [{"name": name, "offset": 4 * index, "type": _FLOAT32} for index, name in enumerate("xyz")]
     if value.colors is not None:
         names = ("red", "green", "blue", "alpha")
-        fields += [{"name": name, "offset": 12 + index, "type": _UINT8} for index, name in enumerate(names)]
+        columns += [{"name": name, "offset": 12 + index, "type": _UINT8} for index, name in enumerate(names)]
     records = message_fields.packed_points(value, (0, 1, 2), 255)
-    content = {"pose": IDENTITY, "point_stride": records.itemsize, "fields": fields, "data": records.tobytes()}
+    content = {"pose": IDENTITY, "point_stride": records.itemsize, "fields": columns, "data": records.tobytes()}
     return Message("PointCloud", _header(value.frame, time_ns) | content)
 
 
 def imu(sample: ImuSample) -> Message:
-    """Return a sample of an IMU."""
+    """Return ``scenegate.Imu``, a sample of an IMU."""
     fields = {
         "timestamp": {"sec": sample.time_ns // 10**9, "nsec": sample.time_ns % 10**9},
         "linear_acceleration": vector(sample.acceleration),
@@ -160,7 +163,7 @@ def imu(sample: ImuSample) -> Message:
 
 
 def joints(values: Mapping[str, float], time_ns: int) -> Message:
-    """Return the values of joints."""
+    """Return ``foxglove.JointStates``."""
     states = [{"name": name, "position": value} for name, value in values.items()]
     return Message("JointStates", {"timestamp": _timestamp(time_ns), "joints": states})
 

@@ -46,7 +46,7 @@ _FLOAT32: Final = 7
 
 def encode(topic: str, message: Message) -> EncodedMessage:
     """Return an encoded message."""
-    schema, encode_fields = _type(message.type)
+    schema, encode_fields = _schema_and_encoder(message.type)
     return EncodedMessage(topic, schema, encode_fields(message.fields))
 
 
@@ -116,16 +116,18 @@ def disparity(value: Disparity, time_ns: int) -> Message:
 
 def cloud(value: Cloud, time_ns: int) -> Message:
     """Return ``sensor_msgs/PointCloud2``: x, y, z, and rgb if it has colours."""
-    fields = [{"name": name, "offset": 4 * index, "datatype": _FLOAT32, "count": 1} for index, name in enumerate("xyz")]
+    columns = [
+        {"name": name, "offset": 4 * index, "datatype": _FLOAT32, "count": 1} for index, name in enumerate("xyz")
+    ]
     if value.colors is not None:
-        fields.append({"name": "rgb", "offset": 12, "datatype": _FLOAT32, "count": 1})
+        columns.append({"name": "rgb", "offset": 12, "datatype": _FLOAT32, "count": 1})
     # The colour is a float32 of the bits of 0x00RRGGBB, as PCL has it.
     records = message_fields.packed_points(value, (2, 1, 0), 0)
     message = {
         "header": header(value.frame, time_ns),
         "height": 1,
         "width": len(records),
-        "fields": fields,
+        "fields": columns,
         "is_bigendian": False,
         "point_step": records.itemsize,
         "row_step": records.nbytes,
@@ -186,7 +188,7 @@ def _marker(frame: str, index: int, primitive: Primitive, time_ns: int) -> Field
 
 
 @cache
-def _type(name: str) -> tuple[Schema, Callable[[Fields], bytes]]:
+def _schema_and_encoder(name: str) -> tuple[Schema, Callable[[Fields], bytes]]:
     """Return the schema and the encoder of a type, ``sensor_msgs/msg/Image``."""
     text = definition(name)
     # mcap_ros2.writer.Writer has the same encoders, but writes whole files, and does not flush them.

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Final
 
-RENEW_SECONDS: Final = 10.0
+RESEND_SECONDS: Final = 10.0
 """Interval of repeated subscriptions. A viewer drops the subscription of a client after 30 s without one."""
 
 _log = logging.getLogger(__name__)
@@ -18,12 +18,12 @@ _log = logging.getLogger(__name__)
 class CallbackThreads:
     """Both threads. They start with the first subscription."""
 
-    def __init__(self, renew: Callable[[], None]) -> None:
-        """``renew`` sends the subscriptions without waiting for a response."""
-        self._renew = renew
+    def __init__(self, resend: Callable[[], None]) -> None:
+        """``resend`` sends the subscriptions without waiting for a response."""
+        self._resend = resend
         self._calls: queue.Queue[Callable[[], Any] | None] = queue.Queue()
         self._closed = threading.Event()
-        self._renew_now = threading.Event()
+        self._resend_event = threading.Event()
         self._lock = threading.Lock()
         self._started = False
 
@@ -32,7 +32,7 @@ class CallbackThreads:
         with self._lock:
             if not self._started:
                 self._started = True
-                for name, target in (("callbacks", self._run), ("renew", self._repeat)):
+                for name, target in (("callbacks", self._run), ("resend", self._repeat)):
                     threading.Thread(target=target, name=f"treeviewer-{name}", daemon=True).start()
 
     @property
@@ -44,14 +44,14 @@ class CallbackThreads:
         """Call a function in the thread. An exception is logged."""
         self._calls.put(function)
 
-    def renew_now(self) -> None:
+    def resend_now(self) -> None:
         """Send the subscriptions at once, in the thread that repeats them."""
-        self._renew_now.set()
+        self._resend_event.set()
 
     def close(self) -> None:
         """End the threads without waiting for them. A running callback is not interrupted."""
         self._closed.set()
-        self._renew_now.set()
+        self._resend_event.set()
         self._calls.put(None)
 
     def _run(self) -> None:
@@ -63,11 +63,11 @@ class CallbackThreads:
 
     def _repeat(self) -> None:
         while True:
-            self._renew_now.wait(RENEW_SECONDS)
+            self._resend_event.wait(RESEND_SECONDS)
             if self._closed.is_set():
                 return
-            self._renew_now.clear()
-            self._renew()
+            self._resend_event.clear()
+            self._resend()
 
 
 def check_callback(callback: object, method: str) -> None:

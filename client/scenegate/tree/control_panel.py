@@ -40,7 +40,7 @@ class ControlPanel:
         self._record = record
         self.lock = threading.Lock()
         """Guards the handles."""
-        self.sending = threading.RLock()
+        self.send_lock = threading.RLock()
         """Held while all controls or clickable paths are sent, so that the newest list arrives last, and in a batch.
 
         The receiving thread must not wait for it: another thread may hold it while it waits for a response."""
@@ -61,7 +61,7 @@ class ControlPanel:
     @contextmanager
     def batch(self) -> Iterator[None]:
         """Send what is added and removed inside the context in one request when it ends."""
-        with self.sending:
+        with self.send_lock:
             if self._is_batch:
                 raise RuntimeError("a batch of controls is open already")
             old = self._handles
@@ -82,7 +82,7 @@ class ControlPanel:
         self._replace(lambda old: {path: each for path, each in old.items() if not is_at_or_below(path, top)})
 
     def _replace(self, replacement: Callable[[_Handles], _Handles]) -> None:
-        with self.sending:
+        with self.send_lock:
             with self.lock:
                 old = self._handles
                 self._handles = replacement(old)

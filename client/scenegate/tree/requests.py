@@ -38,8 +38,8 @@ class Requests:
             on_request: called with the body and the ``utime`` of each request before it is sent.
         """
         self.timeout = timeout
-        self._negotiate = binary is None
-        self.message_format: str | None = {None: None, True: wire.BINARY, False: wire.JSON}[binary]
+        self._negotiates_format = binary is None
+        self.message_format: str | None = None if binary is None else wire.BINARY if binary else wire.JSON
         """Format of requests; None: not negotiated yet."""
         self._on_message = on_message
         self._on_request = on_request
@@ -61,12 +61,12 @@ class Requests:
         """
         response = self._exchange(body, self._negotiated_format())
         refused = response.status in (UNKNOWN_FORMAT, UNKNOWN_VERSION)
-        if refused and self.message_format == wire.BINARY and self._negotiate:
+        if refused and self.message_format == wire.BINARY and self._negotiates_format:
             self.message_format = wire.JSON  # another viewer, without MessagePack, runs now
             response = self._exchange(body, self.message_format)
         return response
 
-    def send_only(self, body: dict[str, Any]) -> None:
+    def send_without_response(self, body: dict[str, Any]) -> None:
         """Send a request whose response is ignored. Nothing is sent while the connection is lost."""
         if self.connection.is_connected:
             try:
@@ -77,7 +77,7 @@ class Requests:
 
     def reads_files(self) -> bool:
         """Return True if the viewer reads the content of mesh files, as Scenegate does; see ``send`` for errors."""
-        return not self._negotiate or self._negotiated_format() == wire.BINARY
+        return not self._negotiates_format or self._negotiated_format() == wire.BINARY
 
     def _negotiated_format(self) -> str:
         """Return the format of requests. An empty request negotiates it."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scenegate.closing import Closing
-from scenegate.messages.changes import Changes, Key, PublishedTree, path_of
+from scenegate.messages.changes import Changes, Key, Path, PublishedTree, path_of
 from scenegate.messages.colors import rgba
 from scenegate.messages.request_encoding import Response
 from scenegate.tree.answer import MISSING_PATHS, OK, UNSUPPORTED, Answer, TreeViewerError, answer_of
@@ -52,7 +52,7 @@ class TreeViewer(NotebookViews, Closing):
         self._published = PublishedTree()
         self._lock = threading.Lock()
         """Guards ``_published``."""
-        self._threads = CallbackThreads(self._renew)
+        self._threads = CallbackThreads(self._resend_subscriptions)
         self._clicks = ClickListener(self._threads)
         self._panel = ControlPanel(self.send, self._threads, self._record)
         self.controls = ControlFolder(self._panel)
@@ -72,7 +72,7 @@ class TreeViewer(NotebookViews, Closing):
     def close(self) -> None:
         """Close the connection. The published geometry stays in the viewer; the controls are removed."""
         self._threads.close()
-        self._renew(is_last=True)
+        self._resend_subscriptions(is_last=True)
         self.requests.connection.close()
 
     def set_transforms(self, paths: Iterable[Key], poses: ArrayLike) -> Answer:
@@ -146,23 +146,23 @@ class TreeViewer(NotebookViews, Closing):
 
     def _send_click_paths(self) -> None:
         """Subscribe to the clicks that have callbacks."""
-        with self._panel.sending:
+        with self._panel.send_lock:
             self.send(Changes(click_paths=self._clicks.paths()))
 
-    def _renew(self, *, is_last: bool = False) -> None:
+    def _resend_subscriptions(self, *, is_last: bool = False) -> None:
         """Send clickable paths and controls without waiting for the response, or for a connection that is lost.
 
         Args:
             is_last: True: end the subscription to clicks, and remove the controls.
         """
-        with self._panel.sending:
+        with self._panel.send_lock:
             changes = Changes()
             if paths := self._clicks.paths():
                 changes.click_paths = [] if is_last else paths
             if controls := self._panel.definitions():
                 changes.controls = [] if is_last else controls
             if body := changes.newer_commands():
-                self.requests.send_only(body)
+                self.requests.send_without_response(body)
 
     def _record(self, changes: Changes) -> None:
         """Record changes that the page has made."""
@@ -221,17 +221,9 @@ class TreeViewer(NotebookViews, Closing):
         with self._lock:
             self._published.update(changes)
         response = self.requests.send(changes.body())
-        missing = [tuple(path) for path in response.body.get("missing_paths", ())]
+        missing = _missing_paths(response)
         if response.status == MISSING_PATHS:
-            with self._lock:
-                republished = self._published.missing(missing)
-            if republished.entries:
-                second_response = self.requests.send(republished.body())
-                missing = []
-                if second_response.status == MISSING_PATHS:
-                    missing = [tuple(path) for path in second_response.body.get("missing_paths", ())]
-                elif second_response.status < OK:
-                    response = second_response
+            response, missing = self._republish(response, missing)
         answer = answer_of(response, missing)
         unknown = changes.newer_commands().keys() - set(response.body.get("newer_commands", ()))
         if unknown and answer.status >= OK:
@@ -240,6 +232,18 @@ class TreeViewer(NotebookViews, Closing):
         if answer.status < OK:
             raise TreeViewerError(answer)
         return answer
+
+    def _republish(self, response: Response, missing: list[Path]) -> tuple[Response, list[Path]]:
+        """Publish missing paths again. Return the response of a failure, or else ``response``; and the paths that are
+        still missing."""
+        with self._lock:
+            republished = self._published.missing(missing)
+        if not republished.entries:
+            return response, missing
+        second_response = self.requests.send(republished.body())
+        if second_response.status == MISSING_PATHS:
+            return response, _missing_paths(second_response)
+        return second_response if second_response.status < OK else response, []
 
     def reads_files(self) -> bool:
         """Return True if the viewer reads the content of mesh files, as Scenegate does; see ``send`` for errors."""
@@ -256,11 +260,15 @@ class TreeViewer(NotebookViews, Closing):
         elif "controls" in body:
             self._panel.receive(body)
         elif body.get("ready") is True:
-            self._threads.renew_now()
+            self._threads.resend_now()
             with self._lock:
-                everything = self._published.all()
+                everything = self._published.as_changes()
             if everything.entries or everything.view:
-                self.requests.send_only(everything.body())
+                self.requests.send_without_response(everything.body())
+
+
+def _missing_paths(response: Response) -> list[Path]:
+    return [tuple(path) for path in response.body.get("missing_paths", ())]
 
 
 def _home(vectors: Sequence[ArrayLike]) -> dict[str, list[float]]:

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from gateway.datasets.scenario.choices import SurfaceChoice
 from gateway.datasets.scenario.materials import material_of, with_material
 from gateway.datasets.scenario.placement import Solid, box_solid
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.transforms import translation
 from gateway.scene.tree import Node
+from scenegate.messages.geometry import Box
 
 Placed = tuple[NDArray[np.float64], tuple[float, float, float]]
 """Pose of a box's centre, (4, 4), and its side lengths in metres."""

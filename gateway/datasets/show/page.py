@@ -45,17 +45,19 @@ class Selection:
 
 def grid_page(dataset: Dataset, summary: Summary, selection: Selection) -> str:
     """Return the page with the selected samples, and the distributions of all objects."""
-    numbers = summary.samples if selection.class_id is None else summary.samples_by_class.get(selection.class_id, ())
+    indices = summary.sample_indices
+    if selection.class_id is not None:
+        indices = summary.samples_by_class.get(selection.class_id, ())
     begin = selection.page * PAGE_SAMPLES
     cells = (
-        f'<a class="cell" href="sample/{number}{escape(selection.query())}">'
-        f"{_image(number, selection, THUMBNAIL_WIDTH)}<span>{escape(dataset[number].id)}</span></a>"
-        for number in numbers[begin : begin + PAGE_SAMPLES]
+        f'<a class="cell" href="sample/{index}{escape(selection.query())}">'
+        f"{_image(index, selection, THUMBNAIL_WIDTH)}<span>{escape(dataset[index].id)}</span></a>"
+        for index in indices[begin : begin + PAGE_SAMPLES]
     )
-    partial = f" ({len(summary.samples)} chosen at random)" if len(summary.samples) < len(dataset) else ""
+    partial = f" ({len(summary.sample_indices)} chosen at random)" if len(summary.sample_indices) < len(dataset) else ""
     objects = sum(summary.objects_by_class.values())
-    count = f"{len(numbers)} of {len(dataset)} samples{partial}, {objects} objects in all"
-    pages = -(-len(numbers) // PAGE_SAMPLES)
+    count = f"{len(indices)} of {len(dataset)} samples{partial}, {objects} objects in all"
+    pages = -(-len(indices) // PAGE_SAMPLES)
     links = _page_link(selection, -1, "Previous", pages) + f"<span>{selection.page + 1} / {max(pages, 1)}</span>"
     links += _page_link(selection, 1, "Next", pages)
     body = (

@@ -8,7 +8,7 @@ from typing import Final
 from PIL import Image, ImageDraw, ImageFont
 
 from gateway.datasets.show.overlay import Layer, draw_sample, printable
-from gateway.datasets.show.summary import some_samples
+from gateway.datasets.show.summary import random_samples
 from scenegate.datasets import Dataset
 
 COLUMNS: Final = 4
@@ -31,7 +31,7 @@ def contact_sheet(dataset: Dataset, count: int, layers: Collection[Layer]) -> Im
     count = min(count, len(dataset))
     if count < 1:
         raise ValueError(f"{dataset.folder} has no samples")
-    chosen = [dataset[number] for number in some_samples(dataset, count)]
+    chosen = [dataset[index] for index in random_samples(dataset, count)]
     classes = dict(dataset.classes)
     columns = min(COLUMNS, count)
     images = [draw_sample(sample, classes, layers, CELL_WIDTH) for sample in chosen]

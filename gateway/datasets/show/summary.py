@@ -18,12 +18,13 @@ BINS: Final = 20
 
 @dataclass(frozen=True, slots=True)
 class Histogram:
-    """Numbers of objects in equal parts of a range."""
+    """Number of objects in each of ``BINS`` equal intervals from ``low`` to ``high``."""
 
     title: str
     low: float
     high: float
     unit: str
+    """Unit of ``low`` and ``high``."""
     counts: tuple[int, ...]
 
 
@@ -31,20 +32,20 @@ class Histogram:
 class Summary:
     """Statistics of the samples that were read."""
 
-    samples: tuple[int, ...]
-    """Numbers of the samples."""
+    sample_indices: tuple[int, ...]
+    """Indices in the dataset."""
     samples_by_class: dict[int, tuple[int, ...]]
-    """Numbers of the samples with visible objects of each class."""
+    """Indices of the samples with visible objects of each class."""
     objects_by_class: dict[int, int]
-    """Numbers of objects in all samples."""
+    """Number of objects of each class, in all samples."""
     histograms: tuple[Histogram, ...]
     """Distance and visibility of the objects; empty if there are none."""
 
 
-def some_samples(dataset: Dataset, count: int) -> tuple[int, ...]:
-    """Return the numbers of up to ``count`` samples in their order, always the same ones.
+def random_samples(dataset: Dataset, count: int) -> tuple[int, ...]:
+    """Return the sorted indices of up to ``count`` random samples, the same ones for each call.
 
-    They are chosen at random: evenly spaced samples could all be of one camera.
+    Evenly spaced samples could all be of one camera.
     """
     chosen = np.random.default_rng(0).choice(len(dataset), min(count, len(dataset)), replace=False)
     return tuple(np.sort(chosen).tolist())
@@ -56,16 +57,16 @@ def summarize(dataset: Dataset) -> Summary:
     Raises:
         RecordError: a line of the manifest cannot be read.
     """
-    numbers = some_samples(dataset, MAX_SAMPLES)
+    indices = random_samples(dataset, MAX_SAMPLES)
     samples_by_class: dict[int, list[int]] = {}
     objects: Counter[int] = Counter()
     distances: list[float] = []
     visibilities: list[float] = []
-    for number in numbers:
-        records = dataset[number].objects
+    for index in indices:
+        records = dataset[index].objects
         objects.update(record.class_id for record in records)
         for class_id in {record.class_id for record in records if record.visible_pixels}:
-            samples_by_class.setdefault(class_id, []).append(number)
+            samples_by_class.setdefault(class_id, []).append(index)
         distances += (float(np.linalg.norm(np.array(record.X_camera_object)[:3, 3])) for record in records)
         visibilities += (record.visible_fraction for record in records)
     histograms: tuple[Histogram, ...] = ()
@@ -75,7 +76,7 @@ def summarize(dataset: Dataset) -> Summary:
             _histogram("Visible fraction", [100.0 * value for value in visibilities], (0.0, 100.0), "%"),
         )
     by_class = {class_id: tuple(found) for class_id, found in samples_by_class.items()}
-    return Summary(numbers, by_class, dict(objects), histograms)
+    return Summary(indices, by_class, dict(objects), histograms)
 
 
 def _histogram(title: str, values: list[float], limits: tuple[float, float], unit: str) -> Histogram:

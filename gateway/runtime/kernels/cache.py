@@ -152,7 +152,7 @@ async def _compile_in_child(
         compiled: cache folders of the kernels, by part; extended here.
     """
     child = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-P", "-m", "gateway.runtime.kernels.child", str(queue), *parts),
+        *(sys.executable, "-P", "-m", "gateway.runtime.kernels.compile_process", str(queue), *parts),
         # Import the same modules as this process; the current folder may be a clone of another version.
         env={**os.environ, "NUMBA_CACHE_DIR": str(cache_folder.root()), "PYTHONPATH": os.pathsep.join(sys.path)},
         pass_fds=(queue,),

@@ -11,7 +11,10 @@ from gateway.stereo.stream.subscriptions import LimitError, StreamError
 
 
 class ClientQueue:
-    """Messages that wait for one client."""
+    """Messages that wait for one client.
+
+    Limits count items: a message with one image set is one item, a message with a batch of samples one item per sample.
+    """
 
     def __init__(self, max_items: int) -> None:
         """

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 
 from gateway.recording.snapshot_frames import SnapshotFrames
 from gateway.scene.flatten import Flattener
-from gateway.scene.geometry import Box, Line, Part, PointCloud, Sphere, Triad
+from gateway.scene.geometry import Line, Part, PointCloud
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Path as NodePath
 from gateway.scene.tree import TreeEdit
 from renderers.color import srgb_from_linear
 from renderers.drawlist import Material, Topology
+from scenegate.messages.geometry import Box, Sphere, Triad
 from scenegate.recording import mcap_file, scene_mirror
 from scenegate.recording.profiles import Profile, ProfileName
 from scenegate.recording.recorder import SceneWriter

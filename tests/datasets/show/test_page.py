@@ -214,7 +214,7 @@ def test_only_a_part_of_a_large_dataset_is_read(dataset: Dataset, monkeypatch: p
 
     monkeypatch.setattr(summary, "MAX_SAMPLES", 2)
     part = summarize(dataset)
-    assert len(part.samples) == 2
+    assert len(part.sample_indices) == 2
     assert part == summarize(dataset)
     page = grid_page(dataset, part, Selection((), "color", None, 0))
     assert "2 of 3 samples (2 chosen at random)" in page

@@ -16,7 +16,7 @@ from numba.core import config as numba_config
 import renderers.raster
 import renderers.stereo.depth.modelled_errors  # noqa: F401 - they define kernels
 from renderers.compiler import cache_folder as kernel_cache
-from renderers.compiler.cache_locator import CACHED, cached_njit, folder_of
+from renderers.compiler.cache_locator import CACHED_KERNELS, cached_njit, folder_of
 
 ROOT = Path(__file__).parents[3]
 config: Any = numba_config
@@ -25,7 +25,7 @@ config: Any = numba_config
 
 def test_every_kernel_has_a_folder_of_its_own_in_the_cache() -> None:
     # Other tests' modules may have kernels of their own, which Numba's own locators take.
-    ours = [kernel for kernel in CACHED if not kernel.py_func.__module__.startswith("tests.")]
+    ours = [kernel for kernel in CACHED_KERNELS if not kernel.py_func.__module__.startswith("tests.")]
     folders = [folder_of(kernel) for kernel in ours]
     assert {folder.parent for folder in folders} == {kernel_cache.folder()}
     assert len(set(folders)) == len(folders)
@@ -48,7 +48,7 @@ def test_functions_of_other_packages_keep_numbas_cache_folder(tmp_path: Path, mo
     other: Any = cached_njit()(_other)
     assert folder_of(other).parent == tmp_path
     assert before == config.CACHE_LOCATOR_CLASSES == ""
-    CACHED.remove(other)
+    CACHED_KERNELS.remove(other)
 
 
 def _other(x: int) -> int:

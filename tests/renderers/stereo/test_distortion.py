@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.transforms import look_at, translation
 from gateway.scene.tree import Node, TreeEdit
 from renderers.camera import Camera
@@ -16,6 +16,7 @@ from renderers.drawlist import DrawList, Material
 from renderers.interface import Look, Output, Renderer
 from renderers.stereo.lens.distortion import Distortion, check_distortion, distorted_image, raw_pose
 from renderers.stereo.model import Intrinsics
+from scenegate.messages.geometry import Box
 
 K = Intrinsics(480, 360, 400.0, 243.0, 177.0)
 LENS = Distortion((-0.12, 0.05, 0.001, -0.0008, 0.0), (0.004, -0.01, 0.006))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gateway.runtime import process_tuning
-from gateway.runtime.kernels import child
+from gateway.runtime.kernels import compile_process
 from gateway.runtime.kernels.cache import KernelError
 from gateway.runtime.kernels.parts import PARTS, Part
 from renderers.compiler.jit import KERNELS, Kernel
@@ -17,12 +17,12 @@ from renderers.compiler.jit import KERNELS, Kernel
 def test_parts_are_compiled_until_the_queue_is_empty(monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[str] = []
     monkeypatch.setattr(Part, "compile_or_load", lambda part: done.append(part.names[0]))
-    monkeypatch.setattr(child, "PARTS", {name: Part(1, (name,)) for name in "abc"})
+    monkeypatch.setattr(compile_process, "PARTS", {name: Part(1, (name,)) for name in "abc"})
     monkeypatch.setattr(process_tuning, "pause_gc", lambda: None)  # it stops the garbage collector
     queue, queue_input = os.pipe()
     os.write(queue_input, bytes((2, 0)))
     os.close(queue_input)
-    child.compile_parts(queue, ("a", "b", "c"))
+    compile_process.compile_parts(queue, ("a", "b", "c"))
     os.close(queue)
     assert done == ["c", "a"]
 
@@ -40,15 +40,15 @@ class Function:
 
 def test_the_folders_of_a_part_are_those_compiled_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     functions = [Function(tmp_path / "a"), Function(tmp_path / "b", compiled=False)]
-    monkeypatch.setattr("renderers.compiler.cache_locator.CACHED", functions)
+    monkeypatch.setattr("renderers.compiler.cache_locator.CACHED_KERNELS", functions)
     monkeypatch.setattr("renderers.compiler.cache_locator.folder_of", lambda function: function.folder)
     reported: set[int] = set()
-    assert child._take_new_folders(reported) == ["a"]  # noqa: SLF001
+    assert compile_process._take_new_folders(reported) == ["a"]  # noqa: SLF001
     functions.append(Function(tmp_path / "c"))
-    assert child._take_new_folders(reported) == ["c"]  # noqa: SLF001
+    assert compile_process._take_new_folders(reported) == ["c"]  # noqa: SLF001
     functions.append(Function(tmp_path / "d", kept=False))
     with pytest.raises(KernelError, match="Numba has not stored d in the cache"):
-        child._take_new_folders(reported)  # noqa: SLF001
+        compile_process._take_new_folders(reported)  # noqa: SLF001
 
 
 def test_every_kernel_is_in_one_part(monkeypatch: pytest.MonkeyPatch) -> None:

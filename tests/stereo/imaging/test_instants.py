@@ -10,7 +10,7 @@ import pytest
 
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.flatten import Flattener
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.mount import Mount
@@ -24,6 +24,7 @@ from gateway.stereo.stream.set_kind import SetKind
 from renderers.drawlist import DrawList, Material
 from renderers.raster import CpuRenderer
 from scenegate.camera import image_interface_pb2 as pb
+from scenegate.messages.geometry import Box
 from tests.stereo.conftest import SMALL, Start
 from tests.stereo.scenes import pose
 from tests.support.waiting import SECONDS, until

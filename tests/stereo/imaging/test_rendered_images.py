@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from gateway.demo import Demo
 from gateway.gltf import read_gltf
 from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Sphere
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import look_at, translation
 from gateway.scene.tree import Node, TreeEdit
@@ -25,6 +24,7 @@ from renderers.interface import LookName, Output
 from renderers.primitives import box
 from renderers.raster import CpuRenderer
 from renderers.stereo.model import Quality, StereoModel
+from scenegate.messages.geometry import Sphere
 from tests.stereo.scenes import part
 from tests.support.corpus import drake_scene
 

@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.scene.flatten import Flattener
-from gateway.scene.geometry import Box
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import from_pose
@@ -28,6 +27,7 @@ from renderers.raster import CpuRenderer
 from renderers.stereo.lens.motion_blur import poses_at
 from renderers.stereo.sensor.exposure import Exposure
 from renderers.stereo.sensor.noise import NoiseStream
+from scenegate.messages.geometry import Box
 from tests.stereo.conftest import SMALL
 from tests.stereo.scenes import part
 

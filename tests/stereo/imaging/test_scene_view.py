@@ -6,13 +6,14 @@ import numpy as np
 
 from gateway.scene import transforms as tf
 from gateway.scene.flatten import Flattener
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.mount import Mount
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.imaging.scene_view import SceneView
 from renderers.drawlist import Material
+from scenegate.messages.geometry import Box
 from tests.stereo.conftest import SMALL
 
 

@@ -15,7 +15,7 @@ from fastapi import FastAPI
 from numpy.typing import NDArray
 
 from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Part
 from gateway.scene.timeline import TimeError
 from gateway.scene.transforms import translation
 from gateway.scene.tree import Node, TreeEdit
@@ -26,6 +26,7 @@ from gateway.stereo.routes.camera_routes import camera_router
 from renderers.drawlist import DrawList, Material
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.model import Intrinsics, Quality
+from scenegate.messages.geometry import Box
 from tests.stereo.conftest import SMALL, Camera, Start, pixels
 from tests.stereo.scenes import pose
 

@@ -1,4 +1,7 @@
-"""The child process that compiles kernels into the cache: ``python -m gateway.runtime.kernels.child FD PART ...``."""
+"""Child process that compiles kernels into the cache.
+
+It runs as ``python -m gateway.runtime.kernels.compile_process FD PART ...``.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,11 @@ from gateway.runtime.kernels import cache
 from gateway.runtime.kernels.parts import BACKGROUND, PARTS
 
 
-def compile_parts(queue: int, names: tuple[str, ...]) -> None:
+def compile_parts(parts_fd: int, names: tuple[str, ...]) -> None:
     """Compile parts until none is left. Report each compiled function and part on stdout, as JSON lines.
 
     Args:
-        queue: file descriptor of a pipe with one byte for each part to compile, its index in ``names``. Several
+        parts_fd: file descriptor of a pipe with one byte for each part to compile, its index in ``names``. Several
             processes read from it.
         names: parts of ``PARTS``.
 
@@ -28,31 +31,32 @@ def compile_parts(queue: int, names: tuple[str, ...]) -> None:
     if set(names) <= set(BACKGROUND):
         os.nice(10)  # the server already runs
     process_tuning.pause_gc()  # compiling makes millions of objects that live until the end
-    reported: set[int] = set()
-    while index := os.read(queue, 1):
+    reported_ids: set[int] = set()
+    while index := os.read(parts_fd, 1):
         part = names[index[0]]
         with cache.report_compiled_functions(partial(_report, part=part)):
             PARTS[part].compile_or_load()
-        _report(part=part, kernels=_take_new_folders(reported))
+        _report(part=part, kernels=_take_new_folders(reported_ids))
 
 
 def _report(**fields: Any) -> None:
+    """Write a JSON line: ``part`` and the fields of a compiled function, or ``part`` and its ``kernels``."""
     sys.stdout.write(json.dumps(fields) + "\n")
     sys.stdout.flush()
 
 
-def _take_new_folders(reported: set[int]) -> list[str]:
+def _take_new_folders(reported_ids: set[int]) -> list[str]:
     """Return the names of the cache folders of the kernels that were compiled since the last call.
 
     Args:
-        reported: ids of the kernels of earlier calls; extended here.
+        reported_ids: ``id`` of each kernel of earlier calls; extended here.
     """
-    from renderers.compiler.cache_locator import CACHED, folder_of
+    from renderers.compiler.cache_locator import CACHED_KERNELS, folder_of
 
     folders: list[str] = []
-    for dispatcher in CACHED:
-        if dispatcher.signatures and id(dispatcher) not in reported:
-            reported.add(id(dispatcher))
+    for dispatcher in CACHED_KERNELS:
+        if dispatcher.signatures and id(dispatcher) not in reported_ids:
+            reported_ids.add(id(dispatcher))
             path = folder_of(dispatcher)
             if not any(path.glob("*.nbi")):
                 raise cache.KernelError(f"Numba has not stored {path.name} in the cache")
