@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from scenegate.regular_files import read_regular
+from scenegate.regular_files import errors_name, read_regular
 
 if TYPE_CHECKING:
     import grpc
@@ -66,9 +66,11 @@ class Credentials:
 
     def context(self) -> ssl.SSLContext:
         """Return the TLS context of an HTTPS client; raise OSError if a certificate cannot be read."""
-        context = ssl.create_default_context(cafile=self.ca)
+        with errors_name(self.ca or ""):
+            context = ssl.create_default_context(cafile=self.ca)
         if self.certificate is not None:
-            context.load_cert_chain(self.certificate, self.key)
+            with errors_name(self.certificate):
+                context.load_cert_chain(self.certificate, self.key)
         return context
 
     @property

@@ -61,7 +61,7 @@ def parse_address(address: str, credentials: Credentials) -> GatewayAddress:
         url = urlsplit(address.partition("#")[0].partition("?")[0])
         port = url.port
     except ValueError as error:
-        raise GatewayRequestError(f"the address of the gateway, {address!r}, has no valid port: {error}") from None
+        raise GatewayRequestError(f"the address of the gateway, {address!r}, is invalid: {error}") from None
     if url.scheme not in ("http", "https") or not url.hostname:
         raise GatewayRequestError(f"the address of the gateway is {address!r}; it must be like http://HOST:PORT")
     if url.scheme == "http" and credentials.is_encrypted:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Coroutine, Iterable, Mapping
 from contextlib import suppress
 from typing import Any, Final
 
@@ -155,13 +155,15 @@ class FoxgloveService:
         return kind, CLOUD_TOPIC in topics
 
     async def _stream(self, camera: StereoService, kind: SetKind, has_points: bool) -> bool:
-        """Send image sets; return True if subscribers need others, and False if the camera gives none."""
+        """Send image sets; return True as soon as subscribers need others, and False if the camera gives none."""
         converter = CameraConverter(camera.config.model.baseline, cloud=has_points)
         try:
             with camera.hub.subscribe(kind) as subscription:
                 while self._wanted_images(camera) == (kind, has_points):
-                    data = await subscription.get()
-                    await asyncio.to_thread(self._send_set, converter, data)
+                    self._camera_changed.clear()
+                    data = await _unless(self._camera_changed, subscription.get())
+                    if data is not None:
+                        await asyncio.to_thread(self._send_set, converter, data)
         except (LimitError, StreamError) as error:
             _log.warning(f"Foxglove gets no images: {error}")
             return False
@@ -236,6 +238,17 @@ class _SceneFeed:
 
 def _is_of_scene(topic: str) -> bool:
     return topic in (TF_TOPIC, SCENE_TOPIC) or topic.startswith(SCENE_CLOUDS_TOPIC)
+
+
+async def _unless(event: asyncio.Event, getting: Coroutine[Any, Any, bytes]) -> bytes | None:
+    """Return the result of a coroutine; None, and cancel it, if an event is set before."""
+    tasks = result, _ = asyncio.create_task(getting), asyncio.create_task(event.wait())
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        return result.result() if result.done() else None
+    finally:
+        for task in tasks:
+            task.cancel()
 
 
 def _notify(loop: asyncio.AbstractEventLoop, event: asyncio.Event) -> None:

@@ -31,13 +31,26 @@ def test_addresses(address: str, parts: tuple[str, int | None, str]) -> None:
     ("address", "sentence"),
     [
         ("robot:8000", "the address of the gateway is 'robot:8000'; it must be like http://HOST:PORT"),
-        ("http://robot:many", "the address of the gateway, 'http://robot:many', has no valid port"),
+        ("http://robot:many", "the address of the gateway, 'http://robot:many', is invalid: Port could not be"),
+        ("http://[::1", r"the address of the gateway, 'http://\[::1', is invalid: Invalid IPv6 URL"),
         ("http://robot", "http://robot: --tls, --ca and --certificate need an address with https://"),
     ],
 )
 def test_wrong_addresses(address: str, sentence: str) -> None:
     with pytest.raises(GatewayRequestError, match=sentence):
         parse_address(address, Credentials(tls=True))
+
+
+def test_a_file_that_is_no_certificate(tmp_path: Path) -> None:
+    pem, key = certificate(tmp_path)
+    for wrong in (Credentials(ca=key), Credentials(certificate=key, key=key)):
+        with pytest.raises(OSError, match=r"SSL|PEM|X509") as caught:
+            wrong.context()
+        assert caught.value.filename == str(key)
+    Credentials(ca=pem, certificate=pem, key=key).context()
+    with pytest.raises(FileNotFoundError) as missing:
+        Credentials(ca=tmp_path / "none.pem").context()
+    assert missing.value.filename == str(tmp_path / "none.pem")
 
 
 @contextmanager

@@ -69,7 +69,7 @@ async def test_samples_are_written_beside_the_sets(start: Start, tmp_path: Path)
         await asyncio.to_thread(receive_all, options)
     with pytest.raises(GatewayError, match="must be like http"):
         await asyncio.to_thread(receive_all, replace(options, imu="camera:8000"))
-    with pytest.raises(GatewayError, match="no valid port"):
+    with pytest.raises(GatewayError, match="is invalid: Port could not be"):
         await asyncio.to_thread(receive_all, replace(options, imu="http://camera:many"))
 
 

@@ -181,6 +181,13 @@ async def test_truth_is_written_for_each_set(start: Start, tmp_path: Path) -> No
         await asyncio.to_thread(receive_all, replace(options, truth="camera:8000"))
 
 
+def test_a_wrong_address_is_found_before_anything_is_received(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(GatewayError, match="must be like http"):
+        receive_all(StreamOptions("127.0.0.1:1", output=out, truth="camera:8000"))
+    assert not out.exists()
+
+
 FLAGS = ("left", "right", "disparity", "error", "confidence", "mesh", "color", "watertight", "textured", "tls")
 
 

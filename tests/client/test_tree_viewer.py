@@ -184,6 +184,27 @@ async def test_sends_everything_to_a_restarted_viewer() -> None:
         await in_thread(tree_viewer.close)
 
 
+async def test_what_cannot_be_sent_is_not_sent_again() -> None:
+    (port,) = free_ports(1)
+    config = TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=port))
+
+    def fail(tree_viewer: TreeViewer) -> None:
+        with pytest.raises(UnicodeEncodeError):
+            tree_viewer["\ud800"].set(Box((1, 1, 1)))
+
+    async with serving(config):
+        tree_viewer = await in_thread(TreeViewer, f"tcpq://127.0.0.1:{port}", 20.0)
+        await in_thread(fail, tree_viewer)  # before the format is negotiated
+        await in_thread(tree_viewer["robot"].set, Box((1, 1, 1)))
+        await in_thread(fail, tree_viewer)
+    live = LiveTree()
+    try:
+        async with serving(config, live=live):
+            await until(lambda: paths(live) == {("robot",)})
+    finally:
+        await in_thread(tree_viewer.close)
+
+
 async def test_falls_back_to_json(monkeypatch: pytest.MonkeyPatch) -> None:
     live = LiveTree()
     async with serving(live=live) as service:

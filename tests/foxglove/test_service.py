@@ -26,6 +26,7 @@ from gateway.recording.snapshot_frames import SnapshotFrames
 from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.live import LiveTree
 from gateway.stereo.service import StereoService
+from gateway.stereo.stream.subscriptions import ImageSetHub
 from renderers.drawlist import Material
 from scenegate.messages.geometry import Box
 from tests.foxglove.client import SUBPROTOCOL, FoxgloveClient
@@ -195,6 +196,20 @@ async def test_images_intrinsics_depth_and_points(start: Start) -> None:
     assert 0 < len(points) <= values.size
     assert np.nanmin(values) > 0.0
     assert found["/stereo/disparity"].encoding == "32FC1"
+
+
+async def test_the_camera_is_left_at_once_without_images() -> None:
+    """The camera makes none while the clock is stopped."""
+    hub = ImageSetHub(max_clients=1, max_kinds=1)
+    camera: Any = SimpleNamespace(hub=hub, config=SimpleNamespace(color=False, model=SimpleNamespace(baseline=0.1)))
+    left, right = "/stereo/left/image_rect", "/stereo/right/image_rect"
+    async with running(FoxgloveService(0, LiveTree(), camera)) as service, client_of(service) as client:
+        await client.subscribe(left)
+        await until(lambda: any(kind.left for kind in hub.kinds))
+        await client.subscribe(right)
+        await until(lambda: any(kind.left and kind.right for kind in hub.kinds))
+        await client.unsubscribe(left, right)
+        await until(lambda: not hub.kinds)
 
 
 async def test_a_client_that_does_not_read_delays_no_other(start: Start) -> None:

@@ -201,6 +201,29 @@ async def test_a_full_disk_ends_a_recording() -> None:
         await sender.close()
 
 
+async def test_a_message_that_is_written_in_part_ends_a_recording(tmp_path: Path) -> None:
+    """As on a disk whose last bytes it takes: the system reports an error only for the next write."""
+    resource = pytest.importorskip("resource", reason="needs limits of the size of files")
+    out, (soft, hard) = tmp_path / "out.lcmlog", resource.getrlimit(resource.RLIMIT_FSIZE)
+    async with serving() as service:
+        url, progress = f"tcpq://127.0.0.1:{service.tcpq_port}", replay.Progress()
+        stop, ready = asyncio.Event(), asyncio.Event()
+        task = asyncio.create_task(replay.record(out, url, "IMU", progress, stop, ready.set))
+        await ready.wait()
+        client = await HubClient.connect(service.tcpq_port)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+        try:
+            await client.publish("IMU", bytes(200_000))
+            await until(lambda: out.stat().st_size == 100_000)
+            stop.set()
+            with pytest.raises(OSError, match="File too large"):
+                await task
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        await client.close()
+    assert progress.events == 0
+
+
 async def test_finish_loses_nothing_when_the_hub_sends(tmp_path: Path) -> None:
     """Closing a connection with unread bytes resets it, and the hub loses what it has not read."""
     log = tmp_path / "in.lcmlog"

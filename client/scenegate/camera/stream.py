@@ -18,6 +18,7 @@ from scenegate.camera import image_interface_pb2 as pb
 from scenegate.camera.imu import ImuRecorder
 from scenegate.camera.truth import fetch_truth
 from scenegate.credentials import Credentials
+from scenegate.gateway_http import parse_address
 
 METHOD = "/ImageInterface/StreamImageSets"
 """The gRPC method of the stream."""
@@ -217,6 +218,8 @@ def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lam
         OSError: a certificate cannot be read, or a file cannot be written.
         GatewayError: ground truth or IMU samples cannot be received.
     """
+    if options.truth is not None:
+        parse_address(options.truth, options.credentials)
     if options.output is not None:
         options.output.mkdir(parents=True, exist_ok=True)
     if options.output is None or options.imu is None:

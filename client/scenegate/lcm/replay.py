@@ -69,13 +69,14 @@ async def record(
     """
     pattern = _pattern(channels)
     failures: list[OSError] = []
-    with errors_name(path), path.open("wb", buffering=0) as file:
+    with errors_name(path), path.open("wb") as file:
 
         def on_message(channel: str, data: bytes | memoryview, is_local: bool) -> None:
             if not pattern.fullmatch(channel) or failures:
                 return
             try:
                 file.write(pack_event(progress.events, time.time_ns() // 1000, channel, data))
+                file.flush()
             except OSError as error:  # the disk is full
                 failures.append(error)
                 stop.set()

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 from typing import Final
@@ -22,6 +22,7 @@ from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.profiles import Messages, Profile, ProfileName
 from scenegate.recording.scene_mirror import SceneMirror
 from scenegate.recording.sources import QUEUED_ITEMS, Received, Source, camera_sets, imu_samples, scene_frames
+from scenegate.recording.values import SceneChange
 from scenegate.recording.view_frames import ViewFrame
 from scenegate.regular_files import errors_name
 
@@ -87,7 +88,7 @@ class SceneWriter:
         if self.files.is_full:
             self.files.next_file()
             if self._whole_scene_ns is not None:
-                self._write_whole(log_time_ns, log_time_ns)
+                self._write_whole(log_time_ns, SceneChange(log_time_ns))
         if isinstance(value, ViewFrame):
             self._write_view_frame(value, log_time_ns)
         elif isinstance(value, ImuSample):
@@ -100,16 +101,20 @@ class SceneWriter:
         change = self._mirror.apply(view_frame, log_time_ns)
         if change is None:
             return
+        if self._whole_scene_ns is not None and log_time_ns >= self._whole_scene_ns:
+            self._write_whole(log_time_ns, change)
+            return
         size = self._write_all(self._profile.scene(change), log_time_ns, change.time_ns)
         if self._whole_scene_ns is None and view_frame.header["kind"] == "update":
             self._plan_whole(log_time_ns, size)
-        elif self._whole_scene_ns is not None and log_time_ns >= self._whole_scene_ns:
-            self._write_whole(log_time_ns, change.time_ns)
 
-    def _write_whole(self, log_time_ns: int, time_ns: int) -> None:
-        """Write the whole scene."""
-        whole = self._profile.scene(self._mirror.whole(time_ns))
-        self._plan_whole(log_time_ns, self._write_all(whole, log_time_ns, time_ns))
+    def _write_whole(self, log_time_ns: int, change: SceneChange) -> None:
+        """Write the whole scene, with what the newest change has removed."""
+        whole = self._mirror.whole(change.time_ns)
+        entities = {each.frame: each for each in (*whole.entities, *change.entities)}
+        clouds = {each.frame: each for each in (*whole.clouds, *change.clouds)}
+        whole = replace(whole, entities=list(entities.values()), clouds=list(clouds.values()))
+        self._plan_whole(log_time_ns, self._write_all(self._profile.scene(whole), log_time_ns, whole.time_ns))
 
     def _plan_whole(self, log_time_ns: int, size: int) -> None:
         """Set the time of the next record of the whole scene, whose messages have so many bytes."""

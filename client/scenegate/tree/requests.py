@@ -52,14 +52,20 @@ class Requests:
         handlers = {f"{wire.RESPONSE}_<{self.client_id}>": self._receive, wire.RESPONSE: self._receive_announcement}
         self.connection = LcmConnection(url, handlers, timeout)
 
-    def send(self, body: dict[str, Any]) -> Response:
+    def send(self, body: dict[str, Any], encoded: Callable[[], None] = lambda: None) -> Response:
         """Send a request in the negotiated format, and return the response.
+
+        Args:
+            encoded: called before a request is sent; not if it cannot be encoded.
 
         Raises:
             TimeoutError: there was no response in time.
             ConnectionError: the connection is closed, or lost for longer than the timeout.
         """
-        response = self._exchange(body, self._negotiated_format())
+        if self.message_format is None:  # called before the wait for a viewer
+            encode_request(body, 0, wire.BINARY)
+            encoded()
+        response = self._exchange(body, self._negotiated_format(), encoded)
         refused = response.status in (UNKNOWN_FORMAT, UNKNOWN_VERSION)
         if refused and self.message_format == wire.BINARY and self._negotiates_format:
             self.message_format = wire.JSON  # another viewer, without MessagePack, runs now
@@ -86,9 +92,11 @@ class Requests:
             self.message_format = wire.JSON if status in (UNKNOWN_FORMAT, UNKNOWN_VERSION) else wire.BINARY
         return self.message_format
 
-    def _exchange(self, body: dict[str, Any], message_format: str) -> Response:
+    def _exchange(
+        self, body: dict[str, Any], message_format: str, encoded: Callable[[], None] = lambda: None
+    ) -> Response:
         """Send one request and wait for its response."""
-        utime, future = self._post(body, message_format)
+        utime, future = self._post(body, message_format, encoded)
         try:
             return future.result(self.timeout)
         except FutureTimeoutError:
@@ -98,7 +106,9 @@ class Requests:
         finally:
             self.pending.pop(utime, None)
 
-    def _post(self, body: dict[str, Any], message_format: str) -> tuple[int, Future[Response]]:
+    def _post(
+        self, body: dict[str, Any], message_format: str, encoded: Callable[[], None] = lambda: None
+    ) -> tuple[int, Future[Response]]:
         """Send one request, and return its ``utime`` and the future of its response."""
         with self._lock:
             utime = self._last_utime = max(self._last_utime + 1, time.time_ns() // 1000)
@@ -106,6 +116,7 @@ class Requests:
         self._on_request(body, utime)
         try:
             message = encode_request({"timestamp": utime, **body}, utime, message_format)
+            encoded()
             self.connection.publish(f"{wire.REQUEST}_<{self.client_id}>", message, future.set_exception)
         except BaseException:
             self.pending.pop(utime, None)

@@ -165,7 +165,7 @@ class TreeViewer(NotebookViews, Closing):
                 self.requests.send_without_response(body)
 
     def _record(self, changes: Changes) -> None:
-        """Record changes that the page has made."""
+        """Record changes that are published, or that the page has made."""
         with self._lock:
             self._published.update(changes)
 
@@ -218,9 +218,7 @@ class TreeViewer(NotebookViews, Closing):
             TimeoutError: there was no response in time.
             ConnectionError: the connection is closed, or lost for longer than the timeout.
         """
-        with self._lock:
-            self._published.update(changes)
-        response = self.requests.send(changes.body())
+        response = self.requests.send(changes.body(), lambda: self._record(changes))
         missing = _missing_paths(response)
         if response.status == MISSING_PATHS:
             response, missing = self._republish(response, missing)

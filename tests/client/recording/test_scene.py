@@ -180,6 +180,34 @@ async def test_readers_can_begin_in_the_middle(tmp_path: Path, monkeypatch: pyte
     assert len(kept.files.paths) == 2
 
 
+async def test_each_transform_is_written_once_at_a_time(tmp_path: Path) -> None:
+    """The whole scene has the changes that are recorded with it, and the nodes that they have removed."""
+    live, snapshots = small_tree(), []
+    with live.edit() as edit:
+        edit.set_parts(("gone",), (Part(Box((1, 1, 1)), RED),))
+        edit.set_parts(("points",), (Part(PointCloud(np.ones((5, 3), np.float32)), RED),))
+    for second in range(12):
+        with live.edit() as edit:
+            edit.set_pose(("robot",), (float(second), 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+            if second == 10:
+                edit.delete(("gone",))
+                edit.delete(("points",))
+        snapshots.append(live.snapshot)
+    await write_snapshots(tmp_path / "a.mcap", "foxglove", snapshots)
+    messages = list(foxglove_messages(tmp_path / "a.mcap"))
+    written = [
+        (message.log_time, each.child_frame_id)
+        for message in messages
+        if message.topic == "/tf"
+        for each in message.value.transforms
+    ]
+    assert len(written) == len(set(written))
+    (removed,) = [each for message in messages if message.topic == "/scene" for each in message.value.deletions]
+    assert removed.id == "scene/gone"
+    points = [len(message.value.data) > 0 for message in messages if message.topic == "/scene/points/points"]
+    assert points == [True, False]
+
+
 async def test_a_mesh_beyond_the_limit_is_left_out_with_a_warning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
