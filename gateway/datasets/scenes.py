@@ -36,6 +36,7 @@ from gateway.scene.tree import Node
 from gateway.scene.tree import Path as TreePath
 from gateway.treeviewer.apply import RequestApplier
 from gateway.treeviewer.config import Limits
+from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.json_reader import JsonReader
 from gateway.treeviewer.quota import TreeQuota
 from renderers.drawlist import DrawList, Light
@@ -184,7 +185,8 @@ def _load_tree(source: Source, files: FolderFiles, options: SceneOptions) -> Loa
     """Apply a tree viewer request to an empty tree."""
     limits = Limits()
     live = LiveTree()
-    request = JsonReader(limits).read(memoryview(files.read_scene()), _MeshFileReader(files))
+    context = ReadContext(limits, meshes=_MeshFileReader(files))
+    request = JsonReader(limits).read(memoryview(files.read_scene()), context)
     if not request.commands:
         raise SceneError("no setgeometry and no settransform command is in it")
     applier = RequestApplier(request, live, TreeQuota(limits), limits, WarningList())

@@ -156,8 +156,8 @@ class StereoService:
             await self._scheduler.run()
         finally:
             self._port = None
-            for hub in (self.hub, self.imu.hub):
-                hub.close("the stereo camera is shutting down")
+            for streams in (self.hub, self.events, self.imu.hub):
+                streams.close("the stereo camera is shutting down")
             imu.cancel()
             await asyncio.gather(imu, return_exceptions=True)
             await server.stop(grpc_server, shut_down_health)

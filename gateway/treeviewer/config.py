@@ -77,7 +77,8 @@ class TreeViewerConfig:
     """Number of commands of a big request that are executed before the event loop continues: 2000 take about 5 ms. The
     request becomes visible at once, after its last command."""
     threads: int = 4
-    """Number of worker threads for requests that are big or not regular. A client's slow file takes one of them."""
+    """Number of worker threads for big requests and those with images, text, mesh files or controls. A slow file takes
+    one of them."""
     waiting_requests: int = 100_000
     """Maximum number of requests that wait for a worker thread: one of each client."""
     waiting_bytes: int = 1024 * MIB

@@ -16,6 +16,10 @@ from gateway.treeviewer.packed_arrays import ArrayError, PackedArray
 from scenegate.messages.field_kinds import CommandError, show
 
 
+class ThreadRequired(Exception):  # noqa: N818 - an expected outcome, not a fault
+    """A request that is read on the event loop contains what takes milliseconds: read it again in a worker thread."""
+
+
 class MeshLoader(Protocol):
     """Loader of the files of ``mesh_file`` geometries. ``gateway.assets.mesh_files.MeshFiles`` implements it."""
 
@@ -40,8 +44,15 @@ class ReadContext:
     """Number of text labels in the request so far."""
     strict: bool = False
     """True: ``warnings`` are errors."""
+    at_once: bool = False
+    """True: the event loop reads the request. Images, text, mesh files and controls raise ThreadRequired."""
     warnings: list[str] = field(default_factory=list)
     """One sentence for each irregularity of the current command that was tolerated."""
+
+    def require_thread(self) -> None:
+        """Raise ThreadRequired on the event loop."""
+        if self.at_once:
+            raise ThreadRequired
 
     def rows(self, value: Any, name: str, columns: tuple[int, ...], limit: str) -> NDArray[np.float32]:
         try:
@@ -61,9 +72,11 @@ class ReadContext:
         return colors
 
     def image(self, value: Any, name: str) -> CheckedImage:
+        self.require_thread()
         return read_image(value, name, self.limits)
 
     def text(self, value: Any, name: str) -> str:
+        self.require_thread()
         if not isinstance(value, str):
             raise CommandError(f"{name} must be a string, not {show(value)}")
         if len(value) > self.limits.text_chars:

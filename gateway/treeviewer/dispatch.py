@@ -1,4 +1,4 @@
-"""Handle requests from transports: small regular ones at once on the event loop, others in worker threads.
+"""Handle requests from transports: small ones at once on the event loop, big ones and images in worker threads.
 
 Requests of one client are handled in order: later ones wait for one in a thread. Other clients do not wait for it.
 """
@@ -97,7 +97,7 @@ class Dispatcher:
         Args:
             protocol: reads and applies requests.
             config: limits and sizes.
-            pool: its threads read requests that are big or not regular.
+            pool: its threads read big requests and those that ``read_at_once`` leaves to them.
             durable: storage of the tree; None: responses do not wait for storage.
         """
         self._protocol = protocol
@@ -224,7 +224,7 @@ class Dispatcher:
                 del self._queues[key]
 
     def _handle_at_once(self, request: Received) -> bool:
-        """Read and apply a small regular request on the event loop, and respond; return False for other requests."""
+        """Read and apply a small request on the event loop, and respond; return False if a thread must read it."""
         compactness = MESSAGEPACK_COMPACTNESS if request.comms.format == wire.BINARY else 1
         if request.nbytes > self._config.offload_bytes // compactness:
             return False

@@ -8,7 +8,7 @@ from typing import Any, Final
 import msgspec
 
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.context import MeshLoader
+from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.number_arrays import JsonError
 from gateway.treeviewer.request_reader import DECODE_ERRORS, RequestReader
 from gateway.treeviewer.requests import Request, RequestError
@@ -22,11 +22,10 @@ class JsonReader(RequestReader):
 
     type_text = "a JSON object"
 
-    def __init__(self, limits: Limits | None = None, *, strict: bool = False) -> None:
-        super().__init__(msgspec.json.Decoder, limits, strict=strict)
+    def __init__(self, limits: Limits | None = None) -> None:
+        super().__init__(msgspec.json.Decoder, limits)
 
-    def read(self, data: memoryview, meshes: MeshLoader | None = None) -> Request:
-        context = self.context(meshes)
+    def read(self, data: memoryview, context: ReadContext) -> Request:
         json_text = context.arrays.extract(data) if len(data) >= MIN_EXTRACT_BYTES else data
         if len(json_text) > self.limits.json_bytes:
             raise RequestError(f"the request has {len(json_text)} bytes of JSON, the limit is {self.limits.json_bytes}")

@@ -33,6 +33,7 @@ def mesh_file(
     rgba: Color, context: ReadContext, *, filename: str, scale: Any, data: Any, **sent: Any
 ) -> tuple[Part, ...]:
     """Return the parts of a mesh file with the command's colour."""
+    context.require_thread()
     xyz = (scale,) * 3 if isinstance(scale, float) else scale
     parts = _opened(filename, xyz, context) if data is None else _sent(filename, xyz, context, data, **sent)
     return tuple(

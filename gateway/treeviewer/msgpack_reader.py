@@ -14,7 +14,7 @@ import numpy as np
 
 from gateway.treeviewer import msgpack_kernels
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.context import MeshLoader
+from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.packed_arrays import EXTENSION, unpack
 from gateway.treeviewer.request_reader import DECODE_ERRORS, RequestReader
 from gateway.treeviewer.requests import Request, RequestError
@@ -43,10 +43,10 @@ class MsgpackReader(RequestReader):
 
     type_text = "a MessagePack map"
 
-    def __init__(self, limits: Limits | None = None, *, strict: bool = False) -> None:
-        super().__init__(partial(msgspec.msgpack.Decoder, ext_hook=_decode_extension), limits, strict=strict)
+    def __init__(self, limits: Limits | None = None) -> None:
+        super().__init__(partial(msgspec.msgpack.Decoder, ext_hook=_decode_extension), limits)
 
-    def read(self, data: memoryview, meshes: MeshLoader | None = None) -> Request:
+    def read(self, data: memoryview, context: ReadContext) -> Request:
         if len(data) > self.limits.binary_objects:  # each value takes at least a byte
             self._check_value_count(data)
         try:
@@ -56,7 +56,7 @@ class MsgpackReader(RequestReader):
                 message = self._plain.decode(data)
             except DECODE_ERRORS as error:
                 raise RequestError(f"the request is not valid MessagePack ({error})") from None
-        return self.read_commands(message, self.context(meshes))
+        return self.read_commands(message, context)
 
     def _check_value_count(self, data: memoryview) -> None:
         """Raise RequestError if decoding would create more Python objects than the limit."""

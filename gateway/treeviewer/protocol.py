@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
+from typing import Final
 
 from gateway.runtime.warning_list import WarningList
 from gateway.scene.live import LiveTree
@@ -14,17 +16,22 @@ from gateway.scene.live_page import LivePage
 from gateway.treeviewer import responses
 from gateway.treeviewer.apply import RequestApplier
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.context import MeshLoader
+from gateway.treeviewer.context import MeshLoader, ReadContext, ThreadRequired
 from gateway.treeviewer.json_reader import JsonReader
 from gateway.treeviewer.msgpack_reader import MsgpackReader
 from gateway.treeviewer.page_commands import PageClient, update_page
 from gateway.treeviewer.quota import TreeQuota
 from gateway.treeviewer.request_reader import RequestReader
-from gateway.treeviewer.requests import Request, RequestError
+from gateway.treeviewer.requests import RequestError
 from gateway.treeviewer.responses import AnyResponse
+from renderers.compiler.pending import KernelsPending
+from renderers.stop import StopFlag
 from scenegate.messages import wire
 from scenegate.messages.wire import REQUEST as REQUEST
 from scenegate.messages.wire import RESPONSE as RESPONSE
+
+_NOT_WAITING: Final = StopFlag(waits=False)
+"""Flag of requests that the event loop reads. It is never set."""
 
 
 def client_of(channel: str) -> str:
@@ -68,6 +75,7 @@ class TreeViewerProtocol:
         self.limits = limits or Limits()
         self.quota = TreeQuota(self.limits, clock)
         self.quota.count_existing(live.snapshot.root)
+        self._strict = strict
         self._meshes, self._local_meshes = meshes, local_meshes or meshes
         self.page = page or LivePage()
         """State of the pages that show the tree."""
@@ -75,8 +83,8 @@ class TreeViewerProtocol:
         """Warnings about the newest command of each name and path, by ``Subject``."""
         self._live = live
         self.readers: dict[str, RequestReader] = {
-            wire.JSON: JsonReader(self.limits, strict=strict),
-            wire.BINARY: MsgpackReader(self.limits, strict=strict),
+            wire.JSON: JsonReader(self.limits),
+            wire.BINARY: MsgpackReader(self.limits),
         }
         """Readers by the name of the format."""
 
@@ -84,34 +92,27 @@ class TreeViewerProtocol:
         """Read a request on the event loop, and return the applier that executes it.
 
         Returns:
-            None for a request that is not regular: ``read`` must be called in a worker thread.
+            None for a request with images, text, mesh files or controls, or while kernels that it needs are being
+            compiled: ``read`` must be called in a worker thread.
 
         Raises:
             RequestRefused: the request cannot be read.
         """
-        request = self._reader_of(comms).read_at_once(comms.data)
-        return None if request is None else self._applier_of(request)
+        try:
+            return _NOT_WAITING.run(partial(self.read, comms, at_once=True))
+        except (ThreadRequired, KernelsPending):
+            return None
 
-    def read(self, comms: wire.Comms, is_local: bool = False) -> RequestApplier:
+    def read(self, comms: wire.Comms, is_local: bool = False, *, at_once: bool = False) -> RequestApplier:
         """Read a request, and return the applier that executes it.
 
         Args:
             is_local: True for a program on this machine, which may name files in more folders.
+            at_once: see ``ReadContext``.
 
         Raises:
-            RequestRefused: the request cannot be read.
-        """
-        reader = self._reader_of(comms)
-        try:
-            return self._applier_of(reader.read(comms.data, self._local_meshes if is_local else self._meshes))
-        except RequestError as error:
-            raise RequestRefused(responses.failed(comms.utime, str(error))) from None
-
-    def _reader_of(self, comms: wire.Comms) -> RequestReader:
-        """Return the reader of a message after a check of its header.
-
-        Raises:
-            RequestRefused: the format is not supported, or a length is wrong.
+            RequestRefused: the format is not supported, a length is wrong, or the request cannot be read.
+            ThreadRequired: see ``ReadContext.at_once``.
         """
         supported = responses.SUPPORTED_FORMATS
         reader = self.readers.get(comms.format)
@@ -124,9 +125,12 @@ class TreeViewerProtocol:
         if len(comms.data) > self.limits.message_bytes:
             reason = f"the request has {len(comms.data)} bytes, the limit is {self.limits.message_bytes}"
             raise RequestRefused(responses.failed(comms.utime, reason))
-        return reader
-
-    def _applier_of(self, request: Request) -> RequestApplier:
+        meshes = self._local_meshes if is_local else self._meshes
+        context = ReadContext(self.limits, meshes=meshes, strict=self._strict, at_once=at_once)
+        try:
+            request = reader.read(comms.data, context)
+        except RequestError as error:
+            raise RequestRefused(responses.failed(comms.utime, str(error))) from None
         return RequestApplier(request, self._live, self.quota, self.limits, self.warnings)
 
     def handle(self, message: bytes | memoryview, client: PageClient | None = None) -> AnyResponse:

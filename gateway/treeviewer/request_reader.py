@@ -18,7 +18,7 @@ from gateway.scene.tree import Path, Pose
 from gateway.treeviewer import fields
 from gateway.treeviewer.command_lists import read_list
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.context import MeshLoader, ReadContext
+from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.geometry import read_parts
 from gateway.treeviewer.newer_commands import READERS as NEWER_COMMANDS
 from gateway.treeviewer.regular_commands import list_types, parts_of, poses_of
@@ -40,51 +40,30 @@ class RequestReader:
     type_text = "an object"
     """Description of a request's outermost value, for error texts."""
 
-    def __init__(self, decoder: Callable[[Any], Any], limits: Limits | None = None, *, strict: bool = False) -> None:
+    def __init__(self, decoder: Callable[[Any], Any], limits: Limits | None = None) -> None:
         """
         Args:
             decoder: returns msgspec's decoder of the format for a type.
             limits: limits of a request.
-            strict: True: a geometry or transform with a warning is refused.
         """
         self.limits = limits or Limits()
-        self._strict = strict
         self._envelope = decoder(_ENVELOPE)
         geometries, transforms = map(decoder, list_types(self.limits))
         self._regular = {"setgeometry": geometries, "load": geometries, "settransform": transforms, "draw": transforms}
         """Decoders of lists of regular commands."""
         self._plain = decoder(Any)
 
-    def read(self, data: memoryview, meshes: MeshLoader | None = None) -> Request:
+    def read(self, data: memoryview, context: ReadContext) -> Request:
         """Return the commands of a request.
 
-        Args:
-            meshes: loader of mesh files; None: the request cannot name files.
-
         Raises:
+            ThreadRequired: see ``ReadContext.at_once``.
             RequestError: the data cannot be decoded, is not an object, or exceeds a limit.
         """
         raise NotImplementedError
 
-    def read_at_once(self, data: memoryview) -> Request | None:
-        """Return the commands of a request that the event loop can read: regular transforms and solids, deletes, and
-        all newer commands but controls, of which 1000 take 12 ms. None: ``read`` must be called in a worker thread.
-        """
-        try:
-            lists = self.decode(data, regular_only=True)
-            return None if "setcontrols" in lists else self.read_commands(lists, self.context())
-        except (*DECODE_ERRORS, RequestError):
-            return None
-
-    def context(self, meshes: MeshLoader | None = None) -> ReadContext:
-        """Return the context in which one request is read."""
-        return ReadContext(self.limits, meshes=meshes, strict=self._strict)
-
-    def decode(self, data: bytes | memoryview, *, regular_only: bool = False) -> dict[str, Any]:
+    def decode(self, data: bytes | memoryview) -> dict[str, Any]:
         """Return the lists of commands by name: those of regular commands as typed objects, others as plain values.
-
-        Args:
-            regular_only: True: geometries and transforms must be regular.
 
         Raises:
             DECODE_ERRORS: the data cannot be decoded, or is not an object.
@@ -97,8 +76,6 @@ class RequestReader:
                 try:
                     lists[name] = self._regular.get(name, self._plain).decode(raw)
                 except msgspec.ValidationError:
-                    if regular_only:
-                        raise
                     lists[name] = self._plain.decode(raw)
         return lists
 

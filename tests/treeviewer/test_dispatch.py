@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgspec
 import pytest
 from structlog.testing import capture_logs
 
@@ -52,6 +53,11 @@ class Store:
         self.waiting.append((done, size))
 
 
+def geometries(*geometries: dict[str, Any]) -> dict[str, Any]:
+    """Return a request that shows geometries at one path."""
+    return {"setgeometry": [{"path": ["it"], "geometries": geometries}]}
+
+
 class World:
     """A dispatcher and what it has published."""
 
@@ -92,19 +98,46 @@ async def test_a_small_request_is_answered_at_once(world: World) -> None:
     assert world.pool.calls == 0
 
 
-async def test_regular_requests_need_no_kernels() -> None:
+CLOUD = message(
+    {"setgeometry": [{"path": ["a"], "geometry": {"type": "pointcloud", "points": [[0.25, 0.5, 0.75]] * 1000}}]}
+)
+"""A small request whose array is read by a kernel."""
+
+
+async def test_requests_that_need_no_kernels_are_read_at_once_while_kernels_are_compiled() -> None:
     world = World()
     with pending.announced({"formats": lambda name: True}):
         assert world.receive(ONE_BOX) == 0
     assert (world.statuses, world.pool.calls) == ([0], 0)
 
 
+async def test_requests_that_need_kernels_are_read_in_a_thread_until_they_are_compiled(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = world.pool.run
+
+    async def run_when_compiled(*args: Any) -> Any:
+        await compiled.wait()
+        return await run(*args)
+
+    compiled = asyncio.Event()
+    monkeypatch.setattr(world.pool, "run", run_when_compiled)
+    with pending.announced({"formats": lambda name: True}):
+        assert world.receive(CLOUD) > 0
+        await asyncio.sleep(0)
+    compiled.set()
+    await until(lambda: world.statuses == [0])
+    assert world.pool.calls == 1
+    await until(lambda: world.dispatcher.waiting_bytes == 0)
+    assert world.receive(CLOUD) == 0
+    assert (world.statuses, world.pool.calls) == ([0, 0], 1)
+
+
 async def test_requests_fail_with_the_reason_where_kernels_could_not_be_compiled() -> None:
     world = World()
-    cloud = {"type": "pointcloud", "points": [[0.25, 0.5, 0.75]] * 1000}
     with pending.announced({"formats": lambda name: True}):
         pending.fail(4)
-        world.receive(message({"setgeometry": [{"path": ["a"], "geometry": cloud}]}))
+        world.receive(CLOUD)
         await until(lambda: world.published)
     ((_, body),) = world.published
     assert "kernels that this needs could not be loaded" in json.dumps(body)
@@ -123,24 +156,37 @@ async def test_requests_beyond_the_size_are_read_in_a_thread(limit: int, offload
 
 
 @pytest.mark.parametrize(
-    ("request_", "calls"),
+    ("request_", "in_thread"),
     [
-        ({"setgeometry": [{"path": ["it"], "geometry": {"type": "image"}}]}, 1),
-        ({"setgeometry": [{"path": ["it"], "geometry": {"type": "box", "lengths": [1, 2, "3"]}}]}, 1),
-        ({"settransform": [{"path": ["it"], "transform": {"translation": [1, 2, float("nan")]}}]}, 1),
+        (geometries({"type": "image", "image": "iVBORw0KGgo="}), 1),
+        (geometries({"type": "mesh", "vertices": [], "faces": [], "uv": [], "image": "iVBORw0KGgo="}), 1),
+        (geometries({"type": "text", "text": "it"}), 1),
+        (geometries({"type": "line", "points": [[0, 0, 0], [1, 0, 0]]}, {"type": "text", "text": "it"}), 1),
+        (geometries({"type": "mesh_file", "filename": "it.obj"}), 1),
         ({"setcontrols": []}, 1),
-        ({"settransform": [{"path": ["it"], "transform": {}}], "delete": [{"path": ["it"]}, {}]}, 0),
+        (geometries({"type": "pointcloud", "points": [[1, 2, 3]] * 100}), 0),
+        (geometries({"type": "line", "points": [[0, 0, 0], [1, 0, 0]]}), 0),
+        (geometries({"type": "planar_lidar", "angle_start": 0, "angle_step": 0.01, "ranges": [1.5] * 360}), 0),
+        (geometries({"type": "mesh", "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "faces": [[0, 1, 2]]}), 0),
+        (geometries({"type": "box", "lengths": [1, 2, "3"]}), 0),
+        ({"settransform": [{"path": ["it"], "transform": {"translation": [1, 2, float("nan")]}}]}, 0),
+        ({"settransform": [{"path": ["image"], "transform": {}}], "delete": [{"path": ["it"]}, {}]}, 0),
         ({"setproperty": [{"path": ["it"], "visible": False}], "setclicks": []}, 0),
         ({"delete": [7]}, 0),
-        ([], 1),
+        ([], 0),
     ],
 )
-async def test_only_regular_geometries_are_read_on_the_event_loop(request_: Any, calls: int) -> None:
-    """Images, text and files take milliseconds, and irregular ones need kernels."""
+@pytest.mark.parametrize("binary", [False, True])
+async def test_small_requests_without_images_and_files_are_read_on_the_event_loop(
+    request_: Any, in_thread: int, binary: bool
+) -> None:
+    """Images, text, files and controls take milliseconds."""
     world = World()
-    world.receive(message(request_))
-    await until(lambda: world.published)
-    assert world.pool.calls == calls
+    data = wire.encode(msgspec.msgpack.encode(request_), 7, wire.BINARY) if binary else message(request_)
+    world.publish = lambda channel, data: world.published.append((channel, {}))  # type: ignore[method-assign]
+    assert (world.receive(data) > 0) == in_thread, "a request for a thread is in the queue"
+    await until(lambda: world.dispatcher.waiting_bytes == 0)
+    assert world.pool.calls == in_thread
 
 
 async def test_requests_behind_a_big_one_keep_their_order() -> None:

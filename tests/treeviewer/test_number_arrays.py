@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from gateway.scene.geometry import Line
 from gateway.treeviewer import json_reader
 from gateway.treeviewer.config import Limits
+from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.json_reader import JsonReader
 from gateway.treeviewer.number_arrays import MIN_NUMBERS, NumberArrays
 from gateway.treeviewer.requests import Request, RequestError
@@ -23,7 +24,7 @@ def read(request: Any) -> Request:
     text = request if isinstance(request, str) else json.dumps(request)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(json_reader, "MIN_EXTRACT_BYTES", 0)
-        return JsonReader(Limits()).read(memoryview(text.encode()))
+        return JsonReader(Limits()).read(memoryview(text.encode()), ReadContext())
 
 
 NUMBERS = st.floats(width=64, allow_nan=True, allow_infinity=True) | st.integers(-(10**25), 10**25)

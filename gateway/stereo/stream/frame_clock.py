@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from gateway.stereo.device.camera_config import Rate
 from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND, Clock
 from gateway.stereo.device.stream_settings import ALTERNATE_GAP_NS, StreamSettings
+
+ROUNDING_PERIODS: Final = 1e-6
+"""Maximum rounding error of a due time, in periods."""
 
 
 class FrameClock:
@@ -31,8 +35,9 @@ class FrameClock:
         """True while no client streams: no frames are missed."""
         self._next_depth_due: float | None = None
         """Timestamp from which depth is due, nanoseconds; None: due now."""
-        self._unneeded_frames = 0
-        """Number of frames from the next one on that no client needs: they are not missed."""
+        self._needed_from = 0.0
+        """Time from which frames are needed, seconds of the event loop's clock. Those that are due before it are not
+        missed."""
 
     def next_timestamp(self, period: int, now: float | None = None, exposure: float = 0.0) -> int:
         """Return the timestamp of a frame: the middle of an exposure that ended when the frame was due.
@@ -53,15 +58,17 @@ class FrameClock:
             now: seconds of the event loop's clock.
             depth_only: current parameters, if frames without depth are not needed; None: every frame is needed.
         """
-        seconds, self._unneeded_frames = self._next_frame_due - now, 0
+        seconds = self._next_frame_due - now
+        self._needed_from = min(self._needed_from, now)  # the caller slept until now, and has to decide again
         if depth_only is None or depth_only.single_frame or self.simulated or self._next_depth_due is None:
             return seconds
         age = round((0.5 * depth_only.longest_exposure - seconds) * NANOSECONDS_PER_SECOND)
         remaining = self._next_depth_due - self._clock.next_timestamp(None, 0, age)
-        period = 1.0 / depth_only.camera_rate
         if remaining <= 2e9 / depth_only.depth_rate:  # see ``depth_due``
-            self._unneeded_frames = max(0, math.ceil(remaining / 1e9 / period - 0.5))
-        return seconds + self._unneeded_frames * period
+            period = 1.0 / depth_only.camera_rate
+            seconds += period * max(0, math.ceil(remaining / 1e9 / period - 0.5))
+        self._needed_from = max(self._needed_from, now + seconds)
+        return seconds
 
     def advance_to_due_frame(self, now: float, period: float) -> int:
         """Advance to the newest frame that is due, and schedule the next one. Return the number of missed frames.
@@ -73,7 +80,8 @@ class FrameClock:
             period: seconds between frames.
         """
         late_periods = int(max(0.0, now - self._next_frame_due) / period)
-        missed = 0 if self._stopped or self.simulated else max(0, late_periods - self._unneeded_frames)
+        unneeded = max(0, math.ceil((self._needed_from - self._next_frame_due) / period - ROUNDING_PERIODS))
+        missed = 0 if self._stopped or self.simulated else max(0, late_periods - unneeded)
         is_first = self._stopped and late_periods > 0
         self.frame_due = now if is_first else self._next_frame_due + late_periods * period
         self._next_frame_due = self.frame_due + period

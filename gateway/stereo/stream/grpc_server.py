@@ -124,6 +124,8 @@ class StreamServicer:
                     for event in (await queue.get())[1]:
                         if request.depth_acquisition_done_enabled:
                             await context.write(event)
+        except StreamError as error:
+            await context.abort(grpc.StatusCode.UNAVAILABLE, str(error))
         except LimitError as error:
             await context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, str(error))
 

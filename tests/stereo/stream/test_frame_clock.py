@@ -68,6 +68,36 @@ def test_frames_without_depth_are_neither_waited_for_nor_missed_if_only_depth_is
     assert clock.depth_due(SETTINGS, timestamp, PERIOD, triggered=False)
 
 
+@pytest.mark.parametrize(("late", "missed"), [(0.0, 0), (0.02, 0), (0.1, 2)])
+@pytest.mark.parametrize("then", ["camera images", "faster depth"])
+def test_frames_before_the_end_of_a_wait_for_depth_are_not_missed(then: str, late: float, missed: int) -> None:
+    """The wait for depth ends early, because a client requests camera images or depth gets a higher rate."""
+    source, slow = FixedClock(), replace(SETTINGS, quality=Quality.FULL)
+    clock = clock_at(source)
+    clock.advance_to_due_frame(8.0, 0.04)
+    source.now = 8 * NANOSECONDS_PER_SECOND
+    clock.schedule_next_depth(clock.next_timestamp(PERIOD, 8.0, slow.longest_exposure), slow.depth_rate)
+    assert clock.seconds_until_frame(8.0, slow) > 0.55
+    source.now = round(8.5 * NANOSECONDS_PER_SECOND)
+    depth_only = None if then == "camera images" else replace(slow, quality=Quality.LOW)
+    assert clock.seconds_until_frame(8.5, depth_only) < 0.0
+    clock.seconds_until_frame(8.5 + late, depth_only)
+    assert clock.advance_to_due_frame(8.5 + late, 0.04) == missed
+
+
+def test_the_rate_of_camera_images_may_change_during_a_wait_for_depth() -> None:
+    parameters = Parameters()
+    parameters.set("rc_camera", [("fps", 5.0)])
+    source, slow = FixedClock(), replace(read_settings(parameters), quality=Quality.FULL)
+    clock = clock_at(source)
+    clock.advance_to_due_frame(8.0, 0.2)
+    source.now = 8 * NANOSECONDS_PER_SECOND
+    clock.schedule_next_depth(clock.next_timestamp(PERIOD, 8.0, slow.longest_exposure), slow.depth_rate)
+    assert clock.seconds_until_frame(8.0, slow) > 0.55
+    assert clock.seconds_until_frame(8.5) < 0.0
+    assert clock.advance_to_due_frame(8.5, 0.04) == 0
+
+
 @pytest.mark.parametrize("late", [0.0, 0.0625, 0.1875, 0.5, 0.75])
 def test_timestamps_do_not_depend_on_lateness(late: float) -> None:
     source = FixedClock()

@@ -111,6 +111,17 @@ async def test_disconnected_clients_are_removed(start: Start) -> None:
     await until(lambda: len(camera.service.events) == 0)
 
 
+async def test_streams_of_events_end_with_the_reason_when_the_camera_shuts_down(start: Start) -> None:
+    camera = await start()
+    events = await listen(camera)
+    await until(lambda: len(camera.service.events) == 1)
+    camera.task.cancel()
+    with pytest.raises(grpc.aio.AioRpcError, match="the stereo camera is shutting down") as ended:
+        await events.read()
+    assert ended.value.code() == grpc.StatusCode.UNAVAILABLE
+    await asyncio.gather(camera.task, return_exceptions=True)
+
+
 async def test_the_events_service_is_healthy(start: Start) -> None:
     camera = await start()
     response = await health_pb2_grpc.HealthStub(camera.channel).Check(
