@@ -2,6 +2,7 @@
 
 Each match has six ``FEATURES``. Two of them give its disparity error. Each has a weight for each of its bins; the
 logistic function of the sum of the weights is the share of matches that are right (within 3 disparity errors).
+Without ``MIN_TEXTURE``, it is at most ``MAX_CONFIDENCE_WITHOUT_TEXTURE``.
 ``match_confidence.json`` has errors and weights. ``python -m bench.sensor_confidence`` writes it.
 """
 
@@ -52,8 +53,19 @@ _WINDOW, _MEDIUM_WINDOW, _WIDE_WINDOW = 9, 21, 41
 """Sides of the windows, pixels."""
 _STEP: Final = 3
 """Distance from the match to the disparities with which it is compared, pixels."""
+MIN_TEXTURE: Final = {"texture": 1.0, "wide_texture": 2.0}
+"""Minimum texture of matches that can be right. With less, noise, or a surface beside it, may have made the match: dots
+return too little light from there, or a mirror none.
+"""
+MAX_CONFIDENCE_WITHOUT_TEXTURE: Final = 0.45
+"""Maximum confidence of matches with less. A third of them is right on average, often a whole wall or none of it."""
+_TEXTURE, _WIDE_TEXTURE = (list(FEATURES).index(name) for name in MIN_TEXTURE)
+_MIN_TEXTURE, _MIN_WIDE_TEXTURE = MIN_TEXTURE.values()
 _MAX_SUM: Final = 255
 """Maximum absolute value of a sum of weights: confidences are between 0.0003 and 0.9997."""
+_MAX_SUM_WITHOUT_TEXTURE: Final = int(
+    np.log(MAX_CONFIDENCE_WITHOUT_TEXTURE / (1.0 - MAX_CONFIDENCE_WITHOUT_TEXTURE)) / WEIGHT_UNIT
+)
 _SUMS: Final = np.arange(-_MAX_SUM, _MAX_SUM + 1)
 _CONFIDENCES: Final = np.floor(255.0 / (1.0 + np.exp(-_SUMS * WEIGHT_UNIT))).astype(np.uint8)
 """(2 ``_MAX_SUM`` + 1,) uint8, confidence of each sum of weights, units of 1/255."""
@@ -216,4 +228,7 @@ def _judge(features, disparity, borders, weights, errors, confidences, error, co
                 bins[index] = bin_index
                 total += weights[index, bin_index]
             error[row, column] = errors[bins[_FIRST], bins[_SECOND]]
+            texture, wide_texture = features[_TEXTURE, row, column], features[_WIDE_TEXTURE, row, column]
+            if texture < np.float32(_MIN_TEXTURE) or wide_texture < np.float32(_MIN_WIDE_TEXTURE):
+                total = min(total, np.int32(_MAX_SUM_WITHOUT_TEXTURE))
             confidence[row, column] = confidences[min(max(total + np.int32(_MAX_SUM), 0), 2 * _MAX_SUM)]
