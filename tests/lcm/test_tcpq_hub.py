@@ -81,10 +81,10 @@ async def test_keeps_order_per_client_without_blocking_others(monkeypatch: pytes
     quick_was_answered = threading.Event()
     read = TreeViewerProtocol.read
 
-    def read_late(self: TreeViewerProtocol, comms: wire.Comms, is_local: bool) -> Any:
+    def read_late(self: TreeViewerProtocol, comms: wire.Comms, is_local: bool = False, *, at_once: bool = False) -> Any:
         if threading.current_thread() is not threading.main_thread():
             assert quick_was_answered.wait(SECONDS), "the big request holds up the others"
-        return read(self, comms, is_local)
+        return read(self, comms, is_local, at_once=at_once)
 
     monkeypatch.setattr(TreeViewerProtocol, "read", read_late)
     rows = ", ".join(["[0.123456, 1.5, 2.25]"] * 200_000)
