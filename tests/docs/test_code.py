@@ -10,6 +10,8 @@ import re
 import shutil
 import subprocess
 import sys
+import urllib.error
+import urllib.request
 from pathlib import Path
 
 import cv2
@@ -20,7 +22,7 @@ from scenegate.camera.stream import StreamOptions, receive
 from tests.conftest import DemoGateway
 from tests.docs.pages import PAGES, Block, blocks, commands
 from tests.support.liblcm import liblcm
-from tests.support.waiting import SECONDS
+from tests.support.waiting import SECONDS, wait_until
 
 ONE_BY_ONE = [page for page in PAGES if page.parent.name != "tutorial"]
 """Pages whose blocks do not build on each other; ``test_tutorial`` runs the others."""
@@ -32,10 +34,27 @@ CURL = {
     if "notest" not in block.options and any(line.startswith("curl ") for line in commands(block))
 }
 
+EARLIEST_TIME = -2.5
+"""The examples' earliest time, seconds from now."""
+
+
+def get_status(url: str) -> int:
+    """Return the status of a response."""
+    try:
+        with urllib.request.urlopen(url, timeout=SECONDS) as response:
+            return int(response.status)
+    except urllib.error.HTTPError as error:
+        error.close()
+        return error.code
+
 
 @pytest.fixture(scope="module")
 def addresses(demo_gateway: DemoGateway) -> dict[str, str]:
-    """Return addresses of a gateway by the default address in the pages."""
+    """Return addresses of a gateway by the default address in the pages.
+
+    It has run for as long as the examples go back in time.
+    """
+    wait_until(lambda: get_status(f"{demo_gateway.url}/scene?time={EARLIEST_TIME}") == 200)
     return {
         "http://127.0.0.1:8000": demo_gateway.url,
         "127.0.0.1:50051": demo_gateway.grpc,
