@@ -37,7 +37,7 @@ def add_render(app: typer.Typer) -> None:
     def render(**values: Any) -> None:
         run(RenderOptions(**values))
 
-    render.__signature__ = signature(RenderOptions, eval_str=True)  # type: ignore[attr-defined]
+    render.__signature__ = signature(RenderOptions, eval_str=True)  # type: ignore[attr-defined]  # functions have it at run time
     render.__annotations__ = get_type_hints(RenderOptions, include_extras=True)
     app.command("render", help=HELP)(render)
 
