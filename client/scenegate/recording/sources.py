@@ -5,6 +5,7 @@ Their servers skip what a slow client has no time for, so nothing else is bounde
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import queue
 import threading
@@ -12,8 +13,8 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
 
-from websockets.exceptions import InvalidStatus, WebSocketException
-from websockets.sync.client import connect
+from websockets.asyncio.client import connect
+from websockets.exceptions import ConnectionClosedOK, InvalidStatus, WebSocketException
 
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.camera.imu import ImuSample, open_imu_stream, read_samples
@@ -82,30 +83,40 @@ def scene_frames(address: str, credentials: Credentials) -> Iterator[ViewFrame]:
     host, port, path, context = parse_address(address, credentials)
     host = f"[{host}]" if ":" in host else host
     authority = host if port is None else f"{host}:{port}"
+    # Not websockets' synchronous client: a thread of it reads while this one writes, which OpenSSL forbids.
+    loop = asyncio.new_event_loop()
+    connecting = connect(
+        f"{'ws' if context is None else 'wss'}://{authority}{path}/view/ws",
+        additional_headers=dict(credentials.metadata),
+        ssl=context,
+        open_timeout=CONNECT_SECONDS,
+        max_size=None,  # meshes
+        compression=None,
+        proxy=None,
+    )
     try:
-        with connect(
-            f"{'ws' if context is None else 'wss'}://{authority}{path}/view/ws",
-            additional_headers=dict(credentials.metadata),
-            ssl=context,
-            open_timeout=CONNECT_SECONDS,
-            max_size=None,  # meshes
-            compression=None,
-            proxy=None,
-        ) as socket:
-            for data in socket:
+        socket = loop.run_until_complete(connecting)
+        try:
+            while True:
+                data = loop.run_until_complete(socket.recv())
                 if isinstance(data, str):
                     continue
                 frame = ViewFrame(data)
                 yield frame
                 if acknowledgement := ACKNOWLEDGEMENTS.get(frame.header.get("kind", "")):
-                    socket.send(acknowledgement)
+                    loop.run_until_complete(socket.send(acknowledgement))
+        finally:
+            loop.run_until_complete(socket.close())
+    except ConnectionClosedOK:
+        raise GatewayError(f"{address} has closed the connection") from None
     except InvalidStatus as error:
         status = error.response.status_code
         hint = "; it may want another --token" if status in (401, 403) else ""
         raise GatewayError(f"{address} gives no scene: it has refused the connection ({status}){hint}") from None
     except (OSError, WebSocketException) as error:
         raise GatewayError(f"{address} gives no scene: {reason_of(error)}") from None
-    raise GatewayError(f"{address} has closed the connection")
+    finally:
+        loop.close()
 
 
 def camera_sets(options: StreamOptions) -> Iterator[pb.ImageSet]:
