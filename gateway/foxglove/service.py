@@ -211,7 +211,7 @@ class _SceneFeed:
                 for message in self._profile.scene(change, subscribed.__contains__):
                     self._channels.send(message, change.time_ns)
                 self._withdraw_clouds(change)
-        whole = self._mirror.whole(time_ns)
+        whole = self._mirror.whole()
         if repeat:
             if SCENE_TOPIC in subscribed:  # a message of its own: early versions of the app delete at a message's end
                 self._channels.send(deletion_of_all(SCENE_TOPIC, time_ns), time_ns)

@@ -85,35 +85,30 @@ class SceneWriter:
             ViewFrameError, BadImageError: the value is invalid.
             OSError: a file cannot be written.
         """
-        if self.files.is_full:
+        is_new_file = self.files.is_full
+        if is_new_file:
             self.files.next_file()
-            if self._whole_scene_ns is not None:
-                self._write_whole(log_time_ns, SceneChange(log_time_ns))
-        if isinstance(value, ViewFrame):
-            self._write_view_frame(value, log_time_ns)
-        elif isinstance(value, ImuSample):
+        change = self._mirror.apply(value, log_time_ns) if isinstance(value, ViewFrame) else None
+        due_ns = self._whole_scene_ns
+        if due_ns is not None and (is_new_file or (change is not None and log_time_ns >= due_ns)):
+            self._write_whole(log_time_ns, change)
+        elif change is not None:
+            size = self._write_all(self._profile.scene(change), log_time_ns, change.time_ns)
+            if due_ns is None and value.header["kind"] == "update":
+                self._plan_whole(log_time_ns, size)
+        if isinstance(value, ImuSample):
             self._write_all(self._profile.imu(value), log_time_ns, value.time_ns)
-        else:
+        elif isinstance(value, pb.ImageSet):
             for images in self._camera.convert(value):
                 self._write_all(self._profile.camera(images), log_time_ns, images.time_ns)
 
-    def _write_view_frame(self, view_frame: ViewFrame, log_time_ns: int) -> None:
-        change = self._mirror.apply(view_frame, log_time_ns)
-        if change is None:
-            return
-        if self._whole_scene_ns is not None and log_time_ns >= self._whole_scene_ns:
-            self._write_whole(log_time_ns, change)
-            return
-        size = self._write_all(self._profile.scene(change), log_time_ns, change.time_ns)
-        if self._whole_scene_ns is None and view_frame.header["kind"] == "update":
-            self._plan_whole(log_time_ns, size)
-
-    def _write_whole(self, log_time_ns: int, change: SceneChange) -> None:
+    def _write_whole(self, log_time_ns: int, change: SceneChange | None) -> None:
         """Write the whole scene, with what the newest change has removed."""
-        whole = self._mirror.whole(change.time_ns)
-        entities = {each.frame: each for each in (*whole.entities, *change.entities)}
-        clouds = {each.frame: each for each in (*whole.clouds, *change.clouds)}
-        whole = replace(whole, entities=list(entities.values()), clouds=list(clouds.values()))
+        whole = self._mirror.whole()
+        if change is not None:
+            entities = {each.frame: each for each in (*whole.entities, *change.entities)}
+            clouds = {each.frame: each for each in (*whole.clouds, *change.clouds)}
+            whole = replace(whole, entities=list(entities.values()), clouds=list(clouds.values()))
         self._plan_whole(log_time_ns, self._write_all(self._profile.scene(whole), log_time_ns, whole.time_ns))
 
     def _plan_whole(self, log_time_ns: int, size: int) -> None:

@@ -90,6 +90,8 @@ class SceneMirror:
         self._rig: dict[str, Any] | None = None
         """Header of the newest frame of the view with the stereo camera's pose."""
         self._rig_changed = False
+        self._time_ns = 0
+        """Time from which the newest update is valid."""
         self.warnings: dict[str, str] = {}
         """Sentences about nodes that are left out, by ``frame_id``."""
 
@@ -129,12 +131,12 @@ class SceneMirror:
             raise ViewFrameError(f"a frame {header.get('kind')!r} of the view is invalid: {error!r}") from None
         return None
 
-    def whole(self, time_ns: int) -> SceneChange:
-        """Return the whole scene, valid from a time in nanoseconds since the epoch."""
+    def whole(self) -> SceneChange:
+        """Return the whole scene, with the time of its newest update: a later one would hide the next change."""
         nodes = list(self._root.walk())
         shapes = [(node.frame_id, node.geometry.primitives) for node in nodes]
         return SceneChange(
-            time_ns,
+            self._time_ns,
             [*map(_transform_of, nodes), *self._rig_transforms()],
             [Entity(frame_id, primitives, len(primitives)) for frame_id, primitives in shapes if primitives],
             [node.geometry.cloud for node in nodes if node.geometry.cloud is not None],
@@ -164,7 +166,8 @@ class SceneMirror:
         if self._rig_changed:
             transforms += self._rig_transforms()
             self._rig_changed = False
-        return SceneChange(header.get("timestamp") or now_ns, transforms, entities, clouds)
+        self._time_ns = header.get("timestamp") or now_ns
+        return SceneChange(self._time_ns, transforms, entities, clouds)
 
     def _edit_node(self, fields: dict[str, Any]) -> _Node:
         """Add or change a node."""

@@ -24,8 +24,10 @@ from gateway.scene.tree import Path as NodePath
 from gateway.scene.tree import TreeEdit
 from renderers.color import srgb_from_linear
 from renderers.drawlist import Material, Topology
+from scenegate.camera.imu import ImuSample
 from scenegate.messages.geometry import Box, Sphere, Triad
 from scenegate.recording import mcap_file, scene_mirror
+from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.profiles import Profile, ProfileName
 from scenegate.recording.recorder import SceneWriter
 from scenegate.recording.view_frames import ViewFrame
@@ -206,6 +208,36 @@ async def test_each_transform_is_written_once_at_a_time(tmp_path: Path) -> None:
     assert removed.id == "scene/gone"
     points = [len(message.value.data) > 0 for message in messages if message.topic == "/scene/points/points"]
     assert points == [True, False]
+
+
+async def test_a_new_file_begins_with_the_scene_after_the_change(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Messages arrive later than what they say is valid: the scene at the file's start must not hide the change."""
+    monkeypatch.setattr(mcap_file, "CHUNK_BYTES", 500)
+    live, frames, profile = small_tree(), SnapshotFrames(), Profile("foxglove")
+    with closing(McapFiles(tmp_path / "a.mcap", "", max_bytes=3000)) as files:
+        writer = SceneWriter(files, profile)
+        for second in range(1, 20):
+            with live.edit() as edit:
+                edit.set_pose(("robot",), (float(second), 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+            snapshot = Snapshot(live.snapshot.root, live.snapshot.revision, second * SECOND)
+            for frame in await frames.advance(snapshot):
+                writer.write(ViewFrame(frame), second * SECOND + SECOND // 2)
+            sample = ImuSample(second * SECOND, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81))
+            for _ in range(5):
+                writer.write(sample, second * SECOND + SECOND // 2)
+    assert len(files.paths) > 4
+    for path in files.paths:
+        poses = [
+            (message.value.transforms[0].timestamp.ToNanoseconds() / SECOND, each.translation.x)
+            for message in foxglove_messages(path)
+            if message.topic == "/tf"
+            for each in message.value.transforms
+            if each.child_frame_id == "scene/robot"
+        ]
+        assert poses
+        assert all(stamp == x for stamp, x in poses)
 
 
 async def test_a_mesh_beyond_the_limit_is_left_out_with_a_warning(

@@ -177,7 +177,7 @@ class Feeds:
             return
         settled = time.monotonic() - SETTLED_SECONDS
         with self._scene_lock:
-            whole = self._mirror.whole(now_ns)
+            whole = self._mirror.whole()
             self._changed = {child: changed for child, changed in self._changed.items() if changed > settled}
             transforms = [each for each in whole.transforms if each.child not in self._changed]
         clouds = filter(None, (self._profile.clouds.topic(cloud.frame) for cloud in whole.clouds))
@@ -185,7 +185,7 @@ class Feeds:
         self._subscribers = {topic: self._topics.subscribers(topic) for topic in (SCENE_TOPIC, *clouds)}
         new = {topic for topic, count in self._subscribers.items() if count > earlier.get(topic, 0)}
         repeated = {TF_TOPIC, JOINTS_TOPIC, *new}
-        self._send(self._profile.scene(replace(whole, transforms=transforms), repeated.__contains__))
+        self._send(self._profile.scene(replace(whole, time_ns=now_ns, transforms=transforms), repeated.__contains__))
 
     def _now_ns(self) -> int:
         """Return the current time, nanoseconds since the epoch; 0 if the simulated clock has not begun."""
