@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 
+from gateway.scene.cameras import CameraError, NoSuchCameraError
 from gateway.scene.live import Snapshot
 from gateway.scene.timeline import TimeError
-from gateway.sceneapi.query import (
-    TIME_PARAMETER,
-    CameraNotFoundError,
-    QueryError,
-    openapi_file_parameters,
-    openapi_parameters,
-    parse_file_query,
-    parse_query,
-    parse_time,
-)
+from gateway.sceneapi.query import FileQuery, ImageQuery, SceneQuery
 from gateway.sceneapi.service import SceneApi, SceneResponse
 from gateway.server.disconnect import while_connected
 from gateway.server.plain_error_route import PlainErrorRoute
 
 _TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
-_INVALID_PARAMETER: Final = {"description": "A parameter is invalid; the text says why.", "content": _TEXT}
+_UNUSABLE_CAMERA: Final = {"description": "The camera cannot be used in the scene.", "content": _TEXT}
 _CAMERA_NOT_FOUND: Final = {
     "description": "The camera's node is not in the scene, there is no stereo camera, or no state of this time.",
     "content": _TEXT,
@@ -51,9 +43,9 @@ _BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 
 class _SceneRoute(PlainErrorRoute):
     statuses: ClassVar[Mapping[type[Exception], int]] = {
-        CameraNotFoundError: 404,
+        NoSuchCameraError: 404,
         TimeError: 404,
-        QueryError: 400,
+        CameraError: 400,
         **PlainErrorRoute.statuses,
     }
 
@@ -62,23 +54,24 @@ def router(service: SceneApi) -> APIRouter:
     """Return the routes of the scene."""
     routes = APIRouter(tags=["The live scene"], route_class=_SceneRoute)
 
-    async def listing(request: Request) -> Response:
+    async def listing(request: Request, query: Annotated[SceneQuery, Query()]) -> Response:
         """Every node with its kinds of geometry, world transform, bounds and label. Parents come before children."""
-        snapshot = await service.snapshot_at(parse_time(request.query_params))
+        snapshot = await service.snapshot_at(query.time)
         return await _cacheable(service, request, service.listing, snapshot)
 
-    async def file(request: Request) -> Response:
-        """The scene as one binary glTF file: Y up, textures embedded, hidden nodes left out."""
-        query = parse_file_query(dict(request.query_params), service.config)
-        snapshot = await service.snapshot_at(parse_time(request.query_params))
-        if query is None:
+    async def file(request: Request, query: Annotated[FileQuery, Query()]) -> Response:
+        """The scene as one binary glTF file: Y up, textures embedded, hidden nodes left out.
+
+        Clients of the render endpoint need the camera in the file; without any parameter it has none.
+        """
+        snapshot = await service.snapshot_at(query.time)
+        if query.model_fields_set <= {"time"}:
             return await _cacheable(service, request, lambda snapshot: service.file(None, snapshot), snapshot)
         return await _uncacheable(service, request, lambda: service.file(query, snapshot))
 
-    async def image(request: Request) -> Response:
+    async def image(request: Request, query: Annotated[ImageQuery, Query()]) -> Response:
         """An image of the newest scene, or of an earlier one."""
-        query = parse_query(dict(request.query_params), service.config)
-        snapshot = await service.snapshot_at(parse_time(request.query_params))
+        snapshot = await service.snapshot_at(query.time)
         return await _uncacheable(service, request, lambda: service.image(query, snapshot))
 
     routes.add_api_route(
@@ -89,10 +82,8 @@ def router(service: SceneApi) -> APIRouter:
         response_class=Response,
         responses={
             **_responses({"application/json": {"example": _LISTING_EXAMPLE}}, cached=True),
-            400: _INVALID_PARAMETER,
             404: {"description": "There is no state of this time.", "content": _TEXT},
         },
-        openapi_extra={"parameters": [TIME_PARAMETER.openapi()]},
     )
     routes.add_api_route(
         "/scene.glb",
@@ -102,11 +93,10 @@ def router(service: SceneApi) -> APIRouter:
         response_class=Response,
         responses={
             **_responses({"model/gltf-binary": _BINARY}, cached=True),
-            400: _INVALID_PARAMETER,
+            400: _UNUSABLE_CAMERA,
             404: _CAMERA_NOT_FOUND,
             413: {"description": "The file would be larger than the limit.", "content": _TEXT},
         },
-        openapi_extra={"parameters": openapi_file_parameters(service.config)},
     )
     routes.add_api_route(
         "/scene/render",
@@ -115,7 +105,6 @@ def router(service: SceneApi) -> APIRouter:
         summary="Render the scene",
         response_class=Response,
         responses=_responses({"image/png": _BINARY, "image/tiff": _BINARY}, cached=False),
-        openapi_extra={"parameters": openapi_parameters(service.config)},
     )
     return routes
 
@@ -138,7 +127,7 @@ def _responses(content: dict[str, Any], *, cached: bool) -> dict[int | str, dict
     if cached:
         responses[304] = {"description": "The scene has not changed since If-None-Match."}
     else:
-        responses[400], responses[404] = _INVALID_PARAMETER, _CAMERA_NOT_FOUND
+        responses[400], responses[404] = _UNUSABLE_CAMERA, _CAMERA_NOT_FOUND
     return responses
 
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from gateway.gltf.export import export_glb
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.bounds import BoundsCache
-from gateway.scene.cameras import CameraError, NoSuchCameraError
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
@@ -23,7 +22,7 @@ from gateway.scene.timeline import Timeline, state_at
 from gateway.scene.viewpoints import resolve_camera
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.listing import list_scene
-from gateway.sceneapi.query import CameraNotFoundError, ImageQuery, QueryError
+from gateway.sceneapi.query import FileQuery, ImageQuery
 from renderers.camera import Camera
 from renderers.depth_range import depth_in_millimetres
 from renderers.drawlist import DrawList, Topology
@@ -120,7 +119,7 @@ class SceneApi:
         body = list_scene(snapshot, draw_list, bounds.bounds_of(draw_list), self._labels, self.config.max_nodes)
         return SceneResponse(body, "application/json", snapshot.revision)
 
-    def file(self, query: ImageQuery | None = None, snapshot: Snapshot | None = None) -> SceneResponse:
+    def file(self, query: FileQuery | None = None, snapshot: Snapshot | None = None) -> SceneResponse:
         """Return the response of ``GET /scene.glb``.
 
         Args:
@@ -129,7 +128,7 @@ class SceneApi:
 
         Raises:
             FileTooLargeError: The file would be too large.
-            QueryError: The camera cannot be resolved in the scene.
+            CameraError: The camera cannot be resolved in the scene.
         """
         snapshot, flattener = self._shown(query, snapshot)
         camera = None
@@ -145,7 +144,8 @@ class SceneApi:
             snapshot: The scene; None: the newest.
 
         Raises:
-            QueryError: The camera cannot be resolved in the scene.
+            RequestValidationError: The image would be too large.
+            CameraError: The camera cannot be resolved in the scene.
             ImageError: A texture of the scene cannot be decoded.
         """
         snapshot, flattener = self._shown(query, snapshot)
@@ -153,8 +153,9 @@ class SceneApi:
         camera = self._camera(query, snapshot, draw_list)
         config = self.config
         background = query.background or config.background
-        look = Look(query.look, background, query.samples, config.rig, config.alpha_threshold)
-        apply_fxaa = query.look != "studio" and query.samples == 1
+        samples = query.samples or (config.samples if query.look == "studio" else 1)
+        look = Look(query.look, background, samples, config.rig, config.alpha_threshold)
+        apply_fxaa = query.look != "studio" and samples == 1
         is_point, outputs = None, _OUTPUTS[query.type]
         if query.type == "color" and query.look == "plain" and apply_fxaa:
             is_point = _point_instances(draw_list)
@@ -165,7 +166,7 @@ class SceneApi:
             self._image_count += 1
         return SceneResponse(body, media_type, snapshot.revision)
 
-    def _shown(self, query: ImageQuery | None, snapshot: Snapshot | None) -> tuple[Snapshot, Flattener]:
+    def _shown(self, query: FileQuery | None, snapshot: Snapshot | None) -> tuple[Snapshot, Flattener]:
         """Return the snapshot, by default the newest, with the visibility of the query, and a flattener for it."""
         newest = self._tree.snapshot
         shown = snapshot or newest
@@ -173,23 +174,20 @@ class SceneApi:
             shown = with_visibility(shown, query.hide, query.show)
         return shown, self._flattener if shown is newest else Flattener(self._labels)
 
-    def _camera(self, query: ImageQuery, snapshot: Snapshot, draw_list: DrawList) -> Camera:
-        try:
-            return resolve_camera(
-                query.camera,
-                snapshot.root,
-                query.width,
-                query.height,
-                fovy=query.fovy,
-                near=query.near,
-                far=query.far,
-                stereo=self._stereo_camera(snapshot),
-                draw_list=draw_list,
-            )
-        except NoSuchCameraError as error:
-            raise CameraNotFoundError(str(error)) from error
-        except CameraError as error:
-            raise QueryError(str(error)) from error
+    def _camera(self, query: FileQuery, snapshot: Snapshot, draw_list: DrawList) -> Camera:
+        config = self.config
+        width, height = query.size(config.width, config.height, config.max_side, config.max_pixels)
+        return resolve_camera(
+            query.camera,
+            snapshot.root,
+            width,
+            height,
+            fovy=query.fovy,
+            near=query.near,
+            far=query.far,
+            stereo=self._stereo_camera(snapshot),
+            draw_list=draw_list,
+        )
 
 
 def _encode(frame: Frame, query: ImageQuery, is_point: NDArray[np.bool_] | None, apply_fxaa: bool) -> tuple[bytes, str]:

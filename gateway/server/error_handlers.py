@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 from urllib.parse import quote
 
 from fastapi.exceptions import RequestValidationError
@@ -50,8 +51,14 @@ async def not_found(request: Request, error: Exception) -> Response:
 async def invalid_parameters(request: Request, error: Exception) -> Response:
     """Return 422 with one sentence that names every invalid parameter, its limit and its value."""
     assert isinstance(error, RequestValidationError)
-    problems = (f"{fault['loc'][-1]}: {fault['msg']}, got {fault['input']!r}"[:_MAX_ECHO] for fault in error.errors())
-    sentence = f"{'; '.join(problems)}."
+    sentence = f"{'; '.join(map(_problem, error.errors()))}."
     if request.url.path.startswith(JSON_PATHS):
         return JSONResponse({"message": sentence}, 422)
     return PlainTextResponse(f"{sentence}\n", 422)
+
+
+def _problem(fault: Mapping[str, Any]) -> str:
+    """Return what is invalid; our own checks name parameter and value themselves."""
+    if fault["type"] == "value_error":
+        return str(fault["msg"]).removeprefix("Value error, ")
+    return f"{fault['loc'][-1]}: {fault['msg']}, got {fault['input']!r}"[:_MAX_ECHO]

@@ -7,19 +7,18 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Annotated, Any, ClassVar, Final
 
 import msgspec
-from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import PlainTextResponse, StreamingResponse
 
-from gateway.scene.cameras import CAMERA_PATTERN, PATHS_PATTERN, CameraError, NoSuchCameraError, parse_camera
-from gateway.scene.shown import COLOR_PATTERN, ShownError, parse_color, parse_paths
-from gateway.scene.timeline import MAX_SECONDS, TIME_DESCRIPTION, TimeError
+from gateway.scene.cameras import CameraError, NoSuchCameraError
+from gateway.scene.timeline import TimeError
 from gateway.server.disconnect import while_connected
 from gateway.server.openapi import example
 from gateway.server.plain_error_route import PlainErrorRoute
+from gateway.server.scene_query import TIME, ColorQuery, side
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.messages import StereoCapture
 from gateway.viewer.recent_renders import RecentRenders, encode_preview
@@ -33,68 +32,49 @@ NO_STORE: Final = {"Cache-Control": "no-store"}
 _DEFAULTS: Final = ViewerConfig()
 
 
-def _size(default: int, shown: int) -> Any:
-    return Query(
-        ge=1,
-        description=f"Pixels; width x height is at most {_DEFAULTS.max_pixels}. Default: {default}.",
-        json_schema_extra={"maximum": _DEFAULTS.max_side},  # checked by the handler, which has a better error text
-        openapi_examples=example(shown),
-    )
-
-
-Width = Annotated[int | None, _size(_DEFAULTS.width, 640)]
-Height = Annotated[int | None, _size(_DEFAULTS.height, 480)]
 MaxWidth = Annotated[int | None, Query(ge=1, description="Maximum width in pixels.", openapi_examples=example(320))]
-CameraText = Annotated[
-    str,
-    Query(
-        description=(
-            'stereo, fit, path:["robot","head"] (a node\'s frame, optical: +Z forward), or '
-            "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees, or xmag=metres in place of fovy (orthographic)"
-        ),
-        json_schema_extra={"pattern": CAMERA_PATTERN},
-        openapi_examples=example("eye=2,-2,1.5;target=0,0,0.5"),
-    ),
-]
-FrameRate = Annotated[float, Query(gt=0, description="Maximum frame rate, Hz", openapi_examples=example(15.0))]
-Quality = Annotated[int, Query(ge=1, le=100, description="JPEG quality", openapi_examples=example(85))]
-LookChoice = Annotated[
-    LookName | None,
-    Query(
+
+
+def _quality(default: int) -> Any:
+    return Query(default, ge=1, le=100, description="JPEG quality", openapi_examples=example(85))
+
+
+class JpegQuery(ColorQuery):
+    """Parameters of JPEG images of the scene."""
+
+    width: int | None = side(_DEFAULTS.width, _DEFAULTS.max_side, str(_DEFAULTS.max_pixels), 640)
+    height: int | None = side(_DEFAULTS.height, _DEFAULTS.max_side, str(_DEFAULTS.max_pixels), 480)
+    quality: int = _quality(85)
+    look: LookName | None = Query(
+        None,
         description=f"Shading. Default: {_DEFAULTS.look}, for streams {_DEFAULTS.stream_look}.",
         openapi_examples=example("plain"),
-    ),
-]
-Hide = Annotated[
-    str,
-    Query(
-        description="JSON list of the paths of nodes to hide.",
-        json_schema_extra={"pattern": PATHS_PATTERN},
-        openapi_examples=example('[["robot","arm"]]'),
-    ),
-]
-Show = Annotated[
-    str,
-    Query(
-        description="JSON list of the paths of hidden nodes to show.",
-        json_schema_extra={"pattern": PATHS_PATTERN},
-        openapi_examples=example('[["ghost"]]'),
-    ),
-]
-Background = Annotated[
-    str | None,
-    Query(
-        description="Red, green and blue in hexadecimal. Default: the server's.",
-        json_schema_extra={"pattern": COLOR_PATTERN},
-        openapi_examples=example("ffffff"),
-    ),
-]
-Time = Annotated[
-    float | None,
-    Query(
-        ge=-MAX_SECONDS, le=MAX_SECONDS, description=f"{TIME_DESCRIPTION} Default: now.", openapi_examples=example(-2.5)
-    ),
-]
+    )
+
+    def request(self, config: ViewerConfig, look: LookName) -> ImageRequest:
+        """Return the image that is wanted; ``look`` is the default.
+
+        Raises:
+            RequestValidationError: it is too large.
+        """
+        width, height = self.size(config.width, config.height, config.max_side, config.max_pixels)
+        shown = {name: getattr(self, name) for name in ("camera", "quality", "hide", "show", "background")}
+        return ImageRequest(width=width, height=height, look=self.look or look, **shown)
+
+
+class FrameQuery(JpegQuery):
+    """Parameters of ``/view/frame.jpg``."""
+
+    time: float | None = TIME
+
+
+class StreamQuery(JpegQuery):
+    """Parameters of ``/view/stream.mjpg``."""
+
+    quality: int = _quality(80)
+    rate: float = Query(15.0, gt=0, description="Maximum frame rate, Hz", openapi_examples=example(15.0))
+
+
 StereoImage = Annotated[
     str,
     Path(
@@ -106,13 +86,13 @@ StereoImage = Annotated[
 
 _PLAIN_TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
 _ERROR_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
-    400: {"description": "A parameter is invalid; the text says why.", "content": _PLAIN_TEXT},
+    400: {"description": "The camera cannot be used in the scene.", "content": _PLAIN_TEXT},
     404: {
         "description": "The camera's node is not in the scene, there is no stereo camera, or no state of this time.",
         "content": _PLAIN_TEXT,
     },
     422: {
-        "description": "A parameter is out of its range, or a texture of the scene cannot be decoded.",
+        "description": "A parameter is invalid, or a texture of the scene cannot be decoded.",
         "content": _PLAIN_TEXT,
     },
     503: {
@@ -137,17 +117,11 @@ _STREAM_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
 }
 
 
-class _SizeError(ValueError):
-    """The requested image has too many pixels."""
-
-
 class _ImageRoute(PlainErrorRoute):
     statuses: ClassVar[Mapping[type[Exception], int]] = {
         NoSuchCameraError: 404,
         TimeError: 404,
         CameraError: 400,
-        ShownError: 400,
-        _SizeError: 400,
         ImageError: 422,
         StreamsFull: 503,
     }
@@ -165,45 +139,11 @@ def image_router(images: SceneImages, sensor: SensorImages | None, renders: Rece
 def _add_scene_routes(routes: APIRouter, images: SceneImages) -> None:
     config = images.config
 
-    def request_of(
-        camera: CameraText = "fit",
-        width: Width = None,
-        height: Height = None,
-        hide: Hide = "[]",
-        show: Show = "[]",
-        background: Background = None,
-    ) -> Callable[..., ImageRequest]:
-        """Return ImageRequest with all arguments but quality and look; raise CameraError, ShownError or _SizeError."""
-        spec = parse_camera(camera)
-        width, height = width or config.width, height or config.height
-        if max(width, height) > config.max_side or width * height > config.max_pixels:
-            raise _SizeError(
-                f"{width}x{height} is too large; the limits are {config.max_side} pixels per side and "
-                f"{config.max_pixels} pixels in total"
-            )
-        return partial(
-            ImageRequest,
-            spec,
-            width,
-            height,
-            hide=parse_paths("hide", hide),
-            show=parse_paths("show", show),
-            background=None if background is None else parse_color("background", background),
-        )
-
-    requested: Any = Depends(request_of)
-
     @routes.get("/view/frame.jpg", summary="The live scene as JPEG", response_class=Response, responses=_JPEG_RESPONSES)
-    async def frame(
-        request: Request,
-        new_request: Callable[..., ImageRequest] = requested,
-        quality: Quality = 85,
-        look: LookChoice = None,
-        time: Time = None,
-    ) -> Response:
+    async def frame(request: Request, query: Annotated[FrameQuery, Query()]) -> Response:
         """The gateway renders it on request."""
-        image_request = new_request(quality=quality, look=look or config.look)
-        data, revision = await while_connected(request, images.jpeg(image_request, time))
+        image_request = query.request(config, config.look)
+        data, revision = await while_connected(request, images.jpeg(image_request, query.time))
         return Response(data, media_type="image/jpeg", headers={**NO_STORE, "X-Scene-Revision": str(revision)})
 
     @routes.get(
@@ -212,18 +152,12 @@ def _add_scene_routes(routes: APIRouter, images: SceneImages) -> None:
         response_class=StreamingResponse,
         responses=_STREAM_RESPONSES,
     )
-    async def stream(
-        request: Request,
-        new_request: Callable[..., ImageRequest] = requested,
-        quality: Quality = 80,
-        look: LookChoice = None,
-        rate: FrameRate = 15.0,
-    ) -> Response:
+    async def stream(request: Request, query: Annotated[StreamQuery, Query()]) -> Response:
         """A new image whenever the scene changes."""
-        image_request = new_request(quality=quality, look=look or config.stream_look)
+        image_request = query.request(config, config.stream_look)
         await while_connected(request, images.jpeg(image_request))  # reports errors as HTTP errors
         closing: Callable[[], bool] = getattr(request.app.state, "closing", lambda: False)
-        parts = images.stream(image_request, min(rate, config.max_stream_rate), closing)
+        parts = images.stream(image_request, min(query.rate, config.max_stream_rate), closing)
         media_type = f"multipart/x-mixed-replace; boundary={BOUNDARY.decode()}"
         return StreamingResponse(parts, media_type=media_type, headers=NO_STORE)
 

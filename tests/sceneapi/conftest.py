@@ -9,6 +9,7 @@ import httpx2
 import numpy as np
 import pytest
 from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
 
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene import transforms as tf
@@ -17,6 +18,7 @@ from gateway.scene.live import LiveTree
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.routes import router
 from gateway.sceneapi.service import SceneApi
+from gateway.server.error_handlers import invalid_parameters
 from renderers.camera import Camera
 from renderers.drawlist import LABEL_NONE, DrawList, Material
 from renderers.interface import Frame, Look, Output
@@ -77,7 +79,7 @@ async def world() -> AsyncIterator[World]:
     renderer, workers = RecordingRenderer(), WorkerPool(2, max_waiting=1)
     config = SceneApiConfig(width=320, height=240, max_pixels=100_000, max_side=1000)
     service = SceneApi(tree, renderer, workers, config)
-    app = FastAPI()
+    app = FastAPI(exception_handlers={RequestValidationError: invalid_parameters})
     app.include_router(router(service))
     transport = httpx2.ASGITransport(app=app)
     async with httpx2.AsyncClient(transport=transport, base_url="http://test") as client:

@@ -12,6 +12,7 @@ import httpx2
 import numpy as np
 import pytest
 from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
 from PIL import Image as Pillow
 
 from gateway.runtime.pool_errors import DeadlineExceeded, QueueFull
@@ -22,6 +23,7 @@ from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node
+from gateway.server.error_handlers import invalid_parameters
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.image_routes import image_router
@@ -80,7 +82,7 @@ class World:
         flattener = Flattener(LabelTable())
         self.images = SceneImages(self.config, self.tree, flattener, self.renderer, WorkerPool(1))
         self.captures = 0
-        self.app = FastAPI()
+        self.app = FastAPI(exception_handlers={RequestValidationError: invalid_parameters})
         self.app.include_router(router(self.hub))
         sensor = SensorImages(self.capture, self.config.capture_seconds)
         self.app.include_router(image_router(self.images, sensor, self.hub.renders))
@@ -206,15 +208,15 @@ async def test_an_image_waits_for_its_kernels_without_a_worker_thread(
 @pytest.mark.parametrize(
     ("query", "status", "word"),
     [
-        ("camera=nowhere", 400, "nowhere"),
+        ("camera=nowhere", 422, "nowhere"),
         ('camera=path:["missing"]', 404, "no such node"),
         ("camera=stereo", 404, "no stereo camera"),
-        ("width=1025&height=8", 400, "1025x8 is too large"),
-        ("width=8&height=1025", 400, "8x1025 is too large"),
-        ("width=1024&height=782", 400, "800000 pixels in total"),
-        ("hide=box", 400, "hide='box' is not a JSON list of paths"),
-        ("show=[[1.5]]", 400, "show='[[1.5]]' is not a JSON list of paths"),
-        ("background=white", 400, "background='white' is not a colour in six hexadecimal digits"),
+        ("width=1025&height=8", 422, "1025x8 is too large"),
+        ("width=8&height=1025", 422, "8x1025 is too large"),
+        ("width=1024&height=782", 422, "800000 pixels in total"),
+        ("hide=box", 422, "hide='box' is not a JSON list of paths"),
+        ("show=[[1.5]]", 422, "show='[[1.5]]' is not a JSON list of paths"),
+        ("background=white", 422, "background='white' is not a colour in six hexadecimal digits"),
     ],
 )
 async def test_invalid_requests_get_an_error_message(world: World, query: str, status: int, word: str) -> None:

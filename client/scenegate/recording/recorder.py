@@ -94,7 +94,7 @@ class SceneWriter:
             self._write_whole(log_time_ns, change)
         elif change is not None:
             size = self._write_all(self._profile.scene(change), log_time_ns, change.time_ns)
-            if due_ns is None and value.header["kind"] == "update":
+            if due_ns is None and isinstance(value, ViewFrame) and value.header["kind"] == "update":
                 self._plan_whole(log_time_ns, size)
         if isinstance(value, ImuSample):
             self._write_all(self._profile.imu(value), log_time_ns, value.time_ns)

@@ -10,8 +10,9 @@ from fastapi import APIRouter, Path, Query
 from fastapi.responses import Response
 from numpy.typing import NDArray
 
-from gateway.scene.timeline import MAX_SECONDS, TIME_DESCRIPTION, TimeError
+from gateway.scene.timeline import TimeError
 from gateway.server.openapi import Responses, example, file_response, json_example
+from gateway.server.scene_query import TIME
 from gateway.stereo.device.clock import timestamp_text
 from gateway.stereo.imaging.recorded_pairs import PairImaging
 from gateway.stereo.routes.rest_common import RestError, error_responses, new_router
@@ -57,19 +58,12 @@ _ERRORS: Final = {
     500: "A texture of the scene cannot be decoded.",
     503: "Too many requests wait already; see Retry-After.",
 }
-_IMAGE_DESCRIPTION: Final = "The header X-Timestamp has the time of the image, seconds.nanoseconds."
+_IMAGE_DESCRIPTION: Final = (
+    "X-Timestamp: time of the image, seconds.nanoseconds. The camera's parameters are those of now."
+)
 
 Aligned = Annotated[
     bool, Query(description="Depth as seen by the colour camera, with its size", openapi_examples=example(False))
-]
-Time = Annotated[
-    float | None,
-    Query(
-        ge=-MAX_SECONDS,
-        le=MAX_SECONDS,
-        description=f"{TIME_DESCRIPTION} The parameters are those of now. Default: now.",
-        openapi_examples=example(-2.5),
-    ),
 ]
 
 
@@ -97,7 +91,7 @@ def camera_router(*services: StereoService) -> APIRouter:
         response_class=Response,
         responses=_responses("application/zip"),
     )
-    async def rgbd(name: str = camera_name, aligned: Aligned = False, time: Time = None) -> Response:
+    async def rgbd(name: str = camera_name, aligned: Aligned = False, time: float | None = TIME) -> Response:
         service = _find_with_color(services, name)
         frame = await _capture(service, _RGBD, time)
         data = await _compute(rgbd_npz(frame, service.config, service.workers, aligned=aligned))
@@ -121,7 +115,7 @@ def camera_router(*services: StereoService) -> APIRouter:
         ],
         name: str = camera_name,
         aligned: Aligned = False,
-        time: Time = None,
+        time: float | None = TIME,
     ) -> Response:
         service = _find_with_color(services, name) if image == "color" else _find(services, name)[1]
         if image in ("raw_left", "raw_right") and isinstance(service.imaging, PairImaging):

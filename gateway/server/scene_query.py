@@ -1,0 +1,111 @@
+"""Query parameters of images of the scene, each declared once for ``/scene``, ``/view`` and ``/cameras``.
+
+FastAPI parses them, describes them for OpenAPI, and responds to invalid ones (``error_handlers.invalid_parameters``).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from fastapi import Query
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator
+
+from gateway.scene.cameras import CAMERA_PATTERN, PATHS_PATTERN, CameraSpec, FitCamera, parse_camera
+from gateway.scene.shown import COLOR_PATTERN, parse_color, parse_paths
+from gateway.scene.timeline import MAX_SECONDS, TIME_DESCRIPTION
+from gateway.scene.tree import Path
+from gateway.server.openapi import example
+
+TIME: Final[Any] = Query(
+    None,
+    ge=-MAX_SECONDS,
+    le=MAX_SECONDS,
+    description=f"{TIME_DESCRIPTION} Default: now.",
+    openapi_examples=example(-2.5),
+)
+
+
+def side(default: int, max_side: int, max_pixels: str, shown: int) -> Any:
+    """Return the parameter of a width or height, whose limits ``ShownQuery.size`` checks."""
+    return Query(
+        None,
+        ge=1,
+        description=f"Pixels; width x height is at most {max_pixels}. Default: {default}.",
+        json_schema_extra={"maximum": max_side},
+        openapi_examples=example(shown),
+    )
+
+
+def _text(value: str | list[str]) -> str:
+    """Return the last one of a parameter's values: FastAPI passes a list of them if the field is a tuple."""
+    return value if isinstance(value, str) else value[-1]
+
+
+class ShownQuery(BaseModel):
+    """Camera and visible nodes of an image. Subclasses describe its size, as they have other limits."""
+
+    model_config = ConfigDict(frozen=True)
+
+    camera: CameraSpec = Query(
+        default_factory=FitCamera,
+        description=(
+            'stereo, fit, path:["robot","head"] (a node\'s frame, optical: +Z forward, +Y down), or '
+            "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees, or xmag=metres in place of fovy (orthographic)."
+        ),
+        json_schema_extra={"pattern": CAMERA_PATTERN, "default": "fit"},
+        openapi_examples=example("eye=2,-2,1.5;target=0,0,0.5"),
+    )
+    width: int | None = None
+    height: int | None = None
+    hide: tuple[Path, ...] = Query(
+        default_factory=tuple,
+        description="JSON list of the paths of nodes to hide, with everything below them.",
+        json_schema_extra={"pattern": PATHS_PATTERN},
+        openapi_examples=example('[["robot","arm"]]'),
+    )
+    show: tuple[Path, ...] = Query(
+        default_factory=tuple,
+        description="JSON list of the paths of hidden nodes to show.",
+        json_schema_extra={"pattern": PATHS_PATTERN},
+        openapi_examples=example('[["ghost"]]'),
+    )
+
+    @field_validator("camera", mode="plain", json_schema_input_type=str)
+    @classmethod
+    def _parse_camera(cls, value: str | CameraSpec) -> CameraSpec:
+        return parse_camera(value) if isinstance(value, str) else value
+
+    @field_validator("hide", "show", mode="plain", json_schema_input_type=str)
+    @classmethod
+    def _parse_paths(cls, value: str | list[str], info: ValidationInfo) -> tuple[Path, ...]:
+        return parse_paths(str(info.field_name), _text(value))
+
+    def size(self, width: int, height: int, max_side: int, max_pixels: int) -> tuple[int, int]:
+        """Return width and height in pixels, given their defaults and limits.
+
+        Raises:
+            RequestValidationError: the image is too large.
+        """
+        width, height = self.width or width, self.height or height
+        if max(width, height) > max_side or width * height > max_pixels:
+            limits = f"{max_side} pixels per side and {max_pixels} pixels in total"
+            reason = f"{width}x{height} is too large; the limits are {limits}"
+            raise RequestValidationError([{"type": "value_error", "loc": ("query",), "msg": reason}])
+        return width, height
+
+
+class ColorQuery(ShownQuery):
+    """Parameters of colour images."""
+
+    background: tuple[int, int, int] | None = Query(
+        None,
+        description="Background of colour images: red, green and blue in hexadecimal. Default: the server's.",
+        json_schema_extra={"pattern": COLOR_PATTERN},
+        openapi_examples=example("ffffff"),
+    )
+
+    @field_validator("background", mode="plain", json_schema_input_type=str)
+    @classmethod
+    def _parse_color(cls, value: str | list[str], info: ValidationInfo) -> tuple[int, int, int]:
+        return parse_color(str(info.field_name), _text(value))
