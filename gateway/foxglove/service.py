@@ -18,7 +18,7 @@ from gateway.stereo.stream.subscriptions import LimitError, StreamError
 from gateway.viewer.sources import StereoRig
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.recording.camera_values import CameraConverter
-from scenegate.recording.foxglove_messages import cloud_schema, deletion_of_all, schemas
+from scenegate.recording.foxglove_messages import deletion_of_all, encode, schemas
 from scenegate.recording.profiles import Profile
 from scenegate.recording.scene_mirror import SceneMirror
 from scenegate.recording.topics import (
@@ -214,7 +214,7 @@ class _SceneFeed:
         whole = self._mirror.whole()
         if repeat:
             if SCENE_TOPIC in subscribed:  # a message of its own: early versions of the app delete at a message's end
-                self._channels.send(deletion_of_all(SCENE_TOPIC, time_ns), time_ns)
+                self._channels.send(encode(SCENE_TOPIC, deletion_of_all(time_ns)), time_ns)
             for message in self._profile.scene(whole, subscribed.__contains__):
                 self._channels.send(message, time_ns)
         elif new_subscribers:
@@ -225,7 +225,7 @@ class _SceneFeed:
         for cloud in change.clouds:
             topic = self._profile.clouds.topic(cloud.frame)
             if topic is not None:
-                self._channels.advertise(topic, cloud_schema())
+                self._channels.advertise(topic, schemas()[CLOUD_TOPIC])
 
     def _withdraw_clouds(self, change: SceneChange) -> None:
         """Close the channels of removed clouds, whose subscribers have got an empty cloud."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from gateway.settings.all import Settings
+from gateway.settings.settings import Settings
 from gateway.settings.sources import SettingsError, load, unknown_environment
 
 MIB: Final = 1 << 20

@@ -11,8 +11,8 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from gateway.settings.all import Settings
 from gateway.settings.option import ENV_PREFIX, env_of, flag_of
+from gateway.settings.settings import Settings
 from scenegate.regular_files import read_file_or_pipe
 
 CONFIG_ENV = "SCENEGATE_CONFIG"

@@ -191,7 +191,7 @@ def test_auto_is_half_of_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sixteen processes on sixteen cores render fewer images than eight: clients and kernel need cores, too."""
     settings = load({"workers": "auto", "only": "render"})
     for cpus, processes in ((1, 1), (2, 1), (5, 2), (16, 8)):
-        monkeypatch.setattr("gateway.settings.all.usable_cpus", lambda cpus=cpus: cpus)
+        monkeypatch.setattr("gateway.settings.settings.usable_cpus", lambda cpus=cpus: cpus)
         assert settings.processes == processes
     with pytest.raises(SettingsError, match=r"^--workers auto needs --only render: "):
         load({"workers": "auto"})

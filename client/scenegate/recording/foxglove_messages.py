@@ -1,4 +1,7 @@
-"""Convert values to Foxglove's messages. https://docs.foxglove.dev/docs/sdk/schemas"""
+"""Convert values to Foxglove's messages. https://docs.foxglove.dev/docs/sdk/schemas
+
+``ros2_messages`` has the same functions: ``profiles.Profile`` calls one of both modules.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +32,11 @@ _IMU_SCHEMA: Final = {
     },
 }
 """Schema of IMU samples, for which Foxglove has none: they are JSON."""
-LINE_PIXELS: Final = 1.0
-"""Width of lines."""
-_DELETE_ONE, _DELETE_ALL = 0, 1
-_LINE_LIST: Final = 2
-_UINT8, _FLOAT32 = 1, 7
+_DELETE_ONE, _DELETE_ALL = 0, 1  # foxglove.SceneEntityDeletion.Type
+_UINT8, _FLOAT32 = 1, 7  # foxglove.PackedElementField.NumericType
+_LINE_LIST: Final = 2  # foxglove.LinePrimitive.Type
+_LINE_STYLE: Final = {"type": _LINE_LIST, "thickness": 1.0, "scale_invariant": True}
+"""Separate lines, a pixel wide."""
 
 
 def encode(topic: str, message: Message) -> EncodedMessage:
@@ -43,34 +46,27 @@ def encode(topic: str, message: Message) -> EncodedMessage:
 
 
 def schemas() -> dict[str, Schema]:
-    """Return the schemas of the topics of scene and camera.
-
-    Each point cloud of the scene has a topic of its own, with ``cloud_schema``.
-    """
+    """Return the schemas of the topics of scene and camera. Clouds of the scene have that of ``CLOUD_TOPIC``."""
     types = {
         TF_TOPIC: "FrameTransforms",
         SCENE_TOPIC: "SceneUpdate",
         **{image_topic: "RawImage" for image_topic, _ in IMAGE_TOPICS.values()},
         **{info_topic: "CameraCalibration" for _, info_topic in IMAGE_TOPICS.values()},
         DISPARITY_TOPIC: "RawImage",
+        CLOUD_TOPIC: "PointCloud",
     }
-    return {topic: _schema_and_encoder(name)[0] for topic, name in types.items()} | {CLOUD_TOPIC: cloud_schema()}
-
-
-def cloud_schema() -> Schema:
-    """Return the schema ``foxglove.PointCloud``."""
-    return _schema_and_encoder("PointCloud")[0]
+    return {topic: _schema_and_encoder(name)[0] for topic, name in types.items()}
 
 
 @cache
 def _schema_and_encoder(name: str) -> tuple[Schema, Callable[[Fields], bytes]]:
-    """Return the schema and the encoder of a type."""
+    """Return the schema and the encoder of a type: ``_IMU_TYPE``, or Foxglove's name without ``foxglove.``."""
     if name == _IMU_TYPE:
         return Schema(name, "jsonschema", msgspec.json.encode(_IMU_SCHEMA), "json"), msgspec.json.encode
-    message: Any = getattr(import_module(f"foxglove_schemas_protobuf.{name}_pb2"), name)
-    descriptors = build_file_descriptor_set(message).SerializeToString()
-    schema = Schema(message.DESCRIPTOR.full_name, "protobuf", descriptors, "protobuf")
-    return schema, lambda fields: bytes(message(**fields).SerializeToString())
+    message_class: Any = getattr(import_module(f"foxglove_schemas_protobuf.{name}_pb2"), name)
+    descriptors = build_file_descriptor_set(message_class).SerializeToString()
+    schema = Schema(message_class.DESCRIPTOR.full_name, "protobuf", descriptors, "protobuf")
+    return schema, lambda fields: bytes(message_class(**fields).SerializeToString())
 
 
 def transforms(values: Iterable[FrameTransform], time_ns: int) -> Message:
@@ -96,25 +92,29 @@ def entities(values: Iterable[Entity], time_ns: int) -> Message:
         if not entity.primitives:
             deleted.append({"timestamp": stamp, "type": _DELETE_ONE, "id": entity.frame})
             continue
-        lines = {"type": _LINE_LIST, "thickness": LINE_PIXELS, "scale_invariant": True}
-        shapes = [(each.is_lines, {"pose": IDENTITY, **message_fields.points(each)}) for each in entity.primitives]
+        triangles, lines = [], []
+        for primitive in entity.primitives:
+            fields = {"pose": IDENTITY, **message_fields.points(primitive)}
+            if primitive.is_lines:
+                lines.append(_LINE_STYLE | fields)
+            else:
+                triangles.append(fields)
         added.append(
             {
                 "timestamp": stamp,
                 "frame_id": entity.frame,
                 "id": entity.frame,
                 "frame_locked": True,
-                "triangles": [fields for is_lines, fields in shapes if not is_lines],
-                "lines": [lines | fields for is_lines, fields in shapes if is_lines],
+                "triangles": triangles,
+                "lines": lines,
             }
         )
     return Message("SceneUpdate", {"entities": added, "deletions": deleted})
 
 
-def deletion_of_all(topic: str, time_ns: int) -> EncodedMessage:
-    """Return an encoded ``foxglove.SceneUpdate`` that deletes the geometry of all nodes."""
-    deletion = {"timestamp": _timestamp(time_ns), "type": _DELETE_ALL}
-    return encode(topic, Message("SceneUpdate", {"deletions": [deletion]}))
+def deletion_of_all(time_ns: int) -> Message:
+    """Return ``foxglove.SceneUpdate`` that deletes the geometry of all nodes; only the live server sends it."""
+    return Message("SceneUpdate", {"deletions": [{"timestamp": _timestamp(time_ns), "type": _DELETE_ALL}]})
 
 
 def image(value: CameraImage, time_ns: int) -> Message:
@@ -147,14 +147,14 @@ def cloud(value: Cloud, time_ns: int) -> Message:
     if value.colors is not None:
         names = ("red", "green", "blue", "alpha")
         columns += [{"name": name, "offset": 12 + index, "type": _UINT8} for index, name in enumerate(names)]
-    records = message_fields.packed_points(value, (0, 1, 2), 255)
+    records = message_fields.packed_points(value, channels=(0, 1, 2), alpha=255)
     content = {"pose": IDENTITY, "point_stride": records.itemsize, "fields": columns, "data": records.tobytes()}
     return Message("PointCloud", _header(value.frame, time_ns) | content)
 
 
 def imu(sample: ImuSample) -> Message:
     """Return ``scenegate.Imu``, a sample of an IMU."""
-    fields = {
+    fields = {  # the JSON schemas of Foxglove call the parts of a time sec and nsec
         "timestamp": {"sec": sample.time_ns // 10**9, "nsec": sample.time_ns % 10**9},
         "linear_acceleration": vector(sample.acceleration),
         "angular_velocity": vector(sample.angular_velocity),

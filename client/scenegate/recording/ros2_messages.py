@@ -122,7 +122,7 @@ def cloud(value: Cloud, time_ns: int) -> Message:
     if value.colors is not None:
         columns.append({"name": "rgb", "offset": 12, "datatype": _FLOAT32, "count": 1})
     # The colour is a float32 of the bits of 0x00RRGGBB, as PCL has it.
-    records = message_fields.packed_points(value, (2, 1, 0), 0)
+    records = message_fields.packed_points(value, channels=(2, 1, 0), alpha=0)
     message = {
         "header": header(value.frame, time_ns),
         "height": 1,

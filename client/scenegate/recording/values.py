@@ -52,6 +52,7 @@ class Entity:
 
     frame: str
     primitives: Sequence[Primitive]
+    """Empty: the node has no geometry any more."""
     earlier_count: int = 0
     """Number of primitives that the node had before."""
 

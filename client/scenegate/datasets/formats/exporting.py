@@ -29,7 +29,7 @@ TEMPORARY_SUFFIX: Final = ".scenegate-export"
 """Suffix of a folder that is being written."""
 RECORD_FILE: Final = "export.json"
 """An ``ExportRecord``, in the folder of an export."""
-Report = Callable[[int], object]
+Progress = Callable[[int], object]
 """Called with the number of samples that are written."""
 
 
@@ -37,18 +37,18 @@ class ExportError(ValueError):
     """A dataset cannot be written in a format; the message is one sentence."""
 
 
-class ExportRecord(msgspec.Struct, frozen=True):
+class ExportRecord(msgspec.Struct, frozen=True, rename={"dataset_hashes": "dataset", "files_digest": "files"}):
     """State of a dataset and of the folder with its export."""
 
-    dataset: tuple[str | None, ...]
-    """SHA-256 of the dataset's description and of its manifest, which has those of the images."""
-    files: str
+    dataset_hashes: tuple[str | None, ...]
+    """SHA-256 of the dataset's description and of its manifest, which has those of the images; None: unreadable."""
+    files_digest: str
     """Digest of the names and contents of all other files of the folder, and of the names of its folders."""
 
 
 def check_types(types: Sequence[ImageType], format_name: FormatName) -> None:
     """Raise ExportError if a format needs types of images that are not among these."""
-    missing = [name for name in NEEDED_TYPES[format_name] if name not in types]
+    missing = [image_type for image_type in NEEDED_TYPES[format_name] if image_type not in types]
     if missing:
         wanted = ",".join((*types, *missing))
         raise ExportError(f"the format {format_name} needs {', '.join(missing)} images: render with --type {wanted}")
@@ -58,7 +58,7 @@ def export(
     dataset: Dataset,
     destination: Path,
     format_name: FormatName,
-    report: Report = lambda done: None,
+    report: Progress = lambda done: None,
     *,
     replace: bool = False,
 ) -> bool:
@@ -68,19 +68,19 @@ def export(
     missing.
 
     Args:
-        destination: folder to write; raises as ``check_destination``.
+        destination: folder to write.
         replace: an earlier export may be in the folder.
 
     Raises:
-        ExportError: the dataset lacks images that the format needs.
+        ExportError: the dataset lacks images that the format needs; or as ``check_destination``.
         RecordError: a sample, a model or an image cannot be read.
         ImportError: a package is missing; the message names it and the remedy.
         OSError: the folder cannot be written.
     """
     check_types(dataset.description.settings.types, format_name)
     earlier = check_destination(destination, dataset.folder, format_name, replace=replace)
-    state = tuple(sha256_of(dataset.folder / name) for name in (DATASET_FILE, MANIFEST_FILE))
-    if earlier is not None and earlier.dataset == state:
+    dataset_hashes = tuple(sha256_of(dataset.folder / name) for name in (DATASET_FILE, MANIFEST_FILE))
+    if earlier is not None and earlier.dataset_hashes == dataset_hashes:
         return False
     write = _writer(format_name)
     temporary = destination.with_name(f".{destination.name}{TEMPORARY_SUFFIX}")
@@ -88,9 +88,9 @@ def export(
     temporary.mkdir(parents=True)
     try:
         write(dataset, temporary, _counted(dataset, report))
-        (temporary / RECORD_FILE).write_bytes(
-            msgspec.json.encode(ExportRecord(state, _files_digest(temporary))) + b"\n"
-        )
+        record = ExportRecord(dataset_hashes, _files_digest(temporary))
+        (temporary / RECORD_FILE).write_bytes(msgspec.json.encode(record) + b"\n")
+        # Again: a program may have written there meanwhile.
         if check_destination(destination, dataset.folder, format_name, replace=replace) is not None:
             shutil.rmtree(destination)
         temporary.replace(destination)
@@ -107,13 +107,13 @@ def check_destination(
 
     Raises:
         ExportError: the folder is not empty, and ``replace`` is False or an export has not written all that is in it;
-            it is a symbolic link; or it is in the dataset, where only ``FORMAT`` may be.
+            it is a symbolic link; or it is in the dataset's folder and not called like the format.
     """
     if destination.is_symlink():
         raise ExportError(f"{destination} is a symbolic link; name a folder")
-    own = dataset_folder / format_name
-    if destination.resolve() != own.resolve() and destination.resolve().is_relative_to(dataset_folder.resolve()):
-        raise ExportError(f"{destination} is in the dataset, where only {own} can be; name another folder")
+    target, format_folder = destination.resolve(), dataset_folder / format_name
+    if target != format_folder.resolve() and target.is_relative_to(dataset_folder.resolve()):
+        raise ExportError(f"{destination} is in the dataset, where only {format_folder} can be; name another folder")
     if not destination.exists() or (destination.is_dir() and not any(destination.iterdir())):
         return None
     if not replace:
@@ -122,15 +122,15 @@ def check_destination(
         record = read_file(destination / RECORD_FILE, ExportRecord)
     except RecordError:
         record = None
-    if record is None or record.files != _files_digest(destination):
+    if record is None or record.files_digest != _files_digest(destination):
         raise ExportError(f"{destination} is not as an export wrote it: files were added, changed or removed; move it")
     return record
 
 
 def _files_digest(folder: Path) -> str:
-    """Return ``ExportRecord.files`` of a folder."""
+    """Return ``ExportRecord.files_digest`` of a folder."""
     digest = sha256()
-    for path in sorted({*folder.rglob("*")} - {folder / RECORD_FILE}):
+    for path in sorted({*folder.rglob("*")} - {folder / RECORD_FILE}):  # folders count with None as their hash
         digest.update(json.dumps((str(path.relative_to(folder)), sha256_of(path))).encode())
     return digest.hexdigest()
 
@@ -145,7 +145,7 @@ def _writer(format_name: FormatName) -> Callable[[Dataset, Path, Iterator[Sample
     return write
 
 
-def _counted(dataset: Dataset, report: Report) -> Iterator[Sample]:
+def _counted(dataset: Dataset, report: Progress) -> Iterator[Sample]:
     """Yield the samples; report the number of those that are written."""
     for done, sample in enumerate(dataset):
         report(done)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Self
+from typing import Final, Self
 
 from pydantic import model_validator
 from pydantic_settings import SettingsConfigDict
@@ -16,6 +16,10 @@ from gateway.settings.process import ProcessSettings
 from gateway.settings.stereo import StereoSettings
 from scenegate.lcm.url import check_lcm_url
 
+_AUTO: Final = Path("auto")
+_OFF: Final = Path("off")
+"""Words of ``--mesh-root``, which are not folders."""
+
 
 class Settings(ProcessSettings, StereoSettings, InterfaceSettings):  # pydantic lists the last base's fields first
     """See ``docs/configuration.md``, which is generated from this class."""
@@ -23,7 +27,7 @@ class Settings(ProcessSettings, StereoSettings, InterfaceSettings):  # pydantic 
     model_config = SettingsConfigDict(env_prefix=ENV_PREFIX, extra="forbid", frozen=True, env_ignore_empty=True)
 
     @model_validator(mode="after")
-    def _certificate_and_key(self) -> Self:
+    def _check_certificates(self) -> Self:
         if (self.grpc_certificate is None) != (self.grpc_key is None):
             raise ValueError("--grpc-certificate and --grpc-key need each other")
         if (self.http_certificate is None) != (self.http_key is None):
@@ -33,7 +37,8 @@ class Settings(ProcessSettings, StereoSettings, InterfaceSettings):  # pydantic 
         return self
 
     @model_validator(mode="after")
-    def _default_lcm_url(self) -> Self:
+    def _check_lcm_default_url(self) -> Self:
+        """Refuse an invalid LCM_DEFAULT_URL, the LCM network without --lcm-url, here and not when LCM starts."""
         url = os.environ.get("LCM_DEFAULT_URL")
         if url and self.lcm_url is None and self.is_enabled("treeviewer"):
             try:
@@ -43,16 +48,16 @@ class Settings(ProcessSettings, StereoSettings, InterfaceSettings):  # pydantic 
         return self
 
     @model_validator(mode="after")
-    def _no_mesh_folders(self) -> Self:
-        if Path("off") in self.mesh_root and len(self.mesh_root) > 1:
+    def _check_mesh_root(self) -> Self:
+        if _OFF in self.mesh_root and len(self.mesh_root) > 1:
             raise ValueError("--mesh-root off excludes folders and auto")
         return self
 
     @model_validator(mode="after")
-    def _stateless_workers(self) -> Self:
+    def _check_workers(self) -> Self:
         if self.workers == 1:
             return self
-        workers = self.workers or "auto"
+        workers = self.workers or "auto"  # ProcessCount reads auto as 0
         if self.only != ("render",):
             raise ValueError(
                 f"--workers {workers} needs --only render: the live scene, the stereo camera, LCM and the "
@@ -77,9 +82,9 @@ class Settings(ProcessSettings, StereoSettings, InterfaceSettings):  # pydantic 
     @property
     def mesh_folders(self) -> tuple[Path, ...]:
         """Folders of ``mesh_root``, without ``auto`` and ``off``."""
-        return tuple(path for path in self.mesh_root if path not in (Path("auto"), Path("off")))
+        return tuple(path for path in self.mesh_root if path not in (_AUTO, _OFF))
 
     @property
     def local_clients_read_all_folders(self) -> bool:
         """True for ``auto``, except behind a proxy, where clients that seem to be on this machine may not be."""
-        return Path("auto") in self.mesh_root and not self.root_path
+        return _AUTO in self.mesh_root and not self.root_path
