@@ -152,7 +152,7 @@ class SceneApi:
         draw_list = flattener.flatten(snapshot)
         camera = self._camera(query, snapshot, draw_list)
         config = self.config
-        background = query.background or config.background
+        background = query.background_rgb or config.background
         samples = query.samples or (config.samples if query.look == "studio" else 1)
         look = Look(query.look, background, samples, config.rig, config.alpha_threshold)
         apply_fxaa = query.look != "studio" and samples == 1
@@ -171,14 +171,14 @@ class SceneApi:
         newest = self._tree.snapshot
         shown = snapshot or newest
         if query is not None:
-            shown = with_visibility(shown, query.hide, query.show)
+            shown = with_visibility(shown, query.hidden, query.shown)
         return shown, self._flattener if shown is newest else Flattener(self._labels)
 
     def _camera(self, query: FileQuery, snapshot: Snapshot, draw_list: DrawList) -> Camera:
         config = self.config
         width, height = query.size(config.width, config.height, config.max_side, config.max_pixels)
         return resolve_camera(
-            query.camera,
+            query.camera_spec,
             snapshot.root,
             width,
             height,

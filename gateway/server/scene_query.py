@@ -11,7 +11,7 @@ from fastapi import Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator
 
-from gateway.scene.cameras import CAMERA_PATTERN, PATHS_PATTERN, CameraSpec, FitCamera, parse_camera
+from gateway.scene.cameras import CAMERA_PATTERN, PATHS_PATTERN, CameraSpec, parse_camera
 from gateway.scene.shown import COLOR_PATTERN, parse_color, parse_paths
 from gateway.scene.timeline import MAX_SECONDS, TIME_DESCRIPTION
 from gateway.scene.tree import Path
@@ -37,49 +37,61 @@ def side(default: int, max_side: int, max_pixels: str, shown: int) -> Any:
     )
 
 
-def _text(value: str | list[str]) -> str:
-    """Return the last one of a parameter's values: FastAPI passes a list of them if the field is a tuple."""
-    return value if isinstance(value, str) else value[-1]
-
-
 class ShownQuery(BaseModel):
     """Camera and visible nodes of an image. Subclasses describe its size, as they have other limits."""
 
     model_config = ConfigDict(frozen=True)
 
-    camera: CameraSpec = Query(
-        default_factory=FitCamera,
+    camera: str = Query(
+        "fit",
         description=(
             'stereo, fit, path:["robot","head"] (a node\'s frame, optical: +Z forward, +Y down), or '
             "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees, or xmag=metres in place of fovy (orthographic)."
         ),
-        json_schema_extra={"pattern": CAMERA_PATTERN, "default": "fit"},
+        json_schema_extra={"pattern": CAMERA_PATTERN},
         openapi_examples=example("eye=2,-2,1.5;target=0,0,0.5"),
     )
     width: int | None = None
     height: int | None = None
-    hide: tuple[Path, ...] = Query(
-        default_factory=tuple,
+    hide: str = Query(
+        "[]",
         description="JSON list of the paths of nodes to hide, with everything below them.",
         json_schema_extra={"pattern": PATHS_PATTERN},
         openapi_examples=example('[["robot","arm"]]'),
     )
-    show: tuple[Path, ...] = Query(
-        default_factory=tuple,
+    show: str = Query(
+        "[]",
         description="JSON list of the paths of hidden nodes to show.",
         json_schema_extra={"pattern": PATHS_PATTERN},
         openapi_examples=example('[["ghost"]]'),
     )
 
-    @field_validator("camera", mode="plain", json_schema_input_type=str)
+    @field_validator("camera")
     @classmethod
-    def _parse_camera(cls, value: str | CameraSpec) -> CameraSpec:
-        return parse_camera(value) if isinstance(value, str) else value
+    def _check_camera(cls, text: str) -> str:
+        parse_camera(text)
+        return text
 
-    @field_validator("hide", "show", mode="plain", json_schema_input_type=str)
+    @field_validator("hide", "show")
     @classmethod
-    def _parse_paths(cls, value: str | list[str], info: ValidationInfo) -> tuple[Path, ...]:
-        return parse_paths(str(info.field_name), _text(value))
+    def _check_paths(cls, text: str, info: ValidationInfo) -> str:
+        parse_paths(str(info.field_name), text)
+        return text
+
+    @property
+    def camera_spec(self) -> CameraSpec:
+        """Camera that is not in a scene yet."""
+        return parse_camera(self.camera)
+
+    @property
+    def hidden(self) -> tuple[Path, ...]:
+        """Nodes to hide with everything below them."""
+        return parse_paths("hide", self.hide)
+
+    @property
+    def shown(self) -> tuple[Path, ...]:
+        """Hidden nodes to show."""
+        return parse_paths("show", self.show)
 
     def size(self, width: int, height: int, max_side: int, max_pixels: int) -> tuple[int, int]:
         """Return width and height in pixels, given their defaults and limits.
@@ -98,14 +110,20 @@ class ShownQuery(BaseModel):
 class ColorQuery(ShownQuery):
     """Parameters of colour images."""
 
-    background: tuple[int, int, int] | None = Query(
+    background: str | None = Query(
         None,
         description="Background of colour images: red, green and blue in hexadecimal. Default: the server's.",
         json_schema_extra={"pattern": COLOR_PATTERN},
         openapi_examples=example("ffffff"),
     )
 
-    @field_validator("background", mode="plain", json_schema_input_type=str)
+    @field_validator("background")
     @classmethod
-    def _parse_color(cls, value: str | list[str], info: ValidationInfo) -> tuple[int, int, int]:
-        return parse_color(str(info.field_name), _text(value))
+    def _check_background(cls, text: str) -> str:
+        parse_color("background", text)
+        return text
+
+    @property
+    def background_rgb(self) -> tuple[int, int, int] | None:
+        """Background, 0 .. 255; None: the server's."""
+        return None if self.background is None else parse_color("background", self.background)

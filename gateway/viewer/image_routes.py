@@ -58,8 +58,16 @@ class JpegQuery(ColorQuery):
             RequestValidationError: it is too large.
         """
         width, height = self.size(config.width, config.height, config.max_side, config.max_pixels)
-        shown = {name: getattr(self, name) for name in ("camera", "quality", "hide", "show", "background")}
-        return ImageRequest(width=width, height=height, look=self.look or look, **shown)
+        return ImageRequest(
+            self.camera_spec,
+            width,
+            height,
+            self.quality,
+            self.look or look,
+            self.hidden,
+            self.shown,
+            self.background_rgb,
+        )
 
 
 class FrameQuery(JpegQuery):

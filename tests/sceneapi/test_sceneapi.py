@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from gateway.gltf import read_gltf
 from gateway.runtime.worker_pool import WorkerPool
-from gateway.scene.cameras import StereoCamera
 from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import look_at
@@ -263,7 +262,7 @@ async def test_stereo_camera_if_there_is_one(world: World) -> None:
     assert (response.status_code, response.text) == (404, "camera 'stereo': this gateway runs no stereo camera")
     sensor = Camera(1280, 960, 1000, 1000, 640, 480, 0.1, 10, np.eye(4))
     service = SceneApi(world.tree, world.renderer, world.workers, stereo_camera=lambda snapshot: sensor)
-    service.image(ImageQuery(camera=StereoCamera(), width=64, height=48))
+    service.image(ImageQuery(camera="stereo", width=64, height=48))
     assert world.renderer.calls[-1][1].fx == pytest.approx(50.0)
 
 
@@ -412,10 +411,10 @@ async def test_documented_defaults_and_examples_are_valid(world: World) -> None:
         assert not parameter["required"]
         for text in (value, schema.get("default", value), *schema.get("enum", ())):
             query = ImageQuery.model_validate({name: str(text)})
+            assert getattr(query, name) == text
             if name in ("hide", "show"):
-                assert [list(path) for path in getattr(query, name)] == json.loads(text)
-            elif name not in ("camera", "background"):
-                assert getattr(query, name) == text
+                paths = query.hidden if name == "hide" else query.shown
+                assert [list(path) for path in paths] == json.loads(text)
 
 
 @pytest.mark.parametrize("name", ["width", "height", "fovy", "near", "far"])
