@@ -21,6 +21,7 @@ from gateway.render.config import RenderConfig
 from gateway.render.form import read_form
 from gateway.render.multipart import Form
 from gateway.render.pipeline import Pipeline
+from gateway.scene.style import Style
 from renderers.raster import CpuRenderer
 
 SCENES: Final = (
@@ -54,7 +55,7 @@ def main() -> None:
     renderer = CpuRenderer()
     pipelines = {
         "--look auto": Pipeline(renderer, RenderConfig()),
-        "--look gltf": Pipeline(renderer, RenderConfig(look="gltf")),
+        "--look gltf": Pipeline(renderer, RenderConfig(style=Style("gltf"))),
     }
     rows = []
     for name in SCENES:

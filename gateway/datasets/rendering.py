@@ -6,11 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import or_
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -23,16 +23,17 @@ from gateway.datasets.scenes import LoadedScene
 from gateway.datasets.second_view import flow_between, flow_file, instance_motions, right_camera
 from gateway.datasets.stereo_sensor import StereoSensor
 from gateway.render.camera import camera_of
-from gateway.render.config import LookChoice, RenderConfig
+from gateway.render.config import RenderConfig
 from gateway.render.form import RenderRequest
 from gateway.render.pipeline import Pipeline, posted_document
+from gateway.scene.style import STUDIO_SAMPLES, Style
 from renderers.camera import Camera
 from renderers.depth_range import depth_in_millimetres
 from renderers.drawlist import Topology
 from renderers.encode import jpeg_rgb, png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
-from renderers.interface import Frame, Look, LookName, Output, Renderer, SampleCount
-from renderers.light_rig import STUDIO, Rig
+from renderers.interface import Frame, Look, Output, Renderer
+from renderers.light_rig import STUDIO
 from scenegate.datasets.manifest import ImageType, ObjectRecord, Settings
 
 OUTPUTS: Final[dict[ImageType, Output]] = {
@@ -56,24 +57,6 @@ IMAGE_FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
     "measured": ("png",),
 }
 """Suffixes of the file formats of each type of image. The first is the default."""
-
-
-@dataclass(frozen=True, slots=True)
-class Style:
-    """Shading of colour images, and what is cut out of the others."""
-
-    look: LookChoice = "auto"
-    """Look; ``auto``: ``LoadedScene.look``."""
-    background: tuple[int, int, int] = Look().background
-    """RGB background."""
-    antialias: Literal["fxaa", "none"] = "fxaa"
-    """Anti-aliasing of images with one sample per pixel."""
-    samples: Literal[0, 1, 4, 8] = 0
-    """Samples per pixel; 0: 4 for the look ``studio``, 1 for the others."""
-    rig: Rig = STUDIO
-    """Lights of the look ``studio``."""
-    alpha_threshold: float = 0.0
-    """Alpha below which blended surfaces are cut out; see ``Look``."""
 
 
 def style_of(settings: Settings) -> Style:
@@ -196,10 +179,8 @@ def render_sample(
 
 def _look_of(scene: LoadedScene, style: Style) -> Look:
     """Return the look of the colour image of a scene."""
-    look: LookName = scene.look if style.look == "auto" else style.look
-    samples: SampleCount = style.samples or (4 if look == "studio" else 1)
-    full_look = Look(look, style.background, samples, style.rig, style.alpha_threshold)
-    return full_look if scene.scenario is None else scene.scenario.scenery.look(full_look)
+    look = style.look_for(scene.look)
+    return look if scene.scenario is None else scene.scenario.scenery.look(look)
 
 
 def _finish(frame: Frame, scene: LoadedScene, camera: Camera, renderer: Renderer, look: Look, style: Style) -> None:
@@ -234,14 +215,10 @@ class RequestRenderer:
 
     def __init__(self, renderer: Renderer, settings: Settings) -> None:
         style = style_of(settings)
+        samples = style.samples or (STUDIO_SAMPLES if style.look == "studio" else 1)  # whatever the requests choose
         config = RenderConfig(
-            look=style.look,
-            rig=style.rig,
-            background=style.background,
-            antialias=style.antialias,
-            samples=style.samples or (4 if style.look == "studio" else 1),
-            alpha_threshold=style.alpha_threshold,
-            depth_format="png16" if settings.depth_format == "png" else "tiff32f",
+            style=replace(style, samples=samples),
+            depth_format="png" if settings.depth_format == "png" else "tiff",
             scene_cache_count=1,
         )
         self._pipeline = Pipeline(renderer, config)

@@ -7,11 +7,8 @@ from pathlib import Path
 from typing import Literal
 
 from gateway.gltf.limits import GltfLimits
-from renderers.interface import LookName, SampleCount
-from renderers.light_rig import STUDIO, Rig
-
-LookChoice = Literal["auto", LookName]
-"""Name of a look, or ``auto``."""
+from gateway.scene.style import LookChoice as LookChoice
+from gateway.scene.style import Style
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,22 +18,11 @@ class RenderConfig:
     path: str = "/render"
     """URL path. Drake's client posts to ``render`` below its base URL by default."""
 
-    look: LookChoice = "auto"
-    """Shading model, unless a request's form names one. ``auto`` selects the one that RenderEngineVtk would use, by the
-    scene's ``asset.generator``, and ``gltf`` for scenes of other programs."""
-    rig: Rig = STUDIO
-    """Lights and environment of the look ``studio``."""
-    samples: SampleCount = 1
-    """Samples per pixel of colour images (MSAA); with more than one, FXAA is not applied."""
-    background: tuple[int, int, int] = (204, 229, 255)
-    """RGB of the background of colour images, 0 .. 255; the default of Drake's engines."""
-    alpha_threshold: float = 0.0
-    """As ``Look.alpha_threshold``."""
-    antialias: Literal["fxaa", "none"] = "fxaa"
-    """Antialiasing of colour images. RenderEngineVtk uses FXAA: with FXAA 0.0 to 0.5 % of the values differ from VTK's
-    images, without FXAA 0.2 to 3.4 %. RenderEngineGl has no antialiasing."""
-    depth_format: Literal["tiff32f", "png16"] = "tiff32f"
-    """``tiff32f``: 32-bit float TIFF in metres. ``png16``: 16-bit PNG in millimetres, 0 too close, 65535 too far."""
+    style: Style = field(default_factory=lambda: Style(samples=1))
+    """Shading. Its look applies unless a request's form names one: ``auto`` selects the one that RenderEngineVtk would
+    use, by the scene's ``asset.generator``, and ``gltf`` for scenes of other programs."""
+    depth_format: Literal["tiff", "png"] = "tiff"
+    """``tiff``: 32-bit float TIFF in metres. ``png``: 16-bit PNG in millimetres, 0 too close, 65535 too far."""
 
     max_body_bytes: int = 256 << 20
     """Size of one request's body. Scenes of Drake's users have 20 to 30 MB with textures, rarely more than 100 MB."""

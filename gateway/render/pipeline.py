@@ -20,7 +20,7 @@ from renderers.depth_range import depth_in_millimetres, limit_depth
 from renderers.drawlist import DrawList, ImageError
 from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
-from renderers.interface import Frame, Look, LookName, Output, Renderer
+from renderers.interface import Frame, LookName, Output, Renderer
 from scenegate.warning_text import strict_refusal
 
 Backdrop = Callable[[], Node]
@@ -86,14 +86,7 @@ class Pipeline:
             camera = camera_of(request, scene)
             draw_list = scene.draw_list if self._backdrop is None else _joined(scene.draw_list, self._flat_backdrop())
         parsed_time = time.perf_counter()
-        look_choice = request.look or self._config.look
-        look = Look(
-            _LOOKS.get(scene.generator, "gltf") if look_choice == "auto" else look_choice,
-            self._config.background,
-            self._config.samples,
-            self._config.rig,
-            self._config.alpha_threshold,
-        )
+        look = self._config.style.look_for(_LOOKS.get(scene.generator, "gltf"), request.look)
         with span("render"):
             frame = self._renderer.render(draw_list, camera, _OUTPUTS[request.image_type], look)
         rendered_time = time.perf_counter()
@@ -124,7 +117,7 @@ class Pipeline:
     def _encode(self, frame: Frame, request: RenderRequest) -> tuple[bytes, str]:
         if request.image_type == "color":
             assert frame.color is not None
-            if self._config.antialias == "fxaa" and self._config.samples == 1:
+            if self._config.style.antialias == "fxaa" and self._config.style.samples == 1:
                 fxaa(frame.color)
             return png_rgb(frame.color), "image/png"
         if request.image_type == "label":
@@ -132,7 +125,7 @@ class Pipeline:
             return png_label(frame.label), "image/png"
         assert frame.depth is not None
         limit_depth(frame.depth, request.min_depth, request.max_depth)
-        if self._config.depth_format == "png16":
+        if self._config.depth_format == "png":
             return png_gray16(depth_in_millimetres(frame.depth)), "image/png"
         return tiff_float32(frame.depth), "image/tiff"
 

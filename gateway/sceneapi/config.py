@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from renderers.interface import LookName, SampleCount
-from renderers.light_rig import STUDIO, Rig
+from gateway.scene.style import Style
+from renderers.interface import LookName
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,14 +18,8 @@ class SceneApiConfig:
     """Default height in pixels."""
     look: LookName = "studio"
     """Default look."""
-    samples: SampleCount = 4
-    """Default number of samples per pixel of the studio look. The default of the other looks is 1, with FXAA."""
-    rig: Rig = STUDIO
-    """Lights of the studio look."""
-    background: tuple[int, int, int] = (204, 229, 255)
-    """RGB background of colour images, 0 .. 255; the same as the render endpoint's."""
-    alpha_threshold: float = 0.0
-    """As ``Look.alpha_threshold``."""
+    style: Style = field(default_factory=Style)
+    """Shading; ``look`` or a request name the look."""
     max_pixels: int = 4096 * 4096
     """Maximum number of pixels of an image; one of this size takes about 200 MB while it is rendered."""
     max_side: int = 16384

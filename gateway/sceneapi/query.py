@@ -8,6 +8,7 @@ from fastapi import Query
 from pydantic import BaseModel, ConfigDict, field_validator, model_validator
 
 from gateway.scene.cameras import DEFAULT_FOVY, MAX_COORDINATE, MIN_FOVY, MIN_PLANE_DISTANCE
+from gateway.scene.style import STUDIO_SAMPLES
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.server.openapi import example
 from gateway.server.scene_query import TIME, ColorQuery, ShownQuery, side
@@ -24,13 +25,15 @@ def _plane(name: str, shown: float) -> Any:
 class SceneQuery(BaseModel):
     """Parameters of ``GET /scene``."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True)
 
     time: float | None = TIME
 
 
 class FileQuery(SceneQuery, ShownQuery):
     """Parameters of ``GET /scene.glb``: the camera in the file. Without any but ``time`` the file has none."""
+
+    model_config = ConfigDict(extra="forbid")
 
     width: int | None = side(_DEFAULTS.width, _DEFAULTS.max_side, "--max-pixels", 640)
     height: int | None = side(_DEFAULTS.height, _DEFAULTS.max_side, "--max-pixels", 480)
@@ -63,7 +66,7 @@ class ImageQuery(FileQuery, ColorQuery):
     samples: SampleCount | None = Query(
         None,
         description=(
-            f"Samples per pixel of colour images; default {_DEFAULTS.samples} for studio, 1 and FXAA for other looks."
+            f"Samples per pixel of colour images; default {STUDIO_SAMPLES} for studio, 1 and FXAA for other looks."
         ),
         openapi_examples=example(4),
     )

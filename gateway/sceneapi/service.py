@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import uuid
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -28,7 +28,7 @@ from renderers.depth_range import depth_in_millimetres
 from renderers.drawlist import DrawList, Topology
 from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
-from renderers.interface import Frame, Look, Output, Renderer
+from renderers.interface import Frame, Output, Renderer
 
 _OUTPUTS: Final = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
 
@@ -151,11 +151,10 @@ class SceneApi:
         snapshot, flattener = self._shown(query, snapshot)
         draw_list = flattener.flatten(snapshot)
         camera = self._camera(query, snapshot, draw_list)
-        config = self.config
-        background = query.background_rgb or config.background
-        samples = query.samples or (config.samples if query.look == "studio" else 1)
-        look = Look(query.look, background, samples, config.rig, config.alpha_threshold)
-        apply_fxaa = query.look != "studio" and samples == 1
+        style = self.config.style
+        style = replace(style, background=query.background_rgb or style.background, samples=query.samples or 0)
+        look = style.look_for(query.look)
+        apply_fxaa = look.name != "studio" and look.samples == 1
         is_point, outputs = None, _OUTPUTS[query.type]
         if query.type == "color" and query.look == "plain" and apply_fxaa:
             is_point = _point_instances(draw_list)

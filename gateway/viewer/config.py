@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from renderers.interface import LookName, SampleCount
-from renderers.light_rig import STUDIO, Rig
+from gateway.scene.style import Style
+from renderers.interface import LookName
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +31,10 @@ class ViewerConfig:
     """Maximum number of requests in the page's list of recent render requests."""
     max_render_bytes: int = 64 << 20
     """Maximum bytes of the images in this list. Beyond it, the oldest images are dropped."""
-    background: tuple[int, int, int] = (204, 229, 255)
-    """RGB background of images that the gateway renders."""
+    style: Style = field(default_factory=Style)
+    """Shading of images that the gateway renders; ``look``, ``stream_look`` or a request name the look."""
     look: LookName = "studio"
     """Default look of single images."""
-    samples: SampleCount = 4
-    """Samples per pixel of the look ``studio``. The other looks have one sample."""
-    rig: Rig = STUDIO
-    """Lights of the look ``studio``."""
     stream_look: LookName = "plain"
     """Default look of MJPEG streams. ``plain`` has the page's colours, and takes a fraction of ``studio``'s time."""
     width: int = 960

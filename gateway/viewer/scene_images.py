@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import structlog
@@ -121,8 +121,8 @@ class SceneImages:
         return data, snapshot.revision
 
     def _look(self, request: ImageRequest) -> Look:
-        samples = self.config.samples if request.look == "studio" else 1
-        return Look(request.look, request.background or self.config.background, samples, self.config.rig)
+        style = self.config.style
+        return replace(style, background=request.background or style.background).look_for(request.look)
 
     def _render(self, request: ImageRequest, snapshot: Snapshot) -> bytes:
         """Return a snapshot as JPEG. Called in a worker thread."""

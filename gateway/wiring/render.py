@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-from gateway.assets.light_rig_file import rig_of
 from gateway.gltf import GltfLimits
 from gateway.render.config import RenderConfig
 from gateway.render.routes import router
@@ -16,6 +15,7 @@ from gateway.settings import MIB, Settings
 from gateway.wiring import metrics
 from gateway.wiring.context import Context
 from gateway.wiring.scene_setting import read_scene_setting
+from gateway.wiring.style import style_of
 
 _LAST_IMAGE: Final = "last image"
 """Subject of the warnings about the last image that was rendered."""
@@ -46,12 +46,8 @@ def _config(settings: Settings) -> RenderConfig:
     default = GltfLimits()
     return RenderConfig(
         path=settings.render_path,
-        look=settings.look,
-        rig=rig_of(settings.rig),
-        samples=settings.samples,
-        background=settings.background,
-        alpha_threshold=settings.alpha_threshold,
-        depth_format="png16" if settings.depth_format == "png" else "tiff32f",
+        style=style_of(settings),
+        depth_format=settings.depth_format,
         max_body_bytes=settings.max_body_mb * MIB,
         max_inflight_bytes=settings.queue_mb * MIB,
         max_pixels=settings.max_pixels,

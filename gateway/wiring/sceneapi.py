@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from gateway.assets.light_rig_file import rig_of
+from dataclasses import replace
+
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.motion import motion_router
 from gateway.sceneapi.routes import router
 from gateway.sceneapi.service import SceneApi
 from gateway.wiring.context import Context
+from gateway.wiring.style import style_of
 
 
 async def setup(context: Context) -> None:
     """Add the scene's routes."""
     settings = context.settings
-    config = SceneApiConfig(
-        background=settings.background,
-        alpha_threshold=settings.alpha_threshold,
-        max_pixels=settings.max_pixels,
-        rig=rig_of(settings.rig),
-    )
+    config = SceneApiConfig(style=replace(style_of(settings), look="auto", samples=0), max_pixels=settings.max_pixels)
     service = SceneApi(
         context.tree,
         context.renderer,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from gateway.assets.light_rig_file import rig_of
+from dataclasses import replace
+
 from gateway.render.service import RenderRecord
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.gateway_status import gateway_status
@@ -15,11 +16,12 @@ from gateway.viewer.share_routes import share_router
 from gateway.viewer.sources import RenderSummary
 from gateway.wiring.context import Context
 from gateway.wiring.metrics import watch_view
+from gateway.wiring.style import style_of
 
 
 async def setup(context: Context) -> None:
     """Add ``/view`` to the application."""
-    config = ViewerConfig(background=context.settings.background, rig=rig_of(context.settings.rig))
+    config = ViewerConfig(style=replace(style_of(context.settings), look="auto", samples=0))
     stereo = context.stereo_sensor
     hub = ViewHub(
         config,

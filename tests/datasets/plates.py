@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from gateway.datasets.annotated_scene import AnnotatedScene, annotate_scene
 from gateway.datasets.classes import ClassTable, classes_of_models
-from gateway.datasets.rendering import SampleInputs, Style, render_sample
+from gateway.datasets.rendering import SampleInputs, render_sample
 from gateway.datasets.scenes import LoadedScene, load_scene
 from gateway.datasets.sources import find_sources
 from gateway.robots.scene_files import SceneOptions
+from gateway.scene.style import Style
 from renderers.camera import Camera
 from renderers.raster import CpuRenderer
 from scenegate.datasets.manifest import ImageType, Masks, ObjectRecord

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.datasets.rendering import SampleInputs, Style, render_sample
+from gateway.datasets.rendering import SampleInputs, render_sample
 from gateway.datasets.scenes import LoadedScene
 from gateway.datasets.second_view import flow_between, flow_file, right_camera
 from gateway.datasets.stereo_sensor import StereoSensor, cached_profile, intrinsics_of
 from gateway.datasets.views import Intrinsics
 from gateway.scene.cameras import CameraError
+from gateway.scene.style import Style
 from renderers.camera import Camera
 from renderers.light_rig import Rig
 from renderers.raster import CpuRenderer

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.datasets.rendering import RequestRenderer, Style, render_images, style_of
+from gateway.datasets.rendering import RequestRenderer, render_images, style_of
 from gateway.datasets.scenes import LoadedScene, load_scene
 from gateway.datasets.sources import find_sources
 from gateway.datasets.views import View, camera_of
+from gateway.scene.style import Style
 from renderers.camera import Camera
 from renderers.light_rig import STUDIO
 from renderers.raster import CpuRenderer

@@ -13,10 +13,11 @@ import pytest
 import structlog
 from structlog.testing import capture_logs
 
-from gateway.render.config import LookChoice, RenderConfig
+from gateway.render.config import RenderConfig
 from gateway.render.form import LOOK_FIELD
 from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.scene.geometry import Part
+from gateway.scene.style import LookChoice, Style
 from gateway.scene.tree import Node, TreeEdit
 from renderers.compiler.pending import KernelsDelayed
 from renderers.drawlist import ImageError, Material
@@ -87,7 +88,7 @@ async def test_the_look_follows_the_form_the_setting_and_the_generator(
     start: Start, watched: WatchedRenderer, generator: str, look: LookChoice, field: str | None, name: str
 ) -> None:
     rig = Rig(exposure=0.5)
-    async with start(watched, RenderConfig(look=look, background=(1, 2, 3), rig=rig)) as server:
+    async with start(watched, RenderConfig(style=Style(look, (1, 2, 3), rig=rig))) as server:
         scene = json.dumps(gltf(generator=generator)).encode()
         response = await server.post(body(scene, drake_fields(scenegate_look=field)), CONTENT_TYPE)
     assert watched.calls[0][3].name == name
@@ -101,7 +102,7 @@ async def test_depth_is_limited_and_may_be_millimetres(start: Start, watched: Wa
         far = await server.post(body(SCENE, drake_fields("depth", max_depth="2")), CONTENT_TYPE)
     assert (decoded(near) == 0.0).all()
     assert (decoded(far) == np.inf).all()
-    async with start(watched, RenderConfig(depth_format="png16")) as server:
+    async with start(watched, RenderConfig(depth_format="png")) as server:
         for changes, value in (({}, 2000), ({"min_depth": "2"}, 0), ({"max_depth": "2"}, 65535)):
             response = await server.post(body(SCENE, drake_fields("depth", **changes)), CONTENT_TYPE)
             assert response.headers["content-type"] == "image/png"

@@ -18,6 +18,7 @@ from gateway.render.form import read_form
 from gateway.render.multipart import FormReader
 from gateway.render.pipeline import Pipeline
 from gateway.render.scenes import SceneStore
+from gateway.scene.style import Style
 from renderers.cache import CacheBudget
 from renderers.raster import CpuRenderer
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
@@ -74,7 +75,7 @@ def test_fxaa_can_be_turned_off() -> None:
     renderer = CpuRenderer(1)
     shades = {}
     for antialias in ("fxaa", "none"):
-        config = RenderConfig(antialias=antialias)
+        config = RenderConfig(style=Style(antialias=antialias, samples=1))
         pipeline = Pipeline(renderer, config)
         for kind in ("color", "label"):
             reader = FormReader(CONTENT_TYPE, config)

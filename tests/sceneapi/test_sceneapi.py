@@ -20,6 +20,7 @@ from gateway.gltf import read_gltf
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.live import LiveTree
+from gateway.scene.style import Style
 from gateway.scene.transforms import look_at
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.query import ImageQuery
@@ -78,7 +79,7 @@ async def test_listing_has_the_labels_of_label_images(world: World) -> None:
 
 
 async def test_the_threshold_on_alpha_is_a_setting(world: World) -> None:
-    world.service.config = SceneApiConfig(alpha_threshold=0.25)
+    world.service.config = SceneApiConfig(style=Style(alpha_threshold=0.25))
     await world.client.get(f"/scene/render?type=label&{SMALL}")
     assert world.renderer.calls[-1][3].alpha_threshold == 0.25
 

@@ -22,6 +22,7 @@ from gateway.scene.flatten import Flattener
 from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.style import Style
 from gateway.scene.tree import Node
 from gateway.server.error_handlers import invalid_parameters
 from gateway.viewer.config import ViewerConfig
@@ -75,7 +76,11 @@ class World:
             edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
             edit.set_parts(("cloud",), (Part(self.cloud, Material()),))
         self.config = ViewerConfig(
-            max_side=1024, max_pixels=800_000, max_streams=1, capture_seconds=1000.0, rig=Rig(exposure=0.5)
+            max_side=1024,
+            max_pixels=800_000,
+            max_streams=1,
+            capture_seconds=1000.0,
+            style=Style(rig=Rig(exposure=0.5)),
         )
         self.hub = ViewHub(self.config, self.tree)
         self.renderer = CountingRenderer()
@@ -177,7 +182,7 @@ async def test_concurrent_requests_share_one_rendering_per_revision(world: World
     second = await world.http.get("/view/frame.jpg?width=64&height=48")
     assert int(second.headers["x-scene-revision"]) == world.tree.snapshot.revision
     assert len(world.renderer.cameras) == 2
-    assert world.renderer.looks == [Look("studio", world.config.background, 4, Rig(exposure=0.5))] * 2
+    assert world.renderer.looks == [Look("studio", world.config.style.background, 4, Rig(exposure=0.5))] * 2
 
 
 def waits_for_studio(render: Callable[..., Frame]) -> Callable[..., Frame]:
@@ -451,7 +456,7 @@ async def test_streams_have_the_requested_rate_up_to_the_limit(
     assert (response.status_code, response.content) == (200, b"")
     assert response.headers["content-type"] == "multipart/x-mixed-replace; boundary=scenegate-frame"
     assert rates == [rate]
-    assert world.renderer.looks == [Look("plain", world.config.background, 1, world.config.rig)]
+    assert world.renderer.looks == [Look("plain", world.config.style.background, 1, world.config.style.rig)]
     assert world.images.streams == 0
 
 

@@ -24,6 +24,7 @@ from gateway.scene.geometry import Part
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.mount import Mount
+from gateway.scene.style import Style
 from gateway.settings import Settings
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.profile import read_profile
@@ -93,8 +94,8 @@ async def test_settings_of_the_render_endpoint(contexts: Any, monkeypatch: pytes
     )
     made = await arguments(monkeypatch, render, "RenderService", context)
     config = made.positional[2]
-    assert (config.path, config.look, config.samples, config.background) == ("/draw", "pbr", 4, (1, 2, 3))
-    assert (config.depth_format, config.max_pixels) == ("png16", 7777)
+    assert (config.path, config.style) == ("/draw", Style("pbr", (1, 2, 3), samples=4))
+    assert (config.depth_format, config.max_pixels) == ("png", 7777)
     assert (config.max_body_bytes, config.max_inflight_bytes) == (3 * MIB, 5 * MIB)
     assert config.gltf == replace(
         GltfLimits(), max_nodes=11, max_elements=13, max_drawn_elements=13, max_image_pixels=17
@@ -105,7 +106,7 @@ async def test_settings_of_the_render_endpoint(contexts: Any, monkeypatch: pytes
 async def test_depth_is_tiff_and_the_readers_own_limit_stays(contexts: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     many = GltfLimits().max_elements + 1
     config = (await arguments(monkeypatch, render, "RenderService", contexts(max_triangles=many))).positional[2]
-    assert config.depth_format == "tiff32f"
+    assert config.depth_format == "tiff"
     assert (config.gltf.max_elements, config.gltf.max_drawn_elements) == (many - 1, many)
 
 
@@ -122,7 +123,7 @@ async def test_settings_of_the_scene_api(contexts: Any, monkeypatch: pytest.Monk
     context = contexts(background=(1, 2, 3), max_pixels=7777)
     made = await arguments(monkeypatch, sceneapi, "SceneApi", context)
     config = made.positional[3]
-    assert (config.background, config.max_pixels) == ((1, 2, 3), 7777)
+    assert (config.style.background, config.max_pixels) == ((1, 2, 3), 7777)
     camera: Any = object()
     context.stereo_camera = lambda snapshot: camera
     assert made.named["stereo_camera"](context.tree.snapshot) is camera, "the camera starts later"

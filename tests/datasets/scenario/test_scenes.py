@@ -21,7 +21,7 @@ from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.check import check_dataset
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.job import Job, make_job
-from gateway.datasets.rendering import Style, render_images
+from gateway.datasets.rendering import render_images
 from gateway.datasets.run import Progress, run
 from gateway.datasets.scenario.choices import SceneChoices
 from gateway.datasets.scenario.placement import Solid, are_apart, box_solid, rotation_of
@@ -31,6 +31,7 @@ from gateway.datasets.sources import find_sources
 from gateway.datasets.views import SceneCamera, View, camera_of
 from gateway.datasets.worker import Worker
 from gateway.scene.flatten import flatten
+from gateway.scene.style import Style
 from gateway.scene.transforms import translation
 from renderers.raster import CpuRenderer
 from scenegate.datasets import manifest

@@ -1,0 +1,44 @@
+"""Shading of images of a scene, as settings, commands and requests choose it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from renderers.interface import Look, LookName
+from renderers.light_rig import STUDIO, Rig
+
+LookChoice = Literal["auto", LookName]
+"""Name of a look, or ``auto``: the scene decides."""
+STUDIO_SAMPLES: Final = 4
+"""Default number of samples per pixel of the look ``studio``. The others have one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Style:
+    """Shading of colour images, and what is cut out of the others."""
+
+    look: LookChoice = "auto"
+    background: tuple[int, int, int] = Look().background
+    """RGB background, 0 .. 255; the default is that of Drake's engines."""
+    antialias: Literal["fxaa", "none"] = "fxaa"
+    """Antialiasing of images with one sample per pixel. RenderEngineVtk uses FXAA: with FXAA 0.0 to 0.5 % of the values
+    differ from VTK's images, without FXAA 0.2 to 3.4 %. RenderEngineGl has no antialiasing."""
+    samples: Literal[0, 1, 4, 8] = 0
+    """Samples per pixel (MSAA); 0: ``STUDIO_SAMPLES`` for the look ``studio``, 1 for the others."""
+    rig: Rig = STUDIO
+    """Lights and environment of the look ``studio``."""
+    alpha_threshold: float = 0.0
+    """Alpha below which blended surfaces are cut out; see ``Look``."""
+
+    def look_for(self, automatic: LookName, choice: LookChoice | None = None) -> Look:
+        """Return the look of an image.
+
+        Args:
+            automatic: name for ``auto``.
+            choice: name that replaces ``look``; None: none.
+        """
+        chosen = choice or self.look
+        name = automatic if chosen == "auto" else chosen
+        samples = self.samples or (STUDIO_SAMPLES if name == "studio" else 1)
+        return Look(name, self.background, samples, self.rig, self.alpha_threshold)

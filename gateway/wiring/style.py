@@ -1,0 +1,18 @@
+"""Shading that the settings choose."""
+
+from __future__ import annotations
+
+from gateway.assets.light_rig_file import rig_of
+from gateway.scene.style import Style
+from gateway.settings import Settings
+
+
+def style_of(settings: Settings) -> Style:
+    """Return the style of the render endpoint; reads the file of ``--rig``."""
+    return Style(
+        settings.look,
+        settings.background,
+        samples=settings.samples,
+        rig=rig_of(settings.rig),
+        alpha_threshold=settings.alpha_threshold,
+    )
