@@ -93,9 +93,7 @@ def _openapi_extra(config: RenderConfig) -> dict[str, Any]:
                 "SHA-256 of the scene, in hexadecimal; other text is ignored.",
                 **text,
             ),
-            LOOK_FIELD: _field(
-                "string", f"Shading; default: {config.style.look} (--look).", enum=list(LOOKS)
-            ),
+            LOOK_FIELD: _field("string", f"Shading; default: {config.style.look} (--look).", enum=list(LOOKS)),
             "submit": _field("string", "Ignored; Drake's client sends Render.", **text),
         },
         "allOf": [

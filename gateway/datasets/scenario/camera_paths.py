@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.datasets.scenario.choices import CameraChoice
-from gateway.datasets.scenario.tables import Fixed, FrameRange, Handheld, Shell
+from gateway.datasets.scenario.tables import Fixed, FrameRange, Handheld, Range, Shell
 from gateway.scene.transforms import look_at
 from scenegate.datasets.manifest import pose_rows
 from scenegate.transforms import Matrix
 
-Range = float | tuple[float, ...]
 DEFAULT_FRAMES: Final = FrameRange(count=1)
 CLEARANCE: Final = 0.02
 """Minimum distance of a camera from the boxes of objects, metres."""
@@ -22,7 +21,7 @@ _TRIES: Final = 100
 _SHAKE_HERTZ: Final = (1.1, 2.3, 4.7)
 
 
-def uniform(random: np.random.Generator, values: Range) -> float:
+def uniform(random: np.random.Generator, values: Range[float]) -> float:
     """Return a number that is drawn uniformly from a range."""
     if not isinstance(values, tuple):
         return float(values)

@@ -9,7 +9,7 @@ import numpy as np
 
 from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.arrangement import Arrangement, Candidate, load_usable
-from gateway.datasets.scenario.camera_paths import Range, draw_cameras, uniform
+from gateway.datasets.scenario.camera_paths import draw_cameras, uniform
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import (
     BackgroundChoice,
@@ -61,7 +61,7 @@ def _color(random: np.random.Generator, colors: Sequence[Vector3]) -> Vector3:
     return red, green, blue
 
 
-def _count(random: np.random.Generator, count: int | tuple[int, ...]) -> int:
+def _count(random: np.random.Generator, count: tables.Range[int]) -> int:
     return count if isinstance(count, int) else int(random.integers(min(count), max(count) + 1))
 
 
@@ -181,7 +181,7 @@ def _joints(random: np.random.Generator, table: tables.Model, model: LoadedModel
     """Return drawn joint values: of the table's ranges, or between the limits of the robot's file."""
     if isinstance(table.joints, dict):
         return {name: (uniform(random, values),) for name, values in table.joints.items()}
-    ranges: dict[str, Range] = {}
+    ranges: dict[str, tables.Range[float]] = {}
     for name, joint in ({} if model.robot is None else model.robot.joints).items():
         if joint.mimic is None and joint.kind in ("revolute", "prismatic"):
             ranges[name] = joint.limits or ((-np.pi, np.pi) if joint.kind == "revolute" else joint.default[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, TypeAlias, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -33,16 +33,9 @@ Frames = Annotated[int, Meta(ge=1, le=MAX_VIEWS)]
 Color = tuple[Unit, Unit, Unit]
 """Red, green and blue, sRGB."""
 
-# Ranges: a number, or [low, high], between which numbers are drawn uniformly.
-MetresRange = Metres | Annotated[tuple[Metres, ...], _PAIR]
-LengthRange = Length | Annotated[tuple[Length, ...], _PAIR]
-DegreesRange = Degrees | Annotated[tuple[Degrees, ...], _PAIR]
-ElevationRange = Elevation | Annotated[tuple[Elevation, ...], _PAIR]
-UnitRange = Unit | Annotated[tuple[Unit, ...], _PAIR]
-FactorRange = Factor | Annotated[tuple[Factor, ...], _PAIR]
-FovyRange = Fovy | Annotated[tuple[Fovy, ...], _PAIR]
-CountRange = Count | Annotated[tuple[Count, ...], _PAIR]
-NumberRange = Number | Annotated[tuple[Number, ...], _PAIR]
+_Number = TypeVar("_Number", float, int)
+Range: TypeAlias = _Number | Annotated[tuple[_Number, ...], _PAIR]
+"""A number, or [low, high], between which numbers are drawn uniformly."""
 ColorRange = Annotated[tuple[Color, ...], Meta(min_length=1, max_length=2)]
 """One colour, or the two ends of a range of each channel."""
 
@@ -66,8 +59,8 @@ class Materials(Table, frozen=True):
     """Side of a texture on a model without texture coordinates and on surfaces, metres."""
     color: ColorRange = ((1.0, 1.0, 1.0),)
     """Colour; multiplies the texture."""
-    metallic: UnitRange = 0.0
-    roughness: UnitRange = 0.8
+    metallic: Range[Unit] = 0.0
+    roughness: Range[Unit] = 0.8
 
 
 class Model(Table, frozen=True):
@@ -75,20 +68,20 @@ class Model(Table, frozen=True):
 
     path: str
     """A file, a folder or a pattern (``**`` for all folders): glTF, meshes, URDF, SDF or MJCF."""
-    count: CountRange = 1
+    count: Range[Count] = 1
     """Number of objects; the model of each is drawn among the files."""
-    scale: FactorRange = 1.0
+    scale: Range[Factor] = 1.0
     up: Literal["auto", "y", "z"] = "auto"
     """Up axis of glTF files."""
     roots: tuple[str, ...] = ()
     """Folders with the packages of robot files."""
     on: str = ""
     """Name of the surface; empty: one is drawn for each object."""
-    position: tuple[MetresRange, MetresRange, MetresRange] | None = None
+    position: tuple[Range[Metres], Range[Metres], Range[Metres]] | None = None
     """Position in the world instead of a place on a surface."""
-    rotation: tuple[DegreesRange, DegreesRange, DegreesRange] = (0.0, 0.0, (-180.0, 180.0))
+    rotation: tuple[Range[Degrees], Range[Degrees], Range[Degrees]] = (0.0, 0.0, (-180.0, 180.0))
     """Roll, pitch and yaw about the world's x, y and z axes, in this order."""
-    joints: dict[str, NumberRange] | Literal["limits"] = {}
+    joints: dict[str, Range[Number]] | Literal["limits"] = {}
     """Values of a robot's joints, radians or metres; ``limits``: drawn between the limits of its file."""
     animation: str | Annotated[int, Meta(ge=0)] | None = None
     """Animation of a glTF file, by name or index, that plays over the frames."""
@@ -105,11 +98,11 @@ class Surface(Table, frozen=True):
     name: str = ""
     size: tuple[Length, Length] = (4.0, 4.0)
     """Along its x and y axes."""
-    position: tuple[MetresRange, MetresRange] = (0.0, 0.0)
+    position: tuple[Range[Metres], Range[Metres]] = (0.0, 0.0)
     """Coordinates of its centre, metres."""
-    height: MetresRange = 0.0
+    height: Range[Metres] = 0.0
     """Height of its upper side, metres."""
-    turn: DegreesRange = 0.0
+    turn: Range[Degrees] = 0.0
     """Rotation about its centre, degrees."""
     area: tuple[Length, Length] | None = None
     """Size of the part in the middle where objects are placed; None: all of it."""
@@ -133,16 +126,16 @@ class Shell(Table, frozen=True, tag_field="kind", tag="shell"):
     """Cameras around the objects."""
 
     count: Annotated[int, Meta(ge=1, le=1000)] = 1
-    distance: LengthRange | None = None
+    distance: Range[Length] | None = None
     """Metres from what the camera looks at; None: as far as needed to see all objects, times ``margin``."""
-    margin: FactorRange = (1.0, 1.5)
-    elevation: ElevationRange = (15.0, 75.0)
-    azimuth: DegreesRange = (-180.0, 180.0)
+    margin: Range[Factor] = (1.0, 1.5)
+    elevation: Range[Elevation] = (15.0, 75.0)
+    azimuth: Range[Degrees] = (-180.0, 180.0)
     """Degrees counter-clockwise from +x."""
-    roll: DegreesRange = 0.0
+    roll: Range[Degrees] = 0.0
     look_at: Literal["objects", "object"] | tuple[Metres, Metres, Metres] = "objects"
     """The centre of all objects, of a drawn one, or a point."""
-    fovy: FovyRange = 45.0
+    fovy: Range[Fovy] = 45.0
     """Vertical field of view, degrees."""
 
 
@@ -162,16 +155,16 @@ class Fixed(Table, frozen=True, tag_field="kind", tag="fixed"):
     eye: tuple[Metres, Metres, Metres]
     target: tuple[Metres, Metres, Metres]
     up: tuple[Metres, Metres, Metres] = (0.0, 0.0, 1.0)
-    fovy: FovyRange = 45.0
+    fovy: Range[Fovy] = 45.0
 
 
 class Lamp(Table, frozen=True):
     """A directional light with shadows."""
 
-    azimuth: DegreesRange = (-180.0, 180.0)
+    azimuth: Range[Degrees] = (-180.0, 180.0)
     """Azimuth of the place from which it shines, degrees."""
-    elevation: ElevationRange = (30.0, 80.0)
-    intensity: Intensity | Annotated[tuple[Intensity, ...], _PAIR] = 2.3
+    elevation: Range[Elevation] = (30.0, 80.0)
+    intensity: Range[Intensity] = 2.3
     color: ColorRange = ((1.0, 1.0, 1.0),)
 
 
@@ -182,9 +175,9 @@ class Lights(Table, frozen=True):
     """Rig files (TOML or .hdr): a file, a folder or a pattern. Empty: the built-in rig."""
     environments: str = ""
     """Environment maps (.hdr): a file, a folder or a pattern. They replace the surroundings of the rig."""
-    turn: DegreesRange = 0.0
+    turn: Range[Degrees] = 0.0
     """Rotation of the surroundings about z."""
-    intensity: FactorRange = 1.0
+    intensity: Range[Factor] = 1.0
     """Factor of all light."""
     lamps: Annotated[tuple[Lamp, ...], Meta(max_length=8)] = ()
     """Replace the lights of the rig, if there are any."""
@@ -202,12 +195,12 @@ class Backgrounds(Table, frozen=True):
 class Sensor(Table, frozen=True):
     """Lens and noise of the camera, as those of the stereo camera."""
 
-    blur: Blur | Annotated[tuple[Blur, ...], _PAIR] = 0.0
+    blur: Range[Blur] = 0.0
     """Standard deviation of the point spread, pixels."""
     vignetting: bool = False
-    exposure: FactorRange = 1.0
+    exposure: Range[Factor] = 1.0
     """Factor of the light."""
-    gain: Gain | Annotated[tuple[Gain, ...], _PAIR] = 0.0
+    gain: Range[Gain] = 0.0
     """Gain of the noise, dB; the brightness stays."""
 
 
