@@ -61,104 +61,92 @@ CACHED_SCENES: Final = 2
 
 
 def run_task(task: Task) -> Result:
-    """Run a task with the worker of this process."""
-    return _process_worker(task.threads).run_task(task)
+    """Render all views of a task. Errors are not raised, but are in the result."""
+    scene_name = task.source.name
+    if reason := _rejection(task):
+        return Result(failures=[FailureRecord(scene_name, None, reason)])
+    try:
+        scene = _with_timeout(task, partial(_load, task))
+        warning = rig_warning(scene, task.settings)
+        annotated = _with_timeout(task, partial(_annotate, task, scene))
+        description = scene.description
+        if annotated is not None:
+            description = msgspec.structs.replace(description, models=annotated.models)
+        folder = Path(task.out) / manifest.SCENES_FOLDER / scene_name
+        write_atomically(folder / manifest.SCENE_FILE, manifest.encode_indented(description))
+    except Exception as error:  # noqa: BLE001 - one bad scene must not end the others
+        return Result(failures=[FailureRecord(scene_name, None, _error_text(error))])
+    result = Result(warnings=scene.description.warnings if warning is None else (*scene.description.warnings, warning))
+    for view, next_view in zip_longest(task.views, task.next_views):
+        try:
+            render = partial(_render_sample, task, scene, annotated, view, next_view)
+            result.samples.append(_with_timeout(task, render))
+        except Exception as error:  # noqa: BLE001 - one bad view must not end the others
+            result.failures.append(FailureRecord(scene_name, view.name, _error_text(error)))
+    return result
+
+
+def _render_sample(
+    task: Task, scene: LoadedScene, annotated: AnnotatedScene | None, view: View, next_view: View | None
+) -> SampleRecord:
+    """Render a view, write its images, and return its record."""
+    camera, encoded_images, objects = _render(task, scene, annotated, view, next_view)
+    images: dict[ImageType, manifest.ImageFile] = {}
+    for image_type, data in encoded_images.items():
+        suffix = _file_format(image_type, task.settings)
+        path = f"{manifest.SCENES_FOLDER}/{task.source.name}/{view.name}.{image_type}.{suffix}"
+        write_atomically(Path(task.out) / path, data)
+        images[image_type] = manifest.ImageFile(path, hashlib.sha256(data).hexdigest(), len(data))
+    return SampleRecord(
+        id=f"{task.source.name}/{view.name}",
+        scene=task.source.name,
+        view=view.name,
+        view_description=view_description(view, next_view),
+        scene_sha256=scene.description.sha256,
+        camera=record_of(camera),
+        images=images,
+        objects=objects,
+    )
+
+
+def _render(
+    task: Task, scene: LoadedScene, annotated: AnnotatedScene | None, view: View, next_view: View | None
+) -> tuple[Camera, dict[ImageType, bytes], tuple[ObjectRecord, ...]]:
+    """Render a view; return its camera, its encoded images by type, and the objects in it."""
+    settings, renderer = task.settings, _renderer(task.threads)
+    if scene.request is not None:
+        camera, image_type, data = RequestRenderer(renderer, settings).render(scene.request)
+        return camera, {image_type: data}, ()
+    scene_at_frame, view_with_pose = scene.at_frame_of(view)
+    if scene_at_frame is not scene and annotated is not None:
+        annotated = _annotate_cached(scene_at_frame, task.classes, task.out)
+    camera = _camera_of(view_with_pose, scene_at_frame, settings)
+    next_scene, next_camera = None, None
+    if next_view is not None:
+        next_scene, next_view_with_pose = scene_at_frame.at_frame_of(next_view)
+        next_camera = _camera_of(next_view_with_pose, next_scene, settings)
+    formats = {image_type: _file_format(image_type, settings) for image_type in settings.types}
+    sensor = None
+    if settings.stereo_profile:
+        sensor = StereoSensor(cached_profile(settings.stereo_profile), renderer)
+    inputs = SampleInputs(
+        scene_at_frame,
+        camera,
+        annotated,
+        next_camera=next_camera,
+        next_scene=None if next_scene is scene_at_frame else next_scene,
+        baseline=settings.baseline,
+        sensor=sensor,
+        noise_seed=zlib.crc32(f"{task.source.name}/{view.name}".encode()),
+    )
+    return camera, *render_sample(renderer, inputs, formats, style_of(settings))
 
 
 @cache
-def _process_worker(threads: int) -> Worker:
-    """Return the worker of this process, which is created at the first call."""
+def _renderer(threads: int) -> CpuRenderer:
+    """Return the renderer of this process, which is created at the first call."""
     process_tuning.tune()
-    return Worker(threads)
-
-
-class Worker:
-    """Runs tasks with one renderer."""
-
-    def __init__(self, threads: int = 1) -> None:
-        """Create a worker that renders an image with ``threads`` threads."""
-        self._renderer = CpuRenderer(threads)
-
-    def run_task(self, task: Task) -> Result:
-        """Render all views of a task. Errors are not raised, but are in the result."""
-        scene_name = task.source.name
-        if reason := _rejection(task):
-            return Result(failures=[FailureRecord(scene_name, None, reason)])
-        try:
-            scene = _with_timeout(task, partial(_load, task))
-            warning = rig_warning(scene, task.settings)
-            annotated = _with_timeout(task, partial(_annotate, task, scene))
-            description = scene.description
-            if annotated is not None:
-                description = msgspec.structs.replace(description, models=annotated.models)
-            folder = Path(task.out) / manifest.SCENES_FOLDER / scene_name
-            write_atomically(folder / manifest.SCENE_FILE, manifest.encode_indented(description))
-        except Exception as error:  # noqa: BLE001 - one bad scene must not end the others
-            return Result(failures=[FailureRecord(scene_name, None, _error_text(error))])
-        result = Result(
-            warnings=scene.description.warnings if warning is None else (*scene.description.warnings, warning)
-        )
-        for view, next_view in zip_longest(task.views, task.next_views):
-            try:
-                render = partial(self._render_sample, task, scene, annotated, view, next_view)
-                result.samples.append(_with_timeout(task, render))
-            except Exception as error:  # noqa: BLE001 - one bad view must not end the others
-                result.failures.append(FailureRecord(scene_name, view.name, _error_text(error)))
-        return result
-
-    def _render_sample(
-        self, task: Task, scene: LoadedScene, annotated: AnnotatedScene | None, view: View, next_view: View | None
-    ) -> SampleRecord:
-        """Render a view, write its images, and return its record."""
-        camera, encoded_images, objects = self._render(task, scene, annotated, view, next_view)
-        images: dict[ImageType, manifest.ImageFile] = {}
-        for image_type, data in encoded_images.items():
-            suffix = _file_format(image_type, task.settings)
-            path = f"{manifest.SCENES_FOLDER}/{task.source.name}/{view.name}.{image_type}.{suffix}"
-            write_atomically(Path(task.out) / path, data)
-            images[image_type] = manifest.ImageFile(path, hashlib.sha256(data).hexdigest(), len(data))
-        return SampleRecord(
-            id=f"{task.source.name}/{view.name}",
-            scene=task.source.name,
-            view=view.name,
-            view_description=view_description(view, next_view),
-            scene_sha256=scene.description.sha256,
-            camera=record_of(camera),
-            images=images,
-            objects=objects,
-        )
-
-    def _render(
-        self, task: Task, scene: LoadedScene, annotated: AnnotatedScene | None, view: View, next_view: View | None
-    ) -> tuple[Camera, dict[ImageType, bytes], tuple[ObjectRecord, ...]]:
-        """Render a view; return its camera, its encoded images by type, and the objects in it."""
-        settings = task.settings
-        if scene.request is not None:
-            camera, image_type, data = RequestRenderer(self._renderer, settings).render(scene.request)
-            return camera, {image_type: data}, ()
-        scene_at_frame, view_with_pose = scene.at_frame_of(view)
-        if scene_at_frame is not scene and annotated is not None:
-            annotated = _annotate_cached(scene_at_frame, task.classes, task.out)
-        camera = _camera_of(view_with_pose, scene_at_frame, settings)
-        next_scene, next_camera = None, None
-        if next_view is not None:
-            next_scene, next_view_with_pose = scene_at_frame.at_frame_of(next_view)
-            next_camera = _camera_of(next_view_with_pose, next_scene, settings)
-        formats = {image_type: _file_format(image_type, settings) for image_type in settings.types}
-        sensor = None
-        if settings.stereo_profile:
-            sensor = StereoSensor(cached_profile(settings.stereo_profile), self._renderer)
-        inputs = SampleInputs(
-            scene_at_frame,
-            camera,
-            annotated,
-            next_camera=next_camera,
-            next_scene=None if next_scene is scene_at_frame else next_scene,
-            baseline=settings.baseline,
-            sensor=sensor,
-            noise_seed=zlib.crc32(f"{task.source.name}/{view.name}".encode()),
-        )
-        return camera, *render_sample(self._renderer, inputs, formats, style_of(settings))
+    return CpuRenderer(threads)
 
 
 def _rejection(task: Task) -> str:

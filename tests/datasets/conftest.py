@@ -15,7 +15,7 @@ from gateway.datasets.run import Progress, run
 from gateway.datasets.scenes import model_names
 from gateway.datasets.sources import find_sources
 from gateway.datasets.views import View
-from gateway.datasets.worker import Worker
+from gateway.datasets.worker import run_task
 from gateway.scene.cameras import OrbitCamera
 from scenegate.datasets.manifest import ANNOTATED_TYPES, Settings
 from tests.support import forms
@@ -54,16 +54,11 @@ def scenes(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.fixture(scope="session")
-def worker() -> Worker:
-    return Worker()
-
-
 Draw = Callable[..., Progress]
 
 
 @pytest.fixture
-def draw(worker: Worker) -> Draw:
+def draw() -> Draw:
     """Run jobs in this process; ``most`` interrupts the run after that many tasks."""
 
     def execute(job: Job, most: int | None = None) -> Progress:
@@ -71,7 +66,7 @@ def draw(worker: Worker) -> Draw:
             for number, task in enumerate(all_of):
                 if number == most:
                     raise KeyboardInterrupt
-                yield worker.run_task(task)
+                yield run_task(task)
 
         return run(job, tasks, lambda _: None)
 

@@ -28,7 +28,7 @@ from gateway.datasets.run import run
 from gateway.datasets.scenes import LoadedScene, load_scene
 from gateway.datasets.sources import Source
 from gateway.datasets.views import View
-from gateway.datasets.worker import Worker
+from gateway.datasets.worker import run_task
 from scenegate.datasets import manifest
 from scenegate.datasets.dataset import NO_LABEL, Dataset
 from tests.datasets.conftest import SETTINGS, Draw, contents, job_of
@@ -316,7 +316,7 @@ def test_a_dataset_grows(scenes: Path, tmp_path: Path, draw: Draw) -> None:
 
 def test_workers_with_another_renderer_refuse(scenes: Path, tmp_path: Path, draw: Draw) -> None:
     def strange(tasks: list[Task]) -> Iterator[Result]:
-        return map(Worker().run_task, [replace(task, renderer_digest="0123") for task in tasks])
+        return map(run_task, [replace(task, renderer_digest="0123") for task in tasks])
 
     progress = run(job_of(scenes, tmp_path / "out"), strange, lambda _: None)
     assert progress.finished == 0

@@ -29,7 +29,7 @@ from gateway.datasets.scenario_jobs import find_scenes
 from gateway.datasets.scenes import LoadedScene, SceneError, load_scene, model_names
 from gateway.datasets.sources import find_sources
 from gateway.datasets.views import SceneCamera, View, camera_of
-from gateway.datasets.worker import Worker
+from gateway.datasets.worker import run_task
 from gateway.scene.flatten import flatten
 from gateway.scene.style import Style
 from gateway.scene.transforms import translation
@@ -294,7 +294,7 @@ def test_a_dataset_of_a_scenario(write: Write, tmp_path: Path) -> None:
         return make_job(sources, (), cameras, msgspec.structs.replace(SETTINGS, scenario_sha256=digest), tmp_path / out)
 
     def render(job: Job) -> Progress:
-        return run(job, lambda tasks: map(Worker().run_task, tasks), lambda progress: None)
+        return run(job, lambda tasks: map(run_task, tasks), lambda progress: None)
 
     first = render(make("first", 2, 3))
     assert (first.rendered, first.failures) == (4, {})
