@@ -211,15 +211,12 @@ class _SceneFeed:
                 for message in self._profile.scene(change, subscribed.__contains__):
                     self._channels.send(message, change.time_ns)
                 self._withdraw_clouds(change)
-        whole = self._mirror.whole()
-        if repeat:
-            if SCENE_TOPIC in subscribed:  # a message of its own: early versions of the app delete at a message's end
-                self._channels.send(encode(SCENE_TOPIC, deletion_of_all(time_ns)), time_ns)
-            for message in self._profile.scene(whole, subscribed.__contains__):
-                self._channels.send(message, time_ns)
-        elif new_subscribers:
-            for message in self._profile.scene(whole, new_subscribers.__contains__):
-                self._channels.send(message, time_ns, new_subscribers[message.topic])
+        if repeat and SCENE_TOPIC in subscribed:  # a message of its own: early versions of the app delete at its end
+            self._channels.send(encode(SCENE_TOPIC, deletion_of_all(time_ns)), time_ns)
+        receivers = subscribed if repeat else new_subscribers
+        if receivers:
+            for message in self._profile.scene(self._mirror.whole(), receivers.__contains__):
+                self._channels.send(message, time_ns, None if repeat else new_subscribers[message.topic])
 
     def _advertise_clouds(self, change: SceneChange) -> None:
         for cloud in change.clouds:
