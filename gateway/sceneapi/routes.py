@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 from fastapi import APIRouter, Query, Request, Response
 
@@ -13,14 +13,20 @@ from gateway.scene.timeline import TimeError
 from gateway.sceneapi.query import FileQuery, ImageQuery, SceneQuery
 from gateway.sceneapi.service import SceneApi, SceneResponse
 from gateway.server.disconnect import while_connected
+from gateway.server.openapi import Responses, error_responses, file_response, json_example
 from gateway.server.plain_error_route import PlainErrorRoute
 
-_TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
-_UNUSABLE_CAMERA: Final = {"description": "The camera cannot be used in the scene.", "content": _TEXT}
-_CAMERA_NOT_FOUND: Final = {
-    "description": "The camera's node is not in the scene, there is no stereo camera, or no state of this time.",
-    "content": _TEXT,
+_UNAVAILABLE: Final = {
+    500: "A texture of the scene cannot be decoded.",
+    503: "With Retry-After: too many requests wait. Without: rendering took too long.",
 }
+_CAMERA_ERRORS: Final = {
+    400: "The camera cannot be used in the scene.",
+    404: "The camera's node is not in the scene, there is no stereo camera, or no state of this time.",
+    **_UNAVAILABLE,
+}
+_REVISION: Final = "The header X-Scene-Revision has the revision of the scene."
+_UNCHANGED: Final[Responses] = {304: {"description": "The scene has not changed since If-None-Match."}}
 _LISTING_EXAMPLE: Final = {
     "revision": 7,
     "nodes": [
@@ -38,7 +44,6 @@ _LISTING_EXAMPLE: Final = {
     "node_count": 1,
     "bounds": [[-0.1, -0.1, 0.9], [0.1, 0.1, 1.1]],
 }
-_BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 
 
 class _SceneRoute(PlainErrorRoute):
@@ -54,11 +59,31 @@ def router(service: SceneApi) -> APIRouter:
     """Return the routes of the scene."""
     routes = APIRouter(tags=["The live scene"], route_class=_SceneRoute)
 
+    @routes.get(
+        "/scene",
+        summary="List the scene",
+        response_class=Response,
+        responses={
+            **json_example(_LISTING_EXAMPLE, _REVISION),
+            **_UNCHANGED,
+            **error_responses({404: "There is no state of this time.", **_UNAVAILABLE}),
+        },
+    )
     async def listing(request: Request, query: Annotated[SceneQuery, Query()]) -> Response:
         """Every node with its kinds of geometry, world transform, bounds and label. Parents come before children."""
         snapshot = await service.snapshot_at(query.time)
         return await _cacheable(service, request, service.listing, snapshot)
 
+    @routes.get(
+        "/scene.glb",
+        summary="Download the scene",
+        response_class=Response,
+        responses={
+            **file_response(_REVISION, "model/gltf-binary"),
+            **_UNCHANGED,
+            **error_responses({**_CAMERA_ERRORS, 413: "The file would be larger than the limit."}),
+        },
+    )
     async def file(request: Request, query: Annotated[FileQuery, Query()]) -> Response:
         """The scene as one binary glTF file: Y up, textures embedded, hidden nodes left out.
 
@@ -69,66 +94,18 @@ def router(service: SceneApi) -> APIRouter:
             return await _cacheable(service, request, lambda snapshot: service.file(None, snapshot), snapshot)
         return await _uncacheable(service, request, lambda: service.file(query, snapshot))
 
+    @routes.get(
+        "/scene/render",
+        summary="Render the scene",
+        response_class=Response,
+        responses={**file_response(_REVISION, "image/png", "image/tiff"), **error_responses(_CAMERA_ERRORS)},
+    )
     async def image(request: Request, query: Annotated[ImageQuery, Query()]) -> Response:
         """An image of the newest scene, or of an earlier one."""
         snapshot = await service.snapshot_at(query.time)
         return await _uncacheable(service, request, lambda: service.image(query, snapshot))
 
-    routes.add_api_route(
-        "/scene",
-        listing,
-        methods=["GET"],
-        summary="List the scene",
-        response_class=Response,
-        responses={
-            **_responses({"application/json": {"example": _LISTING_EXAMPLE}}, cached=True),
-            404: {"description": "There is no state of this time.", "content": _TEXT},
-        },
-    )
-    routes.add_api_route(
-        "/scene.glb",
-        file,
-        methods=["GET"],
-        summary="Download the scene",
-        response_class=Response,
-        responses={
-            **_responses({"model/gltf-binary": _BINARY}, cached=True),
-            400: _UNUSABLE_CAMERA,
-            404: _CAMERA_NOT_FOUND,
-            413: {"description": "The file would be larger than the limit.", "content": _TEXT},
-        },
-    )
-    routes.add_api_route(
-        "/scene/render",
-        image,
-        methods=["GET"],
-        summary="Render the scene",
-        response_class=Response,
-        responses=_responses({"image/png": _BINARY, "image/tiff": _BINARY}, cached=False),
-    )
     return routes
-
-
-def _responses(content: dict[str, Any], *, cached: bool) -> dict[int | str, dict[str, Any]]:
-    """Return the OpenAPI descriptions of a route's responses.
-
-    Args:
-        content: Media types of the 200 response.
-        cached: True for a route that responds with ``_cacheable``.
-    """
-    responses: dict[int | str, dict[str, Any]] = {
-        200: {"description": "The header X-Scene-Revision has the revision of the scene.", "content": content},
-        503: {
-            "description": "With Retry-After: too many requests wait. Without: rendering took too long.",
-            "content": _TEXT,
-        },
-    }
-    responses[500] = {"description": "A texture of the scene cannot be decoded.", "content": _TEXT}
-    if cached:
-        responses[304] = {"description": "The scene has not changed since If-None-Match."}
-    else:
-        responses[400], responses[404] = _UNUSABLE_CAMERA, _CAMERA_NOT_FOUND
-    return responses
 
 
 async def _cacheable(

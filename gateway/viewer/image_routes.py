@@ -16,7 +16,7 @@ from fastapi.responses import PlainTextResponse, StreamingResponse
 from gateway.scene.cameras import CameraError, NoSuchCameraError
 from gateway.scene.timeline import TimeError
 from gateway.server.disconnect import while_connected
-from gateway.server.openapi import example
+from gateway.server.openapi import error_responses, example, file_response
 from gateway.server.plain_error_route import PlainErrorRoute
 from gateway.server.scene_query import TIME, ColorQuery, side
 from gateway.viewer.config import ViewerConfig
@@ -92,35 +92,21 @@ StereoImage = Annotated[
     ),
 ]
 
-_PLAIN_TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
-_ERROR_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
-    400: {"description": "The camera cannot be used in the scene.", "content": _PLAIN_TEXT},
-    404: {
-        "description": "The camera's node is not in the scene, there is no stereo camera, or no state of this time.",
-        "content": _PLAIN_TEXT,
-    },
-    422: {
-        "description": "A parameter is invalid, or a texture of the scene cannot be decoded.",
-        "content": _PLAIN_TEXT,
-    },
-    503: {
-        "description": "Too many requests are waiting, see Retry-After; without Retry-After, rendering took too long.",
-        "content": _PLAIN_TEXT,
-    },
-}
-_JPEG_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
-    200: {"description": "The image.", "content": {"image/jpeg": {"schema": {"type": "string", "format": "binary"}}}},
-    **_ERROR_RESPONSES,
-}
-_SENSOR_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
+_ERROR_RESPONSES: Final = error_responses(
+    {
+        400: "The camera cannot be used in the scene.",
+        404: "The camera's node is not in the scene, there is no stereo camera, or no state of this time.",
+        422: "A parameter is invalid, or a texture of the scene cannot be decoded.",
+        503: "Too many requests are waiting, see Retry-After; without Retry-After, rendering took too long.",
+    }
+)
+_JPEG_RESPONSES: Final = {**file_response("The image.", "image/jpeg"), **_ERROR_RESPONSES}
+_SENSOR_RESPONSES: Final = {
     **_JPEG_RESPONSES,
-    404: {"description": "There is no such image, or no stereo camera.", "content": _PLAIN_TEXT},
+    **error_responses({404: "There is no such image, or no stereo camera."}),
 }
-_STREAM_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
-    200: {
-        "description": "Images until the client disconnects.",
-        "content": {"multipart/x-mixed-replace": {"schema": {"type": "string", "format": "binary"}}},
-    },
+_STREAM_RESPONSES: Final = {
+    **file_response("Images until the client disconnects.", "multipart/x-mixed-replace"),
     **_ERROR_RESPONSES,
 }
 
