@@ -116,7 +116,7 @@ class TreeHistory:
 
     def start(self) -> None:
         """Start to record."""
-        self._stop_listening = self._tree.listen(lambda _: self._changed.set())
+        self._stop_listening = self._tree.listen(self._changed.set)
         self._changed.set()
         self._thread.start()
 
