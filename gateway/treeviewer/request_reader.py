@@ -1,8 +1,9 @@
 """Read requests: paths, geometries, transforms, and the reason of each command that failed.
 
-``JsonReader`` and ``MsgpackReader`` are the subclasses. A list of regular transforms or solids is decoded to typed
-objects (docs/decisions/0016-fast-tree-viewer-requests.md). A list with an irregular command, and all other commands,
-are decoded to dicts and lists, and read in every form that known clients send.
+``JsonReader`` and ``MsgpackReader`` are the subclasses: they prepare big requests, and decode irregular data. A list of
+regular transforms or solids is decoded to typed objects (docs/decisions/0016-fast-tree-viewer-requests.md). A list with
+an irregular command, and all other commands, are decoded to dicts and lists, and read in every form that known clients
+send.
 """
 
 from __future__ import annotations
