@@ -143,19 +143,16 @@ def transform(gateway: ProfiledGateway, repeats: int) -> dict[str, int]:
     with connect(f"ws://127.0.0.1:{gateway.port}/view/ws", compression=None, max_size=None) as view:
         offsets = iter(range(1, repeats + 1))
 
-        def next_update() -> None:
-            while b'"update"' not in view.recv(decode=False)[:64]:
-                pass
-            view.send("k")
-
         def move() -> None:
+            view.send("k")  # acknowledges the update before: the next one is not sent without
             pose = {"translation": [next(offsets), 0, 0], "quaternion": [1, 0, 0, 0]}
             publish(url, {"settransform": [{"path": ["box"], "transform": pose}]}, SECONDS)
-            next_update()
+            while b'"update"' not in view.recv(decode=False)[:64]:
+                pass
 
         with suppress(TimeoutError):  # the scene before the first move
             while view.recv(timeout=1.0):
-                view.send("k")
+                pass
         return gateway.count(move, repeats)
 
 

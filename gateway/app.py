@@ -43,7 +43,6 @@ from gateway.wiring.startup import start
 from gateway.wiring.state import open_state
 from gateway.wiring.worker_processes import write_worker_reports
 from renderers.cache import SHARED
-from scenegate.lcm.arrival import arrival_time
 
 if TYPE_CHECKING:
     from gateway.runtime.worker_reports import WorkerReports
@@ -96,7 +95,7 @@ def create_app(
         state=state,
         reports=reports,
         log=log,
-        tree=LiveTree(arrival_time) if log is None else log.tree,
+        tree=LiveTree() if log is None else log.tree,
     )
     if spans is not None:
         context.exit_stack.callback(telemetry.close, spans)

@@ -117,7 +117,11 @@ async def test_a_service_that_fails_leaves_the_others_and_all_end_with_the_lifes
     )
     async with running() as client:
         assert (await client.get("/openapi.json")).status_code == 200
-        states = (await client.get("/healthz")).json()["interfaces"]
+        states: dict[str, Any] = {}
+        async with asyncio.timeout(SECONDS):
+            while states.get("stereo", {}).get("state") != "failed":
+                await asyncio.sleep(0)
+                states = (await client.get("/healthz")).json()["interfaces"]
         assert states["stereo"] == {"state": "failed", "problem": "port taken"}
         assert states["treeviewer"] == {"state": "ready", "where": "udpm://"}
         assert not good.ended.is_set()

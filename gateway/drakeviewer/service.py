@@ -15,15 +15,14 @@ import structlog
 from gateway.assets.mesh_files import MeshFiles
 from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.messages import MessageError
-from gateway.drakeviewer.viewer import DrakeViewer
-from gateway.drakeviewer.wire import Message
+from gateway.drakeviewer.viewer import DrakeViewer, Edit
 from gateway.runtime.pool_errors import UnavailableErrors
 from gateway.runtime.scheduling import BACKGROUND_NICENESS
 from gateway.runtime.tracing import lcm_message
 from gateway.runtime.warning_list import WarningList
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
-from scenegate.lcm.arrival import arrival_time, set_arrival
+from scenegate.lcm.transport import LcmMessage
 from scenegate.warning_text import joined_warnings
 
 _log = structlog.get_logger("gateway.drakeviewer")
@@ -53,9 +52,8 @@ class DrakeViewerService:
         self._pool = WorkerPool(
             self._config.threads, self._config.channels, name="drakeviewer", niceness=BACKGROUND_NICENESS
         )
-        self._waiting: dict[str, dict[str, tuple[Message, bool, int]]] = {}
-        """Queues of messages by group and channel, oldest first, each with True if it is of a program on this machine,
-        and with its arrival, nanoseconds since the epoch."""
+        self._waiting: dict[str, dict[str, LcmMessage]] = {}
+        """Queues of messages by group and channel, oldest first."""
         self._waiting_bytes = 0
         self._oldest: dict[str, int] = {}
         """Arrival of the oldest message of each group that is not shown yet, nanoseconds since the epoch."""
@@ -114,27 +112,28 @@ class DrakeViewerService:
             await asyncio.gather(*tasks, return_exceptions=True)
             await self._pool.close(0.0)
 
-    def receive(self, channel: str, message: Message, is_local: bool = False) -> None:
+    def receive(self, message: LcmMessage) -> None:
         """Show a message: a small one at once, others after the worker thread has read them.
 
-        Must be called on the event loop. The arguments are those of ``OnMessage``.
+        Must be called on the event loop.
         """
+        channel, nbytes = message.channel, len(message.data)
         if not self.ready:
             return
         if not self.viewer.is_shown(channel):
             self._count_unshown(channel)
             return
-        if not self._admit(channel, len(message)):
+        if not self._admit(channel, nbytes):
             return
         if channel in self._channels or self.viewer.has_fixed_name(channel):
             self._channels[channel] = self._channels.get(channel, 0) + 1
         self.viewer.counters.received += 1
         group = self.viewer.group(channel)
-        if group not in self._tasks and not self._needs_thread(channel, message):
-            with lcm_message(channel, len(message)):
-                self._show(channel, message)
+        if group not in self._tasks and not self._needs_thread(message):
+            with lcm_message(channel, nbytes):
+                self._show(message)
             return
-        self._enqueue(group, channel, message, is_local)
+        self._enqueue(group, message)
         if group not in self._tasks:
             self._tasks[group] = asyncio.get_running_loop().create_task(self._show_waiting(group))
 
@@ -152,24 +151,24 @@ class DrakeViewerService:
         self._report(channel, reason)
         return False
 
-    def _needs_thread(self, channel: str, message: Message) -> bool:
+    def _needs_thread(self, message: LcmMessage) -> bool:
         """Return True if reading the message may take milliseconds."""
-        return len(message) >= self._config.offload_bytes or self.viewer.reads_meshes(channel)
+        return len(message.data) >= self._config.offload_bytes or self.viewer.reads_meshes(message.channel)
 
-    def _enqueue(self, group: str, channel: str, message: Message, is_local: bool) -> None:
+    def _enqueue(self, group: str, message: LcmMessage) -> None:
         """Add a message to the end of its group's queue, and remove an earlier one of its channel."""
         queue = self._waiting.setdefault(group, {})
-        earlier = queue.pop(channel, None)
+        earlier = queue.pop(message.channel, None)
         if earlier is not None:
             self._superseded += 1
-            self._waiting_bytes -= len(earlier[0])
-        if self._waiting_bytes + len(message) > self._config.waiting_bytes:
+            self._waiting_bytes -= len(earlier.data)
+        if self._waiting_bytes + len(message.data) > self._config.waiting_bytes:
             self._dropped += 1
-            self._report(channel, f"{self._waiting_bytes} bytes of messages are waiting")
+            self._report(message.channel, f"{self._waiting_bytes} bytes of messages are waiting")
             return
-        queue[channel] = message, is_local, arrival_time()
-        self._oldest.setdefault(group, arrival_time())
-        self._waiting_bytes += len(message)
+        queue[message.channel] = message
+        self._oldest.setdefault(group, message.arrival)
+        self._waiting_bytes += len(message.data)
 
     async def _show_waiting(self, group: str) -> None:
         """Show the messages of a group's queue until it is empty."""
@@ -177,44 +176,44 @@ class DrakeViewerService:
         try:
             while queue:
                 channel = next(iter(queue))
-                message, is_local, arrival = queue.pop(channel)
-                set_arrival(arrival)
-                self._oldest[group] = arrival
-                self._waiting_bytes -= len(message)
-                if not self._admit(channel, len(message)):
+                message = queue.pop(channel)
+                nbytes = len(message.data)
+                self._oldest[group] = message.arrival
+                self._waiting_bytes -= nbytes
+                if not self._admit(channel, nbytes):
                     continue
-                with lcm_message(channel, len(message)):
-                    if self._needs_thread(channel, message):
-                        await self._read_in_thread(channel, message, self._local_files if is_local else self._files)
+                with lcm_message(channel, nbytes):
+                    if self._needs_thread(message):
+                        await self._read_in_thread(message)
                     else:
-                        self._show(channel, message)
+                        self._show(message)
         finally:
             self._waiting.pop(group, None)
             self._oldest.pop(group, None)
             del self._tasks[group]
 
-    def _show(self, channel: str, message: Message) -> None:
+    def _show(self, message: LcmMessage) -> None:
         try:
-            self._report(channel, *self.viewer.handle(channel, message))
-            self._add_shown(channel, len(message))
+            self._apply(message, self.viewer.read(message.channel, message.data))
         except Exception as error:  # noqa: BLE001 - one message must not end the transport
-            self._report_error(channel, error)
+            self._report_error(message.channel, error)
 
-    async def _read_in_thread(self, channel: str, message: Message, files: MeshFiles) -> None:
+    async def _read_in_thread(self, message: LcmMessage) -> None:
+        files = self._local_files if message.is_local else self._files
         try:
-            edit = await self._pool.run(self.viewer.read, channel, message, files)
-            self._report(channel, *self.viewer.apply(edit))
-            self._add_shown(channel, len(message))
+            self._apply(message, await self._pool.run(self.viewer.read, message.channel, message.data, files))
         except Exception as error:  # noqa: BLE001 - one message must not end the service
-            self._report_error(channel, error)
+            self._report_error(message.channel, error)
 
-    def _add_shown(self, channel: str, size: int) -> None:
-        """Count a channel and the size of its newest shown message. Damaged messages do not count as shown."""
+    def _apply(self, message: LcmMessage, edit: Edit | None) -> None:
+        """Apply a message's edit, and count its channel and size. Damaged messages do not count as shown."""
+        channel = message.channel
+        self._report(channel, *self.viewer.apply(edit, message.arrival))
         if self.viewer.is_load(channel):  # it may have deleted point clouds and frames; the next messages warn again
             self._sizes = {name: size for name, size in self._sizes.items() if self.viewer.has_fixed_name(name)}
             self._warnings.remove(lambda name: not self.viewer.is_load(name))
         self._channels.setdefault(channel, 1)
-        self._sizes[channel] = size
+        self._sizes[channel] = len(message.data)
 
     def _report_error(self, channel: str, error: Exception) -> None:
         self.viewer.counters.undecodable += 1

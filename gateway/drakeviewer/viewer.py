@@ -178,11 +178,11 @@ class DrakeViewer:
         """
         return self.apply(self.read(channel, message))
 
-    def apply(self, edit: Edit | None) -> Sequence[str]:
-        """Apply an edit as one revision of the live tree; see ``Edit`` for the result."""
+    def apply(self, edit: Edit | None, timestamp: int | None = None) -> Sequence[str]:
+        """Apply an edit as one revision of the live tree, valid from ``timestamp``; see ``Edit`` for the result."""
         if edit is None:
             return ()
-        with self._live.edit() as tree:
+        with self._live.edit(timestamp) as tree:
             return edit(tree)
 
     def read(self, channel: str, message: wire.Message, files: MeshFiles | None = None) -> Edit | None:

@@ -90,7 +90,7 @@ class FoxgloveService:
         self.port = self._channels.start(HOST, self.port)
         _log.info(f"Foxglove's WebSocket on ws://{HOST}:{self.port}")
         loop = self._loop
-        stop_listening = self._tree.listen(lambda _: _notify(loop, self._scene_changed))
+        stop_listening = self._tree.listen(lambda: _notify(loop, self._scene_changed))
         self.ready = True
         try:
             async with asyncio.TaskGroup() as tasks:

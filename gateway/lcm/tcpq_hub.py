@@ -17,7 +17,7 @@ from typing import Any, Final, cast
 import structlog
 
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.patterns import PatternError, compile_pattern
+from gateway.lcm.patterns import PatternError
 from gateway.lcm.subscriptions import Subscriptions
 from scenegate.lcm.limits import MAX_HEADER_BYTES
 from scenegate.lcm.tcpq import (
@@ -29,7 +29,7 @@ from scenegate.lcm.tcpq import (
     FrameType,
     publish_header,
 )
-from scenegate.lcm.transport import LcmUnavailableError
+from scenegate.lcm.transport import LcmMessage, LcmUnavailableError
 
 _log = structlog.get_logger("gateway.lcm")
 
@@ -38,35 +38,26 @@ MAX_CACHED_CHANNELS: Final = 1024
 MAX_JOINED_BYTES: Final = 16 * 1024
 """Maximum size of messages that are copied behind their header, to be sent in one packet."""
 
-OnClientMessage = Callable[["HubConnection", str, "bytes | memoryview"], None]
-"""Called with sender, channel and data of a message that a client published."""
+OnClientMessage = Callable[[LcmMessage, "HubConnection"], None]
+"""Called with a message that a client published, and its connection."""
 
 
 class TcpqHub:
     """Accepts clients, and relays each message to the clients that subscribed to its channel."""
 
-    def __init__(
-        self,
-        config: LcmConfig,
-        on_message: OnClientMessage,
-        pattern: str,
-        greeting: tuple[str, bytes],
-        on_disconnect: Callable[[HubConnection], None] = lambda lost: None,
-    ) -> None:
+    def __init__(self, config: LcmConfig, greeting: tuple[str, bytes]) -> None:
         """Create a hub; ``start`` opens its port.
 
         Args:
             config: address and limits.
-            on_message: called for messages of clients on the channels that match ``pattern``.
-            pattern: regular expression of channels.
             greeting: channel and message, sent to every client that subscribes to this channel.
-            on_disconnect: called with each connection that is lost.
         """
         self.config = config
-        self._on_message = on_message
-        self._regex = compile_pattern(pattern).regex
         self.greeting = greeting
-        self.on_disconnect = on_disconnect
+        self._prefixes: tuple[str, ...] = ()
+        self._on_message: OnClientMessage = lambda message, sender: None
+        self.on_disconnect: Callable[[HubConnection], None] = lambda lost: None
+        """Called with each connection that is lost."""
         self._server: asyncio.Server | None = None
         self.connections: set[HubConnection] = set()
         self.subscribers: dict[str, list[HubConnection]] = {}
@@ -82,12 +73,22 @@ class TcpqHub:
         self.dropped = 0
         """Number of messages not relayed because their channel name exceeds ``MAX_CHANNEL_BYTES``."""
 
-    async def start(self) -> None:
+    async def start(
+        self,
+        prefixes: tuple[str, ...],
+        on_message: OnClientMessage,
+        on_disconnect: Callable[[HubConnection], None] = lambda lost: None,
+    ) -> None:
         """Open the port and accept clients.
 
+        Args:
+            prefixes: starts of the names of the channels that ``on_message`` receives.
+            on_message: called with messages of clients.
+            on_disconnect: called with each connection that is lost.
         Raises:
             LcmUnavailableError: the port cannot be opened.
         """
+        self._prefixes, self._on_message, self.on_disconnect = prefixes, on_message, on_disconnect
         host, port = self.config.tcpq_host, self.config.tcpq_port
         try:
             loop = asyncio.get_running_loop()
@@ -157,8 +158,8 @@ class TcpqHub:
                 )
             self.dropped += 1
             return
-        if self._regex.fullmatch(channel):
-            self._on_message(sender, channel, data)
+        if channel.startswith(self._prefixes):
+            self._on_message(LcmMessage(channel, data, sender.is_local), sender)
         self._relay(channel, data)
 
     def _relay(self, channel: str, data: bytes | memoryview) -> None:

@@ -72,7 +72,7 @@ class Entry:
             described.update(self.progress())
         if self.figures is not None and self.state is State.READY:
             described.update(self.figures())
-        if self.warnings:
+        if self.warnings.sentences:
             described["warnings"] = [*described.get("warnings", ()), *self.warnings.listed()]
         return described
 

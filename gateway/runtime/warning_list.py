@@ -18,29 +18,26 @@ class WarningList:
     """Sentences by subject, such as a path, a channel or a file. Not thread-safe: it is used in one event loop only."""
 
     def __init__(self) -> None:
-        self._sentences: dict[Any, tuple[str, ...]] = {}
-
-    def __bool__(self) -> bool:
-        """Return True if there is a warning."""
-        return bool(self._sentences)
+        self.sentences: dict[Any, tuple[str, ...]] = {}
+        """Sentences by subject; those without sentences are not in it."""
 
     def set(self, subject: Any, *sentences: str) -> None:
         """Replace the warnings about a subject. Without sentences it has none any more."""
-        self._sentences.pop(subject, None)
+        self.sentences.pop(subject, None)
         if not sentences:
             return
-        if len(self._sentences) >= MAX_SUBJECTS:
-            del self._sentences[next(iter(self._sentences))]
+        if len(self.sentences) >= MAX_SUBJECTS:
+            del self.sentences[next(iter(self.sentences))]
         if len(sentences) > MAX_LISTED:
             sentences = (*sentences[: MAX_LISTED - 1], f"and {len(sentences) - MAX_LISTED + 1} more")
-        self._sentences[subject] = sentences
+        self.sentences[subject] = sentences
 
     def remove(self, ended: Callable[[Any], bool]) -> None:
         """Remove the warnings about all subjects for which ``ended`` returns True."""
-        self._sentences = {subject: texts for subject, texts in self._sentences.items() if not ended(subject)}
+        self.sentences = {subject: texts for subject, texts in self.sentences.items() if not ended(subject)}
 
     def listed(self) -> list[str]:
         """Return at most ``MAX_LISTED`` different sentences, newest subject first, and the number of further ones."""
-        texts = list(dict.fromkeys(text for texts in reversed(self._sentences.values()) for text in texts))
+        texts = list(dict.fromkeys(text for texts in reversed(self.sentences.values()) for text in texts))
         more = len(texts) - MAX_LISTED
         return texts[:MAX_LISTED] + ([f"and {more} more"] if more > 0 else [])

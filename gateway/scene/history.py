@@ -67,9 +67,9 @@ class _HeldHistory:
     span: tuple[int, int]
     state_at: Callable[[int], Awaitable[Snapshot]]
 
-    async def snapshot_at(self, time: int) -> Snapshot:
+    async def snapshot_at(self, timestamp: int) -> Snapshot:
         """Return the state that was valid at a time; times outside the span are clamped."""
-        return await self.state_at(time)
+        return await self.state_at(timestamp)
 
     def simulation_seconds_at(self, time: int) -> None:
         """Return None: the live tree has no time of a simulation."""
@@ -116,7 +116,7 @@ class TreeHistory:
 
     def start(self) -> None:
         """Start to record."""
-        self._stop_listening = self._tree.listen(lambda _: self._changed.set())
+        self._stop_listening = self._tree.listen(self._changed.set)
         self._changed.set()
         self._thread.start()
 
@@ -141,9 +141,9 @@ class TreeHistory:
         with self._lock:
             return sum(segment.nbytes for segment in self._segments)
 
-    async def snapshot_at(self, time: int) -> Snapshot:
+    async def snapshot_at(self, timestamp: int) -> Snapshot:
         """Return the state that was valid at a time; times outside the span are clamped."""
-        return await self._state_at(time, self._tree.snapshot, self._segments, self._rebuilt)
+        return await self._state_at(timestamp, self._tree.snapshot, self._segments, self._rebuilt)
 
     def simulation_seconds_at(self, time: int) -> None:
         """Return None: the live tree has no time of a simulation."""

@@ -40,7 +40,7 @@ class LiveTree:
     def __init__(self, clock: Callable[[], int] = time.time_ns, first: Snapshot | None = None) -> None:
         """
         Args:
-            clock: returns the time from which an edit is valid, nanoseconds since the epoch.
+            clock: returns the time from which edits are valid that name none, nanoseconds since the epoch.
             first: state before the first edit; None: an empty tree.
         """
         self._clock = clock
@@ -51,7 +51,7 @@ class LiveTree:
         self._keepers: set[object] = set()
         """Keys of ``keep_recent``."""
         self._lock = threading.Lock()
-        self._listeners: list[Callable[[Snapshot], None]] = []
+        self._listeners: list[Callable[[], object]] = []
 
     def keep_recent(self, key: object, *, active: bool) -> None:
         """Keep replaced states for a while, until a call with the same key and ``active=False``."""
@@ -74,35 +74,38 @@ class LiveTree:
         return snapshot
 
     @contextmanager
-    def edit(self) -> Iterator[TreeEdit]:
+    def edit(self, timestamp: int | None = None) -> Iterator[TreeEdit]:
         """Edit the tree in a ``with`` block. Its edits become one revision, unless the block raises an exception.
+
+        ``timestamp`` is the time from which it is valid, nanoseconds since the epoch; None: now.
 
         Listeners are called before the lock is released, in the order of the revisions.
         """
         with self._lock:
             edit = TreeEdit(self.snapshot.root)
             yield edit
-            self._commit(edit)
+            self._commit(edit, timestamp)
 
-    def publish(self, edit: TreeEdit) -> None:
+    def publish(self, edit: TreeEdit, timestamp: int | None = None) -> None:
         """Make an edit, which began with an earlier state of this tree, visible as one revision.
 
         What others have changed since then stays, except where this edit changed the same property of a node.
+        ``timestamp`` is that of ``edit``.
         """
         with self._lock:
-            self._commit(edit)
+            self._commit(edit, timestamp)
 
     def replace(self, snapshot: Snapshot) -> None:
         """Make a state of another tree, with its revision, the latest one."""
         with self._lock:
             self._show((snapshot,))
 
-    def _commit(self, edit: TreeEdit) -> None:
+    def _commit(self, edit: TreeEdit, timestamp: int | None) -> None:
         """Make the result of an edit the latest state, and forget old ones."""
         base, root = edit.base, edit.commit()
         if not edit.changed:
             return
-        last, now = self.snapshot, self._clock()
+        last, now = self.snapshot, self._clock() if timestamp is None else timestamp
         if last.root is not base:
             root = merged(base, root, last.root)
         is_set_back = now < last.timestamp - KEPT_NANOSECONDS
@@ -117,12 +120,12 @@ class LiveTree:
         """Make the last one of the kept snapshots the latest state, and call the listeners."""
         self._recent, self.snapshot = recent, recent[-1]
         for listener in tuple(self._listeners):
-            listener(self.snapshot)
+            listener()
 
-    def listen(self, listener: Callable[[Snapshot], None]) -> Callable[[], None]:
-        """Call ``listener`` with every new snapshot, in the thread that edits. It must not block, nor edit the tree.
+    def listen(self, listener: Callable[[], object]) -> Callable[[], None]:
+        """Call ``listener`` after every new snapshot, in the thread that edits. It must not block, nor edit the tree.
 
-        A listener that keeps a snapshot can get its differences from any later one with ``tree.changes``.
+        The differences between any two snapshots are ``tree.changes``.
 
         Returns:
             Function that removes the listener.

@@ -25,7 +25,7 @@ class Timeline(Protocol):
     def span(self) -> tuple[int, int]:
         """First and last time that have a state. Those of a live tree advance."""
 
-    async def snapshot_at(self, time: int) -> Snapshot:
+    async def snapshot_at(self, timestamp: int) -> Snapshot:
         """Return the state that was valid at a time; times outside the span are clamped.
 
         A call with a time at which the same state was valid returns a snapshot of the same revision.

@@ -36,10 +36,10 @@ class RequestContext:
         self._metrics = metrics
         self._quiet_paths = quiet_paths
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
-            await self._app(scope, receive, send)
-            return
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
+        return (self._run if scope["type"] == "http" else self._app)(scope, receive, send)
+
+    async def _run(self, scope: Scope, receive: Receive, send: Send) -> None:
         request_id = _request_id(dict(scope["headers"]).get(b"x-request-id", b""))
         status = 0
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import structlog
 
-from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.live import LiveTree
 from gateway.state.config import StateConfig
 from gateway.state.database import Database
 from gateway.state.errors import StateError
@@ -72,7 +73,7 @@ class PersistentState:
     def store_idle_edits(self, live: LiveTree) -> None:
         """Store edits that no client waits for, too, ``idle_commit_seconds`` after the first of them."""
         loop = asyncio.get_running_loop()
-        self._stop_listening = live.listen(lambda snapshot: self._on_edit(loop, snapshot))
+        self._stop_listening = live.listen(partial(self._on_edit, loop))
 
     def restore_parameters(self, camera: str, nodes: Callable[[], list[str]], parameters: Parameters) -> None:
         """Set a camera's stored parameters, and store the parameters of ``nodes()`` from now on."""
@@ -104,7 +105,7 @@ class PersistentState:
             _log.error("last edits could not be stored", reason=problem, path=str(self._config.path))
         await asyncio.to_thread(self.database.close)
 
-    def _on_edit(self, loop: asyncio.AbstractEventLoop, _: Snapshot) -> None:
+    def _on_edit(self, loop: asyncio.AbstractEventLoop) -> None:
         if self._timer is None:  # unlocked: a race causes one superfluous call
             loop.call_soon_threadsafe(self._start_timer, loop)
 

@@ -35,14 +35,14 @@ class RequestApplier:
         self._missing: dict[Path, None] = {}
         """Paths whose transform or properties were set, but which have no geometry at or below them."""
 
-    def apply(self) -> None:
-        """Execute the request at once."""
+    def apply(self, timestamp: int | None = None) -> None:
+        """Execute the request at once; the result is valid from ``timestamp``, as in ``LiveTree.edit``."""
         edit = TreeEdit(self._live.snapshot.root)
         for _ in self._execute(edit):
             pass
-        self._live.publish(edit)
+        self._live.publish(edit, timestamp)
 
-    def slices(self, max_commands: int) -> Iterator[None]:
+    def slices(self, max_commands: int, timestamp: int | None = None) -> Iterator[None]:
         """Execute the request; yield after every ``max_commands`` commands. Nothing is visible before the end."""
         edit = TreeEdit(self._live.snapshot.root)
         commands = self._execute(edit)
@@ -52,7 +52,7 @@ class RequestApplier:
                 yield
             finally:
                 self._quota.unpublished_nodes = 0
-        self._live.publish(edit)
+        self._live.publish(edit, timestamp)
 
     def response(self, utime: int) -> Response:
         """Return the response to the request, and update the warnings about the paths in it."""
@@ -81,7 +81,7 @@ class RequestApplier:
     def _update_warnings(self) -> None:
         """Replace the warnings about what the request has deleted or set, and those about commands without a path."""
         request, warnings = self.request, self._warnings
-        if warnings:
+        if warnings.sentences:
             deleted = set(request.deletes)
             warnings.remove(lambda subject: _is_below(subject[1], deleted))
             for subject in request.subjects():
@@ -101,13 +101,13 @@ class RequestApplier:
             self._set_geometry(edit, index, path, parts)
             yield
         for index, (path, pose) in enumerate(self.request.transforms):
-            if self._has_room(edit, "settransform", index, path):
+            if edit.root.find(path) is not None or self._has_room(edit, "settransform", index, path):
                 self._transformed[path] = None
                 if not edit.set_pose(path, pose).nodes_with_parts:
                     self._missing[path] = None
             yield
         for index, (path, visible, opacity) in enumerate(self.request.properties):
-            if self._has_room(edit, "setproperty", index, path):
+            if edit.root.find(path) is not None or self._has_room(edit, "setproperty", index, path):
                 self._set_properties(edit, path, visible, opacity)
             yield
 

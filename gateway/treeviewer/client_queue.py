@@ -7,7 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-from scenegate.lcm.arrival import arrival_time
+from gateway.lcm.tcpq_hub import HubConnection
+from scenegate.lcm.transport import LcmMessage
 from scenegate.messages.wire import Comms
 
 Publish = Callable[[str, bytes], None]
@@ -20,45 +21,45 @@ OVERHEAD_BYTES: Final = 256
 class Received:
     """A request, and where its response goes."""
 
-    channel: str
-    """Channel of the request."""
+    message: LcmMessage
     comms: Comms
-    nbytes: int
-    """Bytes of the whole message."""
+    """The decoded message."""
     publish: Publish
     """Publishes the response; raises OSError or ValueError if it cannot be sent."""
-    is_local: bool = False
-    """True for a program on this machine, which may name files in more folders."""
+
+    @property
+    def memory(self) -> int:
+        """Memory that the request takes in a queue, in bytes."""
+        return size_of(len(self.message.data))
 
 
 @dataclass(slots=True, eq=False)
 class ClientQueue:
     """Requests of one client, oldest first. The oldest is being handled, the others wait."""
 
-    on_drained: Callable[[], None] | None = None
-    """Resumes a paused client when its queue is short; None: the transport cannot pause clients."""
+    sender: HubConnection | None = None
+    """Connection that is paused while the queue is long; None: clients of the network cannot be paused."""
     size: int = 0
-    """``size_of`` all requests in the queue, in bytes."""
-    _requests: deque[tuple[Received, int]] = field(default_factory=deque)
+    """Memory of all requests in the queue, in bytes."""
+    _requests: deque[Received] = field(default_factory=deque)
 
     def __len__(self) -> int:
         return len(self._requests)
 
-    def put(self, request: Received) -> int:
-        """Add a request; return its ``size_of``."""
-        self._requests.append((request, arrival_time()))
-        self.size += size_of(request.nbytes)
-        return size_of(request.nbytes)
+    def put(self, request: Received) -> None:
+        """Add a request."""
+        self._requests.append(request)
+        self.size += request.memory
 
-    def first(self) -> tuple[Received, int]:
-        """Return the oldest request and its arrival, nanoseconds since the epoch, without removing it."""
+    def first(self) -> Received:
+        """Return the oldest request without removing it."""
         return self._requests[0]
 
     def pop(self) -> int:
-        """Remove the oldest request; return its ``size_of``."""
-        size = size_of(self._requests.popleft()[0].nbytes)
-        self.size -= size
-        return size
+        """Remove the oldest request; return its memory in bytes."""
+        memory = self._requests.popleft().memory
+        self.size -= memory
+        return memory
 
 
 def size_of(nbytes: int) -> int:

@@ -9,57 +9,45 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final
-
-from gateway.treeviewer.client_queue import Received
-from gateway.treeviewer.responses import MISSING_PATHS, AnyResponse
+from typing import Final, NamedTuple
 
 DELAY_SECONDS: Final = 0.01
 """Delay of a response with status 1. On a busy machine the client clears its queue within 8 ms, rarely later."""
 
 
-@dataclass(frozen=True, slots=True)
-class PendingResponse:
-    """A response that has not been sent."""
-
-    request: Received
-    response: AnyResponse
+class _Waiting(NamedTuple):
+    send: Callable[[], None]
+    has_missing_paths: bool
+    """False: it waits only for those before it."""
 
 
 class DelayedResponses:
-    """Delayed responses by channel. The responses of a channel stay in order: later ones wait for a delayed one."""
+    """Responses with missing paths, and those behind them: the responses of a channel stay in order."""
 
-    def __init__(self, send: Callable[[PendingResponse], None]) -> None:
-        self._send = send
-        self._queues: dict[str, deque[PendingResponse]] = {}
+    def __init__(self) -> None:
+        self.queues: dict[str, deque[_Waiting]] = {}
+        """Responses that wait, by channel of the request."""
 
-    def add(self, pending: PendingResponse) -> None:
-        """Send a response, now or after the delay."""
-        channel = pending.request.channel
-        queue = self._queues.get(channel)
-        must_wait = pending.response.status == MISSING_PATHS
-        if queue is None and not must_wait:
-            self._send(pending)
-            return
-        self._queues.setdefault(channel, deque()).append(pending)
-        if must_wait:
+    def add(self, channel: str, send: Callable[[], None], *, has_missing_paths: bool) -> None:
+        """Call ``send`` after the delay if the response has missing paths, else after those before it."""
+        self.queues.setdefault(channel, deque()).append(_Waiting(send, has_missing_paths))
+        if has_missing_paths:
             asyncio.get_running_loop().call_later(DELAY_SECONDS, self._delay_ended, channel)
 
     def flush(self) -> None:
-        """Send all delayed responses now."""
-        queues, self._queues = self._queues, {}
+        """Send all responses now."""
+        queues, self.queues = self.queues, {}
         for queue in queues.values():
-            for pending in queue:
-                self._send(pending)
+            for waiting in queue:
+                waiting.send()
 
     def _delay_ended(self, channel: str) -> None:
         """Send the oldest response, and the later ones up to the next that has a delay of its own."""
-        queue = self._queues.get(channel)
+        queue = self.queues.get(channel)
         if not queue:  # flush() has sent all
             return
-        self._send(queue.popleft())
-        while queue and queue[0].response.status != MISSING_PATHS:
-            self._send(queue.popleft())
+        queue.popleft().send()
+        while queue and not queue[0].has_missing_paths:
+            queue.popleft().send()
         if not queue:
-            del self._queues[channel]
+            del self.queues[channel]

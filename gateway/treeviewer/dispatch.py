@@ -6,25 +6,27 @@ Requests of one client are handled in order: later ones wait for one in a thread
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Final, Protocol, cast
 
 import structlog
 
+from gateway.lcm.listener import ChannelListener
+from gateway.lcm.tcpq_hub import HubConnection, TcpqHub
 from gateway.runtime.pool_errors import UnavailableErrors
 from gateway.runtime.tracing import lcm_message
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.treeviewer import responses
 from gateway.treeviewer.apply import RequestApplier
-from gateway.treeviewer.client_queue import OVERHEAD_BYTES, ClientQueue, Publish, Received, size_of
+from gateway.treeviewer.client_queue import OVERHEAD_BYTES, ClientQueue, Publish, Received
 from gateway.treeviewer.config import TreeViewerConfig
-from gateway.treeviewer.delayed_responses import DelayedResponses, PendingResponse
+from gateway.treeviewer.delayed_responses import DelayedResponses
 from gateway.treeviewer.page_commands import PageClient, update_page
-from gateway.treeviewer.protocol import RequestRefused, TreeViewerProtocol, client_of, response_channel
-from gateway.treeviewer.responses import AnyMessage, AnyResponse, ClickMessage, PageMessage, Response
-from scenegate.lcm.arrival import set_arrival
+from gateway.treeviewer.protocol import REQUEST, RequestRefused, TreeViewerProtocol, client_of, response_channel
+from gateway.treeviewer.responses import AnyResponse, ClickMessage, ControlsMessage, PageMessage, Response
+from scenegate.lcm.transport import LcmMessage
 from scenegate.messages import wire
 
 _log = structlog.get_logger("gateway.treeviewer")
@@ -83,7 +85,10 @@ class DurableStore(Protocol):
 
 
 class Dispatcher:
-    """Handles requests and publishes responses. All methods run in the event loop's thread."""
+    """Handles requests, publishes responses, and passes other messages to their listeners.
+
+    All methods run in the event loop's thread.
+    """
 
     def __init__(
         self,
@@ -91,6 +96,7 @@ class Dispatcher:
         config: TreeViewerConfig,
         pool: WorkerPool,
         durable: DurableStore | None = None,
+        listeners: Sequence[ChannelListener] = (),
     ) -> None:
         """Create a dispatcher without requests.
 
@@ -99,16 +105,18 @@ class Dispatcher:
             config: limits and sizes.
             pool: its threads read big requests and those that ``read_at_once`` leaves to them.
             durable: storage of the tree; None: responses do not wait for storage.
+            listeners: receive the messages of other channels.
         """
         self._protocol = protocol
         self._config = config
         self._pool = pool
         self._durable = durable
+        self._listeners = tuple(listeners)
         self._queues: dict[object, ClientQueue] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._apply_lock = asyncio.Lock()
         """Held while a big request is applied: merging two of them would block the event loop."""
-        self._delayed = DelayedResponses(self._publish)
+        self._delayed = DelayedResponses()
         self._closing = False
         self.counters = Counters()
         self.waiting_bytes = 0
@@ -116,73 +124,67 @@ class Dispatcher:
         self._last_undecodable = ""
         """Channel and fault of the last undecodable message."""
 
-    def receive(
-        self,
-        connection: object,
-        channel: str,
-        message: bytes | memoryview,
-        publish: Publish,
-        on_drained: Callable[[], None] | None = None,
-        *,
-        is_local: bool = False,
-    ) -> int:
-        """Handle a request at once, or put it into the client's queue.
+    def receive(self, publish: Publish, message: LcmMessage, sender: HubConnection | None = None) -> None:
+        """Handle a request at once, or put it into the client's queue. Pass another message to its listeners.
 
         Args:
-            connection: connection of a transport, or a transport; with the channel, it identifies the client.
-            channel: channel of the request.
-            message: the request, a viewer2_comms_t.
             publish: sends the response; raises OSError or ValueError if it cannot be sent.
-            on_drained: called after a queued request if the client's queue is below half of ``client_waiting_bytes``.
-            is_local: True for a program on this machine, whose ``mesh_file`` paths may be read.
-        Returns:
-            bytes in the client's queue. A transport that can pause clients compares them with the limit.
+            message: a viewer2_comms_t, or a message of a listener.
+            sender: connection that is paused while many of its requests wait; None: the network cannot pause clients.
         """
+        if not message.channel.startswith(REQUEST):
+            for listener in self._listeners:
+                if message.channel.startswith(listener.prefixes):
+                    listener.on_message(message)
+            return
+        nbytes = len(message.data)
         self.counters.received += 1
-        self.counters.received_bytes += len(message)
+        self.counters.received_bytes += nbytes
         try:
-            request = Received(channel, wire.decode(message), len(message), publish, is_local)
+            request = Received(message, wire.decode(message.data), publish)
         except wire.WireError as error:
-            self._count_undecodable(channel, error)
-            return 0
+            self._count_undecodable(message.channel, error)
+            return
         if self._closing:
             self._refuse(request, SHUTTING_DOWN)
-            return 0
-        key = (connection, channel, is_local)
+            return
+        key = (sender, message.channel, message.is_local)
         queue = self._queues.get(key)
         storage_full = self._durable is not None and self._durable.full
         if queue is None and not storage_full and self._handle_at_once(request):
-            return 0
-        if storage_full or self.waiting_bytes + size_of(len(message)) > self._config.waiting_bytes:
+            return
+        if storage_full or self.waiting_bytes + request.memory > self._config.waiting_bytes:
             self.counters.dropped += 1
-            self.counters.dropped_bytes += len(message)
+            self.counters.dropped_bytes += nbytes
             self._refuse(request, TOO_MANY)
-            return queue.size if queue is not None else 0
+            return
         if queue is None:
-            queue = self._queues[key] = ClientQueue(on_drained)
+            queue = self._queues[key] = ClientQueue(sender)
             task = asyncio.get_running_loop().create_task(self._handle_queue(key, queue))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
-        self.waiting_bytes += queue.put(request)
-        return queue.size
+        queue.put(request)
+        self.waiting_bytes += request.memory
+        if sender is not None and queue.size > self._config.client_waiting_bytes:
+            sender.pause_reading()
 
     def oldest_arrival(self) -> int | None:
         """Return the arrival of the oldest request that is not applied yet, nanoseconds since the epoch."""
-        return min((queue.first()[1] for queue in self._queues.values() if len(queue)), default=None)
+        return min((queue.first().message.arrival for queue in self._queues.values() if len(queue)), default=None)
 
-    def forget_clients(self, publish: Publish, is_gone: Callable[[str], bool]) -> None:
-        """Remove clickable paths and controls of clients that have disconnected.
+    def forget_clients(self, hub: TcpqHub, lost: HubConnection) -> None:
+        """Remove clickable paths and controls of programs that received their responses by a lost connection."""
 
-        Args:
-            publish: function of the clients' requests; see ``receive``.
-            is_gone: returns True if the client of a response channel has disconnected.
-        """
+        def is_gone(key: object) -> bool:
+            publish, channel = cast("tuple[Publish, str]", key)
+            responses_to = response_channel(channel)
+            return (
+                publish == hub.publish
+                and lost.subscriptions.match(responses_to)
+                and not hub.has_subscriber(responses_to)
+            )
 
-        def is_client_gone(key: object) -> bool:
-            client_publish, channel = cast("tuple[Publish, str]", key)
-            return client_publish == publish and is_gone(response_channel(channel))
-
-        self._protocol.page.forget(is_client_gone)
+        self._protocol.page.forget(is_gone)
 
     def status(self) -> dict[str, object]:
         """Return the counters as plain JSON values."""
@@ -202,7 +204,7 @@ class Dispatcher:
         await asyncio.gather(*tasks, return_exceptions=True)
         for queue in self._queues.values():
             while len(queue):
-                self._refuse(queue.first()[0], SHUTTING_DOWN)
+                self._refuse(queue.first(), SHUTTING_DOWN)
                 self.waiting_bytes -= queue.pop()
         self._queues.clear()
         self._delayed.flush()
@@ -211,13 +213,12 @@ class Dispatcher:
         """Handle the requests in a client's queue, in order, until it is empty."""
         try:
             while len(queue):
-                request, arrival = queue.first()
-                set_arrival(arrival)
+                request = queue.first()
                 if not self._handle_at_once(request):
                     await self._handle_in_thread(request)
                 self.waiting_bytes -= queue.pop()
-                if queue.on_drained is not None and queue.size < self._config.client_waiting_bytes // 2:
-                    queue.on_drained()
+                if queue.sender is not None and queue.size < self._config.client_waiting_bytes // 2:
+                    queue.sender.resume_reading()
         finally:
             if not self._closing:  # otherwise ``close`` refuses the rest
                 self.waiting_bytes -= queue.size
@@ -226,40 +227,42 @@ class Dispatcher:
     def _handle_at_once(self, request: Received) -> bool:
         """Read and apply a small request on the event loop, and respond; return False if a thread must read it."""
         compactness = MESSAGEPACK_COMPACTNESS if request.comms.format == wire.BINARY else 1
-        if request.nbytes > self._config.offload_bytes // compactness:
+        if len(request.message.data) > self._config.offload_bytes // compactness:
             return False
         try:
             applier = self._protocol.read_at_once(request.comms)
             if applier is None:
                 return False
-            with lcm_message(request.channel, request.nbytes):
-                applier.apply()
+            with lcm_message(request.message.channel, len(request.message.data)):
+                applier.apply(request.message.arrival)
                 response = self._response(request, applier)
         except Exception as error:  # one request must not end the transport  # noqa: BLE001
             response = self._failure(request, error)
-        self._respond(PendingResponse(request, response))
+        self._respond(request, response)
         return True
 
     async def _handle_in_thread(self, request: Received) -> None:
         """Read a request in a worker thread, apply it in slices on the event loop, and respond."""
         try:
-            with lcm_message(request.channel, request.nbytes):
-                applier = await self._pool.run(self._protocol.read, request.comms, request.is_local)
+            message = request.message
+            with lcm_message(message.channel, len(message.data)):
+                applier = await self._pool.run(self._protocol.read, request.comms, message.is_local)
                 async with self._apply_lock:
-                    for _ in applier.slices(self._config.slice_commands):
+                    for _ in applier.slices(self._config.slice_commands, message.arrival):
                         await asyncio.sleep(0)
                 response = self._response(request, applier)
         except Exception as error:  # noqa: BLE001 - as in _handle_at_once
             response = self._failure(request, error)
-        self._respond(PendingResponse(request, response))
+        self._respond(request, response)
 
     def _response(self, request: Received, applier: RequestApplier) -> AnyResponse:
         """Execute the commands for the page, and return the response to a request that was applied."""
         utime = request.comms.utime
         if applier.request.newer_commands:
             binary = request.comms.format == wire.BINARY
-            send = partial(self._send_from_page, request.channel, request.publish, binary)
-            key = (request.publish, request.channel) if client_of(request.channel) else None
+            channel = request.message.channel
+            send = partial(self._send, channel, request.publish, binary)
+            key = (request.publish, channel) if client_of(channel) else None
             update_page(self._protocol.page, applier.request, PageClient(key, send), utime)
         return applier.response(utime)
 
@@ -270,56 +273,59 @@ class Dispatcher:
         if isinstance(error, UnavailableErrors):
             return responses.failed(request.comms.utime, str(error))
         self.counters.internal_errors += 1
-        _log.error("A request could not be handled", channel=request.channel, exc_info=error)
+        _log.error("A request could not be handled", channel=request.message.channel, exc_info=error)
         return responses.failed(request.comms.utime, "internal error; the viewer's log says more")
 
     def _refuse(self, request: Received, reason: str) -> None:
         """Respond to a request that is not handled."""
-        self._publish(PendingResponse(request, responses.failed(request.comms.utime, reason)))
+        self._publish(request, responses.failed(request.comms.utime, reason))
 
-    def _respond(self, pending: PendingResponse) -> None:
+    def _respond(self, request: Received, response: AnyResponse) -> None:
         """Send a response as soon as the tree is stored."""
         if self._durable is None:
-            self._delayed.add(pending)
+            self._publish(request, response)
             return
-        response, path_count = pending.response, 0
+        path_count = 0
         if isinstance(response, Response):
             path_count = len(response.deleted_paths) + len(response.added_geometries) + len(response.set_transforms)
-        self._durable.call_when_stored(partial(self._on_stored, pending), OVERHEAD_BYTES + PATH_BYTES * path_count)
+        on_stored = partial(self._on_stored, request, response)
+        self._durable.call_when_stored(on_stored, OVERHEAD_BYTES + PATH_BYTES * path_count)
 
-    def _on_stored(self, pending: PendingResponse, failure: str) -> None:
+    def _on_stored(self, request: Received, response: AnyResponse, failure: str) -> None:
         """Send a response, with status -3 if the tree could not be stored. ``failure`` is the reason, or empty."""
-        response = pending.response
         if failure and isinstance(response, Response):
             reason = f"the tree has been changed, but the change could not be stored: {failure}"
             response.error = f"{response.error}; {reason}" if response.error else reason
             response.status = responses.ERROR_HANDLING_REQUEST
-        self._delayed.add(pending)
+        self._publish(request, response)
 
-    def _publish(self, pending: PendingResponse) -> None:
-        """Publish a response, and count it."""
-        request, response = pending.request, pending.response
-        if not self._send(request.channel, request.publish, request.comms.format == wire.BINARY, response):
-            self.counters.unanswerable += 1
-            return
-        self.counters.answered += 1
-        self.counters.missing += response.status == responses.MISSING_PATHS
-        self.counters.failed += response.status < 0
+    def _publish(self, request: Received, response: AnyResponse) -> None:
+        """Publish a response: now, or later if it, or one before it on its channel, is delayed."""
+        channel, binary = request.message.channel, request.comms.format == wire.BINARY
+        is_missing = response.status == responses.MISSING_PATHS
+        if is_missing or channel in self._delayed.queues:
+            send = partial(self._send, channel, request.publish, binary, response)
+            self._delayed.add(channel, send, has_missing_paths=is_missing)
+        else:
+            self._send(channel, request.publish, binary, response)
 
-    def _send_from_page(self, channel: str, publish: Publish, binary: bool, message: PageMessage) -> None:
-        """Publish a click or values of controls to the client of a channel of requests."""
-        if self._send(channel, publish, binary, message):
-            self.counters.clicks += isinstance(message, ClickMessage)
-            self.counters.control_messages += not isinstance(message, ClickMessage)
-
-    def _send(self, channel: str, publish: Publish, binary: bool, message: AnyMessage) -> bool:
-        """Encode and publish a message to the client of a channel of requests; return False if it cannot be sent."""
+    def _send(self, channel: str, publish: Publish, binary: bool, message: AnyResponse | PageMessage) -> None:
+        """Encode and publish a message to the client of a channel of requests, and count it."""
+        counters = self.counters
         try:
             publish(response_channel(channel), responses.encode(message, binary=binary))
         except (OSError, ValueError) as error:
+            counters.unanswerable += isinstance(message, AnyResponse)
             _log.warning("A message to a client could not be sent", channel=channel, reason=str(error))
-            return False
-        return True
+            return
+        if isinstance(message, ClickMessage):
+            counters.clicks += 1
+        elif isinstance(message, ControlsMessage):
+            counters.control_messages += 1
+        else:
+            counters.answered += 1
+            counters.missing += message.status == responses.MISSING_PATHS
+            counters.failed += message.status < 0
 
     def _count_undecodable(self, channel: str, error: wire.WireError) -> None:
         """Count a message to which no response is possible, and log it unless there are many."""

@@ -9,12 +9,11 @@ import msgspec
 
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import ReadContext
-from gateway.treeviewer.number_arrays import JsonError
-from gateway.treeviewer.request_reader import DECODE_ERRORS, RequestReader
-from gateway.treeviewer.requests import Request, RequestError
+from gateway.treeviewer.request_reader import RequestReader
+from gateway.treeviewer.requests import RequestError
 
-MIN_EXTRACT_BYTES: Final = 16 * 1024
-"""Minimum size of requests whose long number arrays are parsed apart, by ``NumberArrays``."""
+SMALL_BYTES: Final = 16 * 1024
+"""Maximum size of requests whose long number arrays are not parsed apart, by ``NumberArrays``."""
 
 
 class JsonReader(RequestReader):
@@ -23,31 +22,23 @@ class JsonReader(RequestReader):
     type_text = "a JSON object"
 
     def __init__(self, limits: Limits | None = None) -> None:
-        super().__init__(msgspec.json.Decoder, limits)
+        limits = limits or Limits()
+        super().__init__(msgspec.json.Decoder, min(SMALL_BYTES, limits.json_bytes), limits)
 
-    def read(self, data: memoryview, context: ReadContext) -> Request:
-        json_text = context.arrays.extract(data) if len(data) >= MIN_EXTRACT_BYTES else data
+    def prepare(self, data: memoryview, context: ReadContext) -> bytes:
+        """Return the JSON text without its long arrays."""
+        json_text = context.arrays.extract(data)
         if len(json_text) > self.limits.json_bytes:
             raise RequestError(f"the request has {len(json_text)} bytes of JSON, the limit is {self.limits.json_bytes}")
-        try:
-            return self.read_commands(self._decode_leniently(json_text), context)
-        except JsonError as error:
-            raise RequestError(f"the request is not valid JSON {error}") from None
+        return json_text
 
-    def _decode_leniently(self, json_text: bytes | memoryview) -> Any:
-        """Return the decoded message.
-
-        Python clients write NaN and Infinity, which msgspec refuses and Python's json accepts.
-        """
+    def decode_plain(self, data: bytes | memoryview) -> Any:
+        """Decode by Python's json: Python clients write NaN and Infinity, which msgspec refuses."""
         try:
-            return self.decode(json_text)
-        except DECODE_ERRORS:
-            pass
-        try:
-            return json.loads(bytes(json_text).decode())
+            return json.loads(bytes(data).decode())
         except UnicodeDecodeError as error:
-            raise JsonError(f"text: {error.reason} at byte {error.start}") from None
+            raise RequestError(f"the request is not valid JSON text: {error.reason} at byte {error.start}") from None
         except RecursionError:
             raise RequestError("the request is nested too deeply") from None
         except ValueError as error:  # not JSON, or an integer of more digits than Python converts
-            raise JsonError(f"({error})") from None
+            raise RequestError(f"the request is not valid JSON ({error})") from None

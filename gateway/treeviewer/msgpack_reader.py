@@ -7,7 +7,7 @@ docs/tree-viewer-binary.md.
 from __future__ import annotations
 
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -17,7 +17,7 @@ from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.packed_arrays import EXTENSION, unpack
 from gateway.treeviewer.request_reader import DECODE_ERRORS, RequestReader
-from gateway.treeviewer.requests import Request, RequestError
+from gateway.treeviewer.requests import RequestError
 
 SYNTAX_ERRORS: Final = {
     msgpack_kernels.TRUNCATED: "it ends too early",
@@ -44,25 +44,23 @@ class MsgpackReader(RequestReader):
     type_text = "a MessagePack map"
 
     def __init__(self, limits: Limits | None = None) -> None:
-        super().__init__(partial(msgspec.msgpack.Decoder, ext_hook=_decode_extension), limits)
+        limits = limits or Limits()
+        decoder = partial(msgspec.msgpack.Decoder, ext_hook=_decode_extension)
+        super().__init__(decoder, limits.binary_objects, limits)  # each object takes at least a byte
 
-    def read(self, data: memoryview, context: ReadContext) -> Request:
-        if len(data) > self.limits.binary_objects:  # each value takes at least a byte
-            self._check_value_count(data)
-        try:
-            message = self.decode(data)
-        except DECODE_ERRORS:
-            try:
-                message = self._plain.decode(data)
-            except DECODE_ERRORS as error:
-                raise RequestError(f"the request is not valid MessagePack ({error})") from None
-        return self.read_commands(message, context)
-
-    def _check_value_count(self, data: memoryview) -> None:
-        """Raise RequestError if decoding would create more Python objects than the limit."""
+    def prepare(self, data: memoryview, context: ReadContext) -> memoryview:
+        """Return the data, unless decoding would create more Python objects than the limit."""
         limit = self.limits.binary_objects
         count = msgpack_kernels.count_values(np.frombuffer(data, np.uint8), limit)
         if count in SYNTAX_ERRORS:
             raise RequestError(f"the request is not valid MessagePack ({SYNTAX_ERRORS[count]})")
         if count > limit:
             raise RequestError(f"the request has more than {limit} objects besides its arrays, the limit")
+        return data
+
+    def decode_plain(self, data: bytes | memoryview) -> Any:
+        """Decode maps of any keys, and lists."""
+        try:
+            return self.plain.decode(data)
+        except DECODE_ERRORS as error:
+            raise RequestError(f"the request is not valid MessagePack ({error})") from None

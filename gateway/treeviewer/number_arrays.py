@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from gateway.treeviewer import json_kernels
 from gateway.treeviewer.packed_arrays import ArrayError, PackedArray
+from gateway.treeviewer.requests import RequestError
 
 MIN_NUMBERS: Final = 256
 """Shorter arrays stay in the JSON text. Paths must stay there, and Python decodes few numbers quickly."""
@@ -27,10 +28,6 @@ _MAX_ARRAYS_OF_SMALL_REQUEST: Final = 64
 
 _NUMBER_TYPES: Final = frozenset((int, float, bool, type(None)))
 """Types of the numbers in decoded lists. JSON.jl and nlohmann/json write null for NaN."""
-
-
-class JsonError(ValueError):
-    """Syntax error in JSON text; the message contains the position."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +84,7 @@ class NumberArrays:
             max_rows: maximum number of rows.
         Raises:
             ArrayError: wrong shape, not numbers, or too many rows.
-            JsonError: the text of the array is not JSON.
+            RequestError: the text of the array is not JSON.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             return self._rows(value, columns, max_rows).astype(np.float32, order="C")
@@ -105,7 +102,7 @@ class NumberArrays:
             max_rows: maximum number of triangles.
         Raises:
             ArrayError: wrong shape, a value that is not an index from 0 to ``count`` - 1, or too many rows.
-            JsonError: the text of the array is not JSON.
+            RequestError: the text of the array is not JSON.
         """
         values = self._rows(value, (3,), max_rows)
         valid = values < count
@@ -130,7 +127,7 @@ class NumberArrays:
             max_numbers: maximum number of all numbers.
         Raises:
             ArrayError: rows of different lengths, not numbers, or too many.
-            JsonError: the text of the array is not JSON.
+            RequestError: the text of the array is not JSON.
         """
         first = value[0] if isinstance(value, list) and value else None
         values = self._values(value, (len(first) if isinstance(first, list) else 2,), max_numbers)
@@ -180,7 +177,9 @@ class NumberArrays:
         numbers, error_at = json_kernels.read_numbers(self._text, array.begin, array.end, array.count)
         if error_at >= 0:
             excerpt = bytes(self._text[error_at : error_at + 12]).decode("ascii", "replace")
-            raise JsonError(f"at byte {error_at}: {excerpt!r} where a number should be")
+            raise RequestError(
+                f"the request is not valid JSON at byte {error_at}: {excerpt!r} where a number should be"
+            )
         return numbers.reshape(array.rows, array.columns) if array.dimensions == 2 else numbers
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import partial
+from contextvars import copy_context
 from typing import Final
 
 from gateway.runtime.warning_list import WarningList
@@ -30,8 +30,8 @@ from scenegate.messages import wire
 from scenegate.messages.wire import REQUEST as REQUEST
 from scenegate.messages.wire import RESPONSE as RESPONSE
 
-_NOT_WAITING: Final = StopFlag(waits=False)
-"""Flag of requests that the event loop reads. It is never set."""
+_NOT_WAITING: Final = StopFlag(waits=False).run(copy_context)
+"""Context of requests that the event loop reads: it does not wait for kernels that are being compiled."""
 
 
 def client_of(channel: str) -> str:
@@ -99,7 +99,7 @@ class TreeViewerProtocol:
             RequestRefused: the request cannot be read.
         """
         try:
-            return _NOT_WAITING.run(partial(self.read, comms, at_once=True))
+            return _NOT_WAITING.run(self.read, comms, at_once=True)
         except (ThreadRequired, KernelsPending):
             return None
 

@@ -14,7 +14,6 @@ import msgspec
 from gateway.scene.geometry import Part
 from gateway.scene.materials import WHITE, material
 from gateway.scene.transforms import IDENTITY
-from gateway.scene.tree import Path, Pose
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.fields import IDENTITY_QUATERNION, ZERO_TRANSLATION, matrix_of
 from scenegate.messages.field_kinds import MAX_DISTANCE
@@ -27,8 +26,8 @@ _Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 class _Transform(msgspec.Struct, gc=False):
     """Transform from a path's frame to its parent's, or from a geometry's frame to its path's."""
 
-    translation: tuple[_Coordinate, _Coordinate, _Coordinate] | None = None
-    quaternion: tuple[_Coordinate, _Coordinate, _Coordinate, _Coordinate] | None = None
+    translation: tuple[_Coordinate, _Coordinate, _Coordinate] = ZERO_TRANSLATION
+    quaternion: tuple[_Coordinate, _Coordinate, _Coordinate, _Coordinate] = IDENTITY_QUATERNION
 
 
 class _SolidMessage(msgspec.Struct, gc=False, kw_only=True, tag_field="type"):
@@ -74,14 +73,6 @@ def parts_of(command: Any) -> tuple[Part, ...] | None:
 
 def _part(message: _SolidMessage) -> Part:
     solid, names = _SOLIDS[type(message)]
-    X_node_part = IDENTITY if message.transform is None else matrix_of(_pose(message.transform))
+    transform = message.transform
+    X_node_part = IDENTITY if transform is None else matrix_of(transform.translation + transform.quaternion)
     return Part(solid(*[getattr(message, name) for name in names]), material(message.color), X_node_part, solid.kind)
-
-
-def poses_of(commands: list[Any]) -> list[tuple[Path, Pose]]:
-    """Return paths and poses of regular settransform commands."""
-    return [(command.path, _pose(command.transform)) for command in commands]
-
-
-def _pose(transform: _Transform) -> Pose:
-    return (transform.translation or ZERO_TRANSLATION) + (transform.quaternion or IDENTITY_QUATERNION)

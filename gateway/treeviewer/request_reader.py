@@ -1,8 +1,9 @@
 """Read requests: paths, geometries, transforms, and the reason of each command that failed.
 
-``JsonReader`` and ``MsgpackReader`` are the subclasses. A list of regular transforms or solids is decoded to typed
-objects (docs/decisions/0016-fast-tree-viewer-requests.md). A list with an irregular command, and all other commands,
-are decoded to dicts and lists, and read in every form that known clients send.
+``JsonReader`` and ``MsgpackReader`` are the subclasses: they prepare big requests, and decode irregular data. A list of
+regular transforms or solids is decoded to typed objects (docs/decisions/0016-fast-tree-viewer-requests.md). A list with
+an irregular command, and all other commands, are decoded to dicts and lists, and read in every form that known clients
+send.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.geometry import read_parts
 from gateway.treeviewer.newer_commands import READERS as NEWER_COMMANDS
-from gateway.treeviewer.regular_commands import list_types, parts_of, poses_of
+from gateway.treeviewer.regular_commands import list_types, parts_of
 from gateway.treeviewer.requests import Finding, Request, RequestError
 from scenegate.messages.field_kinds import CommandError, show
 
@@ -40,18 +41,20 @@ class RequestReader:
     type_text = "an object"
     """Description of a request's outermost value, for error texts."""
 
-    def __init__(self, decoder: Callable[[Any], Any], limits: Limits | None = None) -> None:
+    def __init__(self, decoder: Callable[[Any], Any], small_bytes: int, limits: Limits) -> None:
         """
         Args:
             decoder: returns msgspec's decoder of the format for a type.
+            small_bytes: size up to which requests are decoded without ``prepare``.
             limits: limits of a request.
         """
-        self.limits = limits or Limits()
+        self.limits = limits
+        self._small_bytes = small_bytes
         self._envelope = decoder(_ENVELOPE)
         geometries, transforms = map(decoder, list_types(self.limits))
         self._regular = {"setgeometry": geometries, "load": geometries, "settransform": transforms, "draw": transforms}
         """Decoders of lists of regular commands."""
-        self._plain = decoder(Any)
+        self.plain = decoder(Any)
 
     def read(self, data: memoryview, context: ReadContext) -> Request:
         """Return the commands of a request.
@@ -60,9 +63,30 @@ class RequestReader:
             ThreadRequired: see ``ReadContext.at_once``.
             RequestError: the data cannot be decoded, is not an object, or exceeds a limit.
         """
+        prepared = data if len(data) <= self._small_bytes else self.prepare(data, context)
+        try:
+            message: Any = self._decode(prepared)
+        except DECODE_ERRORS:
+            message = self.decode_plain(prepared)
+        return self._read_commands(message, context)
+
+    def prepare(self, data: memoryview, context: ReadContext) -> bytes | memoryview:
+        """Return what is decoded of a big request.
+
+        Raises:
+            RequestError: the data exceeds a limit, or has errors.
+        """
         raise NotImplementedError
 
-    def decode(self, data: bytes | memoryview) -> dict[str, Any]:
+    def decode_plain(self, data: bytes | memoryview) -> Any:
+        """Return a request as plain values, of data that ``_decode`` cannot decode.
+
+        Raises:
+            RequestError: the data cannot be decoded.
+        """
+        raise NotImplementedError
+
+    def _decode(self, data: bytes | memoryview) -> dict[str, Any]:
         """Return the lists of commands by name: those of regular commands as typed objects, others as plain values.
 
         Raises:
@@ -74,12 +98,12 @@ class RequestReader:
             raw = getattr(envelope, name)
             if raw is not _ABSENT:
                 try:
-                    lists[name] = self._regular.get(name, self._plain).decode(raw)
+                    lists[name] = self._regular.get(name, self.plain).decode(raw)
                 except msgspec.ValidationError:
-                    lists[name] = self._plain.decode(raw)
+                    lists[name] = self.plain.decode(raw)
         return lists
 
-    def read_commands(self, message: Any, context: ReadContext) -> Request:
+    def _read_commands(self, message: Any, context: ReadContext) -> Request:
         """Return the commands of a decoded message.
 
         Raises:
@@ -130,7 +154,7 @@ def _read_geometries(value: Any, request: Request, context: ReadContext) -> None
 def _read_transforms(value: Any, request: Request, context: ReadContext) -> None:
     """Add the settransform commands of a decoded list to the request, with warnings."""
     if _is_regular(value):
-        request.transforms = poses_of(value)
+        request.transforms = [(each.path, each.transform.translation + each.transform.quaternion) for each in value]
         return
 
     def read(_: int, path: Path, command: dict[str, Any]) -> tuple[Path, Pose]:

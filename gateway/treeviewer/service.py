@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 import structlog
 
 from gateway.lcm.listener import ChannelListener
-from gateway.lcm.tcpq_hub import HubConnection, TcpqHub
+from gateway.lcm.tcpq_hub import TcpqHub
 from gateway.runtime.scheduling import BACKGROUND_NICENESS
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
@@ -23,7 +23,7 @@ from gateway.treeviewer.context import MeshLoader
 from gateway.treeviewer.dispatch import Dispatcher, DurableStore
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 from scenegate.lcm import tcpq_transport
-from scenegate.lcm.network import channel_pattern, open_transport, resolve_url
+from scenegate.lcm.network import open_transport, resolve_url
 from scenegate.lcm.transport import LcmUnavailableError, Transport
 from scenegate.lcm.url import OFF
 
@@ -65,10 +65,9 @@ class TreeViewerService:
         self._pool = WorkerPool(
             config.threads, config.waiting_requests, name="treeviewer", niceness=BACKGROUND_NICENESS
         )
-        self._dispatcher = Dispatcher(self.protocol, config, self._pool, durable)
+        self._dispatcher = Dispatcher(self.protocol, config, self._pool, durable, listeners)
         self._transport: Transport | None = None
         self.hub: TcpqHub | None = None
-        self._listeners = tuple(listeners)
         self._prefixes = (REQUEST, *(prefix for listener in listeners for prefix in listener.prefixes))
         """Starts of the names of all channels to receive."""
         self._problems: dict[str, str] = {}
@@ -134,14 +133,16 @@ class TreeViewerService:
             raise LcmUnavailableError("; ".join(self._problems.values()))
         if self._transport is not None:
             transport = self._transport
-            transport.start(partial(self._on_message, transport), partial(_announce, transport, ready_message))
+            on_message = partial(self._dispatcher.receive, transport.publish)
+            transport.start(on_message, partial(_announce, transport, ready_message))
 
     async def _start_hub(self, ready_message: bytes) -> None:
-        greeting = (RESPONSE, ready_message)
-        pattern = channel_pattern(self._prefixes)
-        hub = TcpqHub(self._config.lcm, self._on_hub_message, pattern, greeting, self._on_hub_disconnect)
+        hub = TcpqHub(self._config.lcm, (RESPONSE, ready_message))
+        dispatcher = self._dispatcher
         try:
-            await hub.start()
+            await hub.start(
+                self._prefixes, partial(dispatcher.receive, hub.publish), partial(dispatcher.forget_clients, hub)
+            )
         except LcmUnavailableError as error:
             self._add_problem("tcpq", error)
         else:
@@ -179,39 +180,6 @@ class TreeViewerService:
             return False
         is_local = (parts.hostname or "127.0.0.1") in _LOCAL_HOSTS
         return self.hub is not None and parts.scheme == "tcpq" and is_local and port == self.hub.port
-
-    def _on_message(self, transport: Transport, channel: str, data: bytes | memoryview, is_local: bool) -> None:
-        if channel.startswith(REQUEST):
-            self._dispatcher.receive("lcm", channel, data, transport.publish, is_local=is_local)
-        else:
-            self._pass_on(channel, data, is_local)
-
-    def _on_hub_message(self, sender: HubConnection, channel: str, data: bytes | memoryview) -> None:
-        hub = self.hub
-        if hub is None:
-            return
-        if not channel.startswith(REQUEST):
-            self._pass_on(channel, data, sender.is_local)
-            return
-        waiting = self._dispatcher.receive(
-            sender, channel, data, hub.publish, sender.resume_reading, is_local=sender.is_local
-        )
-        if waiting > self._config.client_waiting_bytes:
-            sender.pause_reading()
-
-    def _on_hub_disconnect(self, lost: HubConnection) -> None:
-        """Remove clickable paths and controls of programs that received their responses by a lost connection."""
-        hub = self.hub
-        if hub is not None:
-            self._dispatcher.forget_clients(
-                hub.publish, lambda channel: lost.subscriptions.match(channel) and not hub.has_subscriber(channel)
-            )
-
-    def _pass_on(self, channel: str, data: bytes | memoryview, is_local: bool) -> None:
-        """Pass a message that is no request to the listeners of its channel."""
-        for listener in self._listeners:
-            if channel.startswith(listener.prefixes):
-                listener.on_message(channel, data, is_local)
 
 
 def _announce(transport: Transport, ready_message: bytes) -> None:

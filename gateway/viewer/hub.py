@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -91,11 +92,7 @@ class ViewHub:
     async def run(self) -> None:
         """Send updates until cancelled."""
         loop = asyncio.get_running_loop()
-
-        def on_change(_: Snapshot) -> None:
-            loop.call_soon_threadsafe(self._changed.set)
-
-        stop_listening = self._tree.listen(on_change)
+        stop_listening = self._tree.listen(partial(loop.call_soon_threadsafe, self._changed.set))
         status_task = loop.create_task(self._send_status(), name="view status")
         self._changed.set()
         self._ready = True

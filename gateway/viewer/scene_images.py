@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import structlog
@@ -162,11 +163,7 @@ class SceneImages:
     ) -> AsyncIterator[bytes]:
         loop = asyncio.get_running_loop()
         changed = asyncio.Event()
-
-        def on_change(_: Snapshot) -> None:
-            loop.call_soon_threadsafe(changed.set)
-
-        stop_listening = self._tree.listen(on_change)
+        stop_listening = self._tree.listen(partial(loop.call_soon_threadsafe, changed.set))
         try:
             while not closing():
                 frame_start = loop.time()

@@ -217,16 +217,19 @@ class Context:
             figures: returns JSON values for ``/healthz``; default ``service.status``.
         """
         self.registry.ready(name, service=service, where=where, figures=figures)
-        task = asyncio.get_running_loop().create_task(self._supervise(name, service), name=name)
+        task = asyncio.get_running_loop().create_task(service.run(), name=name)
         self._tasks.add(task)
+        task.add_done_callback(self._on_end)
 
-    async def _supervise(self, name: str, service: Service) -> None:
-        try:
-            await service.run()
-        except Exception as error:  # noqa: BLE001 - one service must not end the others
-            self.fail(name, error)
+    def _on_end(self, task: asyncio.Task[None]) -> None:
+        """Mark the interface of a service that has ended as failed, unless it was cancelled."""
+        if task.cancelled():
+            return
+        error = task.exception()
+        if error is not None:
+            self.fail(task.get_name(), error)
         else:
-            self.registry.fail(name, "it has ended by itself")
+            self.registry.fail(task.get_name(), "it has ended by itself")
 
     def fail(self, name: str, error: BaseException) -> None:
         """Mark an interface as failed and log why."""

@@ -210,6 +210,7 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: PointCloud(POINTS, rgb=np.full((4, 3), 1.01)), "rgb must be from 0 to 1, .* not 1.01"),
         (lambda: PointCloud(POINTS, rgb=[[float("nan"), -1, 0]] * 4), "rgb must be from 0 to 1, .* not -1"),
         (lambda: PointCloud(POINTS, intensity=[0, 1, 2, 40]), "intensity must be from 0 to 1, .* not 40"),
+        (lambda: MeshFile("/a.obj", up="z"), "up, default_color and default_texture need data"),
         (lambda: PointCloud(POINTS.T), r"points must have rows of 3, not shape \(3, 4\)"),
         (lambda: PointCloud(POINTS, rgb=POINTS[:2]), "rgb has 2 values for 4 points"),
         (lambda: PointCloud(POINTS, rgb=POINTS[:, :2]), "rgb must have rows of 3 or 4"),

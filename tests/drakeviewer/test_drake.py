@@ -67,8 +67,7 @@ async def simulated(python: str) -> Seen:
     assert done.returncode == 0, done.stderr
     # The publisher's last message is of a channel that is not shown; those before it may still be read in a thread.
     await until(lambda: drake.status().get("unshown_channels"))
-    await until(lambda: live.snapshot.root.find(("drake", "frames", "default", "goal", "b")))
-    await until(lambda: [family["draws"] > 0 for family in drake.status()["families"].values()] == [True, True])
+    await until(lambda: drake.oldest_arrival() is None)
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)

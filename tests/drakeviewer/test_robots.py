@@ -59,7 +59,7 @@ def test_all_links_appear_in_one_revision_with_their_poses(viewer: Viewer) -> No
     names = [f"arm::link {number}" for number in range(3000)]
     links: list[int] = []
     viewer.live.listen(
-        lambda snapshot: links.append(sum(node.pose is not None for _, node in snapshot.root.walk() if node.parts))
+        lambda: links.append(sum(node.pose is not None for _, node in viewer.live.snapshot.root.walk() if node.parts))
     )
     for _ in range(2):
         viewer.handle(LOAD, load(*(link(name, 1, BALL) for name in names)))

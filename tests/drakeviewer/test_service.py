@@ -26,7 +26,7 @@ from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.service import TreeViewerService
 from renderers.stop import check_stop
 from scenegate.lcm import replay
-from scenegate.lcm.arrival import arrival_time, set_arrival
+from scenegate.lcm.transport import LcmMessage
 from tests.drakeviewer.encoding import IDENTITY, MESH, SPHERE, draw, geometry, link, load
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS, until
@@ -45,8 +45,11 @@ class Running:
         files: MeshFiles | None = None,
         local_files: MeshFiles | None = None,
     ) -> None:
-        self.live = LiveTree(arrival_time)
+        self.live = LiveTree()
         self.service = DrakeViewerService(self.live, files or MeshFiles(()), config, local_files)
+
+    def receive(self, channel: str, data: bytes, is_local: bool = False, arrival: int = 1) -> None:
+        self.service.receive(LcmMessage(channel, data, is_local, arrival))
 
     def x(self) -> float | None:
         """Return where link ``a`` is along x."""
@@ -93,9 +96,9 @@ def at(x: float) -> bytes:
 
 async def test_draws_wait_for_their_load_and_the_newest_is_shown() -> None:
     async with running() as found:
-        found.service.receive(LOAD, ROBOT)
+        found.receive(LOAD, ROBOT)
         for x in range(10):
-            found.service.receive(DRAW, at(x))
+            found.receive(DRAW, at(x))
         assert found.x() is None
         await until(lambda: found.x() == 9.0)
         status = found.service.status()
@@ -103,7 +106,7 @@ async def test_draws_wait_for_their_load_and_the_newest_is_shown() -> None:
         assert status["families"]["illustration"]["stale"] == 0
         assert status["channels"] == {LOAD: 1, DRAW: 10}
         assert status["simulation_seconds"] == 1.0
-        found.service.receive(DRAW, at(10))
+        found.receive(DRAW, at(10))
         assert found.x() == 10.0, "small messages are shown at once"
 
 
@@ -117,8 +120,8 @@ async def test_big_messages_are_read_in_a_thread(monkeypatch: pytest.MonkeyPatch
             return read(channel, message, files)
 
         monkeypatch.setattr(found.service.viewer, "read", watched)
-        found.service.receive(LOAD, ROBOT)
-        found.service.receive(DRAW, at(1))
+        found.receive(LOAD, ROBOT)
+        found.receive(DRAW, at(1))
         await until(lambda: found.x() == 1.0)
         assert all(name.startswith("drakeviewer") for name in threads)
 
@@ -127,8 +130,8 @@ async def test_unshown_channels_are_said_once() -> None:
     with capture_logs() as log:
         async with running() as found:
             for _ in range(3):
-                found.service.receive("DRAKE_VIEWER_STATUS", b"")
-                found.service.receive("CONTACT_RESULTS_OTHER", b"")
+                found.receive("DRAKE_VIEWER_STATUS", b"")
+                found.receive("CONTACT_RESULTS_OTHER", b"")
             status = found.service.status()
     assert status["unshown_channels"] == {"DRAKE_VIEWER_STATUS": 3, "CONTACT_RESULTS_OTHER": 3}
     assert status["warnings"] == ["received, but not shown: DRAKE_VIEWER_STATUS, CONTACT_RESULTS_OTHER"]
@@ -139,8 +142,8 @@ async def test_damage_is_counted_and_logged_once() -> None:
     with capture_logs() as log:
         async with running() as found:
             for _ in range(3):
-                found.service.receive(DRAW, b"damaged!")
-            found.service.receive(LOAD, b"damaged!")
+                found.receive(DRAW, b"damaged!")
+            found.receive(LOAD, b"damaged!")
             await until(lambda: found.service.viewer.counters.undecodable == 4)
             status = found.service.status()
     assert [warning.partition(":")[0] for warning in status["warnings"]] == [LOAD, DRAW]
@@ -150,13 +153,13 @@ async def test_damage_is_counted_and_logged_once() -> None:
 async def test_stale_draws_are_logged_once() -> None:
     with capture_logs() as log:
         async with running() as found:
-            found.service.receive(LOAD, ROBOT)
-            found.service.receive(DRAW, at(1))
+            found.receive(LOAD, ROBOT)
+            found.receive(DRAW, at(1))
             await until(lambda: found.x() == 1.0)
             for _ in range(3):
-                found.service.receive(DRAW, draw({(1, "other"): IDENTITY}))
+                found.receive(DRAW, draw({(1, "other"): IDENTITY}))
             assert found.service.status()["families"]["illustration"]["stale"] == 3
-            found.service.receive(DRAW, at(2))
+            found.receive(DRAW, at(2))
             assert found.x() == 2.0
     assert [entry["reason"] for entry in log] == ["its 1 links are not the 1 that are loaded"]
 
@@ -164,11 +167,11 @@ async def test_stale_draws_are_logged_once() -> None:
 async def test_a_slow_file_delays_only_its_family_and_ends_at_shutdown() -> None:
     files = EndlessFiles()
     async with running(files=files) as found:
-        found.service.receive(LOAD, load(link("slow", 1, geometry(MESH, [], string="endless.obj"))))
-        found.service.receive(DRAW, at(1.0))
+        found.receive(LOAD, load(link("slow", 1, geometry(MESH, [], string="endless.obj"))))
+        found.receive(DRAW, at(1.0))
         await until(files.reading.is_set)
-        found.service.receive(f"{LOAD}_PROXIMITY", ROBOT)
-        found.service.receive(f"{DRAW}_PROXIMITY", at(2.0))
+        found.receive(f"{LOAD}_PROXIMITY", ROBOT)
+        found.receive(f"{DRAW}_PROXIMITY", at(2.0))
         await until(lambda: found.live.snapshot.root.find(("drake", "proximity", "a")))
         assert found.live.snapshot.root.find(("drake", "illustration")) is None
         assert not files.stopped.is_set()
@@ -177,20 +180,20 @@ async def test_a_slow_file_delays_only_its_family_and_ends_at_shutdown() -> None
 
 async def test_limits_on_channels_and_waiting_bytes() -> None:
     async with running(DrakeViewerConfig(channels=1, waiting_bytes=len(ROBOT) + 1)) as found:
-        found.service.receive(DRAW, at(1))
-        found.service.receive("DRAKE_DRAW_FRAMES", at(1))
+        found.receive(DRAW, at(1))
+        found.receive("DRAKE_DRAW_FRAMES", at(1))
         assert found.service.status()["dropped"] == 1
-        found.service.receive(DRAW + "_PROXIMITY", at(1))  # the limit is for channels of any name only
+        found.receive(DRAW + "_PROXIMITY", at(1))  # the limit is for channels of any name only
         assert found.service.status()["dropped"] == 1
         found = Running(DrakeViewerConfig(shown_bytes=2 * len(at(1))))
         found.service.ready = True
         for channel in (DRAW, DRAW, "DRAKE_DRAW_FRAMES", "DRAKE_DRAW_FRAMES_B"):
-            found.service.receive(channel, at(1))
+            found.receive(channel, at(1))
         assert found.service.status()["dropped"] == 1
         assert "DRAKE_DRAW_FRAMES_B: 58 bytes are too many" in found.service.status()["warnings"][0]
         found = Running(DrakeViewerConfig(waiting_bytes=1))
         found.service.ready = True
-        found.service.receive(LOAD, ROBOT)
+        found.receive(LOAD, ROBOT)
         assert found.service.status()["dropped"] == 1
         assert "waiting" in found.service.status()["warnings"][0]
 
@@ -199,11 +202,11 @@ async def test_limits_on_channels_and_waiting_bytes() -> None:
 async def test_damaged_messages_take_up_no_channels(prefix: str) -> None:
     async with running(DrakeViewerConfig(channels=2)) as found:
         for number in range(20):
-            found.service.receive(f"{prefix}{number}", b"damaged")
+            found.receive(f"{prefix}{number}", b"damaged")
         status = found.service.status()
         assert (status["undecodable"], status["dropped"], status["channels"]) == (20, 0, {})
         for number in range(3):
-            found.service.receive(f"DRAKE_DRAW_FRAMES_{number}", at(1))
+            found.receive(f"DRAKE_DRAW_FRAMES_{number}", at(1))
         status = found.service.status()
         assert status["channels"] == {"DRAKE_DRAW_FRAMES_0": 1, "DRAKE_DRAW_FRAMES_1": 1}
         assert status["dropped"] == 1
@@ -213,10 +216,10 @@ async def test_damaged_messages_take_up_no_channels(prefix: str) -> None:
 async def test_waiting_messages_of_new_channels_are_limited() -> None:
     async with running(DrakeViewerConfig(channels=2, offload_bytes=1)) as found:
         for number in range(4):
-            found.service.receive(f"DRAKE_POINT_CLOUD_{number}", b"damaged")
+            found.receive(f"DRAKE_POINT_CLOUD_{number}", b"damaged")
         assert found.service.status()["dropped"] == 2
         await until(lambda: found.service.status()["undecodable"] == 2)
-        found.service.receive("DRAKE_DRAW_FRAMES", at(1))
+        found.receive("DRAKE_DRAW_FRAMES", at(1))
         await until(lambda: found.service.status()["channels"] == {"DRAKE_DRAW_FRAMES": 1})
 
 
@@ -290,8 +293,8 @@ async def test_programs_on_this_machine_name_files_in_all_folders(tmp_path: Path
     message = load(link("a", 1, geometry(MESH, [1.0], string=str(tmp_path / "t.obj"))))
     async with running(files=MeshFiles(()), local_files=MeshFiles((), any_folder=True)) as found:
         for is_local in (True, False):
-            found.service.receive(LOAD, message, is_local)
-            found.service.receive(DRAW, at(1.0), is_local)
+            found.receive(LOAD, message, is_local)
+            found.receive(DRAW, at(1.0), is_local)
             await until(lambda: found.service.viewer.counters.loads == (1 if is_local else 2))  # noqa: B023
             await until(lambda: found.x() == 1.0)
             node = found.live.snapshot.root.find(("drake", "illustration", "a"))
@@ -311,7 +314,7 @@ async def test_ends_while_a_file_is_read(tmp_path: Path, monkeypatch: pytest.Mon
 
     async with running() as found:
         monkeypatch.setattr(found.service.viewer, "read", read)
-        found.service.receive(LOAD, ROBOT)
+        found.receive(LOAD, ROBOT)
         await asyncio.to_thread(entered.wait, SECONDS)
     leave.set()
     assert not found.service.ready
@@ -324,7 +327,7 @@ async def test_each_thing_that_is_missing_has_a_sentence_of_its_own(count: int, 
     shapes = [geometry(MESH, [], string=f"/gone{number}.obj") for number in range(count)]
     with capture_logs() as log:
         async with running() as found:
-            found.service.receive(LOAD, load(link("a", 1, *shapes)))
+            found.receive(LOAD, load(link("a", 1, *shapes)))
             await until(lambda: found.service.status().get("warnings"))
             warnings = found.service.status()["warnings"]
     assert len(warnings) == min(count, MAX_LISTED)
@@ -337,13 +340,13 @@ async def test_each_thing_that_is_missing_has_a_sentence_of_its_own(count: int, 
 async def test_what_is_missing_is_a_warning_until_the_next_load_and_an_error_with_strict() -> None:
     message = load(link("a", 1, geometry(MESH, [], string="/gone.obj")))
     async with running() as found:
-        found.service.receive(LOAD, message)
+        found.receive(LOAD, message)
         await until(lambda: found.service.status().get("warnings"))
         assert "/gone.obj" in found.service.status()["warnings"][0]
-        found.service.receive(LOAD, ROBOT)
+        found.receive(LOAD, ROBOT)
         await until(lambda: "warnings" not in found.service.status())
     async with running(DrakeViewerConfig(strict=True)) as found:
-        found.service.receive(LOAD, message)
+        found.receive(LOAD, message)
         await until(lambda: found.service.status().get("warnings"))
         assert found.service.status()["warnings"][0].endswith("(refused: --strict)")
         assert found.live.snapshot.root.find(("drake",)) is None
@@ -352,10 +355,10 @@ async def test_what_is_missing_is_a_warning_until_the_next_load_and_an_error_wit
 async def test_a_repeated_load_keeps_its_warning_and_a_new_one_ends_those_of_its_channels() -> None:
     message = load(link("a", 1, geometry(99, [])))
     async with running() as found:
-        found.service.receive(LOAD, message)
+        found.receive(LOAD, message)
         await until(lambda: found.service.viewer.counters.loads == 1)
-        found.service.receive("DRAKE_POINT_CLOUD_X", b"damaged")
-        found.service.receive(LOAD, message)
+        found.receive("DRAKE_POINT_CLOUD_X", b"damaged")
+        found.receive(LOAD, message)
         await until(lambda: found.service.viewer.counters.loads == 2)
         (warning,) = found.service.status()["warnings"]
         assert "geometry type 99 is unknown" in warning
@@ -364,13 +367,9 @@ async def test_a_repeated_load_keeps_its_warning_and_a_new_one_ends_those_of_its
 async def test_messages_are_valid_from_their_arrival_however_long_they_wait() -> None:
     async with running(DrakeViewerConfig(offload_bytes=1)) as found:
         live = found.live
-        set_arrival(10)
-        found.service.receive(LOAD, ROBOT)
-        set_arrival(20)
-        found.service.receive(DRAW, at(3))
-        set_arrival(30)
+        found.receive(LOAD, ROBOT, arrival=10)
+        found.receive(DRAW, at(3), arrival=20)
         assert found.service.oldest_arrival() == 10
         await until(lambda: found.x() == 3)
         await until(lambda: found.service.oldest_arrival() is None)
         assert live.snapshot.timestamp == 20
-        set_arrival(None)

@@ -51,7 +51,7 @@ async def receive(other: int) -> dict[str, object]:
     logging.getLogger("scenegate.lcm").addHandler(handler)
     try:
         transport = UdpmTransport(f"udpm://{GROUP}:{PORT}?ttl=0", ("",), LcmConfig(), 1 << 20)
-        transport.start(lambda channel, data, is_local: received.append((channel, is_local)), lambda: None)
+        transport.start(lambda message: received.append((message.channel, message.is_local)), lambda: None)
         sending = ["nsenter", "-t", str(other), "-n", sys.executable, "-m", "tests.lcm.lan", "send"]
         await asyncio.to_thread(subprocess.run, sending, check=True)
         transport.publish("own", b"x")

@@ -20,6 +20,7 @@ from scenegate.lcm.tcpq import (
     publish_header,
     subscription_frame,
 )
+from scenegate.lcm.transport import LcmMessage
 from scenegate.lcm.udpm_assembler import MAX_PARTIAL, MIN_FRAGMENT_BYTES, Assembler
 
 
@@ -95,7 +96,7 @@ def test_cost_of_a_clients_patterns() -> None:
 def test_queue_that_is_exactly_full() -> None:
     queue = ReceiveQueue(2 * (10 + OVERHEAD_BYTES))
     for _ in range(3):
-        queue.put("c", bytes(10))
+        queue.put(LcmMessage("c", bytes(10)))
     assert queue.status() == {"waiting_bytes": 2 * (10 + OVERHEAD_BYTES), "dropped": 1, "dropped_bytes": 10}
 
 

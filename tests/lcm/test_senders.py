@@ -42,7 +42,7 @@ def test_a_machine_on_the_lan_changes_nothing_with_ttl_0() -> None:
 async def test_own_datagrams_are_local_unless_the_network_is_open(url: str, ttl: int, is_local: bool) -> None:
     transport = UdpmTransport(url.replace("ttl=0", f"ttl={ttl}"), ("c",), LcmConfig(), 1 << 20)
     received: Received = []
-    transport.start(lambda channel, data, is_local: received.append((channel, is_local)), lambda: None)
+    transport.start(lambda message: received.append((message.channel, message.is_local)), lambda: None)
     try:
         transport.publish("c", b"x")
         transport.publish("c", bytes(200_000))  # in fragments
@@ -58,7 +58,7 @@ async def test_foreign_datagrams_are_counted_and_dropped(url: str, monkeypatch: 
     transport = UdpmTransport(url, ("c",), LcmConfig(), 1 << 20)
     monkeypatch.setattr(UdpmTransport, "_is_own", lambda self, address: False)
     received: Received = []
-    transport.start(lambda channel, data, is_local: received.append((channel, is_local)), lambda: None)
+    transport.start(lambda message: received.append((message.channel, message.is_local)), lambda: None)
     try:
         transport.publish("c", b"x")
         transport.publish("c", bytes(100_000))
@@ -71,8 +71,8 @@ async def test_foreign_datagrams_are_counted_and_dropped(url: str, monkeypatch: 
 async def of_hub(config: LcmConfig) -> bool:
     """Return whether a client at 127.0.0.1 counts as local at a hub."""
     received: list[bool] = []
-    hub = TcpqHub(config, lambda sender, channel, data: received.append(sender.is_local), "c", ("g", b""))
-    await hub.start()
+    hub = TcpqHub(config, ("g", b""))
+    await hub.start(("c",), lambda message, sender: received.append(message.is_local))
     try:
         client = await HubClient.connect(hub.port)
         await client.publish("c", b"x")
@@ -90,12 +90,12 @@ async def test_clients_of_a_hub_are_local_if_it_listens_on_loopback_only() -> No
 
 async def test_what_another_hub_relays_is_not_local() -> None:
     (port,) = free_ports(1)
-    hub = TcpqHub(LcmConfig(tcpq_port=port), lambda *message: None, "c", ("g", b""))
-    await hub.start()
+    hub = TcpqHub(LcmConfig(tcpq_port=port), ("g", b""))
+    await hub.start(("c",), lambda *message: None)
     relayed = TcpqTransport(f"tcpq://127.0.0.1:{port}", "c|g", 1 << 20)
     received: Received = []
     connected = asyncio.Event()
-    relayed.start(lambda channel, data, is_local: received.append((channel, is_local)), connected.set)
+    relayed.start(lambda message: received.append((message.channel, message.is_local)), connected.set)
     try:
         async with asyncio.timeout(SECONDS):
             await connected.wait()

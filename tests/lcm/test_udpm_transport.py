@@ -16,7 +16,7 @@ import pytest
 from gateway.lcm.config import LcmConfig
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
 from scenegate.lcm import udpm, udpm_socket
-from scenegate.lcm.transport import LcmUnavailableError
+from scenegate.lcm.transport import LcmMessage, LcmUnavailableError
 from scenegate.lcm.udpm_assembler import Assembler
 from scenegate.lcm.udpm_sender import UdpmSender
 from scenegate.lcm.udpm_transport import UdpmTransport
@@ -34,11 +34,11 @@ async def test_drops_and_counts_messages_beyond_the_queue_limit(url: str) -> Non
     transport = open_udpm(url, queued_bytes=3000)
     try:
         for _ in range(20):
-            transport.queue.put("c", b"x" * 744)
+            transport.queue.put(LcmMessage("c", b"x" * 744))
         status = transport.status()
         assert (status["waiting_bytes"], status["dropped"], status["dropped_bytes"]) == (3000, 17, 17 * 744)
         received: list[str] = []
-        transport.start(lambda channel, *_: received.append(channel), lambda: None)
+        transport.start(lambda message: received.append(message.channel), lambda: None)
         join(url).publish(REQUEST, b"y")
         await until(lambda: len(received) >= 3)
         assert transport.queue.waiting_bytes <= 1000
@@ -175,7 +175,7 @@ async def test_exchanges_big_messages_with_liblcm(url: str) -> None:
     arrived: list[bytes] = []
     lossless(theirs, RESPONSE, lambda channel, data: arrived.append(data))
     here: dict[str, list[bytes]] = {f"{REQUEST}_<b>": [], f"{REQUEST}_<s>": []}
-    ours.start(lambda channel, data, _: here[channel].append(bytes(data)), lambda: None)
+    ours.start(lambda message: here[message.channel].append(bytes(message.data)), lambda: None)
     try:
         # bigger messages need larger buffers than every system has
         for size in (

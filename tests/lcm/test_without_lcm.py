@@ -13,7 +13,7 @@ from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST
 from scenegate.lcm import liblcm_transport
-from scenegate.lcm.transport import LcmUnavailableError
+from scenegate.lcm.transport import LcmMessage, LcmUnavailableError
 from tests.support.liblcm import liblcm
 from tests.support.waiting import until
 from tests.treeviewer.transports import config_of, serving
@@ -59,11 +59,11 @@ async def test_liblcm_transport_limits_its_queue() -> None:
     transport = liblcm_transport.LiblcmTransport("memq://", f"{REQUEST}.*", queued_bytes=3000)
     try:
         for _ in range(20):
-            transport.queue.put("c", b"x" * 744)
+            transport.queue.put(LcmMessage("c", b"x" * 744))
         status = transport.status()
         assert (status["waiting_bytes"], status["dropped"], status["dropped_bytes"]) == (3000, 17, 17 * 744)
         received: list[str] = []
-        transport.start(lambda channel, *_: received.append(channel), lambda: None)
+        transport.start(lambda message: received.append(message.channel), lambda: None)
         transport.publish(REQUEST, b"y")
         await until(lambda: len(received) >= 3)
         assert transport.queue.waiting_bytes <= 1000

@@ -12,7 +12,7 @@ def test_the_newest_warnings_of_each_subject_are_listed() -> None:
     warnings.set("a")
     assert warnings.listed() == ["three"]
     warnings.remove(lambda subject: subject == "b")
-    assert not warnings
+    assert not warnings.sentences
 
 
 def test_equal_sentences_are_listed_once_and_many_are_counted() -> None:

@@ -53,7 +53,7 @@ def test_a_failed_edit_leaves_no_trace_and_frees_the_lock() -> None:
 def test_listeners_get_every_revision_in_order_until_they_stop() -> None:
     live = LiveTree()
     heard: list[Snapshot] = []
-    stop = live.listen(heard.append)
+    stop = live.listen(lambda: heard.append(live.snapshot))
     for index in range(3):
         with live.edit() as edit:
             edit.set_parts((index,), ())
@@ -86,7 +86,7 @@ def test_writers_in_threads_lose_nothing_and_readers_see_whole_batches() -> None
                     torn.append(int(writer))
 
     heard: list[Snapshot] = []
-    live.listen(heard.append)
+    live.listen(lambda: heard.append(live.snapshot))
     with ThreadPoolExecutor(writers + 1) as pool:
         reader = pool.submit(read)
         try:
@@ -121,7 +121,7 @@ def test_a_state_of_another_tree() -> None:
         with other.edit() as edit:
             edit.set_visible((name,), True)
     heard: list[Snapshot] = []
-    tree.listen(heard.append)
+    tree.listen(lambda: heard.append(tree.snapshot))
     tree.replace(other.snapshot)
     assert heard == [other.snapshot] == [tree.snapshot]
     with tree.edit() as edit:

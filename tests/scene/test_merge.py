@@ -85,7 +85,7 @@ def test_what_they_deleted_comes_back_only_as_far_as_we_set_it() -> None:
 def test_an_edit_is_published_as_one_revision_with_what_others_have_changed_since() -> None:
     live = LiveTree()
     revisions: list[Snapshot] = []
-    live.listen(revisions.append)
+    live.listen(lambda: revisions.append(live.snapshot))
     edit = TreeEdit(live.snapshot.root)
     for number in range(3):
         edit.set_parts(("ours", number), (BOX,))

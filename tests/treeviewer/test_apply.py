@@ -35,7 +35,7 @@ def test_order_of_execution(viewer: Viewer) -> None:
 
 def test_one_message_is_one_revision(viewer: Viewer) -> None:
     seen = []
-    viewer.live.listen(lambda snapshot: seen.append(snapshot.revision))
+    viewer.live.listen(lambda: seen.append(viewer.live.snapshot.revision))
     viewer.tell({"setgeometry": [{"path": [i], "geometry": BOX} for i in range(5)], "delete": [{"path": []}]})
     viewer.tell({"settransform": [{"path": [i], "transform": POSE} for i in range(5)]})
     assert seen == [1, 2]

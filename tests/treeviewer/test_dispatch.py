@@ -13,7 +13,7 @@ import pytest
 from structlog.testing import capture_logs
 
 from gateway.runtime.worker_pool import WorkerPool
-from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.live import LiveTree
 from gateway.scene.tree import Node
 from gateway.treeviewer import responses
 from gateway.treeviewer.client_queue import OVERHEAD_BYTES, size_of
@@ -21,7 +21,7 @@ from gateway.treeviewer.config import Limits, TreeViewerConfig
 from gateway.treeviewer.dispatch import MAX_LOGGED, Dispatcher
 from gateway.treeviewer.protocol import REQUEST, TreeViewerProtocol
 from renderers.compiler import pending
-from scenegate.lcm.arrival import arrival_time, set_arrival
+from scenegate.lcm.transport import LcmMessage
 from scenegate.messages import wire
 from tests.support.waiting import until
 from tests.treeviewer.conversation import BOX, ONE_BOX, Viewer, decoded, message
@@ -72,8 +72,10 @@ class World:
             raise OSError("the client is gone")
         self.published.append((channel, decoded(data)))
 
-    def receive(self, data: bytes, channel: str = CHANNEL, **more: Any) -> int:
-        return self.dispatcher.receive("client", channel, data, self.publish, **more)
+    def receive(self, data: bytes, channel: str = CHANNEL, sender: Any = None, arrival: int = 1) -> int:
+        """Pass a request to the dispatcher; return the bytes that wait."""
+        self.dispatcher.receive(self.publish, LcmMessage(channel, data, arrival=arrival), sender)
+        return self.dispatcher.waiting_bytes
 
     @property
     def statuses(self) -> list[int]:
@@ -200,14 +202,23 @@ async def test_requests_behind_a_big_one_keep_their_order() -> None:
     assert world.published[0][0].endswith("<other>"), "another client does not wait"
 
 
-async def test_a_client_is_resumed_below_half_of_its_limit() -> None:
+async def test_a_client_is_paused_above_its_limit_and_resumed_below_half_of_it() -> None:
     size = size_of(len(ONE_BOX))
     world = World(offload_bytes=0, client_waiting_bytes=4 * size)
-    drained: list[int] = []
-    for _ in range(4):
-        world.receive(ONE_BOX, on_drained=lambda: drained.append(world.dispatcher.waiting_bytes))
-    await until(lambda: len(world.published) == 4 and world.dispatcher.waiting_bytes == 0)
-    assert drained == [size, 0]
+    calls: list[tuple[str, int]] = []
+
+    class Sender:
+        def pause_reading(self) -> None:
+            calls.append(("pause", world.dispatcher.waiting_bytes))
+
+        def resume_reading(self) -> None:
+            calls.append(("resume", world.dispatcher.waiting_bytes))
+
+    sender = Sender()
+    for _ in range(5):
+        world.receive(ONE_BOX, sender=sender)
+    await until(lambda: len(world.published) == 5 and world.dispatcher.waiting_bytes == 0)
+    assert calls == [("pause", 5 * size), ("resume", size), ("resume", 0)]
 
 
 @pytest.mark.parametrize(("extra", "refused"), [(0, False), (-1, True)])
@@ -382,7 +393,8 @@ async def test_a_big_request_is_one_revision_beside_other_clients() -> None:
     world.viewer.publish(BOX, path=["old"])
     seen: list[tuple[int, int, bool, list[Any]]] = []
 
-    def watch(snapshot: Snapshot) -> None:
+    def watch() -> None:
+        snapshot = live.snapshot
         world_node = snapshot.root.children.get("world", Node())
         poses = [node.pose[:3] for node in world_node.children.values() if node.pose is not None]
         others = [name for name in snapshot.root.children if name not in ("old", "world")]
@@ -433,13 +445,11 @@ async def test_a_big_request_that_is_interrupted_changes_nothing() -> None:
 async def test_requests_are_valid_from_their_arrival_however_long_they_wait() -> None:
     big = message({"settransform": [{"path": ["big"], "transform": {"translation": [1, 2, 3]}}] * 20})
     small = message({"settransform": [{"path": ["small"], "transform": {"translation": [1, 2, 3]}}]})
-    world, live = World(), LiveTree(arrival_time)
+    world, live = World(), LiveTree()
     world.dispatcher = Dispatcher(TreeViewerProtocol(live), TreeViewerConfig(offload_bytes=len(big) - 1), world.pool)
     live.keep_recent("camera", active=True)
     for arrival, request in ((10, big), (20, small), (30, big)):
-        set_arrival(arrival)
-        world.receive(request)
-    set_arrival(40)
+        world.receive(request, arrival=arrival)
     assert world.dispatcher.oldest_arrival() == 10
     await until(lambda: len(world.published) == 3)
     await until(lambda: world.dispatcher.oldest_arrival() is None)

@@ -11,6 +11,7 @@ from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.dispatch import Dispatcher
 from gateway.treeviewer.protocol import TreeViewerProtocol
+from scenegate.lcm.transport import LcmMessage
 from tests.support.waiting import until
 from tests.treeviewer.conversation import BOX, decoded, message
 
@@ -43,7 +44,7 @@ class Talk:
         self.answers: list[dict[str, object]] = []
 
     def send(self, utime: int, request: object) -> None:
-        self.dispatcher.receive("test", CHANNEL, message(request, utime), self._reply)
+        self.dispatcher.receive(self._reply, LcmMessage(CHANNEL, message(request, utime)))
 
     def _reply(self, channel: str, data: bytes) -> None:
         self.answers.append(decoded(data))

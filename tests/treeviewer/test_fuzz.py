@@ -14,6 +14,7 @@ from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.dispatch import Dispatcher
 from gateway.treeviewer.protocol import REQUEST, TreeViewerProtocol
+from scenegate.lcm.transport import LcmMessage
 from tests.support.corpus import corpus_path
 from tests.support.waiting import until
 from tests.treeviewer import recordings
@@ -126,7 +127,7 @@ async def test_mutated_messages_of_real_clients(count: int) -> None:
             "setgeometry": [{"path": ["good"], "geometry": BOX}],
             "settransform": [{"path": ["good"], "transform": {}}],
         }
-        dispatcher.receive("t", f"{REQUEST}_<good>", message(request), lambda _, data: sent.append(data))
+        dispatcher.receive(lambda _, data: sent.append(data), LcmMessage(f"{REQUEST}_<good>", message(request)))
         answer = decoded(sent[-1])
         assert (answer["status"], answer["set_transforms"], answer["missing_paths"]) == (0, [["good"]], [])
 
@@ -142,7 +143,7 @@ async def test_mutated_messages_of_real_clients(count: int) -> None:
         if number % 200 == 0:
             good()
             await asyncio.sleep(0)
-        dispatcher.receive("t", f"{REQUEST}_<bad>", mutator.message(), heard)
+        dispatcher.receive(heard, LcmMessage(f"{REQUEST}_<bad>", mutator.message()))
         await until(lambda: dispatcher.waiting_bytes == 0)
         if number == count // 5:
             gc.collect()

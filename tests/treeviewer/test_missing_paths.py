@@ -15,6 +15,7 @@ from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.delayed_responses import DELAY_SECONDS
 from gateway.treeviewer.dispatch import Dispatcher
 from gateway.treeviewer.protocol import REQUEST, TreeViewerProtocol
+from scenegate.lcm.transport import LcmMessage
 from tests.support.waiting import SECONDS, until
 from tests.treeviewer.conversation import BOX, decoded, message
 from tests.treeviewer.transports import serving
@@ -34,7 +35,7 @@ class Client:
         self.answered: list[tuple[str, int]] = []
 
     def send(self, data: bytes, name: str = "a") -> None:
-        self.dispatcher.receive("test", f"{REQUEST}_<{name}>", data, self._reply)
+        self.dispatcher.receive(self._reply, LcmMessage(f"{REQUEST}_<{name}>", data))
 
     def _reply(self, channel: str, data: bytes) -> None:
         self.answered.append((channel[-2:-1], decoded(data)["timestamp"]))

@@ -23,7 +23,7 @@ def read(request: Any) -> Request:
     """Read a request after its long arrays were taken out, whatever its size."""
     text = request if isinstance(request, str) else json.dumps(request)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(json_reader, "MIN_EXTRACT_BYTES", 0)
+        patch.setattr(json_reader, "SMALL_BYTES", 0)
         return JsonReader(Limits()).read(memoryview(text.encode()), ReadContext())
 
 

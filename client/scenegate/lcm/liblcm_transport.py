@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from scenegate.lcm.receive_queue import ReceiveQueue
-from scenegate.lcm.transport import LcmUnavailableError, OnMessage
+from scenegate.lcm.transport import LcmMessage, LcmUnavailableError, OnMessage
 
 _log = logging.getLogger("scenegate.lcm")
 
@@ -41,7 +41,7 @@ class LiblcmTransport:
         self.queue = ReceiveQueue(queued_bytes)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._lcm = _connect(url)
-        subscription = self._lcm.subscribe(pattern, self.queue.put)
+        subscription = self._lcm.subscribe(pattern, lambda channel, data: self.queue.put(LcmMessage(channel, data)))
         if subscription is None:
             raise LcmUnavailableError(f"LCM does not accept the pattern {pattern!r}")
         subscription.set_queue_capacity(0)  # no limit; by default all but 30 messages of a burst are dropped

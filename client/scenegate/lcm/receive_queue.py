@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections import deque
 from typing import Final
 
-from scenegate.lcm.arrival import set_arrival
-from scenegate.lcm.transport import OnMessage
+from scenegate.lcm.transport import LcmMessage, OnMessage
 
 MAX_HANDLED: Final = 16
 """Maximum number of messages handled before the event loop continues: 16 small ones take about 0.5 ms."""
@@ -21,7 +19,7 @@ class ReceiveQueue:
 
     def __init__(self, max_bytes: int) -> None:
         self._max_bytes = max_bytes
-        self._messages: deque[tuple[str, bytes | memoryview, bool, int]] = deque()
+        self._messages: deque[LcmMessage] = deque()
         self._on_message: OnMessage | None = None
         self._resume_scheduled = False
         self.waiting_bytes = 0
@@ -35,21 +33,14 @@ class ReceiveQueue:
         """Set the callback that handles the messages."""
         self._on_message = on_message
 
-    def put(
-        self, channel: str, data: bytes | memoryview, is_local: bool = False, arrival_ns: int | None = None
-    ) -> None:
-        """Add a message, or drop it if the queue is full.
-
-        Args:
-            channel: see ``OnMessage``, also for ``data`` and ``is_local``.
-            arrival_ns: time of its arrival, nanoseconds since the epoch; None: now.
-        """
-        size = len(data) + OVERHEAD_BYTES
+    def put(self, message: LcmMessage) -> None:
+        """Add a message, or drop it if the queue is full."""
+        size = len(message.data) + OVERHEAD_BYTES
         if self.waiting_bytes + size > self._max_bytes:
             self.dropped += 1
-            self.dropped_bytes += len(data)
+            self.dropped_bytes += len(message.data)
             return
-        self._messages.append((channel, data, is_local, time.time_ns() if arrival_ns is None else arrival_ns))
+        self._messages.append(message)
         self.waiting_bytes += size
 
     def handle(self) -> None:
@@ -57,12 +48,10 @@ class ReceiveQueue:
         for _ in range(MAX_HANDLED):
             if not self._messages:
                 break
-            channel, data, is_local, arrival_ns = self._messages.popleft()
-            self.waiting_bytes -= len(data) + OVERHEAD_BYTES
+            message = self._messages.popleft()
+            self.waiting_bytes -= len(message.data) + OVERHEAD_BYTES
             if self._on_message is not None:
-                set_arrival(arrival_ns)
-                self._on_message(channel, data, is_local)
-        set_arrival(None)
+                self._on_message(message)
         if self._messages and not self._resume_scheduled:
             self._resume_scheduled = True
             asyncio.get_running_loop().call_soon(self._resume)

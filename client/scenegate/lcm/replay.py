@@ -14,7 +14,7 @@ from scenegate.lcm.event_log import pack_event
 from scenegate.lcm.limits import TransportLimits
 from scenegate.lcm.log_section import Section, section_events
 from scenegate.lcm.network import open_transport, resolve_url
-from scenegate.lcm.transport import OnMessage, Transport
+from scenegate.lcm.transport import LcmMessage, OnMessage, Transport
 from scenegate.regular_files import errors_name, open_regular
 
 CONNECT_SECONDS: Final = 10.0
@@ -71,18 +71,18 @@ async def record(
     failures: list[OSError] = []
     with errors_name(path), path.open("wb") as file:
 
-        def on_message(channel: str, data: bytes | memoryview, is_local: bool) -> None:
-            if not pattern.fullmatch(channel) or failures:
+        def on_message(message: LcmMessage) -> None:
+            if not pattern.fullmatch(message.channel) or failures:
                 return
             try:
-                file.write(pack_event(progress.events, time.time_ns() // 1000, channel, data))
+                file.write(pack_event(progress.events, message.arrival // 1000, message.channel, message.data))
                 file.flush()
             except OSError as error:  # the disk is full
                 failures.append(error)
                 stop.set()
                 return
             progress.events += 1
-            progress.data_bytes += len(data)
+            progress.data_bytes += len(message.data)
 
         transport = await _connect(url, "", on_message)
         try:

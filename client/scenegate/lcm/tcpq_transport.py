@@ -21,7 +21,7 @@ from scenegate.lcm.tcpq import (
     publish_header,
     subscription_frame,
 )
-from scenegate.lcm.transport import OnMessage
+from scenegate.lcm.transport import LcmMessage, OnMessage
 
 _log = logging.getLogger("scenegate.lcm")
 
@@ -207,4 +207,4 @@ class _Connection(asyncio.BufferedProtocol):
 
     def _on_frame(self, frame_type: FrameType, channel: str, data: bytes | memoryview) -> None:
         if frame_type is FrameType.PUBLISH:
-            self._on_message(channel, data, False)
+            self._on_message(LcmMessage(channel, data))

@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Protocol
 
-OnMessage = Callable[[str, "bytes | memoryview", bool], None]
-"""Called with channel and data of each received message, and True if a program on this machine sent it directly. A hub
-may have relayed it from anywhere, and UDP beyond this machine (``ttl`` above 0) hides no sender: then it is False."""
+import msgspec
+
+
+class LcmMessage(msgspec.Struct, frozen=True, gc=False):
+    """A received message."""
+
+    channel: str
+    data: bytes | memoryview
+    is_local: bool = False
+    """True if a program on this machine sent it directly. A hub may have relayed it from anywhere, and UDP beyond this
+    machine (``ttl`` above 0) hides no sender: then it is False."""
+    arrival: int = msgspec.field(default_factory=time.time_ns)
+    """Nanoseconds since the epoch."""
+
+
+OnMessage = Callable[[LcmMessage], None]
+"""Called with each received message."""
 
 
 class LcmUnavailableError(ConnectionError):

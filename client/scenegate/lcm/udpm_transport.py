@@ -16,7 +16,7 @@ from scenegate.lcm import udpm, udpm_socket
 from scenegate.lcm.limits import TransportLimits
 from scenegate.lcm.receive_buffer import dropped_datagrams, raise_receive_buffer, receive_buffer, system_limit
 from scenegate.lcm.receive_queue import ReceiveQueue
-from scenegate.lcm.transport import OnMessage
+from scenegate.lcm.transport import LcmMessage, OnMessage
 from scenegate.lcm.udpm_assembler import Assembler
 from scenegate.lcm.udpm_sender import UdpmSender
 from scenegate.lcm.url import parse_udpm_url
@@ -149,7 +149,7 @@ class UdpmTransport:
             if self._network.ttl == 0 and not self._is_own(sender[0]):
                 self._count_foreign(sender[0])
             elif (message := self._assembler.receive(datagram, sender)) is not None:
-                self.queue.put(message.channel, message.data, self._network.ttl == 0, arrival)
+                self.queue.put(LcmMessage(message.channel, message.data, self._network.ttl == 0, arrival))
             if read_bytes > MAX_READ_BYTES:
                 return
 

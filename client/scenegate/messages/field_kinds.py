@@ -351,7 +351,7 @@ Image = Annotated[
 ]
 LabelText = Annotated[str, FieldKind(lambda value, name, reader: reader.text(value, name), _write_text)]
 FileName = Annotated[str, FieldKind(_read_name, _write_text)]
-UNREAD: Final = FieldKind(_as_it_is, lambda _, value: value)
+AS_IT_IS: Final = FieldKind(_as_it_is, lambda _, value: value)
 """Kind of a field that is read with others of its geometry."""
 LateColor = Annotated[ArrayLike, FieldKind(_as_it_is, lambda _, value: rgba(value))]
 """A colour that is read with other fields of its geometry."""

@@ -12,7 +12,7 @@ from urllib.parse import unquote
 
 import msgspec
 
-from scenegate.messages.field_kinds import UNREAD, FileName, LateColor, Scale
+from scenegate.messages.field_kinds import AS_IT_IS, FileName, LateColor, Scale
 from scenegate.messages.geometry import Geometry
 from scenegate.regular_files import read_regular
 
@@ -24,13 +24,15 @@ _MATERIAL_FILE: Final = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", re.MULTILI
 _MATERIAL_IMAGE: Final = re.compile(rb"^[ \t]*(?:map_\w+|bump|disp|decal|norm|refl)[ \t]+([^\r\n]+)", re.MULTILINE)
 _COLLADA_IMAGE: Final = re.compile(rb"<init_from>\s*(?:<ref>\s*)?([^<]+)<")
 _GLB_HEADER_BYTES: Final = 20
-"""Bytes before the JSON of a GLB file, of which the last eight are its length and its type."""
+"""Bytes before the JSON of a GLB file."""
+_GLB_JSON_SIZE: Final = slice(12, 16)
+"""Bytes with the size of the JSON, in that header."""
 
 
 class MeshFile(Geometry, frozen=True):
     """Mesh in a file that the viewer reads.
 
-    ``data`` and the fields after it are for Scenegate; other viewers look for ``filename``.
+    ``data`` and the fields after it, which need it, are for Scenegate; other viewers look for ``filename``.
     """
 
     kind = "mesh_file"
@@ -39,15 +41,15 @@ class MeshFile(Geometry, frozen=True):
     ``data``: name of the file, whose suffix is its format."""
     scale: Scale = 1.0
     """Scale factor, or one each for x, y, z."""
-    data: Annotated[bytes, UNREAD] | None = None
+    data: Annotated[bytes, AS_IT_IS] | None = None
     """Content of the file; None: the viewer opens the file."""
-    files: Annotated[Mapping[str, bytes], UNREAD] = msgspec.field(default_factory=dict)
-    """Content of the files that ``data`` refers to, by the name that it has for them: materials, buffers, images."""
-    up: Annotated[Literal["z"], UNREAD] | None = None
+    files: Annotated[Mapping[str, bytes], AS_IT_IS] = msgspec.field(default_factory=dict)
+    """Content of the files that ``data`` refers to, by name as in ``data``: materials, buffers, images."""
+    up: Annotated[Literal["z"], AS_IT_IS] | None = None
     """``z``: coordinates are used as they are in the file; None: as its format and content define the up axis."""
     default_color: LateColor | None = None
     """Colour of meshes without a material of their own, in any form of ``color``; None: the viewer's."""
-    default_texture: Annotated[bytes, UNREAD] | None = None
+    default_texture: Annotated[bytes, AS_IT_IS] | None = None
     """PNG or JPEG file for meshes with texture coordinates, but without a material of their own."""
 
     @classmethod
@@ -67,12 +69,15 @@ class MeshFile(Geometry, frozen=True):
         if suffix not in MESH_SUFFIXES:
             raise ValueError(f"{path} is not a mesh file of a known format ({', '.join(MESH_SUFFIXES)})")
         data = read_regular(source)
+        # Names are percent-encoded as in URIs; exporters encode those in OBJ and COLLADA files, too.
         files = referenced_files(data, suffix, lambda name: read_regular(source.parent / unquote(name)))
         return cls(source.name, data=data, files=files, **options)
 
     def _fields(self) -> dict[str, Any]:
         fields = Geometry._fields(self)
         if self.data is None:
+            if not (self.up is self.default_color is self.default_texture is None):
+                raise ValueError("up, default_color and default_texture need data, the content of the mesh file")
             return {name: fields[name] for name in ("filename", "scale")}
         return fields | {"files": dict(self.files)}
 
@@ -86,7 +91,7 @@ def referenced_files(data: bytes, suffix: str, read: Callable[[str], bytes]) -> 
         read: Returns the bytes of a file by its name; may raise OSError or ValueError.
     """
     found: dict[str, bytes] = {}
-    names = list(_names(data, suffix))
+    names = list(_referenced_names(data, suffix))  # material files add to it
     while names and len(found) < MAX_FILES:
         name = names.pop()
         if name in found:
@@ -96,22 +101,22 @@ def referenced_files(data: bytes, suffix: str, read: Callable[[str], bytes]) -> 
         except (OSError, ValueError):
             continue
         if suffix == ".obj" and name.lower().endswith(".mtl"):
-            names += _texts(_MATERIAL_IMAGE, found[name])
+            names += _matched_names(_MATERIAL_IMAGE, found[name])
     return found
 
 
-def _names(data: bytes, suffix: str) -> Iterator[str]:
+def _referenced_names(data: bytes, suffix: str) -> Iterator[str]:
     if suffix == ".obj":
-        yield from _texts(_MATERIAL_FILE, data)
+        yield from _matched_names(_MATERIAL_FILE, data)
     elif suffix == ".dae":
-        yield from _texts(_COLLADA_IMAGE, data)
+        yield from _matched_names(_COLLADA_IMAGE, data)
     elif suffix in (".gltf", ".glb"):
-        text = data
+        json_bytes = data
         if suffix == ".glb":
-            size = int.from_bytes(data[12:16], "little")
-            text = data[_GLB_HEADER_BYTES : _GLB_HEADER_BYTES + size]
+            json_size = int.from_bytes(data[_GLB_JSON_SIZE], "little")
+            json_bytes = data[_GLB_HEADER_BYTES : _GLB_HEADER_BYTES + json_size]
         try:
-            document = json.loads(text)
+            document = json.loads(json_bytes)
             entries = [*document.get("buffers", ()), *document.get("images", ())]
             uris = [entry.get("uri") for entry in entries]
         except (ValueError, AttributeError, TypeError, RecursionError):
@@ -119,8 +124,12 @@ def _names(data: bytes, suffix: str) -> Iterator[str]:
         yield from (uri for uri in uris if isinstance(uri, str) and not uri.startswith("data:"))
 
 
-def _texts(pattern: re.Pattern[bytes], data: bytes) -> Iterator[str]:
+def _matched_names(pattern: re.Pattern[bytes], data: bytes) -> Iterator[str]:
     """Yield what a pattern finds and, as names may follow options, its last word."""
     for match in pattern.finditer(data):
-        text = match[1].strip().decode("utf-8", "replace")
-        yield from dict.fromkeys((text, text.split()[-1])) if text else ()
+        name = match[1].strip().decode("utf-8", "replace")
+        words = name.split()
+        if words:
+            yield name
+        if len(words) > 1:
+            yield words[-1]

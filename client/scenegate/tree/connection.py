@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 
 from scenegate.lcm.limits import TransportLimits
 from scenegate.lcm.network import WHOLE_NAME, open_transport, resolve_url
+from scenegate.lcm.transport import LcmMessage
 
 CLOSE_SECONDS = 2.0
 """Maximum time for messages to be sent when the connection is closed."""
@@ -109,10 +110,10 @@ class LcmConnection:
         with self._changed:
             self._changed.notify_all()
 
-    def _on_message(self, channel: str, message: bytes | memoryview, _is_local: bool) -> None:
-        handler = self._handlers.get(channel)
+    def _on_message(self, message: LcmMessage) -> None:
+        handler = self._handlers.get(message.channel)
         if handler is not None:
-            handler(bytes(message))
+            handler(bytes(message.data))
 
     def _send(self, channel: str, message: bytes | bytearray, failed: OnFailure) -> None:
         try:

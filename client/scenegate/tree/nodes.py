@@ -41,29 +41,29 @@ class Node:
         for geometry in geometries:
             if not isinstance(geometry, Geometry):
                 raise TypeError(f"set takes geometries such as Box((1, 1, 1)), not {describe(geometry)}")
-        pose = None if transform is None else Transform.of(transform).body()
-        return self._send(Entry([geometry.body() for geometry in geometries], pose))
+        transform_body = None if transform is None else Transform.of(transform).body()
+        return self._send_entry(Entry([geometry.body() for geometry in geometries], transform_body))
 
     def transform(self, value: Transform | ArrayLike) -> Answer:
         """Replace X_parent_node: a ``Transform``, (4, 4), or three numbers (a translation in metres)."""
-        return self._send(Entry(transform=Transform.of(value).body()))
+        return self._send_entry(Entry(transform=Transform.of(value).body()))
 
     def set_visible(self, visible: bool) -> Answer:
         """Show or hide this path and everything below it, in the browser and in images."""
-        return self._send(Entry(visible=bool(visible)))
+        return self._send_entry(Entry(visible=bool(visible)))
 
     def set_opacity(self, opacity: float) -> Answer:
         """Set the opacity of this path, 0 to 1: a factor of the alpha of everything at and below it."""
         opacity = float(opacity)
         if not 0.0 <= opacity <= 1.0:
             raise ValueError(f"opacity must be from 0 to 1, not {opacity:g}")
-        return self._send(Entry(opacity=opacity))
+        return self._send_entry(Entry(opacity=opacity))
 
     def delete(self) -> Answer:
         """Delete this path and everything below it."""
         return self._sender.send(Changes().delete(self.path))
 
-    def _send(self, entry: Entry) -> Answer:
+    def _send_entry(self, entry: Entry) -> Answer:
         return self._sender.send(Changes().set(self.path, entry))
 
 
@@ -103,17 +103,18 @@ def transforms_of(paths: Iterable[Key], poses: ArrayLike) -> Changes:
         raise TypeError(
             f"paths must be a list of paths, not {describe(paths)}; for one path use set_transforms([path], ...)"
         )
-    keys = [path_of(path) for path in paths]
+    node_paths = [path_of(path) for path in paths]
     array = np.asarray(poses, np.float64)
-    if not keys and array.size == 0:
+    if not node_paths and array.size == 0:  # [] has the shape (0,)
         array = array.reshape(0, 7)
-    if array.shape != (len(keys), 7):
-        raise ValueError(f"poses must have shape ({len(keys)}, 7) for {len(keys)} paths, not {array.shape}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"pose {int(np.argmin(np.isfinite(array).all(axis=1)))} is not finite")
-    if not array[:, 3:].any(axis=1).all():
-        raise ValueError(f"pose {int(np.argmin(array[:, 3:].any(axis=1)))} has a quaternion of zeros")
+    if array.shape != (len(node_paths), 7):
+        raise ValueError(f"poses must have shape ({len(node_paths)}, 7) for {len(node_paths)} paths, not {array.shape}")
+    is_finite, has_rotation = np.isfinite(array).all(axis=1), array[:, 3:].any(axis=1)
+    if not is_finite.all():
+        raise ValueError(f"pose {is_finite.argmin()} is not finite")
+    if not has_rotation.all():
+        raise ValueError(f"pose {has_rotation.argmin()} has a quaternion of zeros")
     changes = Changes()
-    for key, row in zip(keys, array.tolist(), strict=True):
-        changes.set(key, Entry(transform={"translation": row[:3], "quaternion": row[3:]}))
+    for path, row in zip(node_paths, array.tolist(), strict=True):  # bodies as of Transform, for many at once
+        changes.set(path, Entry(transform={"translation": row[:3], "quaternion": row[3:]}))
     return changes

@@ -83,7 +83,8 @@ class TreeViewer(NotebookViews, Closing):
             poses: (N, 7): x, y, z in metres, and the quaternion w, x, y, z of each path.
 
         Raises:
-            ValueError: the shapes differ, or a number is not finite.
+            TypeError: ``paths`` is one string.
+            ValueError: the shapes differ, a number is not finite, or a quaternion is zero.
         """
         return self.send(transforms_of(paths, poses))
 

@@ -54,12 +54,12 @@ class PoseLog:
 
     def start(self) -> None:
         """Record the current pose, and every change from now on."""
-        snapshot = self._tree.snapshot
-        begin = max(self.clock(), snapshot.timestamp)
-        self._entries.append((begin, snapshot))
+        tree = self._tree
+        begin = max(self.clock(), tree.snapshot.timestamp)
+        self._entries.append((begin, tree.snapshot))
         # A change whose message arrived before ``begin`` counts from then on.
         self._stop_listening = self._tree.listen(
-            lambda snapshot: self._entries.append((max(snapshot.timestamp, begin), snapshot))
+            lambda: self._entries.append((max(tree.snapshot.timestamp, begin), tree.snapshot))
         )
 
     def stop(self) -> None:
