@@ -27,13 +27,14 @@ _bytes_address.restype = ctypes.c_void_p
 _bytes_address.argtypes = (ctypes.py_object,)
 
 
-def varint(value: int) -> bytes:
-    """Return an unsigned number in protobuf's base-128 encoding."""
+def varint(*values: int) -> bytes:
+    """Return unsigned numbers in protobuf's base-128 encoding."""
     encoded = bytearray()
-    while value > 0x7F:
-        encoded.append(value & 0x7F | 0x80)
-        value >>= 7
-    encoded.append(value)
+    for value in values:
+        while value > 0x7F:
+            encoded.append(value & 0x7F | 0x80)
+            value >>= 7
+        encoded.append(value)
     return bytes(encoded)
 
 
@@ -44,14 +45,12 @@ def size(chunks: Sequence[Chunk]) -> int:
 
 def field(number: int, chunks: Sequence[Chunk]) -> list[Chunk]:
     """Return a length-delimited field (bytes or a message) with the chunks as its content."""
-    return [varint(number << 3 | 2) + varint(size(chunks)), *chunks]
+    return [varint(number << 3 | 2, sum(map(len, chunks))), *chunks]
 
 
 def join(chunks: Sequence[Chunk]) -> bytes:
-    """Return the chunks as one bytes object. From ``MIN_WITHOUT_GIL`` on, call this in a worker thread."""
+    """Return the chunks as one bytes object, copied without the GIL. For a worker thread; see ``MIN_WITHOUT_GIL``."""
     total = size(chunks)
-    if total < MIN_WITHOUT_GIL:
-        return b"".join(chunks)
     # The C API permits writing to a new bytes object before anything else refers to it; NumPy copies without the GIL.
     data = cast(bytes, _new_bytes(None, total))
     target = np.ctypeslib.as_array((ctypes.c_uint8 * total).from_address(_bytes_address(data)))

@@ -78,19 +78,25 @@ class Exposure:
         """(3,) float64, white balance as factors of red, green and blue light."""
         return np.array((self.red, 1.0, self.blue))
 
-    def response(self, light: NDArray[np.floating]) -> NDArray[np.floating]:
+    def response(self, light: NDArray[np.floating], *, clip: bool = True) -> NDArray[np.floating]:
         """Return the brightness in the image, 0 to 1, of amplified light.
 
         High dynamic range is compressed by Reinhard's extended operator (2002) with white at ``saturation``.
-        """
-        return self.unclipped_response(np.minimum(light, self.saturation))
 
-    def unclipped_response(self, light: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Return ``response`` of a sensor that never saturates."""
+        Args:
+            clip: False: a sensor that never saturates.
+        """
+        if clip:
+            light = np.minimum(light, self.saturation)
         if self.hdr:
             light = light * (1.0 + light / self.saturation**2) / (1.0 + light)
         brightness: NDArray[np.floating] = light**self.gamma
         return brightness
+
+    @cached_property
+    def mid_grey_noise(self) -> float:
+        """Standard deviation of the noise at mid grey, grey levels."""
+        return self.noise_sigma(128.0)
 
     def noise_sigma(self, grey: float) -> float:
         """Return the standard deviation of the noise in one exposure at a grey value of the image, grey levels."""

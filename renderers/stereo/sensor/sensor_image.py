@@ -76,7 +76,7 @@ def _response_at(
         noise_factor: factor of the noise's standard deviation.
     """
     sigma = (_hdr_noise_sigma if exposure.hdr else _noise_sigma)(light, exposure)
-    brighter, darker = (exposure.unclipped_response(np.maximum(light + each, 0.0)) for each in (sigma, -sigma))
+    brighter, darker = (exposure.response(np.maximum(light + each, 0.0), clip=False) for each in (sigma, -sigma))
     grey = 255.0 * exposure.response(light) + 0.5
     return grey.astype(np.float32), (127.5 * noise_factor * (brighter - darker)).astype(np.float32)
 
