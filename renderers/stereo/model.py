@@ -88,7 +88,7 @@ class StereoModel:
         if not (1e-4 <= self.baseline <= 100.0):
             raise ValueError(f"stereo baseline {self.baseline} m must be within 0.0001 and 100")
 
-    @lru_cache(maxsize=64)  # noqa: B019 - models live as long as the process
+    @lru_cache(maxsize=64)  # noqa: B019 - models live as long as the process, and a set asks for them 14 times
     def intrinsics(self, divisor: int = 1) -> Intrinsics:
         """Return the intrinsics of the image at 1/``divisor`` of the resolution.
 
