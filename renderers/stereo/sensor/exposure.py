@@ -99,7 +99,7 @@ class Exposure:
     def response_table(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Grey level plus 0.5, for rounding, and standard deviation of the noise in grey levels.
 
-        Both are (``RESPONSE_STEPS``,). The steps are equal along the square root of the amplified light, from 0 to saturation.
+        Both are (``RESPONSE_STEPS``,). Steps are equal along the square root of the amplified light, up to saturation.
         """
         light = (np.arange(RESPONSE_STEPS) / (RESPONSE_STEPS - 1)) ** 2 * self.saturation
         sigma = self._hdr_noise_sigma(light) if self.hdr else noise_sigma(255.0 * light, self.amplification) / 255.0
