@@ -15,8 +15,8 @@ from gateway.stereo.depth.rendered_depth import ImagePair, ground_truth_depth, m
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.stream_settings import StreamSettings
 from gateway.stereo.imaging.auto_exposure import METERING_DIVISOR, ExposureMemory, choose_exposure
+from gateway.stereo.imaging.extra_renderings import blur_motion, key_light_factors
 from gateway.stereo.imaging.other_projector import OtherProjector
-from gateway.stereo.imaging.realistic_images import blur_motion, key_light_factors
 from gateway.stereo.imaging.scene_motion import SceneState, motion_since
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, ImageError

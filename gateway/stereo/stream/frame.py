@@ -198,7 +198,7 @@ class FrameImages:
         for (number, _), value in zip(fields, values, strict=True):
             chunks += wire.field(number, value)
         with span("serialise"):
-            if wire.size(chunks) < wire.MIN_WITHOUT_GIL:
+            if wire.byte_count(chunks) < wire.MIN_BYTES_WITHOUT_GIL:
                 return b"".join(chunks)
             return await self._workers.run(wire.join, chunks)
 
