@@ -18,7 +18,7 @@ from gateway.stereo.device.stream_settings import read_settings
 from gateway.stereo.imaging.rendered_images import GREY, Capture, ImageRequest, Imaging
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
-from renderers.interface import Look, Output, Renderer
+from renderers.interface import Look, Renderer
 from renderers.stereo.depth.metric_depth import millimetres_from_disparity
 from renderers.stereo.model import Quality
 from renderers.stereo.sensor.noise import NoiseStream
@@ -72,14 +72,12 @@ class StereoSensor:
         )
         imaging = Imaging(config, self.renderer)
         settings = replace(read_settings(Parameters(profile.limits)), quality=Quality.FULL)
-        capture = Capture(0, scene, 0, camera.X_world_camera, settings.gpio(depth=True))
+        capture = Capture(0, scene, 0, camera.X_world_camera, settings.depth_gpio)
         exposure = imaging.meter(capture, settings).exposure
         left, right = (
             imaging.expose(capture, ImageRequest(exposure, stream, frozenset((GREY,)), settings.averaged_images))[GREY]
             for stream in (NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
         )
         pair = ImagePair(left, right, exposure, imaging.image_kind(capture))
-        left_frame = imaging.render_lit(capture, 0.0, 1, Output.DEPTH)
-        right_frame = imaging.render_lit(capture, profile.model.baseline, 1, Output.DEPTH)
-        images = imaging.measure(left_frame, right_frame, settings, pair)
+        images = imaging.measure(capture, settings, pair)
         return millimetres_from_disparity(images.disparity, profile.model.focal_times_baseline(1))

@@ -67,7 +67,9 @@ class StereoService:
         self.scene_imaging = Imaging(config, renderer)
         """Source of rendered images, also while recorded pairs are shown."""
         self.workers = workers
-        self.hub = ImageSetHub(config.max_clients, config.max_kinds, self._generation)
+        self.hub = ImageSetHub(
+            config.max_clients, config.max_kinds, self._generation, follows_demand=config.rate == "max"
+        )
         self.events = ClientQueues("event", config.max_clients, config.max_events)
         self.imu = Imu(config, pose_log)
         self.injector = FaultInjector(config.seed, config.max_late_bytes)
@@ -183,9 +185,9 @@ class StereoService:
             state = await self.earlier_state(earlier)
             timestamp = state.timestamp
         self._captures += 1
-        camera, depth = (
-            Capture.of_state(state, settings, timestamp, self._captures, depth=depth) for depth in (False, True)
-        )
+        camera = depth = Capture.of_state(state, settings, timestamp, self._captures, depth=False)
+        if settings.separate_depth:
+            depth = Capture.of_state(state, settings, timestamp, self._captures, depth=True)
         return FrameImages(FrameRecord(self.imaging, settings, camera, depth), self.workers, (kind,))
 
     def set_parameters(self, node: str, values: Iterable[tuple[str, object]]) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -27,15 +28,11 @@ class Quality(Enum):
     MEDIUM = "Medium"
     LOW = "Low"
 
-    @property
-    def divisor(self) -> int:
+    def __init__(self, value: str) -> None:
+        self.divisor: Final = {"Full": 1, "High": 2, "Medium": 4, "Low": 6}[value]
         """Width of the camera images divided by that of the depth images."""
-        return {"Full": 1, "High": 2, "Medium": 4, "Low": 6}[self.value]
-
-    @property
-    def depth_rate(self) -> float:
+        self.depth_rate: Final = {"Full": 1.0, "High": 3.0, "Medium": 15.0, "Low": 25.0}[value]
         """Depth images per second of the real device, Hz."""
-        return {"Full": 1.0, "High": 3.0, "Medium": 15.0, "Low": 25.0}[self.value]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +88,7 @@ class StereoModel:
         if not (1e-4 <= self.baseline <= 100.0):
             raise ValueError(f"stereo baseline {self.baseline} m must be within 0.0001 and 100")
 
+    @lru_cache(maxsize=64)  # noqa: B019 - models live as long as the process, and a set asks for them 14 times
     def intrinsics(self, divisor: int = 1) -> Intrinsics:
         """Return the intrinsics of the image at 1/``divisor`` of the resolution.
 

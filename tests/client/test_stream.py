@@ -19,8 +19,8 @@ from gateway.stereo.device.profile import read_profile
 from gateway.stereo.imaging.pair_files import read_geometry
 from gateway.stereo.routes.truth_routes import truth_router
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.files import BadImageError, depth, pixels, preview
-from scenegate.camera.stream import Progress, StreamFailure, StreamOptions, receive_all
+from scenegate.camera.files import BadImageError, depth, nanoseconds, pixels, preview
+from scenegate.camera.stream import Progress, StreamFailure, StreamOptions, receive, receive_all
 from scenegate.gateway_http import GatewayError
 from tests.stereo.conftest import Start, renderer, start
 from tests.support.command import scenegate
@@ -117,6 +117,19 @@ async def test_exposure_and_gpios_are_written_on_request(start: Start, tmp_path:
     assert (data["left_gpio_values"], data["disparity_gpio_values"]) == (0, 1)
     assert (data["left_gpio_outputs"], data["left_gpio_inputs"]) == (3, 12)
     assert list(read_geometry(tmp_path) or ()) == [pytest.approx(0.8449), pytest.approx(0.160)]
+
+
+async def test_a_reader_that_pauses_gets_few_old_sets(start: Start) -> None:
+    camera = await start(rate="max")
+    sets = receive(StreamOptions(f"127.0.0.1:{camera.service.port}", left=True, color=True))
+    for _ in range(50):  # the receive window must not grow meanwhile
+        _, size = await asyncio.to_thread(next, sets)
+    newest = (await camera.take(100, left_enabled=True, color=True))[-1]
+    old = 0
+    while nanoseconds((await asyncio.to_thread(next, sets))[0].timestamp) < nanoseconds(newest.timestamp):
+        old += 1
+    await asyncio.to_thread(sets.close)
+    assert old * size <= 3 << 20, "1 MiB in the window, and those that were being sent and received"
 
 
 def test_distinguishes_closed_ports_from_silent_ones(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -55,7 +55,7 @@ def depth_pair(pair: ImagePair, model: StereoModel, divisor: int) -> tuple[NDArr
 def depth_noise_sigma(pair: ImagePair, config: StereoConfig, settings: StreamSettings) -> float:
     """Return the standard deviation of the noise at mid grey in the images of ``depth_pair``, grey levels."""
     images = settings.averaged_images * settings.quality.divisor**2
-    return pair.exposure.noise_sigma(128.0) * config.noise_factor / math.sqrt(images)
+    return pair.exposure.mid_grey_noise * config.noise_factor / math.sqrt(images)
 
 
 def ground_truth_depth(

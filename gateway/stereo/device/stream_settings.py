@@ -92,7 +92,7 @@ class StreamSettings:
     def separate_depth(self) -> bool:
         """True if depth needs its own exposure, because an output is high for depth and low for camera images or vice
         versa."""
-        return self.gpio(depth=False) != self.gpio(depth=True)
+        return self.camera_gpio != self.depth_gpio
 
     @cached_property
     def camera_rate(self) -> float:
@@ -115,14 +115,18 @@ class StreamSettings:
         """Depth images per second of the device."""
         return min(self.camera_rate / self.averaged_images, self.limits.depth_rates[self.quality])
 
-    def gpio(self, *, depth: bool) -> int:
-        """Return the GPIO values during an exposure; Out1 is bit 0, Out2 bit 1.
+    @cached_property
+    def camera_gpio(self) -> int:
+        """GPIO values during an exposure for camera images; Out1 is bit 0, Out2 bit 1."""
+        return self._gpio(depth=False)
 
-        In acquisition mode SingleFrameOut1, Out1 is high for depth exposures and low for all others.
+    @cached_property
+    def depth_gpio(self) -> int:
+        """GPIO values during an exposure for depth."""
+        return self._gpio(depth=True)
 
-        Args:
-            depth: True for an exposure for depth, False for one for camera images.
-        """
+    def _gpio(self, *, depth: bool) -> int:
+        # In acquisition mode SingleFrameOut1, Out1 is high for depth exposures and low for all others.
         out1_high = depth if self.single_frame_out1 else _is_high(self.out1_mode, depth=depth)
         return out1_high | _is_high(self.out2_mode, depth=depth) << 1
 

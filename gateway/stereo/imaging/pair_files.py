@@ -8,13 +8,13 @@ from typing import Final
 
 import numpy as np
 
-from gateway.stereo.imaging.recorded_pairs import Pair, Pairs
+from gateway.stereo.imaging.recorded_pairs import Pair, PairSequence
 from scenegate.regular_files import open_regular
 
 _SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".webp")
 
 
-def find_pairs(folder: Path, max_pairs: int, max_pixels: int) -> Pairs:
+def find_pairs(folder: Path, max_pairs: int, max_pixels: int) -> PairSequence:
     """Return all pairs below a folder, in the order of their names.
 
     The right image of ``…left….png`` is ``…right….png``, in file or folder names. ``…left_out1_low….png`` is used with
@@ -45,7 +45,7 @@ def find_pairs(folder: Path, max_pairs: int, max_pixels: int) -> Pairs:
         raise ValueError(f"{folder} holds no stereo pairs: none of its {len(images)} images is a …left… with a …right…")
     if len(pairs) > max_pairs:
         raise ValueError(f"{folder} holds {len(pairs)} stereo pairs, more than {max_pairs}")
-    return Pairs(pairs, max_pixels)
+    return PairSequence(pairs, max_pixels)
 
 
 def _right_name(left_name: str) -> str:

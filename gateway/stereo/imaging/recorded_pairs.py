@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.stereo.device.stream_settings import StreamSettings
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging, MeteredExposure
+from gateway.stereo.imaging.rendered_images import COLOR, Capture, ImageRequest, Imaging, MeteredExposure
 from renderers.drawlist import ImageError
 from renderers.images import decode_image
 from renderers.interface import Frame, Output
@@ -23,14 +23,14 @@ from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor.sensor_image import SensorImage
 from scenegate.regular_files import read_regular
 
-MODEL_NAME: Final = "rc_test"
+_TEST_MODEL_NAME: Final = "rc_test"
 """Model name of the device in its test mode."""
-FACTOR_LIMIT: Final = 20.0
-"""Focal lengths below this are divided by the image width; others are in pixels."""
+MAX_FOCAL_FACTOR: Final = 20.0
+"""Below it, a focal length is a factor of the image's width, as the vendor's test mode takes it; otherwise pixels."""
 _CACHED_IMAGES: Final = 8
 """Number of decoded images in the cache: two pairs, each with Out1 low and high."""
 
-ImageSource = Path | bytes
+ImageFile = Path | bytes
 """Path or content of an image file."""
 
 
@@ -38,13 +38,13 @@ ImageSource = Path | bytes
 class Pair:
     """Encoded images (PNG, JPEG, WebP) of both cameras, rectified."""
 
-    low: tuple[ImageSource, ImageSource]
+    low: tuple[ImageFile, ImageFile]
     """Left and right with Out1 low."""
-    high: tuple[ImageSource, ImageSource] | None = None
+    high: tuple[ImageFile, ImageFile] | None = None
     """Left and right with Out1 high; None: as with Out1 low."""
 
 
-class Pairs:
+class PairSequence:
     """Endless sequence of stereo pairs. Thread-safe."""
 
     def __init__(self, pairs: list[Pair], max_pixels: int) -> None:
@@ -58,6 +58,7 @@ class Pairs:
         self._pairs = pairs
         self._max_pixels = max_pixels
         self._lock = threading.Lock()
+        # A decorator of the method would keep all objects alive.
         self._decode: Callable[[int, bool, bool], NDArray[np.uint8]] = lru_cache(_CACHED_IMAGES)(self._decode_uncached)
 
     def __len__(self) -> int:
@@ -71,10 +72,11 @@ class Pairs:
         """
         return self._decode(index % len(self._pairs), high, right)
 
-    def _decode_uncached(self, number: int, high: bool, right: bool) -> NDArray[np.uint8]:
-        pair = self._pairs[number]
-        source = (pair.high if high and pair.high is not None else pair.low)[right]
-        name = f"the {'right' if right else 'left'} image of pair {number + 1}"
+    def _decode_uncached(self, position: int, high: bool, right: bool) -> NDArray[np.uint8]:
+        pair = self._pairs[position]
+        left_and_right = pair.high if high and pair.high is not None else pair.low
+        source = left_and_right[1 if right else 0]
+        name = f"the {'right' if right else 'left'} image of pair {position + 1}"
         if isinstance(source, Path):
             name = str(source)
             try:
@@ -83,7 +85,7 @@ class Pairs:
                 raise ImageError(f"{name}: {error.strerror}") from error
         image = np.ascontiguousarray(decode_image(source, name=name, max_pixels=self._max_pixels)[:, :, :3])
         height, width = image.shape[:2]
-        with self._lock:
+        with self._lock:  # two threads may decode the first images; the size never changes afterwards
             self.size = self.size or (width, height)
         if (width, height) != self.size:
             raise ImageError(f"{name} has {width}x{height} pixels, the first one {self.size[0]}x{self.size[1]}")
@@ -94,10 +96,11 @@ class Pairs:
 class PairImaging(Imaging):
     """Source of recorded images. Depth is matched.
 
-    Exposure, noise and the projector's light are as recorded: the settings do not change them.
+    Exposure, noise and the projector's light are as recorded: the settings do not change them. All that reads the scene
+    for image sets is overridden; the other methods of ``Imaging`` that render are not called.
     """
 
-    pairs: Pairs
+    pairs: PairSequence
 
     def render(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
         """Refuse to render: there is no scene.
@@ -112,24 +115,28 @@ class PairImaging(Imaging):
 
     def meter(self, capture: Capture, settings: StreamSettings) -> MeteredExposure:
         left = self.pairs.image(capture.frame_number, high=capture.out1_high, right=False)
-        return MeteredExposure(settings.manual_exposure, float(cv2.cvtColor(left, cv2.COLOR_RGB2GRAY).mean()) / 255.0)
+        return MeteredExposure(settings.manual_exposure, float(_grey(left).mean()) / 255.0)
 
     def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
         rgb = self.pairs.image(capture.frame_number, high=capture.out1_high, right=request.stream.is_right)
         images = {}
         for color in request.colors:
-            image = rgb if color else np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
-            images[color] = SensorImage(np.ascontiguousarray(image), float(image.mean()) / 255.0)
+            image = rgb if color is COLOR else _grey(rgb)
+            images[color] = SensorImage(image, float(image.mean()) / 255.0)
         return images
 
 
-def pair_imaging(imaging: Imaging, pairs: Pairs, focal: float, baseline: float) -> PairImaging:
+def _grey(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
+
+
+def pair_imaging(imaging: Imaging, pairs: PairSequence, focal: float, baseline: float) -> PairImaging:
     """Return a source of recorded pairs. Decodes the first pair: call this in a worker thread.
 
     Args:
         imaging: source of the scene; its configuration applies, but for the camera model and the depth mode.
         pairs: recorded pairs.
-        focal: focal length in pixels, or divided by the image width if below ``FACTOR_LIMIT``.
+        focal: focal length in pixels, or divided by the image width if below ``MAX_FOCAL_FACTOR``.
         baseline: metres.
 
     Raises:
@@ -140,7 +147,7 @@ def pair_imaging(imaging: Imaging, pairs: Pairs, focal: float, baseline: float) 
     for high, right in ((False, True), (True, False), (True, True)):
         pairs.image(0, high=high, right=right)  # raises ImageError if the image is broken
     height, width = left.shape[:2]
-    focal_factor = focal if focal < FACTOR_LIMIT else focal / width
-    model = StereoModel(MODEL_NAME, width, height, focal_factor, baseline)
+    focal_factor = focal if focal < MAX_FOCAL_FACTOR else focal / width
+    model = StereoModel(_TEST_MODEL_NAME, width, height, focal_factor, baseline)
     config = replace(imaging.config, model=model, color_camera=None, depth_mode="matched")
     return PairImaging(config=config, renderer=imaging.renderer, pairs=pairs)

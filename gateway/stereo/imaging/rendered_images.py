@@ -10,13 +10,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.stereo.depth import rendered_depth as depth
-from gateway.stereo.depth.rendered_depth import ImagePair
+from gateway.stereo.depth.matched_depth import matched_depth
+from gateway.stereo.depth.rendered_depth import ImagePair, ground_truth_depth, modelled_depth
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.stream_settings import StreamSettings
 from gateway.stereo.imaging.auto_exposure import METERING_DIVISOR, ExposureMemory, choose_exposure
+from gateway.stereo.imaging.extra_renderings import blur_motion, key_light_factors
 from gateway.stereo.imaging.other_projector import OtherProjector
-from gateway.stereo.imaging.realistic_images import blur_motion, key_light_factors
 from gateway.stereo.imaging.scene_motion import SceneState, motion_since
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, ImageError
@@ -33,7 +33,7 @@ from renderers.stereo.sensor.noise import NoiseStream, frame_key
 from renderers.stereo.sensor.sensor_image import SensorImage, image_from_light
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Capture:
     """Scene, camera pose and digital outputs at one instant."""
 
@@ -72,8 +72,10 @@ class Capture:
             timestamp: time that clients get, nanoseconds since the epoch.
             depth: True: exposure for depth; False: exposure for camera images.
         """
-        projectors = tuple([each for each in state.projectors if each.settings.gpio(depth=depth) & 1])
-        gpio = settings.gpio(depth=depth)
+        gpio = settings.depth_gpio if depth else settings.camera_gpio
+        projectors = tuple(
+            each for each in state.projectors if (each.settings.depth_gpio if depth else each.settings.camera_gpio) & 1
+        )
         return cls(timestamp, state.scene, state.revision, state.X_world_left, gpio, frame_number, earlier, projectors)
 
     @cached_property
@@ -192,11 +194,12 @@ class Imaging:
         # Metering may need the light of the camera's own projector while it is off.
         lit_capture = replace(capture, gpio=capture.gpio | 1) if settings.meters_lit_images else capture
         try:
-            frame = self.render_lit(capture, 0.0, METERING_DIVISOR, self._outputs(lit_capture))
+            frame, dots = self._render_with_dots(lit_capture, 0.0, METERING_DIVISOR)
         except ImageError:
             return MeteredExposure(settings.manual_exposure, 0.0)
-        other_dots = self._projected_dots(frame, replace(capture, gpio=0), 0.0, METERING_DIVISOR)
-        dots = self._projected_dots(frame, lit_capture, 0.0, METERING_DIVISOR)
+        other_dots = None
+        if capture.projectors:
+            other_dots = self._projected_dots(frame, capture, 0.0, METERING_DIVISOR, has_own=False)
         unlit, lit = self._metered_light(frame, capture, other_dots, dots, settings.manual_exposure)
         exposure, out1_reduction = choose_exposure(
             unlit, lit, out1_high=capture.out1_high, settings=settings, memory=self.exposure_memory
@@ -214,11 +217,10 @@ class Imaging:
         if "fixed-pattern" in config.realism and config.noise_factor > 0.0:
             pattern = fixed_pattern(config.seed, right=right, height=k.height, width=k.width)
         noise_factor = config.noise_factor / request.averaged_images**0.5
-        frame = self.render_lit(capture, offset, 1, self._outputs(capture))
+        frame, dots = self._render_with_dots(capture, offset, 1)
         assert frame.color is not None
         if "motion-blur" in config.realism:
             self._blur_motion(capture, offset, exposure.time, frame.color)
-        dots = self._projected_dots(frame, capture, offset, 1)
         scene_light = self.scene_light(capture.scene, partial(self.camera, capture, offset, 2), dots)
         return {
             color: image_from_light(
@@ -236,20 +238,28 @@ class Imaging:
         dots = capture.has_projection(self.config) or bool(capture.projectors)
         return ImageKind.of(dots=dots, realistic=bool(self.config.realism))
 
-    def measure(self, left: Frame, right: Frame, settings: StreamSettings, pair: ImagePair | None) -> DepthImages:
-        """Return depth images from two frames with depth.
+    def measure(
+        self, capture: Capture, settings: StreamSettings, pair: ImagePair | None, dark_pair: ImagePair | None = None
+    ) -> DepthImages:
+        """Return the depth images of a capture, by matching or from rendered depth.
 
         Args:
-            left: frame of the left camera.
-            right: frame of the right camera.
+            capture: scene and pose.
             settings: parameters of the frame.
-            pair: images of the same exposure, for modelled errors; None: no errors.
+            pair: images of the same exposure, to match or for modelled errors; None: no errors.
+            dark_pair: see ``matched_depth``.
         """
-        assert left.depth is not None
-        assert right.depth is not None
+        config, divisor = self.config, settings.quality.divisor
+        if pair is not None and config.depth_mode == "matched":
+            return matched_depth(config, pair, settings, dark_pair)
+        render = self.render_lit if config.models_errors else self.render
+        left = render(capture, 0.0, divisor, Output.DEPTH).depth
+        right = render(capture, config.model.baseline, divisor, Output.DEPTH).depth
+        assert left is not None
+        assert right is not None
         if pair is None:
-            return depth.ground_truth_depth(self.config, left.depth, right.depth, settings)
-        return depth.modelled_depth(self.config, left.depth, right.depth, pair, settings)
+            return ground_truth_depth(config, left, right, settings)
+        return modelled_depth(config, left, right, pair, settings)
 
     def mesh(
         self, images: DepthImages, divisor: int, options: MeshOptions, left: NDArray[np.uint8] | None
@@ -325,25 +335,32 @@ class Imaging:
         if motion is not None:
             blur_motion(self.renderer, self.look, motion, camera, exposure_time, color)
 
-    def _outputs(self, capture: Capture) -> Output:
-        """Return the outputs to render for a camera image: colour, and what the light of projectors depends on."""
-        outputs = Output.COLOR
+    def _render_with_dots(
+        self, capture: Capture, offset: float, divisor: int
+    ) -> tuple[Frame, NDArray[np.uint16] | None]:
+        """Return the rendered colour image, and the light of the projectors on it; see ``_projected_dots``."""
+        outputs, has_own = Output.COLOR, capture.has_projection(self.config)
         if capture.projectors:
             outputs |= Output.DEPTH | Output.INSTANCE | Output.NORMAL
-        if capture.has_projection(self.config):
+        if has_own:
             outputs |= Output.DEPTH | Output.INSTANCE
-        return outputs
+        frame = self.render_lit(capture, offset, divisor, outputs)
+        if outputs == Output.COLOR:
+            return frame, None
+        return frame, self._projected_dots(frame, capture, offset, divisor, has_own=has_own)
 
-    def _projected_dots(self, frame: Frame, capture: Capture, offset: float, divisor: int) -> NDArray[np.uint16] | None:
-        """Return the light of the projectors at each pixel of a frame; None if all are off.
+    def _projected_dots(
+        self, frame: Frame, capture: Capture, offset: float, divisor: int, *, has_own: bool
+    ) -> NDArray[np.uint16]:
+        """Return the light of the projectors at each pixel of a frame, (H, W) uint16.
 
-        The arguments are those with which the frame was rendered.
+        The other arguments are those with which the frame was rendered.
+
+        Args:
+            has_own: True if the camera's own projector is on.
         """
-        if frame.depth is None or frame.instance is None:
-            return None
-        has_own = capture.has_projection(self.config)
-        if not (has_own or capture.projectors):
-            return None
+        assert frame.depth is not None
+        assert frame.instance is not None
         returned = frame.instance, returned_shares(capture.scene.instances)
         model, soft = self.config.model, "projector" in self.config.realism
         k, projector_offset = model.intrinsics(divisor), model.baseline / 2

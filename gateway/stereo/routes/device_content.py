@@ -117,7 +117,7 @@ def _camera_status(service: StereoService) -> dict[str, object]:
         "gain": metered.exposure.gain,
         "gamma": metered.exposure.gamma,
         "brightness": round(metered.brightness, 2),
-        "noise": metered.exposure.noise_sigma(128.0) * service.config.noise_factor,
+        "noise": metered.exposure.mid_grey_noise * service.config.noise_factor,
         "out1_reduction": metered.out1_reduction,
         "fps": settings.camera_rate if len(service.hub) else 0.0,
         "time": time.time(),
@@ -154,7 +154,7 @@ def _matching_status(service: StereoService) -> dict[str, object]:
 
 
 def _io_status(service: StereoService) -> dict[str, object]:
-    gpio = service.settings.gpio(depth=False)
+    gpio = service.settings.camera_gpio
     return {"out1": gpio & 1, "out2": gpio >> 1 & 1, "in1": 0, "in2": 0}
 
 
@@ -162,7 +162,7 @@ def _io_values(service: StereoService) -> dict[str, Any]:
     sec, nsec = divmod(time.time_ns(), NANOSECONDS_PER_SECOND)
     return {
         "timestamp": {"sec": sec, "nsec": nsec},
-        "values": service.settings.gpio(depth=False),
+        "values": service.settings.camera_gpio,
         "input_mask": INPUT_MASK,
         "output_mask": OUTPUT_MASK,
         "inverter_mask": 0,

@@ -11,7 +11,7 @@ from starlette.datastructures import FormData, Headers, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 
 from gateway.server.openapi import BINARY, json_example
-from gateway.stereo.imaging.recorded_pairs import FACTOR_LIMIT, Pair, PairImaging, Pairs, pair_imaging
+from gateway.stereo.imaging.recorded_pairs import MAX_FOCAL_FACTOR, Pair, PairImaging, PairSequence, pair_imaging
 from gateway.stereo.routes.rest_common import RestError, error_responses, new_router
 from gateway.stereo.service import StereoService
 from renderers.drawlist import ImageError
@@ -46,8 +46,8 @@ _FORM_SCHEMA: Final = {
         "f": {
             "type": "number",
             "minimum": 0.05,
-            "maximum": FACTOR_LIMIT * 8192,
-            "description": f"Focal length in pixels, or divided by the image's width when below {FACTOR_LIMIT:g}; "
+            "maximum": MAX_FOCAL_FACTOR * 8192,
+            "description": f"Focal length in pixels, or divided by the image's width when below {MAX_FOCAL_FACTOR:g}; "
             "by default the camera's.",
         },
         "t": {
@@ -149,7 +149,7 @@ async def _read_pair(service: StereoService, form: FormData) -> PairImaging:
     pair = Pair((low[0], low[1]), (high[0], high[1]) if high else None)
     focal = _read_number(form, "f", config.model.focal_factor)
     baseline = _read_number(form, "t", config.model.baseline)
-    pairs = Pairs([pair], config.max_pair_pixels)
+    pairs = PairSequence([pair], config.max_pair_pixels)
     return await service.workers.run(pair_imaging, service.scene_imaging, pairs, focal, baseline)
 
 

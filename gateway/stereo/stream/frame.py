@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Collection, Hashable
+from collections.abc import Awaitable, Callable, Collection, Coroutine, Hashable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.runtime.shared_results import SharedResults
 from gateway.runtime.tracing import span
 from gateway.runtime.worker_pool import WorkerPool
-from gateway.stereo.depth.matched_depth import matched_depth
 from gateway.stereo.depth.rendered_depth import ImagePair
 from gateway.stereo.device.stream_settings import StreamSettings
 from gateway.stereo.imaging.color_images import expose_color_camera
@@ -34,15 +31,16 @@ from gateway.stereo.stream.image_messages import ImageMetadata
 from gateway.stereo.stream.image_wire import Chunk
 from gateway.stereo.stream.set_kind import SetKind
 from renderers.drawlist import ImageError
-from renderers.interface import Output
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.metric_depth import align_depth, millimetres_from_disparity
+from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.mesh.disparity_mesh import MeshOptions
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 from renderers.stereo.sensor.noise import NoiseStream
 from renderers.stereo.sensor.sensor_image import SensorImage
 from scenegate.camera.image_interface_pb2 import ImageSet
 
+P = ParamSpec("P")
 T = TypeVar("T")
 _ResultKey = tuple[str, *tuple[Hashable, ...]]
 """Name of a result of a frame, and the values that distinguish it from results of the same name."""
@@ -70,7 +68,10 @@ class FrameRecord:
 
 
 class FrameImages:
-    """Images of one frame, each made in a worker thread when first requested."""
+    """Images of one frame, each made in a worker thread when first requested.
+
+    Cancelling a caller cancels what it waits for, too, and with it all others that wait for the same.
+    """
 
     def __init__(
         self, record: FrameRecord, workers: WorkerPool, kinds: Collection[SetKind], generation: int = 0
@@ -92,7 +93,7 @@ class FrameImages:
         self._config = config = record.imaging.config
         self._measures_streamed_images = (
             config.measures_images
-            and self._camera_capture.timestamp == self._depth_capture.timestamp
+            and self._camera_capture is self._depth_capture
             and self._settings.averaged_images == 1
         )
         """True if depth is measured in the left and right images themselves."""
@@ -103,39 +104,35 @@ class FrameImages:
             NoiseStream.RIGHT: frozenset([*grey, *[kind.color for kind in kinds if kind.right]]),
         }
         """Images to make from one rendering of each camera: ``ImageRequest.colors``."""
-        self._results: SharedResults[_ResultKey, Any] = SharedResults(_MAX_RESULTS)
+        self._results: dict[_ResultKey, asyncio.Task[Any]] = {}
 
     def serialised(self, kind: SetKind) -> Awaitable[bytes]:
         """Return the serialised ``ImageSet`` of a kind."""
-        return self._results.get(("set", kind), partial(self._serialise, kind))
+        return self._once(("set", kind), self._serialise, kind)
 
     def depth_images(self) -> Awaitable[DepthImages]:
         """Return the disparity, error and confidence images."""
-        return self._results.get(("depth",), self._measure_depth)
+        return self._once(("depth",), self._measure_depth)
 
     def metered(self, capture: Capture) -> Awaitable[MeteredExposure]:
         """Return the exposure of the images of a capture."""
-        return self._results.get(("metered", capture.timestamp, capture.gpio), partial(self._meter, capture))
+        return self._once(("metered", capture.timestamp, capture.gpio), self._meter, capture)
 
     async def image(self, stream: NoiseStream, color: bool) -> SensorImage:
         """Return the left or right image in colour or grey."""
         colors = self._colors_to_render[stream]
         if color not in colors:  # requested by a client that subscribed after the capture
             colors = frozenset((color,))
-        make = partial(self._expose, self._camera_capture, stream, colors)
-        images: dict[bool, SensorImage] = await self._results.get(("images", stream, colors), make)
+        images = await self._once(("images", stream, colors), self._expose, self._camera_capture, stream, colors)
         return images[color]
 
     async def color_camera_image(self) -> ColorImage:
         """Return the image of the colour camera; without a colour camera, the left image in colour."""
         color_camera = self._config.color_camera
         if color_camera is None:
-            image, metered = await self.image(NoiseStream.LEFT, COLOR), await self.metered(self._camera_capture)
-            return ColorImage(image, metered.exposure)
-        arguments = (self._imaging, color_camera, self._camera_capture, self._settings)
-        make = partial(self._workers.run, expose_color_camera, *arguments)
-        color_image: ColorImage = await self._results.get(("color camera",), make)
-        return color_image
+            image = await self.image(NoiseStream.LEFT, COLOR)
+            return ColorImage(image, (await self.metered(self._camera_capture)).exposure)
+        return await self._once(("color camera",), self._expose_color_camera, color_camera)
 
     def depth_mm(self, *, aligned: bool) -> Awaitable[NDArray[np.uint16]]:
         """Return depth in millimetres, (H, W) uint16, 0: invalid.
@@ -143,7 +140,7 @@ class FrameImages:
         Args:
             aligned: as seen by the colour camera, if there is one.
         """
-        return self._results.get(("depth_mm", aligned), partial(self._depth_mm, aligned))
+        return self._once(("depth_mm", aligned), self._depth_mm, aligned)
 
     def depth_intrinsics(self, *, aligned: bool) -> Intrinsics:
         """Return the intrinsics of ``depth_mm``."""
@@ -161,8 +158,21 @@ class FrameImages:
 
     async def raw_image(self, *, right: bool) -> SensorImage:
         """Return the grey image of one camera before rectification."""
-        exposure = (await self.metered(self._camera_capture)).exposure
-        return await self._workers.run(raw_image, self._imaging, self._camera_capture, exposure, right)
+        capture = self._camera_capture
+        exposure = (await self.metered(capture)).exposure
+        return await self._workers.run(raw_image, self._imaging, capture, exposure, right)
+
+    def _once(
+        self, key: _ResultKey, make: Callable[P, Coroutine[Any, Any, T]], *args: P.args, **kwargs: P.kwargs
+    ) -> Awaitable[T]:
+        """Return the result of ``make`` with these arguments, which the first call of a key starts. After an error, the
+        next call starts it again."""
+        task = self._results.get(key)
+        if task is None or (task.done() and (task.cancelled() or task.exception() is not None)):
+            task = self._results[key] = asyncio.get_running_loop().create_task(make(*args, **kwargs))
+            if len(self._results) > _MAX_RESULTS:
+                del self._results[next(iter(self._results))]
+        return task
 
     async def _serialise(self, kind: SetKind) -> bytes:
         fields: list[tuple[int, Awaitable[list[Chunk]]]] = []
@@ -187,65 +197,58 @@ class FrameImages:
         chunks: list[Chunk] = [messages.timestamp_field(capture.timestamp)]
         for (number, _), value in zip(fields, values, strict=True):
             chunks += wire.field(number, value)
-        if not fields:
-            return wire.join(chunks)
         with span("serialise"):
-            if wire.size(chunks) < wire.MIN_WITHOUT_GIL:
-                return wire.join(chunks)
+            if wire.byte_count(chunks) < wire.MIN_BYTES_WITHOUT_GIL:
+                return b"".join(chunks)
             return await self._workers.run(wire.join, chunks)
 
     async def _image_message(self, stream: NoiseStream, color: bool) -> list[Chunk]:
         """Return the left or right image as a message, and set ``left_metered`` if it is the left one."""
         image = await self.image(stream, color)
-        metered = await self.metered(self._camera_capture)
+        metered = replace(await self.metered(self._camera_capture), brightness=image.brightness)
         if stream is NoiseStream.LEFT:
-            self.left_metered = replace(metered, brightness=image.brightness)
-        metadata = self._metadata(self._camera_capture, metered, image.brightness)
-        return messages.image(image.image, self._config.model.intrinsics(), metadata)
+            self.left_metered = metered
+        return self._image(image.image, self._config.model.intrinsics(), self._camera_capture, metered)
 
     async def _depth_message(self, name: Literal["disparity", "error", "confidence"], kind: SetKind) -> list[Chunk]:
         capture, config = self._depth_capture, self._config
-        images, metered, brightness = await asyncio.gather(
-            self.depth_images(), self.metered(capture), self._depth_brightness(kind)
-        )
+        images = await self.depth_images()
         pixels: NDArray[np.uint8] | NDArray[np.uint16] = getattr(images, name)
         if name == "disparity" and images.error_scale < DISPARITY_SCALE:
             # The message has one scale for disparity and error.
             pixels = pixels * np.uint16(DISPARITY_SCALE / images.error_scale)
         intrinsics = config.model.intrinsics(self._settings.quality.divisor)
-        image = messages.image(pixels, intrinsics, self._metadata(capture, metered, brightness))
+        image = self._image(pixels, intrinsics, capture, await self._depth_metered(kind))
         if name != "disparity":
             return image
         return messages.disparity(image, capture.timestamp, config.model.baseline, images.error_scale)
 
     async def _color_camera_message(self) -> list[Chunk]:
         color = await self.color_camera_image()
-        image, metered = color.sensor_image, MeteredExposure(color.exposure, color.sensor_image.brightness)
-        metadata = self._metadata(self._camera_capture, metered, image.brightness)
-        return messages.image(image.image, self._config.color_intrinsics, metadata)
+        metered = MeteredExposure(color.exposure, color.sensor_image.brightness)
+        return self._image(color.sensor_image.image, self._config.color_intrinsics, self._camera_capture, metered)
 
     async def _depth_mm_message(self, kind: SetKind) -> list[Chunk]:
         pixels = await self.depth_mm(aligned=kind.aligned)
-        metered, brightness = await self.metered(self._depth_capture), await self._depth_brightness(kind)
-        intrinsics = self.depth_intrinsics(aligned=kind.aligned)
-        return messages.image(pixels, intrinsics, self._metadata(self._depth_capture, metered, brightness))
+        intrinsics, metered = self.depth_intrinsics(aligned=kind.aligned), await self._depth_metered(kind)
+        return self._image(pixels, intrinsics, self._depth_capture, metered)
 
-    async def _depth_brightness(self, kind: SetKind) -> float:
-        """Return the mean brightness of the left image of the depth exposure."""
-        colors = self._colors_to_render[NoiseStream.LEFT]
-        if colors and self._depth_capture.timestamp == self._camera_capture.timestamp:
+    async def _depth_metered(self, kind: SetKind) -> MeteredExposure:
+        """Return the exposure of the depth images, with the mean brightness of the left image of that exposure."""
+        colors, metered = self._colors_to_render[NoiseStream.LEFT], await self.metered(self._depth_capture)
+        if colors and self._depth_capture is self._camera_capture:
             color = kind.color if kind.left else (GREY if GREY in colors else COLOR)
             try:
-                return (await self.image(NoiseStream.LEFT, color)).brightness
+                return replace(metered, brightness=(await self.image(NoiseStream.LEFT, color)).brightness)
             except ImageError:  # a broken texture prevents images, but not depth in every mode
-                return 0.0
-        if self._config.measures_images:
-            return (await self._depth_image(self._depth_capture, NoiseStream.LEFT_DEPTH)).brightness
-        return (await self.metered(self._depth_capture)).brightness
+                return replace(metered, brightness=0.0)
+        if self._config.measures_images:  # the images have been made for depth
+            image = await self._depth_image(self._depth_capture, NoiseStream.LEFT_DEPTH)
+            return replace(metered, brightness=image.brightness)
+        return metered
 
     def _mesh_message(self, options: MeshOptions, color: bool) -> Awaitable[list[Chunk]]:
-        key = "mesh", options, color and options.textured
-        return self._results.get(key, partial(self._mesh, options, color))
+        return self._once(("mesh", options, color and options.textured), self._mesh, options, color)
 
     async def _mesh(self, options: MeshOptions, color: bool) -> list[Chunk]:
         left = (await self.image(NoiseStream.LEFT, color)).image if options.textured else None
@@ -253,15 +256,23 @@ class FrameImages:
         ply = await self._workers.run(self._imaging.mesh, images, self._settings.quality.divisor, options, left)
         return messages.mesh(ply, self._depth_capture.timestamp)
 
-    def _metadata(self, capture: Capture, metered: MeteredExposure, brightness: float) -> ImageMetadata:
-        return ImageMetadata(
+    def _image(
+        self,
+        pixels: NDArray[np.uint8] | NDArray[np.uint16],
+        intrinsics: Intrinsics,
+        capture: Capture,
+        metered: MeteredExposure,
+    ) -> list[Chunk]:
+        """Return an ``Image``; see ``messages.image``."""
+        metadata = ImageMetadata(
             capture.timestamp,
             metered.exposure,
-            noise=metered.exposure.noise_sigma(128.0) * self._config.noise_factor,
-            brightness=brightness,
+            noise=metered.exposure.mid_grey_noise * self._config.noise_factor,
+            brightness=metered.brightness,
             gpio=capture.gpio,
             out1_reduction=metered.out1_reduction,
         )
+        return messages.image(pixels, intrinsics, metadata)
 
     async def _meter(self, capture: Capture) -> MeteredExposure:
         with span("meter"):
@@ -270,48 +281,52 @@ class FrameImages:
     async def _expose(
         self, capture: Capture, stream: NoiseStream, colors: frozenset[bool], averaged_images: int = 1
     ) -> dict[bool, SensorImage]:
-        exposure = (await self.metered(capture)).exposure
-        request = ImageRequest(exposure, stream, colors, averaged_images)
+        request = ImageRequest((await self.metered(capture)).exposure, stream, colors, averaged_images)
         with span("expose", {"stereo.image": stream.name.lower()}):
             return await self._workers.run(self._imaging.expose, capture, request)
+
+    def _expose_color_camera(self, color_camera: ColorCamera) -> Coroutine[Any, Any, ColorImage]:
+        arguments = (self._imaging, color_camera, self._camera_capture, self._settings)
+        return self._workers.run(expose_color_camera, *arguments)
 
     async def _measure_depth(self) -> DepthImages:
         """Return depth images by matching, or from rendered depth."""
         with span("depth"):
-            capture, config, settings, run = self._depth_capture, self._config, self._settings, self._workers.run
-            pair = None
-            if config.measures_images:
-                pair = await self._image_pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
-            if pair is not None and config.depth_mode == "matched":
-                dark_pair, dark_capture = None, replace(capture, gpio=settings.gpio(depth=False))
-                if settings.double_shot and capture.has_projection(config) and not dark_capture.out1_high:
-                    streams = NoiseStream.LEFT_SECOND, NoiseStream.RIGHT_SECOND
-                    dark_pair = await self._image_pair(dark_capture, *streams)
-                return await run(matched_depth, config, pair, settings, dark_pair)
-            render = self._imaging.render_lit if config.models_errors else self._imaging.render
-            offsets, divisor = (0.0, config.model.baseline), settings.quality.divisor
-            left, right = await _gather([run(render, capture, offset, divisor, Output.DEPTH) for offset in offsets])
-            return await run(self._imaging.measure, left, right, settings, pair)
+            capture, settings, imaging, run = self._depth_capture, self._settings, self._imaging, self._workers.run
+            if not self._config.measures_images:
+                return await run(imaging.measure, capture, settings, None)
+            pair, dark_pair = await self._image_pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH), None
+            dark_capture = replace(capture, gpio=settings.camera_gpio)
+            if (
+                settings.double_shot
+                and self._config.depth_mode == "matched"
+                and capture.has_projection(self._config)
+                and not dark_capture.out1_high
+            ):
+                dark_pair = await self._image_pair(dark_capture, NoiseStream.LEFT_SECOND, NoiseStream.RIGHT_SECOND)
+            return await run(imaging.measure, capture, settings, pair, dark_pair)
 
-    async def _image_pair(self, capture: Capture, *streams: NoiseStream) -> ImagePair:
-        """Return the grey images of two streams, left and right, from which depth is measured."""
-        exposure = (await self.metered(capture)).exposure
-        left, right = await _gather([self._depth_image(capture, stream) for stream in streams])
-        return ImagePair(left, right, exposure, self._imaging.image_kind(capture))
+    async def _image_pair(self, capture: Capture, left: NoiseStream, right: NoiseStream) -> ImagePair:
+        """Return the grey images of two streams, from which depth is measured: the streamed ones unless depth needs
+        others.
 
-    async def _depth_image(self, capture: Capture, stream: NoiseStream) -> SensorImage:
-        """Return a grey image from which depth is measured: the streamed one unless depth needs another.
-
-        Depth needs another image if its timestamp differs, or if several images are averaged.
+        Depth needs other images if its timestamp differs, or if several images are averaged.
         """
         if self._measures_streamed_images:
-            return await self.image(NoiseStream.RIGHT if stream.is_right else NoiseStream.LEFT, color=GREY)
-        make = partial(self._expose, capture, stream, frozenset((GREY,)), self._settings.averaged_images)
-        images: dict[bool, SensorImage] = await self._results.get(("depth images", stream), make)
+            images = await _gather([self.image(NoiseStream.LEFT, GREY), self.image(NoiseStream.RIGHT, GREY)])
+        else:
+            images = await _gather([self._depth_image(capture, left), self._depth_image(capture, right)])
+        exposure = (await self.metered(capture)).exposure
+        return ImagePair(images[0], images[1], exposure, self._imaging.image_kind(capture))
+
+    async def _depth_image(self, capture: Capture, stream: NoiseStream) -> SensorImage:
+        """Return a grey image from which depth is measured, and which no client gets."""
+        colors, count = frozenset((GREY,)), self._settings.averaged_images
+        images = await self._once(("depth images", stream), self._expose, capture, stream, colors, count)
         return images[GREY]
 
 
-async def _gather(awaitables: list[Awaitable[T]]) -> list[T]:
+async def _gather(awaitables: Sequence[Awaitable[T]]) -> list[T]:
     """Return all results. If any fails, wait until all have ended, then raise the first failure."""
     results = await asyncio.gather(*awaitables, return_exceptions=True)
     for result in results:

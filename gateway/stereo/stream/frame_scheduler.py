@@ -6,7 +6,8 @@ import asyncio
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
@@ -32,6 +33,7 @@ worker threads."""
 
 MAX_SETTLING: Final = 30_000_000
 """Maximum age of a frame that waits for messages that arrived before it and are still being read, nanoseconds."""
+_Kinds = tuple[SetKind, ...]
 _POLL_SECONDS: Final = 0.002
 _KERNEL_PARTS: Final = ("stereo", "normals")
 """Parts of the kernels (``gateway.runtime.kernels.parts``) that images and depth need."""
@@ -101,68 +103,58 @@ class FrameScheduler:
         try:
             await until_compiled(*_KERNEL_PARTS)
             while True:
-                await self._step()
+                seconds = await self._step()
+                if seconds > 0.0:
+                    await _wait(self._hub.changed, seconds)
         finally:
             self._set_streaming(False)
             tasks = self._camera_frames.tasks | self._depth_frames.tasks
             self._cancel_frames()
             await asyncio.gather(*tasks, return_exceptions=True)
 
-    async def _step(self) -> None:
-        """Wait until a frame is due or a client changes, and capture a frame if one is due."""
+    async def _step(self) -> float:
+        """Capture a frame if one is due. Return the seconds until the next step; it comes earlier if the hub changes.
+
+        At rate ``max`` a frame is always due, except for sets of timestamps alone.
+        """
         hub, clock = self._hub, self._clock
         hub.changed.clear()
         if bool(hub.kinds) != self._streaming:
             self._set_streaming(bool(hub.kinds))
-        for kind in hub.take_new_kinds():
-            self._repeat_last_frame(kind)
-        kinds = self._urgent_kinds() if self._unlimited else hub.kinds
-        if not kinds:
-            await hub.changed.wait()
-            return
+        while hub.new_kinds:
+            self._repeat_last_frame(hub.new_kinds.pop())
+        camera_kinds, depth_kinds = self._urgent_kinds() if self._unlimited else (hub.camera_kinds, hub.depth_kinds)
+        if not camera_kinds and not depth_kinds:
+            return math.inf
         settings, now = self.settings, asyncio.get_running_loop().time()
-        delay = self._advance_clock(kinds, settings, now)
-        if delay > 0.0:
-            await _wait(hub.changed, delay)
-            return
         period = 1.0 / settings.camera_rate
+        if not self._unlimited or (not depth_kinds and all(kind.empty for kind in camera_kinds)):
+            depth_only = settings if not camera_kinds else None
+            seconds = clock.seconds_until_frame(now, depth_only)
+            if seconds > 0.0:
+                return seconds
+            missed = clock.advance_to_due_frame(now, period)
+            self._counts.skipped += 0 if self._unlimited else missed
         period_ns = round(period * NANOSECONDS_PER_SECOND)
-        camera_kinds, depth_kinds = self._due_kinds(kinds, settings, now, period_ns)
-        depth_kinds = await self._kinds_with_room(depth_kinds, self._depth_frames)
-        camera_kinds = await self._kinds_with_room(camera_kinds, self._camera_frames)
+        if depth_kinds and not (self._depth_due(settings, now, period_ns) and await self._has_room(self._depth_frames)):
+            depth_kinds = ()
+        if camera_kinds and not await self._has_room(self._camera_frames):
+            camera_kinds = ()
         if depth_kinds or camera_kinds:
             # Read the settings again: they may have changed while ``_has_room`` waited.
             await self._capture(self.settings, camera_kinds, depth_kinds, period_ns)
         elif self._unlimited:  # only depth is requested, and it waits for its trigger
-            await _wait(hub.changed, period)
+            return period
         else:
             clock.skip_frame(period_ns)
+        return 0.0
 
-    def _advance_clock(self, kinds: Collection[SetKind], settings: StreamSettings, now: float) -> float:
-        """Advance the clock to the frame that is due. Return the seconds until a frame is due; at most 0: one is.
-
-        At rate ``max`` a frame is always due, except for sets of timestamps alone.
-        """
-        if self._unlimited and not all(kind.empty for kind in kinds):
-            return 0.0
-        depth_only = not self._unlimited and all(kind.has_depth for kind in kinds)
-        delay = self._clock.seconds_until_frame(now, settings if depth_only else None)
-        if delay <= 0.0:
-            missed = self._clock.advance_to_due_frame(now, 1.0 / settings.camera_rate)
-            self._counts.skipped += 0 if self._unlimited else missed
-        return delay
-
-    def _due_kinds(
-        self, kinds: Collection[SetKind], settings: StreamSettings, now: float, period_ns: int
-    ) -> tuple[list[SetKind], list[SetKind]]:
-        """Return the kinds without depth, and those with depth if the frame that is due includes depth."""
+    def _depth_due(self, settings: StreamSettings, now: float, period_ns: int) -> bool:
+        """Return True if the frame that is due includes depth."""
         clock = self._clock
-        camera_kinds = [kind for kind in kinds if not kind.has_depth]
-        timestamp = self._next_timestamp(settings, period_ns)
         exposure_start = (now if self._unlimited else clock.frame_due) - settings.longest_exposure
         triggered = self.trigger_time is not None and (clock.simulated or self.trigger_time <= exposure_start)
-        depth_due = clock.depth_due(settings, timestamp, period_ns, triggered=triggered)
-        return camera_kinds, [kind for kind in kinds if kind.has_depth] if depth_due else []
+        return clock.depth_due(settings, self._next_timestamp(settings, period_ns), period_ns, triggered=triggered)
 
     def _set_streaming(self, streaming: bool) -> None:
         """Report that clients begin to stream, or that none streams; then the schedule stops."""
@@ -180,18 +172,17 @@ class FrameScheduler:
         now = None if self._unlimited else asyncio.get_running_loop().time()
         return self._clock.next_timestamp(period_ns, now, settings.longest_exposure)
 
-    def _urgent_kinds(self) -> set[SetKind]:
-        """Return the kinds to make at rate ``max``.
+    def _urgent_kinds(self) -> tuple[_Kinds, _Kinds]:
+        """Return the kinds to make at rate ``max``, without and with depth.
 
         While a frame is in flight, a further frame is useful only to clients that wait for a set.
         """
-        if self._camera_frames or self._depth_frames:
-            return self._hub.kinds_with_mailbox(MailboxState.WAITING)
-        return self._hub.kinds_with_mailbox(MailboxState.WAITING, MailboxState.EMPTY)
-
-    async def _kinds_with_room(self, kinds: list[SetKind], frames: FramesInFlight) -> list[SetKind]:
-        """Return the kinds, or none if too many frames are in flight."""
-        return kinds if kinds and await self._has_room(frames) else []
+        hub, in_flight = self._hub, self._camera_frames or self._depth_frames
+        urgent = hub.kinds_with_mailbox(MailboxState.WAITING, *(() if in_flight else (MailboxState.EMPTY,)))
+        camera_kinds, depth_kinds = (
+            tuple(kind for kind in kinds if kind in urgent) for kinds in (hub.camera_kinds, hub.depth_kinds)
+        )
+        return camera_kinds, depth_kinds
 
     async def _has_room(self, frames: FramesInFlight) -> bool:
         """Return False if too many frames are in flight. If frames must not be skipped, wait instead."""
@@ -216,7 +207,7 @@ class FrameScheduler:
         self._depth_frames.cancel()
 
     async def _capture(
-        self, settings: StreamSettings, camera_kinds: list[SetKind], depth_kinds: list[SetKind], period_ns: int
+        self, settings: StreamSettings, camera_kinds: _Kinds, depth_kinds: _Kinds, period_ns: int
     ) -> None:
         """Capture the scene and start the tasks that make the sets.
 
@@ -229,7 +220,7 @@ class FrameScheduler:
         clock, publisher, generation = self._clock, self._publisher, self._hub.generation()
         timestamp = self._next_timestamp(settings, period_ns)
         sent_timestamp = publisher.injector.timestamp(timestamp)
-        kinds = [*camera_kinds, *depth_kinds]
+        kinds = camera_kinds + depth_kinds
         capture = await self._capture_scene(self._frame_number + 1, timestamp, sent_timestamp, settings, kinds)
         if capture is None:
             return
@@ -257,7 +248,7 @@ class FrameScheduler:
         publisher.spawn(self._depth_frames, make_depth_frame)
 
     async def _expose_depth(
-        self, settings: StreamSettings, camera_capture: Capture, timestamp: int, kinds: list[SetKind], generation: int
+        self, settings: StreamSettings, camera_capture: Capture, timestamp: int, kinds: _Kinds, generation: int
     ) -> None:
         """Capture the scene for depth 40 ms after the camera images, with the outputs of depth exposures.
 
@@ -280,7 +271,7 @@ class FrameScheduler:
         settings: StreamSettings,
         camera_capture: Capture,
         depth_capture: Capture,
-        kinds: list[SetKind],
+        kinds: _Kinds,
         generation: int,
     ) -> FrameImages:
         record = FrameRecord(self.imaging, settings, camera_capture, depth_capture)
@@ -316,7 +307,7 @@ class FrameScheduler:
         timestamp: int,
         sent_timestamp: int,
         settings: StreamSettings,
-        kinds: list[SetKind],
+        kinds: _Kinds,
         *,
         for_depth: bool = False,
     ) -> Capture | None:
@@ -352,13 +343,12 @@ class FrameScheduler:
         rate = settings.depth_rate if kind.has_depth else settings.camera_rate
         now = publisher.injector.timestamp(self._clock.next_timestamp(0))
         if now - frame.record.depth_capture.timestamp < NANOSECONDS_PER_SECOND / rate:
-            publisher.spawn(self._camera_frames, publisher.publish_sets(frame, [kind]))
+            publisher.spawn(self._camera_frames, publisher.publish_sets(frame, (kind,)))
 
 
 async def _wait(event: asyncio.Event, seconds: float) -> None:
     """Wait for an event, at most ``seconds``, rounded up to milliseconds: uvloop's clock and timers count them."""
-    try:
-        async with asyncio.timeout(math.ceil(seconds * 1000.0) / 1000.0):
+    limit = math.ceil(seconds * 1000.0) / 1000.0 if seconds < math.inf else None
+    with suppress(TimeoutError):
+        async with asyncio.timeout(limit):
             await event.wait()
-    except TimeoutError:
-        pass

@@ -34,11 +34,11 @@ class MailboxState(Enum):
 class Subscription:
     """One client's mailbox."""
 
-    def __init__(self, kind: SetKind, changed: asyncio.Event, generation: int) -> None:
+    def __init__(self, kind: SetKind, demand_changed: asyncio.Event, generation: int) -> None:
         """
         Args:
             kind: contents of the sets.
-            changed: event that is set when the client takes a set or starts to wait for one.
+            demand_changed: event that is set when the client takes a set or starts to wait for one.
             generation: generation of the hub at subscription.
         """
         self.kind = kind
@@ -48,7 +48,7 @@ class Subscription:
         """Number of sets taken by the client."""
         self.skipped = 0
         """Number of sets replaced by newer ones."""
-        self._changed = changed
+        self._demand_changed = demand_changed
         self._frame_number = -1
         """Frame of the newest set."""
         self._data = b""
@@ -76,7 +76,7 @@ class Subscription:
         """
         if self.state is MailboxState.EMPTY:
             self.state = MailboxState.WAITING
-            self._changed.set()
+            self._demand_changed.set()
             try:
                 await self._ready.wait()
             finally:
@@ -87,7 +87,7 @@ class Subscription:
         data, self._data = self._data, b""
         self.state = MailboxState.EMPTY
         self._ready.clear()
-        self._changed.set()
+        self._demand_changed.set()
         self.sent += 1
         return data
 
@@ -95,22 +95,37 @@ class Subscription:
 class ImageSetHub:
     """All subscriptions of one camera."""
 
-    def __init__(self, max_clients: int, max_kinds: int, generation: Callable[[], int] = lambda: 0) -> None:
+    def __init__(
+        self,
+        max_clients: int,
+        max_kinds: int,
+        generation: Callable[[], int] = lambda: 0,
+        *,
+        follows_demand: bool = False,
+    ) -> None:
         """
         Args:
             max_clients: maximum number of subscriptions.
             max_kinds: maximum number of different kinds of set.
             generation: returns a number that grows with every change of parameters, faults or image source.
+            follows_demand: True: ``changed`` is set with ``demand_changed``, too.
         """
         self.generation = generation
         self.changed = asyncio.Event()
-        """Set when a client subscribes, disconnects, takes a set or starts to wait for one."""
+        """Set when a client subscribes or disconnects, and when parameters or the image source change."""
+        self.demand_changed = self.changed if follows_demand else asyncio.Event()
+        """Set when a client takes a set or starts to wait for one, and when a frame is finished."""
         self._max_clients = max_clients
         self._max_kinds = max_kinds
         self.kinds: frozenset[SetKind] = frozenset()
         """Kinds of all subscriptions."""
+        self.camera_kinds: tuple[SetKind, ...] = ()
+        """Those without depth."""
+        self.depth_kinds: tuple[SetKind, ...] = ()
+        """Those with depth."""
+        self.new_kinds: set[SetKind] = set()
+        """Kinds of the subscriptions to which the last frame was not offered yet; emptied by the frame scheduler."""
         self._subscriptions: set[Subscription] = set()
-        self._new_subscriptions: set[Subscription] = set()
         self._ended_sent = 0
         """Number of sets taken by clients whose subscription has ended."""
         self._ended_skipped = 0
@@ -147,32 +162,28 @@ class ImageSetHub:
             raise LimitError(f"{self._max_clients} streams are open already, the limit (max_clients)")
         if kind not in self.kinds and len(self.kinds) >= self._max_kinds:
             raise LimitError(f"{self._max_kinds} different requests are served already, the limit (max_kinds)")
-        subscription = Subscription(kind, self.changed, self.generation())
+        subscription = Subscription(kind, self.demand_changed, self.generation())
         self._subscriptions.add(subscription)
-        self._new_subscriptions.add(subscription)
+        self.new_kinds.add(kind)
         self._subscriptions_changed()
         try:
             yield subscription
         finally:
             self._subscriptions.discard(subscription)
-            self._new_subscriptions.discard(subscription)
             self._subscriptions_changed()
             self._ended_sent += subscription.sent
             self._ended_skipped += subscription.skipped
 
     def _subscriptions_changed(self) -> None:
         self.kinds = frozenset(s.kind for s in self._subscriptions)
+        self.camera_kinds = tuple(kind for kind in self.kinds if not kind.has_depth)
+        self.depth_kinds = tuple(kind for kind in self.kinds if kind.has_depth)
+        self.new_kinds &= self.kinds
         self.changed.set()
 
     def kinds_with_mailbox(self, *states: MailboxState) -> set[SetKind]:
         """Return the kinds of subscriptions whose mailbox is in one of these states."""
         return {s.kind for s in self._subscriptions if s.state in states}
-
-    def take_new_kinds(self) -> set[SetKind]:
-        """Return the kinds of subscriptions made since the last call."""
-        kinds = {s.kind for s in self._new_subscriptions} if self._new_subscriptions else set()
-        self._new_subscriptions.clear()
-        return kinds
 
     def publish(self, kind: SetKind, frame_number: int, data: bytes, generation: int = 0) -> None:
         """Store a set in every mailbox of this kind.

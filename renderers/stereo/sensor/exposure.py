@@ -37,6 +37,8 @@ SATURATED_SHARE: Final = 0.01
 BRACKETS: Final = (0.25, 1.0, 4.0)
 """Exposure times that a high dynamic range image combines, relative to the automatic one. Our choice: the device's
 are not published."""
+RESPONSE_STEPS: Final = 2048
+"""Number of samples of ``Exposure.response_table``."""
 _HISTOGRAM_BINS: Final = 2048
 """Bins of the light's histogram: a resolution of 1/2000 of the brightest value."""
 
@@ -73,24 +75,57 @@ class Exposure:
         """Amplified light at which the image saturates."""
         return 1.0 / BRACKETS[0] if self.hdr else 1.0
 
-    @property
+    @cached_property
     def channel_factors(self) -> NDArray[np.float64]:
         """(3,) float64, white balance as factors of red, green and blue light."""
         return np.array((self.red, 1.0, self.blue))
 
-    def response(self, light: NDArray[np.floating]) -> NDArray[np.floating]:
+    def response(self, light: NDArray[np.floating], *, clip: bool = True) -> NDArray[np.floating]:
         """Return the brightness in the image, 0 to 1, of amplified light.
 
         High dynamic range is compressed by Reinhard's extended operator (2002) with white at ``saturation``.
-        """
-        return self.unclipped_response(np.minimum(light, self.saturation))
 
-    def unclipped_response(self, light: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Return ``response`` of a sensor that never saturates."""
+        Args:
+            clip: False: a sensor that never saturates.
+        """
+        if clip:
+            light = np.minimum(light, self.saturation)
         if self.hdr:
             light = light * (1.0 + light / self.saturation**2) / (1.0 + light)
         brightness: NDArray[np.floating] = light**self.gamma
         return brightness
+
+    @cached_property
+    def response_table(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Grey level plus 0.5, for rounding, and standard deviation of the noise in grey levels.
+
+        Both are (``RESPONSE_STEPS``,). Steps are equal along the square root of the amplified light, up to saturation.
+        """
+        light = (np.arange(RESPONSE_STEPS) / (RESPONSE_STEPS - 1)) ** 2 * self.saturation
+        sigma = self._hdr_noise_sigma(light) if self.hdr else noise_sigma(255.0 * light, self.amplification) / 255.0
+        brighter = self.response(np.maximum(light + sigma, 0.0), clip=False)
+        darker = self.response(np.maximum(light - sigma, 0.0), clip=False)
+        grey = 255.0 * self.response(light) + 0.5
+        return grey.astype(np.float32), 127.5 * (brighter - darker)
+
+    def _hdr_noise_sigma(self, light: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the standard deviation of the noise in a high dynamic range image before compression.
+
+        The image is the mean of three exposures. Each exposure is weighted by its distance from black and white.
+        """
+        weight_sum, variance = np.zeros_like(light), np.zeros_like(light)
+        for bracket in BRACKETS:
+            exposed = np.minimum(light * bracket, 1.0)
+            weight = np.maximum(1.0 - (2.0 * exposed - 1.0) ** 12, 1e-3) * np.where(exposed < 1.0, bracket**2, 1e-6)
+            weight_sum += weight
+            variance += (weight * noise_sigma(255.0 * exposed, self.amplification) / 255.0 / bracket) ** 2
+        sigma: NDArray[np.float64] = np.sqrt(variance) / weight_sum
+        return sigma
+
+    @cached_property
+    def mid_grey_noise(self) -> float:
+        """Standard deviation of the noise at mid grey, grey levels."""
+        return self.noise_sigma(128.0)
 
     def noise_sigma(self, grey: float) -> float:
         """Return the standard deviation of the noise in one exposure at a grey value of the image, grey levels."""

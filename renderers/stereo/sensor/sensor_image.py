@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.stereo.sensor import sensor_kernels as kernels
-from renderers.stereo.sensor.exposure import BRACKETS, LIGHT_WHITE, Exposure, noise_sigma
+from renderers.stereo.sensor.exposure import LIGHT_WHITE, RESPONSE_STEPS, Exposure
 from renderers.stereo.sensor.fixed_pattern import GAIN_UNIT, OFFSET_UNIT, FixedPattern
 from renderers.stereo.sensor.noise import NORMAL_TABLE
 
@@ -53,50 +53,13 @@ def image_from_light(
     image = np.empty(light.shape, np.uint8)
     # Steps along the square root of the light, as in the light image.
     saturated_root = (exposure.saturation / exposure.light) ** 0.5
-    steps = np.arange(kernels.RESPONSE_STEPS) / (kernels.RESPONSE_STEPS - 1)
-    response = np.stack(_response_at(steps**2 * exposure.saturation, exposure, noise_factor), axis=1)
+    grey, noise = exposure.response_table
+    response = np.stack((grey, (noise_factor * noise).astype(np.float32)), axis=1)
     fixed = pattern or _NO_PATTERN
     rows, channels = light.shape[0], light.shape[2]
     level_sum = kernels.expose_light(
-        light.reshape(rows, -1), channels, (kernels.RESPONSE_STEPS - 1) / (saturated_root * LIGHT_WHITE), response,
+        light.reshape(rows, -1), channels, (RESPONSE_STEPS - 1) / (saturated_root * LIGHT_WHITE), response,
         fixed.offset, fixed.gain, OFFSET_UNIT * exposure.amplification, 0.5 * GAIN_UNIT,
         _NOISE_QUANTILES, np.uint64(key), image.reshape(rows, -1),
     )  # fmt: skip
     return SensorImage(image if channels == 3 else image[:, :, 0], level_sum / (255.0 * image.size))
-
-
-def _response_at(
-    light: NDArray[np.float64], exposure: Exposure, noise_factor: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the grey level plus 0.5, for rounding, and the noise's standard deviation in grey levels, both float32.
-
-    Args:
-        light: amplified light, from 0 to saturation.
-        exposure: exposure of the image.
-        noise_factor: factor of the noise's standard deviation.
-    """
-    sigma = (_hdr_noise_sigma if exposure.hdr else _noise_sigma)(light, exposure)
-    brighter, darker = (exposure.unclipped_response(np.maximum(light + each, 0.0)) for each in (sigma, -sigma))
-    grey = 255.0 * exposure.response(light) + 0.5
-    return grey.astype(np.float32), (127.5 * noise_factor * (brighter - darker)).astype(np.float32)
-
-
-def _noise_sigma(light: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
-    """Return the standard deviation of the noise of one exposure, in the unit of ``light``."""
-    sigma: NDArray[np.float64] = noise_sigma(255.0 * light, exposure.amplification) / 255.0
-    return sigma
-
-
-def _hdr_noise_sigma(light: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
-    """Return the standard deviation of the noise in a high dynamic range image before compression.
-
-    The image is the mean of three exposures. Each exposure is weighted by its distance from black and white.
-    """
-    weight_sum, variance = np.zeros_like(light), np.zeros_like(light)
-    for bracket in BRACKETS:
-        exposed = np.minimum(light * bracket, 1.0)
-        weight = np.maximum(1.0 - (2.0 * exposed - 1.0) ** 12, 1e-3) * np.where(exposed < 1.0, bracket**2, 1e-6)
-        weight_sum += weight
-        variance += (weight * _noise_sigma(exposed, exposure) / bracket) ** 2
-    sigma: NDArray[np.float64] = np.sqrt(variance) / weight_sum
-    return sigma

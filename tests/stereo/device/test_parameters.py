@@ -129,13 +129,13 @@ def test_regions_need_width_and_height() -> None:
 )
 def test_output_modes(mode: str, camera: int, depth: int) -> None:
     first, second = settings("rc_iocontrol", out1_mode=mode), settings("rc_iocontrol", out2_mode=mode)
-    assert (first.gpio(depth=False), first.gpio(depth=True)) == (camera, depth)
-    assert (second.gpio(depth=False), second.gpio(depth=True)) == (2 * camera, 2 * depth)
+    assert (first.camera_gpio, first.depth_gpio) == (camera, depth)
+    assert (second.camera_gpio, second.depth_gpio) == (2 * camera, 2 * depth)
     assert first.separate_depth == second.separate_depth == (camera != depth)
     assert first.alternate_exposure == (mode == "ExposureAlternateActive")
     assert not second.alternate_exposure
     triggered = replace(first, single_frame_out1=True)
-    assert (triggered.gpio(depth=False), triggered.gpio(depth=True)) == (0, 1)
+    assert (triggered.camera_gpio, triggered.depth_gpio) == (0, 1)
 
 
 def test_acquisition_modes() -> None:

@@ -55,7 +55,7 @@ def test_rgbd_camera() -> None:
     assert config.uses_motion
     parameters = Parameters(config.limits)
     settings = read_settings(parameters)
-    assert (settings.fps, settings.depth_rate, settings.quality, settings.gpio(depth=True)) == (30, 30, Quality.FULL, 1)
+    assert (settings.fps, settings.depth_rate, settings.quality, settings.depth_gpio) == (30, 30, Quality.FULL, 1)
     assert (settings.filters.mindepth, settings.filters.maxdepth) == (0.2, 10.0)
     with pytest.raises(ParameterError, match=r"maxdepth: 11 is out of range, 0\.2 to 10 are allowed"):
         parameters.set("rc_stereomatching", [("maxdepth", 11)])

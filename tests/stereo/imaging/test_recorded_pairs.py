@@ -15,7 +15,7 @@ from fastapi import FastAPI
 
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.imaging.pair_files import find_pairs, read_geometry
-from gateway.stereo.imaging.recorded_pairs import Pair, Pairs, pair_imaging
+from gateway.stereo.imaging.recorded_pairs import Pair, PairSequence, pair_imaging
 from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
 from gateway.stereo.routes.node_routes import node_router
 from gateway.stereo.routes.system_routes import system_router
@@ -156,7 +156,7 @@ async def test_uploads_are_limited(start: Start) -> None:
         many = {f"file{i}": b"x" for i in range(9)}
         assert (await client.post(PATH, files=many)).status_code == 400
         assert (await client.post(PATH, json={"f": 1})).status_code == 400
-        bomb = Pairs([Pair((png(np.zeros((2000, 2000), np.uint8)),) * 2)], LIMIT)
+        bomb = PairSequence([Pair((png(np.zeros((2000, 2000), np.uint8)),) * 2)], LIMIT)
         with pytest.raises(ImageError, match="2000x2000 pixels are more than the limit of 1000000"):
             bomb.image(0, high=False, right=False)
 
@@ -240,7 +240,7 @@ def test_brightness_is_the_mean_of_the_recorded_image() -> None:
 def exposed(image: np.ndarray) -> SensorImage:
     renderer: Any = None
     scene: Any = None
-    pairs = Pairs([Pair((png(image), png(image)))], LIMIT)
+    pairs = PairSequence([Pair((png(image), png(image)))], LIMIT)
     imaging = pair_imaging(Imaging(StereoConfig(model=SMALL), renderer), pairs, 0.8, 0.1)
     request = ImageRequest(Exposure(), NoiseStream.LEFT, frozenset((True,)))
     return imaging.expose(Capture(0, scene, 1, np.eye(4), 0, 1), request)[True]

@@ -51,9 +51,7 @@ def settings(quality: Quality) -> StreamSettings:
 
 
 def measure(imaging: Imaging, capture: Capture, quality: Quality) -> NDArray[np.uint16]:
-    divisor, t = quality.divisor, imaging.config.model.baseline
-    left, right = (imaging.render(capture, x, divisor, Output.DEPTH) for x in (0.0, t))
-    return imaging.measure(left, right, settings(quality), None).disparity
+    return imaging.measure(capture, settings(quality), None).disparity
 
 
 @pytest.mark.parametrize("model", [read_profile(name).model for name in PROFILE_NAMES], ids=lambda m: m.name)

@@ -25,7 +25,7 @@ def test_images_parse_to_their_fields(shape: tuple[int, ...]) -> None:
     k = Intrinsics(shape[1], shape[0], 100.5, 1.5, 1.0)
     chunks = [messages.timestamp_field(METADATA.timestamp), *wire.field(2, messages.image(pixels, k, METADATA))]
     data = wire.join(chunks)
-    assert len(data) == wire.size(chunks)
+    assert len(data) == wire.byte_count(chunks)
     time = pb.Time(sec=1_700_000_000, nsec=40_000_001)
     expected = pb.ImageSet(
         timestamp=time,
@@ -151,5 +151,5 @@ def test_the_length_of_a_field(length: int) -> None:
 
 @pytest.mark.parametrize("extra", [-1, 0, 1])
 def test_chunks_are_joined_in_order_at_any_size(extra: int) -> None:
-    large = np.arange(wire.MIN_WITHOUT_GIL + extra - 6, dtype=np.uint32).astype(np.uint8).tobytes()
+    large = np.arange(wire.MIN_BYTES_WITHOUT_GIL + extra - 6, dtype=np.uint32).astype(np.uint8).tobytes()
     assert wire.join([b"abc", memoryview(large), b"def"]) == b"abc" + large + b"def"

@@ -13,7 +13,7 @@ from gateway.stereo.device.clock import parse_timestamp
 from gateway.stereo.device.parameter_specs import NODES, Spec
 from gateway.stereo.device.parameters import ParameterError, check_value
 from gateway.stereo.device.stream_settings import Region
-from gateway.stereo.imaging.recorded_pairs import Pair, Pairs
+from gateway.stereo.imaging.recorded_pairs import Pair, PairSequence
 from gateway.stereo.stream.faults import FaultInjector, Faults
 from gateway.stereo.stream.set_kind import RequestError, read_set_kind
 from renderers.drawlist import ImageError
@@ -199,7 +199,7 @@ def test_injected_clock_offsets() -> None:
 @pytest.mark.parametrize("shape", [(21, 20), (20, 21)])
 def test_rejects_pairs_of_different_sizes(shape: tuple[int, int]) -> None:
     first, other = png_gray8(np.zeros((20, 20), np.uint8)), png_gray8(np.zeros(shape, np.uint8))
-    pairs = Pairs([Pair((first, other))], 10_000)
+    pairs = PairSequence([Pair((first, other))], 10_000)
     assert pairs.image(0, high=False, right=False).shape == (20, 20, 3)
     with pytest.raises(ImageError, match=f"has {shape[1]}x{shape[0]} pixels, the first one 20x20"):
         pairs.image(0, high=False, right=True)
@@ -207,9 +207,9 @@ def test_rejects_pairs_of_different_sizes(shape: tuple[int, int]) -> None:
 
 def test_pairs_repeat_and_are_limited_in_pixels() -> None:
     files = [png_gray8(np.full((16, 16), value, np.uint8)) for value in (1, 2, 3, 4)]
-    pairs = Pairs([Pair((files[0], files[1])), Pair((files[2], files[3]), (files[1], files[0]))], 256)
+    pairs = PairSequence([Pair((files[0], files[1])), Pair((files[2], files[3]), (files[1], files[0]))], 256)
     views = itertools.product((0, 1, 2), (False, True), (False, True))
     values = [pairs.image(number, high=high, right=right)[0, 0, 0] for number, high, right in views]
     assert values == [1, 2, 1, 2, 3, 4, 2, 1, 1, 2, 1, 2]
     with pytest.raises(ImageError, match="16x16 pixels are more than the limit of 255"):
-        Pairs([Pair((files[0], files[1]))], 255).image(0, high=False, right=False)
+        PairSequence([Pair((files[0], files[1]))], 255).image(0, high=False, right=False)

@@ -136,7 +136,7 @@ async def _churn(steps: list[tuple[str, int, SetKind]]) -> None:
         open_.pop()[0].close()
     assert len(hub) == 0
     assert not hub.kinds
-    assert not hub.take_new_kinds()
+    assert not hub.new_kinds
     assert (hub.sent, hub.skipped) == (taken, replaced)
     assert [trace for trace in traces if trace() is not None] == []
 
@@ -176,8 +176,8 @@ async def test_sets_go_to_their_kind_and_not_to_later_generations() -> None:
     generation = 5
     hub = ImageSetHub(4, 4, lambda: generation)
     with hub.subscribe(LEFT) as left, hub.subscribe(DEPTH) as depth:
-        assert hub.take_new_kinds() == {LEFT, DEPTH}
-        assert hub.take_new_kinds() == set()
+        assert hub.new_kinds == {LEFT, DEPTH}
+        assert (hub.camera_kinds, hub.depth_kinds) == ((LEFT,), (DEPTH,))
         hub.publish(LEFT, 1, b"old", 4)
         assert left.state is MailboxState.EMPTY
         hub.publish(LEFT, 1, b"now", 5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -18,17 +19,26 @@ _GEOMETRY: Final = Output.DEPTH | Output.NORMAL
 """Outputs from which the factors of the key light follow."""
 
 
-def key_light_factors(renderer: Renderer, look: Look, scene: DrawList, half: Camera) -> NDArray[np.uint8] | None:
-    """Return ``key_light.light_factors`` for a camera with half the resolution of an image; None: all are 1."""
-    geometry = renderer.render(scene, half, _GEOMETRY, look)
+def key_light_factors(
+    renderer: Renderer, look: Look, scene: DrawList, half_size_camera: Camera
+) -> NDArray[np.uint8] | None:
+    """Return the factor from the rendered light to that of the key light with its shadows; None: all are 1.
+
+    Args:
+        half_size_camera: camera with half the resolution of an image.
+
+    Returns:
+        (h, w) uint8; see ``key_light.light_factors``.
+    """
+    geometry = renderer.render(scene, half_size_camera, _GEOMETRY, look)
     assert geometry.depth is not None
     assert geometry.normal is not None
-    light = shadow_camera(geometry.depth, half)
-    if light is None:
+    light_camera = shadow_camera(geometry.depth, half_size_camera)
+    if light_camera is None:
         return None
-    shadows = renderer.render(scene, light, Output.DEPTH, look)
+    shadows = renderer.render(scene, light_camera, Output.DEPTH, look)
     assert shadows.depth is not None
-    return light_factors(geometry.depth, geometry.normal, half, shadows.depth, light)
+    return light_factors(geometry.depth, geometry.normal, half_size_camera, shadows.depth, light_camera)
 
 
 def blur_motion(
@@ -47,23 +57,21 @@ def blur_motion(
     total_area = sum(rectangle.area for rectangle in rectangles)
     for rectangle in rectangles:
         count = subframe_count(rectangle, total_area, camera.width * camera.height)
-        others: list[NDArray[np.uint8]] = []
+        subframes: list[NDArray[np.uint8]] = []
         for index in range(count):
-            interval = ((index + 0.5) / count - 0.5) * relative_exposure
-            if 2 * index + 1 == count:  # the middle of the exposure is rendered already
+            if index == count // 2:  # the middle of the exposure is rendered already; the count is odd
                 continue
-            view = Camera(
-                rectangle.right - rectangle.left,
-                rectangle.bottom - rectangle.top,
-                camera.fx,
-                camera.fy,
-                camera.cx - rectangle.left,
-                camera.cy - rectangle.top,
-                camera.near,
-                camera.far,
-                motion.camera_at(interval),
+            # In units of the time between the frames: the exposure is centred at 0, this frame.
+            time = ((index + 0.5) / count - 0.5) * relative_exposure
+            view = replace(
+                camera,
+                width=rectangle.right - rectangle.left,
+                height=rectangle.bottom - rectangle.top,
+                cx=camera.cx - rectangle.left,
+                cy=camera.cy - rectangle.top,
+                X_world_camera=motion.camera_at(time),
             )
-            frame = renderer.render(motion.scene_at(interval), view, Output.COLOR, look)
+            frame = renderer.render(motion.scene_at(time), view, Output.COLOR, look)
             assert frame.color is not None
-            others.append(frame.color)
-        write_mean_light(color, rectangle.left, rectangle.top, others)
+            subframes.append(frame.color)
+        write_mean_light(color, rectangle.left, rectangle.top, subframes)
