@@ -10,7 +10,6 @@ from fastapi import APIRouter, Request, Response
 
 from gateway.render.config import RenderConfig
 from gateway.render.form import IMAGE_TYPES, LOOK_FIELD, LOOKS, MAX_FAR, MAX_FOCAL, MAX_FOV, MIN_FAR, MIN_FOV
-from gateway.render.handler import RenderHandler
 from gateway.render.service import RenderService
 from gateway.server.openapi import TEXT, example, file_response
 
@@ -25,8 +24,11 @@ This is Drake's glTF render endpoint. Send a POST with multipart/form-data, for 
 
 or give Drake's MakeRenderEngineGltfClient this server's address.
 """
+_DESCRIPTION: Final = """\
+Render the posted glTF scene with the posted camera, as Drake's render engines do.
 
-
+Requests beyond the number of worker threads wait in a queue.
+"""
 _SCENE: Final = {
     "asset": {"version": "2.0"},
     "scene": 0,
@@ -55,7 +57,7 @@ def _field(json_type: str, description: str, **limits: object) -> dict[str, Any]
 
 
 def _openapi_extra(config: RenderConfig) -> dict[str, Any]:
-    """Return the OpenAPI description of the form that ``FormReader`` and ``read_form`` accept."""
+    """Return the OpenAPI description of the form that ``FormReader`` accepts."""
     positive: dict[str, Any] = {"exclusiveMinimum": 0}
     size: dict[str, Any] = {"minimum": 1, "maximum": config.max_side}
     focal: dict[str, Any] = {"minimum": 1.0 / MAX_FOCAL, "maximum": MAX_FOCAL}
@@ -148,22 +150,17 @@ def router(service: RenderService) -> APIRouter:
     routes = APIRouter(tags=["Render"])
     path = service.config.path
 
-    async def render(http: Request) -> Response:
-        """Render the posted glTF scene with the posted camera, as Drake's render engines do.
-
-        Requests beyond the number of worker threads wait in a queue.
-        """
-        return await RenderHandler(service, http).respond()
-
     async def usage(http: Request) -> Response:
         text = _USAGE.format(url=http.url.replace(query="", fragment=""))
         return Response(text, 405, headers={"Allow": "POST"}, media_type="text/plain; charset=utf-8")
 
     routes.add_api_route(
         path,
-        render,
+        service.respond,
         methods=["POST"],
+        name="render",
         summary="Render a glTF scene",
+        description=_DESCRIPTION,
         response_class=Response,
         responses=_RESPONSES,
         openapi_extra=_openapi_extra(service.config),

@@ -65,7 +65,8 @@ class RequestContext:
                 seconds = time.perf_counter() - start
                 # The route's template, not the path: a scanner must not fill the registry with labels.
                 route = getattr(scope.get("route"), "path", "(none)")
-                self._metrics.count_request(route, scope["method"], status or "aborted", seconds)
+                self._metrics.requests.labels(route, scope["method"], status or "aborted").inc()
+                self._metrics.seconds.labels(route).observe(seconds)
                 log = _log.debug if scope["path"] in self._quiet_paths else _log.info
                 log("request", method=scope["method"], path=scope["path"], status=status, ms=round(seconds * 1e3, 1))
 

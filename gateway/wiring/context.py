@@ -30,7 +30,7 @@ from renderers.interface import Renderer
 
 if TYPE_CHECKING:
     from gateway.assets.mesh_files import MeshFiles
-    from gateway.render.service import RenderRecord
+    from gateway.runtime.render_record import RenderRecord
     from gateway.runtime.supervised_process import Heartbeat
     from gateway.runtime.worker_reports import WorkerReports
     from gateway.scene.timeline import Timeline
@@ -92,8 +92,8 @@ class Context:
     """The first stereo camera, if any."""
     stereo_sensor: StereoSource | None = None
     """Source of the stereo camera's images for the browser view, if any."""
-    on_render: Callable[[RenderRecord], None] = lambda record: None
-    """Called after each request of the render endpoint."""
+    render_observers: list[Callable[[RenderRecord], object]] = field(default_factory=list)
+    """Functions that are called after each request of the render endpoint."""
 
     started: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when requests are accepted, or when the start has failed."""

@@ -102,7 +102,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("LCM logs", "scenegate.lcm.event_log", ("MAX_DATA_BYTES",)),
     ("LCM logs that are played", "scenegate.lcm.replay", ("MAX_UNSENT_BYTES",)),
     ("Fields of the render endpoint", "gateway.render.form", ("MAX_FOCAL", "MIN_FOV", "MAX_FOV", "MIN_FAR", "MAX_FAR")),
-    ("Cameras of the render endpoint", "gateway.render.camera", ("_MAX_COORDINATE",)),
+    ("Cameras of the render endpoint", "gateway.render.pipeline", ("_MAX_COORDINATE",)),
     ("Errors of the render endpoint", "gateway.render.errors", ("MAX_MESSAGE_BYTES", "_MAX_ECHO")),
     ("Browser view: messages", "gateway.viewer.routes", ("MAX_MESSAGE_CHARS", "MAX_CHANGES", "MAX_CLICKS")),
     ("Browser view: images of the stereo camera", "gateway.viewer.sensor_images", ("MAX_ENCODED_IMAGES",)),
