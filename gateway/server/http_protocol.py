@@ -21,8 +21,8 @@ extensions, and for trailers."""
 MAX_PIPELINED: Final = 64
 """Requests of a connection that wait for the response to an earlier one; more close the connection."""
 SLICE_BYTES: Final = 16 << 10
-"""Bytes of heads and chunked bodies parsed per iteration of the event loop: a chunk may have 6 bytes and takes a
-microsecond."""
+"""Bytes of heads and chunked bodies, which the parser reads byte by byte, per iteration of the event loop: a chunk may
+have 6 bytes and takes a microsecond."""
 HEAD_SECONDS: Final = 30.0
 """Time for a head to arrive, from the connection or from its first byte."""
 BODY_SECONDS: Final = 90.0
@@ -34,6 +34,8 @@ DISCARD_SECONDS: Final = 30.0
 DISCARD_BYTES: Final = 512 << 20
 """Bytes of such a body that are discarded, so that clients that send everything first can read the response."""
 
+CONNECTION: Final = "scenegate.connection"
+"""Key of the protocol in the scope of its requests."""
 _WHOLE_READ: Final = 1 << 20
 """Bytes; more than a transport reads at once."""
 
@@ -86,13 +88,9 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Stop the timer."""
-        self._stop_timer()
+        if self._timer is not None:
+            self._timer.cancel()
         super().connection_lost(exc)
-
-    def slice_bytes(self) -> int:
-        """Return a small size for heads and chunked bodies, which the parser reads byte by byte."""
-        parsed_bytewise = self.state in (State.IDLE, State.HEAD) or (self._chunked and self.state is not State.REFUSED)
-        return SLICE_BYTES if parsed_bytewise else _WHOLE_READ
 
     def reading_paused(self) -> bool:
         """Return whether a request waits for its predecessor, or the application is slower than the client."""
@@ -121,11 +119,6 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         if self.state is State.IDLE:
             self._enter(State.HEAD)
 
-    def on_header(self, name: bytes, value: bytes) -> None:
-        """Add a header; trailers are ignored, since a proxy may not have checked them."""
-        if self.state is State.HEAD:
-            super().on_header(name, value)
-
     def on_headers_complete(self) -> None:
         """Start the application, or queue the request behind an earlier one."""
         self._framing_bytes = 0
@@ -136,6 +129,8 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         if len(self.pipeline) >= MAX_PIPELINED:
             self.transport.abort()
             self._stop_parser("Too many pipelined requests.")
+        self.scope["headers"] = [*self.headers]  # without trailers, since a proxy may not have checked them
+        self.scope[CONNECTION] = self  # type: ignore[typeddict-unknown-key]
         super().on_headers_complete()
         self._unanswered += 1
         self._enter(State.BODY)
@@ -166,7 +161,8 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
 
     def handle_websocket_upgrade(self) -> None:
         """Hand the connection over to the WebSocket protocol."""
-        self._stop_timer()
+        if self._timer is not None:
+            self._timer.cancel()
         self._backlog = b""
         super().handle_websocket_upgrade()
 
@@ -212,7 +208,10 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
     def _enter(self, state: State) -> None:
         """Set the state and start its timer."""
         self.state = state
-        self._stop_timer()
+        parsed_bytewise = state in (State.IDLE, State.HEAD) or (self._chunked and state is not State.REFUSED)
+        self.slice_bytes = SLICE_BYTES if parsed_bytewise else _WHOLE_READ
+        if self._timer is not None:
+            self._timer.cancel()
         self._body_progressed = False
         seconds = {
             State.IDLE: self.timeout_keep_alive,
@@ -231,8 +230,3 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
             self._enter(self.state)
         else:
             self.transport.close()
-
-    def _stop_timer(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
