@@ -198,7 +198,7 @@ class WorkerPool:
                     raise self._queue_full(waiting, reason=reason)
             self._waiting.append(call)
             self._waiting_bytes += call.nbytes
-            if self._alive - self._retired < self.threads:
+            if self._alive - self._retired < min(self.threads, len(self._running) + len(self._waiting)):
                 self._start_threads()
             self._wakeup.notify()
 
@@ -225,6 +225,16 @@ class WorkerPool:
     def calls(self) -> int:
         """Number of running and waiting calls."""
         return len(self._running) + len(self._waiting)
+
+    def spare_threads(self, cameras: WorkerPool, frame_threads: int) -> int:
+        """Return the number of threads that no call needs, of this pool and those for one image beyond.
+
+        Args:
+            cameras: pool of the cameras, whose calls come first.
+            frame_threads: maximum number of threads for one image; 0: those of this pool.
+        """
+        calls = len(self._running) + len(self._waiting) + len(cameras._running) + len(cameras._waiting)
+        return max(0, self.threads - calls) + max(0, frame_threads - self.threads)
 
     @property
     def stuck(self) -> bool:
@@ -314,7 +324,7 @@ class WorkerPool:
                 call.stop.set(CallerCancelled("the caller was cancelled"))
 
     def _start_threads(self) -> None:
-        while self._alive - self._retired < min(self.threads, self.calls):
+        while self._alive - self._retired < min(self.threads, len(self._running) + len(self._waiting)):
             self._alive += 1
             threading.Thread(target=self._work, name=f"{self._name}-{self._alive}", daemon=True).start()
         if self.seconds is not None and not self._watching:

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import structlog
@@ -127,14 +128,10 @@ class Context:
         if self._renderer is None:
             from renderers.raster import CpuRenderer
 
-            self._renderer = CpuRenderer(self.settings.frame_threads or self.workers.threads, self._spare_threads)
+            frame_threads = self.settings.frame_threads
+            spare_threads = partial(self.workers.spare_threads, self.camera_workers, frame_threads)
+            self._renderer = CpuRenderer(frame_threads or self.workers.threads, spare_threads)
         return self._renderer
-
-    def _spare_threads(self) -> int:
-        """Return the number of threads that no call needs, of the worker threads and those for one image beyond."""
-        threads = self.workers.threads
-        idle = max(0, threads - self.workers.calls - self.camera_workers.calls)
-        return idle + max(0, self.settings.frame_threads - threads)
 
     @property
     def mesh_files(self) -> MeshFiles:
