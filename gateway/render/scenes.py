@@ -116,7 +116,7 @@ class SceneStore:
         scene = PreparedScene(
             camera=gltf.camera,
             has_geometry=gltf.instance_count > 0,
-            generator=gltf.generator,
+            generator=gltf.content.generator,
             element_count=gltf.element_count,
             warnings=gltf.warnings,
             unlabelled_count=draw_list.instances.set.labels.count(LABEL_NONE),
