@@ -167,7 +167,9 @@ def read_fields(
     if not scene:
         problem = "(the glTF file) is missing" if scene is None else "is an empty file"
         raise RequestError(400, f"the field '{SCENE}' {problem}")
-    warnings = [f"the field {quoted(name)} is unknown and ignored" for name in fields if name not in _KNOWN]
+    warnings = []
+    if not fields.keys() <= _KNOWN:
+        warnings = [f"the field {quoted(name)} is unknown and ignored" for name in fields if name not in _KNOWN]
     is_depth = fields.get("image_type") == "depth"
     _check_texts(fields, is_depth)
     numbers = _numbers(fields)
@@ -213,9 +215,14 @@ def read_fields(
 
 def _check_texts(fields: Mapping[str, str], is_depth: bool) -> None:
     """Check that the fields of an image are there, and those with choices. Raises RequestError."""
-    focals = [f"focal_{axis}" for axis in "xy" if not fields.get(f"fov_{axis}")]
     depth_range = ("min_depth", "max_depth") if is_depth else ()
-    for name in (*_REQUIRED, *focals, *depth_range, *([LOOK_FIELD] if LOOK_FIELD in fields else [])):
+    required = [*_REQUIRED, *depth_range]
+    for name, alternative in (("focal_x", "fov_x"), ("focal_y", "fov_y")):
+        if not fields.get(alternative):
+            required.append(name)
+    if LOOK_FIELD in fields:
+        required.append(LOOK_FIELD)
+    for name in required:
         if not fields.get(name):
             problem = "is empty" if name in fields else "is missing"
             hint = "; depth images need it" if name in depth_range else ""

@@ -55,6 +55,11 @@ def json_example(value: Any, description: str = "Success.") -> Responses:
     return {200: {"description": description, "content": {"application/json": {"example": value}}}}
 
 
+def error_responses(descriptions: Mapping[int, str]) -> Responses:
+    """Return the descriptions of responses with one sentence as text, by status."""
+    return {status: {"description": text, "content": dict(TEXT)} for status, text in descriptions.items()}
+
+
 def file_response(description: str, *media_types: str) -> Responses:
     """Return the description of a 200 response with a file of one of these types."""
     return {200: {"description": description, "content": {each: {"schema": BINARY} for each in media_types}}}

@@ -8,7 +8,7 @@ from dataclasses import replace
 from gateway.assets.light_rig_file import rig_of
 from gateway.gltf import GltfLimits
 from gateway.render.config import RenderConfig
-from gateway.render.routes import router
+from gateway.render.routes import render_router
 from gateway.render.service import RenderService
 from gateway.scene.tree import Node
 from gateway.settings import MIB, Settings
@@ -28,7 +28,7 @@ async def setup(context: Context) -> None:
         metrics=context.metrics,
         observers=context.render_observers,
     )
-    context.app.include_router(router(service))
+    context.app.include_router(render_router(service))
     metrics.watch_render(context.metrics, service)
     context.registry.ready("render", where=context.settings.render_path, figures=service.status)
 

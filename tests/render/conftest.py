@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gateway.render.config import RenderConfig
 from gateway.render.pipeline import Backdrop
-from gateway.render.routes import router
+from gateway.render.routes import render_router
 from gateway.render.service import RenderService
 from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.render_record import RenderRecord
@@ -130,7 +130,7 @@ async def running(
     observers = (*observers, records.append)
     service = RenderService(renderer, workers, config, backdrop=backdrop, metrics=metrics, observers=observers)
     app = FastAPI()
-    app.include_router(router(service))
+    app.include_router(render_router(service))
     transport = httpx2.ASGITransport(app=app)
     async with httpx2.AsyncClient(transport=transport, base_url="http://test") as client:
         try:
