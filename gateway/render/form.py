@@ -19,7 +19,7 @@ from python_multipart.multipart import Field, File, FormParser, parse_options_he
 
 from gateway.render.config import LookChoice, RenderConfig
 from gateway.render.errors import RequestError, quoted
-from gateway.render.request import ImageType, RenderRequest
+from gateway.render.request import MAX_FAR, MAX_FOCAL, MIN_FAR, ImageType, RenderRequest
 
 IMAGE_TYPES: Final = get_args(ImageType)
 LOOK_FIELD: Final = "scenegate_look"
@@ -27,17 +27,6 @@ LOOK_FIELD: Final = "scenegate_look"
 LOOKS: Final = get_args(LookChoice)
 SCENE: Final = "scene"
 """Name of the part with the glTF file."""
-MAX_FOCAL: Final = 1e9
-"""Maximum focal length, pixels: a field of view of a hundred-thousandth of a radian in the largest image."""
-MIN_FOV: Final = 2e-5
-"""Minimum field of view, radians. A narrower one has a focal length above ``MAX_FOCAL`` in the largest image."""
-MAX_FOV: Final = 3.1415926
-"""Maximum field of view, radians. A wider one has a focal length below ``1 / MAX_FOCAL`` in the smallest image."""
-MIN_FAR: Final = 1e-8
-"""Minimum distance of the far plane, metres, so that there is room for a near plane."""
-MAX_FAR: Final = 1e12
-"""Maximum distance of the far plane, metres. With a larger one, float32 depth cannot resolve a scene."""
-
 _REQUIRED: Final = ("image_type", "width", "height", "near", "far", "center_x", "center_y")
 _NUMBERS: Final[Mapping[str, tuple[float | None, float]]] = {
     "near": (0.0, math.inf),
@@ -78,20 +67,27 @@ class FormReader:
             raise RequestError(400, f"Content-Type must be multipart/form-data, got {got}")
         if not options.get(b"boundary"):
             raise RequestError(400, f"Content-Type names no boundary: {quoted(content_type)}")
-        self._parts: list[Field | File | None] = []
-        """Complete parts in the order of the body; None for its end."""
+        self._config = config
+        self._fields: dict[str, str] = {}
+        self._scene: bytes | None = None
+        self._scene_filename = ""
+        self._part_count = 0
+        self._last_name = ""
+        """Name of the last complete part."""
+        self._is_complete = False
+        self._new_parts: list[Field | File | None] = []
+        """Parts that have become complete in the current piece; None for the end of the form."""
         limits = {
             "MAX_MEMORY_FILE_SIZE": math.inf,  # no file on disk
             "MAX_HEADER_COUNT": config.max_part_headers,
             "MAX_HEADER_SIZE": config.max_header_bytes,
             "UPLOAD_ERROR_ON_BAD_CTE": True,
         }
-        add, end = self._parts.append, partial(self._parts.append, None)
+        add, end = self._new_parts.append, partial(self._new_parts.append, None)
         try:
             self._parser = FormParser(kind.decode(), add, add, end, options[b"boundary"], config=limits)
         except FormParserError as error:
             raise RequestError(400, f"Content-Type has an unusable boundary: {error}") from None
-        self._config = config
 
     def feed(self, data: bytes) -> None:
         """Parse the next piece of the body."""
@@ -101,10 +97,37 @@ class FormReader:
         try:
             self._parser.write(data)
         except FormParserError as error:
-            number = len(self._parts) + 1
+            number = self._part_count + len(self._new_parts) + 1
             raise RequestError(400, f"the multipart body is malformed in part {number} of the form: {error}") from None
-        if len(self._parts) - (None in self._parts[-1:]) > self._config.max_parts:
-            raise RequestError(400, f"the form has more than {self._config.max_parts} parts")
+        for part in self._new_parts:
+            if part is None:
+                self._is_complete = True
+                break
+            self._part_count += 1
+            if self._part_count > self._config.max_parts:
+                raise RequestError(400, f"the form has more than {self._config.max_parts} parts")
+            name = self._last_name = (part.field_name or b"").decode("utf-8", "replace")
+            if not name:
+                text = f'part {self._part_count} of the form needs Content-Disposition: form-data; name="…"'
+                raise RequestError(400, text)
+            if name in self._fields or (name == SCENE and self._scene is not None):
+                raise RequestError(400, f"the field {quoted(name)} was sent twice")
+            if isinstance(part, File):
+                assert isinstance(part.file_object, BytesIO)
+                value, filename = part.file_object.getvalue(), part.file_name or b""
+            else:
+                value, filename = part.value or b"", b""
+            if name == SCENE:
+                self._scene, self._scene_filename = value, filename.decode("utf-8", "replace")
+                continue
+            if len(value) > self._config.max_field_bytes:
+                limit = self._config.max_field_bytes
+                raise RequestError(400, f"the field {quoted(name)} is longer than {limit} bytes")
+            try:
+                self._fields[name] = value.decode().strip()
+            except UnicodeDecodeError:
+                raise RequestError(400, f"the field {quoted(name)} is not UTF-8 text: {quoted(value)}") from None
+        self._new_parts.clear()
 
     def close(self) -> None:
         """Break the reference cycle of the parser, which would keep the body until the next garbage collection."""
@@ -112,37 +135,11 @@ class FormReader:
 
     def request(self) -> RenderRequest:
         """Return the request after the whole body has been fed."""
-        *parts, end = self._parts or [None]
-        if end is not None or not parts:
-            where = f"after the part {quoted(end.field_name or b'')}, " if end is not None else ""
+        if not self._is_complete:
+            where = f"after the part {quoted(self._last_name)}, " if self._part_count else ""
             where += f"after {self._parser.bytes_received} bytes, before the closing boundary"
             raise RequestError(400, f"the multipart body ends {where}: the upload was cut short")
-        fields: dict[str, str] = {}
-        scene: bytes | None = None
-        scene_filename = ""
-        for number, part in enumerate(parts, 1):
-            assert part is not None
-            name = (part.field_name or b"").decode("utf-8", "replace")
-            if isinstance(part, File):
-                assert isinstance(part.file_object, BytesIO)
-                data, filename = part.file_object.getvalue(), part.file_name or b""
-            else:
-                data, filename = part.value or b"", b""
-            if not name:
-                raise RequestError(400, f'part {number} of the form needs Content-Disposition: form-data; name="…"')
-            if name in fields or (name == SCENE and scene is not None):
-                raise RequestError(400, f"the field {quoted(name)} was sent twice")
-            if name == SCENE:
-                scene, scene_filename = data, filename.decode("utf-8", "replace")
-                continue
-            if len(data) > self._config.max_field_bytes:
-                limit = self._config.max_field_bytes
-                raise RequestError(400, f"the field {quoted(name)} is longer than {limit} bytes")
-            try:
-                fields[name] = data.decode().strip()
-            except UnicodeDecodeError:
-                raise RequestError(400, f"the field {quoted(name)} is not UTF-8 text: {quoted(data)}") from None
-        return read_fields(fields, scene, self._config, scene_filename)
+        return read_fields(self._fields, self._scene, self._config, self._scene_filename)
 
 
 def body_too_large(size: int, config: RenderConfig) -> RequestError:

@@ -36,7 +36,7 @@ merger writes the documents of such scenes, and VTK's exporter those of all othe
 _NEAR_FAR_RATIO: Final = 1e-6
 """Ratio of near to far plane, used if neither the form nor the scene's camera has a near plane."""
 _MIN_NEAR: Final = 1e-9
-"""Minimum near plane, metres: with it, the rasterizer's 1/z fits float32. It is less than ``form.MIN_FAR``."""
+"""Minimum near plane, metres: with it, the rasterizer's 1/z fits float32. It is less than ``request.MIN_FAR``."""
 _MAX_COORDINATE: Final = 1e12
 """Maximum coordinate of the camera, metres. Larger float64 coordinates do not resolve millimetres."""
 _RIGID_TOLERANCE: Final = 1e-6

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 from gateway.render.config import LookChoice
 
 ImageType = Literal["color", "depth", "label"]
+MAX_FOCAL: Final = 1e9
+"""Maximum focal length, pixels: a field of view of a hundred-thousandth of a radian in the largest image."""
+MIN_FOV: Final = 2e-5
+"""Minimum field of view, radians. A narrower one has a focal length above ``MAX_FOCAL`` in the largest image."""
+MAX_FOV: Final = 3.1415926
+"""Maximum field of view, radians. A wider one has a focal length below ``1 / MAX_FOCAL`` in the smallest image."""
+MIN_FAR: Final = 1e-8
+"""Minimum distance of the far plane, metres, so that there is room for a near plane."""
+MAX_FAR: Final = 1e12
+"""Maximum distance of the far plane, metres. With a larger one, float32 depth cannot resolve a scene."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

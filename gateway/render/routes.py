@@ -9,7 +9,8 @@ from typing import Any, Final
 from fastapi import APIRouter, Request, Response
 
 from gateway.render.config import RenderConfig
-from gateway.render.form import IMAGE_TYPES, LOOK_FIELD, LOOKS, MAX_FAR, MAX_FOCAL, MAX_FOV, MIN_FAR, MIN_FOV
+from gateway.render.form import IMAGE_TYPES, LOOK_FIELD, LOOKS
+from gateway.render.request import MAX_FAR, MAX_FOCAL, MAX_FOV, MIN_FAR, MIN_FOV
 from gateway.render.service import RenderService
 from gateway.server.openapi import error_responses, example, file_response
 

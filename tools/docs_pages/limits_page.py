@@ -101,7 +101,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("LCM's library", "scenegate.lcm.liblcm_transport", ("MAX_OPEN_FILES",)),
     ("LCM logs", "scenegate.lcm.event_log", ("MAX_DATA_BYTES",)),
     ("LCM logs that are played", "scenegate.lcm.replay", ("MAX_UNSENT_BYTES",)),
-    ("Fields of the render endpoint", "gateway.render.form", ("MAX_FOCAL", "MIN_FOV", "MAX_FOV", "MIN_FAR", "MAX_FAR")),
+    ("Values of a render request", "gateway.render.request", ("MAX_FOCAL", "MIN_FOV", "MAX_FOV", "MIN_FAR", "MAX_FAR")),
     ("Cameras of the render endpoint", "gateway.render.pipeline", ("_MAX_COORDINATE",)),
     ("Errors of the render endpoint", "gateway.render.errors", ("MAX_MESSAGE_BYTES", "_MAX_ECHO")),
     ("Browser view: messages", "gateway.viewer.routes", ("MAX_MESSAGE_CHARS", "MAX_CHANGES", "MAX_CLICKS")),
