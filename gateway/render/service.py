@@ -236,14 +236,15 @@ class RenderService:
 
     def status(self) -> dict[str, Any]:
         """Return figures for health and metrics; plain JSON values."""
-        warnings = WarningList()
-        warnings.set("last image", *self._last_warnings)
+        last_image = WarningList()
+        last_image.set("last image", *self._last_warnings)
+        warnings = last_image.listed()
         return {
             "answers": {str(status): count for status, count in sorted(self._responses_by_status.items())},
             "arriving": len(self._arriving),
             "inflight_bytes": self.inflight_bytes,
             "scene_cache": {"hits": self.scenes.scenes.hits, "misses": self.scenes.scenes.misses},
-            **({"warnings": warnings.listed()} if warnings else {}),
+            **({"warnings": warnings} if warnings else {}),
         }
 
 
