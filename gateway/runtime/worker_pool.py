@@ -237,14 +237,11 @@ class WorkerPool:
         return max(0, self.threads - calls) + max(0, frame_threads - self.threads)
 
     @property
-    def stuck(self) -> bool:
-        """True while every thread runs a call that has used more than half of its time."""
-        return self.stats.slow >= self.threads
-
-    @property
-    def full(self) -> bool:
-        """True while any further call would be rejected."""
-        return self.stats.waiting >= self.max_waiting and len(self._running) >= self.threads
+    def busy(self) -> bool:
+        """True while a further call would be rejected, or all threads run calls that have used half of their time."""
+        stats = self.stats
+        is_full = stats.waiting >= self.max_waiting and stats.running >= self.threads
+        return is_full or stats.slow >= self.threads
 
     def check_capacity(self, arriving: int) -> None:
         """Check whether a call could be queued behind ``arriving`` others that have not been submitted yet.

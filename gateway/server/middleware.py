@@ -152,12 +152,13 @@ class Protection:
             return send(message)
 
         app: ASGIApp = self._app
+        by_page = origin is not None or site is not None
         if len(scope["raw_path"]) + len(scope["query_string"]) > MAX_TARGET_BYTES:
             app = PlainTextResponse(f"The path with its query is longer than {MAX_TARGET_BYTES} bytes.\n", 414)
         elif not trusted:
             text = "This gateway is not the host that the Host header names; --trusted-hosts adds names.\n"
             app = PlainTextResponse(text, 421)
-        elif (origin or site) and scope["method"] not in _SAFE_METHODS and self._is_foreign(scope, host, origin, site):
+        elif by_page and scope["method"] not in _SAFE_METHODS and self._is_foreign(scope, host, origin, site):
             header = f"Origin: {origin}" if origin is not None else f"Sec-Fetch-Site: {site}"
             page = ascii(header[:_MAX_ECHO])[1:-1]
             text = f"{scope['method']} refused: it was sent by a page of another site ({page}).\n"

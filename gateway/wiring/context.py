@@ -197,7 +197,7 @@ class Context:
             return "starting"
         # Only where renders are all that is served: a load balancer must not stop streams because of a full queue.
         render_only = self.settings.only == ("render",)
-        return "busy" if status == "ready" and render_only and (self.workers.full or self.workers.stuck) else status
+        return "busy" if status == "ready" and render_only and self.workers.busy else status
 
     def run_service(
         self,

@@ -98,6 +98,7 @@ def behind(middleware: Any, scheme: str = "http", **options: Any) -> httpx2.Asyn
         ({"Origin": "http://here:3000"}, False),
         ({"Origin": "http://here"}, False),
         ({"Origin": "null"}, False),
+        ({"Origin": ""}, False),
         ({"Origin": "http://["}, False),
         ({"Origin": "https://dashboard.example"}, True),
         ({"Origin": "https://dashboard.example", "Sec-Fetch-Site": "cross-site"}, True),
