@@ -25,6 +25,7 @@ from gateway.gltf import (
     read_gltf,
 )
 from gateway.render.config import RenderConfig
+from gateway.render.labels import labels_by_root
 from gateway.scene.flatten import DRAWABLE, images_of
 from gateway.scene.geometry import Surface
 from renderers.cache import SHARED, Cache, CacheBudget
@@ -150,7 +151,10 @@ def _topology_of(scene: GltfScene, drawable: NDArray[np.bool_]) -> SceneTopology
     root_of_node: list[int] = []
     for node, parent in enumerate(scene.nodes.parents):
         root_of_node.append(node if parent < 0 else root_of_node[parent])
-    label_of_root = _labels_of_roots(scene, root_of_node)
+    label_of_root: dict[int, int] = {}
+    if any(part.material is DEFAULT_MATERIAL for parts in scene.parts for part in parts or ()):
+        pairs = zip(root_of_node, scene.parts, strict=True)
+        label_of_root = labels_by_root((root, part) for root, parts in pairs for part in parts or ())
     later_files = frozenset(_file_roots(scene)[1:])
     for node in _drawing_order(scene):
         check_stop()
@@ -207,21 +211,3 @@ def _drawing_order(scene: GltfScene) -> Sequence[int]:
         stack += children[node]
     exported_nodes = set(range(len(parents))) - set(file_nodes)
     return [*file_nodes, *sorted(exported_nodes)]
-
-
-def _labels_of_roots(scene: GltfScene, root_of_node: list[int]) -> dict[int, int]:
-    """Return the label of primitives without a material, by the root node above them.
-
-    Drake's client puts each glTF file below one root node, and a whole file has one label. Root nodes with several
-    labels or none are left out.
-
-    Args:
-        root_of_node: Position of the root node above each node.
-    """
-    if all(part.material is not DEFAULT_MATERIAL for parts in scene.parts for part in parts or ()):
-        return {}
-    labels_of_root: dict[int, set[int]] = {}
-    for root, parts in zip(root_of_node, scene.parts, strict=True):
-        materials = [part.material for part in parts or () if part.material is not DEFAULT_MATERIAL]
-        labels_of_root.setdefault(root, set()).update(map(label_from_material, materials))
-    return {root: labels.pop() for root, labels in labels_of_root.items() if len(labels) == 1}
