@@ -21,11 +21,9 @@ from PIL import Image
 from bench import gltf, render_requests
 from bench.table import Row, at_least, geometric_mean, heading, show
 from bench.turns import in_turns, median, timed
-from gateway.render.camera import camera_of
 from gateway.render.config import RenderConfig
-from gateway.render.form import read_form
-from gateway.render.multipart import FormReader
-from gateway.render.pipeline import posted_document
+from gateway.render.form import FormReader
+from gateway.render.pipeline import camera_of, posted_document
 from gateway.render.scenes import SceneStore
 from gateway.runtime.kernels import parts
 from gateway.runtime.kernels.loading import ensure_compiled
@@ -52,7 +50,7 @@ def pictures() -> Iterator[tuple[str, render_requests.Array, render_requests.Arr
         for width, height in SIZES:
             form = FormReader(render_requests.CONTENT_TYPE, config)
             form.feed(scene.next_body(width, height))
-            request = read_form(form.form(), config)
+            request = form.request()
             prepared = store.get(posted_document(request))
             camera = camera_of(request, prepared)
             frame = renderer.render(prepared.draw_list, camera, Output.COLOR | Output.DEPTH, Look("phong"))

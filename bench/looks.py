@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.render.config import RenderConfig
-from gateway.render.form import read_form
-from gateway.render.multipart import Form
+from gateway.render.form import read_fields
 from gateway.render.pipeline import Pipeline
 from gateway.scene.style import Style
 from renderers.raster import CpuRenderer
@@ -65,7 +64,7 @@ def main() -> None:
         fields = json.loads((folder / name / "color.json").read_text())
         scene = (folder / name / "color.gltf").read_bytes()
         for caption, pipeline in pipelines.items():
-            body = pipeline.render(read_form(Form(fields, bytearray(scene), ""), RenderConfig())).body
+            body = pipeline.render(read_fields(fields, scene, RenderConfig())).body
             image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_COLOR)
             assert image is not None
             images.append(captioned(image, caption))

@@ -31,7 +31,8 @@ from gateway.server import error_handlers, health, openapi
 from gateway.server.docs_page import docs_page
 from gateway.server.index_page import index_page
 from gateway.server.interface_names import NAMES, documentation_of, documentation_url
-from gateway.server.middleware import EarlyResponse, HeadAsGet, PathPrefix, RequestContext
+from gateway.server.middleware import EarlyResponse, HeadAsGet, RequestContext
+from gateway.server.path_prefix import PathPrefix
 from gateway.server.security import Security
 from gateway.server.start_gate import StartGate
 from gateway.settings import MIB, Settings
@@ -176,7 +177,7 @@ def _add_middleware(context: Context) -> None:
     app.add_middleware(
         StartGate,
         started=context.started,
-        problem=lambda: context.not_started_reason,
+        problem=partial(getattr, context, "not_started_reason"),
         open_paths=health.MONITORING_PATHS | {"/"},
         progress=lambda: context.kernels.progress,
     )

@@ -469,7 +469,7 @@ async def test_a_render_only_gateway_is_not_ready_while_every_call_is_slow(
         await until(lambda: contexts)
         release = threading.Event()
         call = asyncio.create_task(contexts[0].workers.run(release.wait))
-        await until(lambda: contexts[0].workers.stuck)
+        await until(lambda: contexts[0].workers.busy)
         assert (await client.get("/readyz")).status_code == expected
         assert "scenegate_render_slow 1.0" in (await client.get("/metrics")).text
         release.set()

@@ -22,10 +22,9 @@ from gateway.datasets.base_color import BASE_COLOR_LOOK, unlit
 from gateway.datasets.scenes import LoadedScene
 from gateway.datasets.second_view import flow_between, flow_file, instance_motions, right_camera
 from gateway.datasets.stereo_sensor import StereoSensor
-from gateway.render.camera import camera_of
 from gateway.render.config import RenderConfig
-from gateway.render.form import RenderRequest
-from gateway.render.pipeline import Pipeline, posted_document
+from gateway.render.pipeline import Pipeline, camera_of, posted_document
+from gateway.render.request import RenderRequest
 from gateway.scene.style import STUDIO_SAMPLES, Style
 from renderers.camera import Camera
 from renderers.depth_range import depth_in_millimetres

@@ -22,9 +22,9 @@ from gateway.datasets.views import SceneCamera, View, scene_views, usable_camera
 from gateway.gltf import GltfCamera, read_mesh_names
 from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError
-from gateway.render.form import RenderRequest, read_form
+from gateway.render.form import FormReader
 from gateway.render.labels import labels_of
-from gateway.render.multipart import FormReader
+from gateway.render.request import RenderRequest
 from gateway.robots.scene_files import DEFAULT_OPTIONS, SceneOptions, read_scene
 from gateway.runtime.warning_list import WarningList
 from gateway.scene.flatten import flatten
@@ -210,7 +210,7 @@ def _load_request(source: Source, files: FolderFiles, options: SceneOptions) -> 
     reader = FormReader(f'multipart/form-data; boundary="{boundary}"', config)
     try:
         reader.feed(body)
-        request = read_form(reader.form(), config)
+        request = reader.request()
     finally:
         reader.close()
     # Only the form is parsed here. The render pipeline reads the glTF scene in it.

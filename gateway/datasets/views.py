@@ -16,8 +16,8 @@ import msgspec
 import numpy as np
 
 from gateway.gltf import GltfCamera
-from gateway.render.camera import rigid_pose
 from gateway.render.errors import RequestError
+from gateway.render.pipeline import rigid_pose
 from gateway.scene.cameras import (
     CameraError,
     CameraSpec,

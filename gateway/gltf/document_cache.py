@@ -103,7 +103,7 @@ class _Entry:
     """Size of the JSON text before ``nodes``, without long data URIs, for ``max_json_bytes``."""
     prefix_value_count: int
     """Number of values in that text, for ``max_json_values``."""
-    suffix_members: dict[str, bytes]
+    suffix_members: dict[str, msgspec.Raw]
     """JSON text, by name, of the members after ``nodes`` that must be equal for a hit, such as ``samplers``."""
 
 
@@ -181,11 +181,8 @@ def _new_entry(document: HashedDocument, container: Container, content: Document
         return None
     if not _CHANGING_MEMBERS.isdisjoint(prefix_members):
         return None
-    return _Entry(content, split, count_values(text[:split]), _without_nodes_and_scenes(suffix_members))
-
-
-def _without_nodes_and_scenes(members: dict[str, msgspec.Raw]) -> dict[str, bytes]:
-    return {name: bytes(value) for name, value in members.items() if name not in _CHANGING_MEMBERS}
+    unchanging = {name: value.copy() for name, value in suffix_members.items() if name not in _CHANGING_MEMBERS}
+    return _Entry(content, split, count_values(text[:split]), unchanging)
 
 
 def _parse_suffix(text: bytes, entry: _Entry, limits: GltfLimits) -> schema.Document | None:
@@ -202,12 +199,14 @@ def _parse_suffix(text: bytes, entry: _Entry, limits: GltfLimits) -> schema.Docu
         return None
     try:
         members = _members_decoder.decode(b"{" + text)
-        if _without_nodes_and_scenes(members) != entry.suffix_members:
+        nodes = members.pop("nodes")
+        scenes, scene = members.pop("scenes", None), members.pop("scene", None)
+        if members != entry.suffix_members:
             return None
         return schema.Document(
-            nodes=_nodes_decoder.decode(members["nodes"]),
-            scenes=_scenes_decoder.decode(members["scenes"]) if "scenes" in members else None,
-            scene=_scene_decoder.decode(members["scene"]) if "scene" in members else None,
+            nodes=_nodes_decoder.decode(nodes),
+            scenes=_scenes_decoder.decode(scenes) if scenes is not None else None,
+            scene=_scene_decoder.decode(scene) if scene is not None else None,
         )
     except (msgspec.MsgspecError, ValueError, RecursionError):
         return None

@@ -12,25 +12,17 @@ from gateway.gltf.accessors import Accessors
 from gateway.gltf.deformation import Pose
 from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.gltf.limits import GltfLimits
-from gateway.gltf.nodes import SceneNodes
+from gateway.gltf.nodes import INSTANCING, SceneNodes
 from gateway.gltf.parser import extension
 from gateway.scene.transforms import IDENTITY, affine_product, from_poses
 from renderers.stop import check_stop
 
-INSTANCING: Final = "EXT_mesh_gpu_instancing"
 _INSTANCE_ATTRIBUTES: Final[dict[str, tuple[float, ...]]] = {
     "TRANSLATION": (0.0, 0.0, 0.0),
     "ROTATION": (0.0, 0.0, 0.0, 1.0),
     "SCALE": (1.0, 1.0, 1.0),
 }
 """Default values by attribute. Rotations are quaternions (x, y, z, w)."""
-
-
-def has_own_parts(node: schema.Node) -> bool:
-    """Return True for a node with a skin, morph weights or instances: it cannot share the parts of its mesh."""
-    if node.mesh is None:
-        return False
-    return node.skin is not None or node.weights is not None or INSTANCING in (node.extensions or {})
 
 
 def expand_mesh_nodes(
@@ -56,19 +48,19 @@ def expand_mesh_nodes(
     poses: dict[int, Pose] = {}
     added: list[tuple[int, int, NDArray[np.float64]]] = []
     count = len(nodes.indices)
-    for position, source in enumerate(nodes.sources):
-        if source.mesh is None or not has_own_parts(source):
-            continue
+    for position in nodes.posed:
+        source, mesh_index = nodes.sources[position], nodes.meshes[position]
+        assert mesh_index is not None
         check_stop()
         name = f"nodes[{nodes.indices[position]}]"
         with as_warning(warnings, f"{name} is drawn at rest and once"):
             if source.weights is not None:
                 weights = tuple(source.weights)
             else:
-                if source.mesh not in weights_of_mesh:
-                    mesh = checked_item(document.meshes, source.mesh, "meshes", f"{name}.mesh")
-                    weights_of_mesh[source.mesh] = tuple(mesh.weights or ())
-                weights = weights_of_mesh[source.mesh]
+                if mesh_index not in weights_of_mesh:
+                    mesh = checked_item(document.meshes, mesh_index, "meshes", f"{name}.mesh")
+                    weights_of_mesh[mesh_index] = tuple(mesh.weights or ())
+                weights = weights_of_mesh[mesh_index]
             matrices, parent, joint_matrices = None, -1, None
             if source.skin is not None:
                 X_world_mesh, joint_matrices = skins.get(source.skin, f"{name}.skin")
@@ -111,7 +103,8 @@ def _with_nodes(nodes: SceneNodes, added: list[tuple[int, int, NDArray[np.float6
         with np.errstate(all="ignore"):
             X_world_node.append(affine_product(np.broadcast_to(X_world_parent, X_parent_node.shape), X_parent_node))
     X_parent_nodes = np.concatenate([nodes.X_parent_node, *(X_parent_node for _, _, X_parent_node in added)])
-    return SceneNodes(indices, sources, parents, meshes, X_parent_nodes, np.concatenate(X_world_node), nodes.warnings)
+    X_world_nodes = np.concatenate(X_world_node)
+    return SceneNodes(indices, sources, parents, meshes, X_parent_nodes, X_world_nodes, nodes.posed, nodes.warnings)
 
 
 class _Skins:

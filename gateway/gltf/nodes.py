@@ -1,29 +1,35 @@
-"""Nodes of a document's scene: their order, their local and world matrices, and the scene tree made from them."""
+"""Nodes of a document's scene: their order, and their local and world matrices."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.gltf import schema
-from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
+from gateway.gltf.errors import GltfError, GltfLimitError, add_warning, as_warning, checked_item
 from gateway.gltf.limits import GltfLimits
-from gateway.gltf.node_transforms import local_matrices, world_matrices
-from gateway.gltf.parser import extension
-from gateway.scene import tree
+from gateway.gltf.parser import extension, vector_or_default
 from gateway.scene.geometry import Part
-from gateway.scene.transforms import IDENTITY, affine_product
+from gateway.scene.transforms import IDENTITY, affine_product, from_poses
 from renderers.stop import check_stop
 
 VISIBILITY: Final = "KHR_node_visibility"
+INSTANCING: Final = "EXT_mesh_gpu_instancing"
 _NODES_PER_STOP_CHECK: Final = 1 << 12
 """Nodes between two checks of the ``StopFlag``."""
+_AFFINE_TOLERANCE: Final = 1e-6
+"""Maximum deviation of a matrix's last row from (0, 0, 0, 1)."""
+_DEFAULT_MATRIX: Final = tuple(IDENTITY.ravel().tolist())
+_DEFAULT_TRANSLATION: Final = (0.0, 0.0, 0.0)
+_DEFAULT_ROTATION: Final = (0.0, 0.0, 0.0, 1.0)
+"""Quaternion (x, y, z, w), as in glTF."""
+_DEFAULT_SCALE: Final = (1.0, 1.0, 1.0)
 
 NodeParts: TypeAlias = list[tuple[Part, ...] | None]
 """The primitives of each node; None for a node without a mesh."""
@@ -45,62 +51,10 @@ class SceneNodes:
     """(N, 4, 4), poses in the frame of the parent."""
     X_world_node: NDArray[np.float64]
     """(N, 4, 4), poses in the document's world frame."""
+    posed: list[int]
+    """Positions of the nodes whose skin, morph weights or instances keep them from sharing the parts of their mesh."""
     warnings: list[str]
     """Sentences about properties of nodes and scenes that were ignored or repaired."""
-
-    def first_node_by_mesh(self) -> dict[int, int]:
-        """Return the first node of each mesh in use: node indices by mesh index, in the order of the nodes."""
-        node_of_mesh: dict[int, int] = {}
-        for node, mesh in zip(self.indices, self.meshes, strict=True):
-            if mesh is not None:
-                node_of_mesh.setdefault(mesh, node)
-        return node_of_mesh
-
-    def mesh_names(self, meshes: list[schema.Mesh | None] | None) -> dict[int, str]:
-        """Return a name for each mesh in use, by mesh index. Meshes without a name are called after their first node.
-
-        Args:
-            meshes: Meshes of the document.
-        """
-        names: dict[int, str] = {}
-        used: dict[str, int] = {}
-        for position, mesh in enumerate(self.meshes):
-            if mesh is not None and mesh not in names:
-                source = meshes[mesh] if meshes is not None and 0 <= mesh < len(meshes) else None
-                name = (source.name if isinstance(source, schema.Mesh) else "") or self.sources[position].name
-                names[mesh] = _unique(name or f"mesh{mesh}", used)
-        return names
-
-    def paths(self) -> list[tree.Path]:
-        """Return the path of each node in ``tree``."""
-        paths: list[tree.Path] = []
-        for name, parent in zip(self._names(), self.parents, strict=True):
-            paths.append((*(paths[parent] if parent >= 0 else ()), name))
-        return paths
-
-    def tree(self, parts: NodeParts) -> tree.Node:
-        """Return a committed tree: a root without parts, whose children are the roots of the scene.
-
-        Args:
-            parts: Parts of each node.
-        """
-        names = self._names()
-        not_identity = (self.X_parent_node != IDENTITY).any(axis=(1, 2)).tolist()
-        matrices = [X if differs else IDENTITY for X, differs in zip(self.X_parent_node, not_identity, strict=True)]
-        # children[p] has the children of the node at position p, last child first; children[-1] has the roots.
-        children: list[dict[tree.PathElement, tree.Node]] = [{} for _ in range(len(names) + 1)]
-        for position in range(len(names) - 1, -1, -1):
-            ordered = dict(reversed(children[position].items()))
-            children[self.parents[position]][names[position]] = tree.Node(parts[position], matrices[position], ordered)
-        return tree.Node(None, IDENTITY, dict(reversed(children[-1].items())))
-
-    def _names(self) -> list[str]:
-        """Return the name of each node, unique among its siblings."""
-        names = [source.name or f"node{index}" for index, source in zip(self.indices, self.sources, strict=True)]
-        if len(set(zip(self.parents, names, strict=True))) == len(names):
-            return names
-        numbers: dict[int, dict[str, int]] = {}
-        return [_unique(name, numbers.setdefault(parent, {})) for name, parent in zip(names, self.parents, strict=True)]
 
 
 def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
@@ -116,6 +70,9 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
     indices: list[int] = []
     sources: list[schema.Node] = []
     parents: list[int] = []
+    meshes: list[int | None] = []
+    posed: list[int] = []
+    extended: list[int] = []  # positions of the nodes with extensions
     levels: list[list[int]] = []  # positions of the nodes of each depth
     visited: set[int] = set()
     roots, roots_path = _roots(document, visited, warnings)
@@ -141,19 +98,29 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
             indices.append(index)
             sources.append(source)
             parents.append(parent)
+            meshes.append(source.mesh)
             levels[len(stack) - 1].append(position)
+            if source.extensions:
+                extended.append(position)
+            if source.mesh is not None and (
+                source.skin is not None or source.weights is not None or INSTANCING in (source.extensions or ())
+            ):
+                posed.append(position)
             if source.children:
                 stack.append((iter(source.children), position))
                 break
         else:
             stack.pop()
-    X_parent_node = local_matrices(sources, indices, warnings)
-    X_world_node = world_matrices(X_parent_node, parents, levels)
+    X_parent_node = _local_matrices(sources, indices, warnings)
+    X_world_node = _world_matrices(X_parent_node, parents, levels)
     if len(levels) > limits.max_node_depth:
         _flatten_deep_nodes(parents, X_parent_node, limits.max_node_depth)
-    _hide_invisible(sources, parents, indices, warnings)
-    meshes = [source.mesh for source in sources]
-    return SceneNodes(indices, sources, parents, meshes, X_parent_node, X_world_node, warnings)
+    if extended and (hidden := _hidden_nodes(sources, parents, indices, warnings)):
+        for position in hidden:
+            sources[position] = msgspec.structs.replace(sources[position], mesh=None, extensions=None)
+            meshes[position] = None
+        posed = [position for position in posed if position not in hidden]
+    return SceneNodes(indices, sources, parents, meshes, X_parent_node, X_world_node, posed, warnings)
 
 
 def _flatten_deep_nodes(parents: list[int], X_parent_node: NDArray[np.float64], max_depth: int) -> None:
@@ -170,10 +137,8 @@ def _flatten_deep_nodes(parents: list[int], X_parent_node: NDArray[np.float64], 
             depths.append(depths[parent] + 1 if parent >= 0 else 1)
 
 
-def _hide_invisible(sources: list[schema.Node], parents: list[int], indices: list[int], warnings: list[str]) -> None:
-    """Remove the meshes and lights of the nodes that KHR_node_visibility hides, and of their descendants."""
-    if not any(source.extensions for source in sources):
-        return
+def _hidden_nodes(sources: list[schema.Node], parents: list[int], indices: list[int], warnings: list[str]) -> set[int]:
+    """Return the positions of the nodes that KHR_node_visibility hides, and of their descendants."""
     hidden: set[int] = set()
     for position, (source, parent) in enumerate(zip(sources, parents, strict=True)):
         if source.extensions and VISIBILITY in source.extensions:
@@ -183,8 +148,7 @@ def _hide_invisible(sources: list[schema.Node], parents: list[int], indices: lis
                 hidden.add(position)
         if parent in hidden:
             hidden.add(position)
-        if position in hidden:
-            sources[position] = msgspec.structs.replace(source, mesh=None, extensions=None)
+    return hidden
 
 
 def _roots(document: schema.Document, visited: set[int], warnings: list[str]) -> tuple[Iterator[int | None], str]:
@@ -197,27 +161,85 @@ def _roots(document: schema.Document, visited: set[int], warnings: list[str]) ->
         visited: Indices of the nodes in the scene so far. The result reads it while the caller adds nodes.
     """
     if document.scenes:
-        with as_warning(warnings, "all nodes without a parent are drawn"):
-            index = document.scene or 0
+        index = document.scene or 0
+        try:
             scene = checked_item(document.scenes, index, "scenes", "scene")
             return iter(scene.nodes or ()), f"scenes[{index}].nodes"
+        except GltfError as error:
+            add_warning(warnings, error, "all nodes without a parent are drawn")
     nodes = document.nodes or []
     children = {child for node in nodes if isinstance(node, schema.Node) for child in node.children or ()}
     indices = [i for i, node in enumerate(nodes) if node is not None]
     return chain((i for i in indices if i not in children), (i for i in indices if i not in visited)), "nodes"
 
 
-def _unique(name: str, last_numbers: dict[str, int]) -> str:
-    """Return ``name``, or the first of ``name#2``, ``name#3`` ... that no sibling has.
+def _local_matrices(nodes: list[schema.Node], indices: list[int], warnings: list[str]) -> NDArray[np.float64]:
+    """Return X_parent_node of each node. A property with the wrong number of numbers is ignored.
 
     Args:
-        last_numbers: The last number tried, by the names of the siblings; the result is added. With 100,000 equal
-            names, trying all numbers for each name would take minutes.
+        indices: Indices of the nodes in the document, for messages.
+
+    Returns:
+        (N, 4, 4) float64. The last row of each matrix is exactly (0, 0, 0, 1).
     """
-    candidate, number = name, last_numbers.get(name, 1)
-    while candidate in last_numbers:
-        number += 1
-        candidate = f"{name}#{number}"
-    last_numbers[name] = number
-    last_numbers.setdefault(candidate, 1)
-    return candidate
+
+    def values_of(selected: list[int], name: str, default: tuple[float, ...]) -> NDArray[np.float64]:
+        """Return a property of the nodes at the positions ``selected``, (len(selected), len(default)) float64."""
+        values: list[Any] = [getattr(nodes[i], name) for i in selected]
+        values = [default if value is None else value for value in values]
+        try:
+            result = np.array(values, np.float64)
+        except ValueError:  # lists of different lengths
+            result = np.empty(0)
+        if result.shape != (len(selected), len(default)):
+            paths = [f"nodes[{indices[i]}].{name}" for i in selected]
+            result = np.array([vector_or_default(*each, default, warnings) for each in zip(values, paths, strict=True)])
+        return result
+
+    X = np.empty((len(nodes), 4, 4))
+    X[:] = IDENTITY
+    with_matrix = [i for i, node in enumerate(nodes) if node.matrix is not None]
+    with_trs = [
+        i
+        for i, node in enumerate(nodes)
+        if node.matrix is None and (node.translation is not None or node.rotation is not None or node.scale is not None)
+    ]
+    if with_matrix:
+        column_major = values_of(with_matrix, "matrix", _DEFAULT_MATRIX)
+        matrices = column_major.reshape(-1, 4, 4).transpose(0, 2, 1)
+        affine = (np.abs(matrices[:, 3] - IDENTITY[3]) <= _AFFINE_TOLERANCE).all(axis=1)
+        for i in np.flatnonzero(~affine):
+            name = f"nodes[{indices[with_matrix[i]]}].matrix"
+            warnings.append(f"{name}: not affine, its last row {matrices[i, 3].tolist()} is ignored")
+        X[with_matrix, :3] = matrices[:, :3]
+    if with_trs:
+        translations = values_of(with_trs, "translation", _DEFAULT_TRANSLATION)
+        rotations = values_of(with_trs, "rotation", _DEFAULT_ROTATION)
+        zeros = [indices[with_trs[i]] for i in np.flatnonzero(~rotations.any(axis=1))]
+        warnings += [f"nodes[{index}].rotation: it has no length; the node is not rotated" for index in zeros]
+        scales = values_of(with_trs, "scale", _DEFAULT_SCALE)
+        poses = from_poses(np.concatenate((translations, rotations[:, (3, 0, 1, 2)]), axis=1))
+        poses[:, :3, :3] *= scales[:, None, :]
+        X[with_trs] = poses
+    return X
+
+
+def _world_matrices(
+    X_parent_node: NDArray[np.float64], parents: list[int], levels: list[list[int]]
+) -> NDArray[np.float64]:
+    """Return X_world_node of each node: the product of the matrices from its root to the node.
+
+    Args:
+        parents: Position of each node's parent; -1 for roots.
+        levels: For each depth, roots first: the positions of its nodes.
+
+    Returns:
+        (N, 4, 4) float64; not finite where a product overflows.
+    """
+    if len(levels) < 2:
+        return X_parent_node
+    X_world_node, parent_of = X_parent_node.copy(), np.array(parents)
+    with np.errstate(all="ignore"):
+        for level in levels[1:]:
+            X_world_node[level] = affine_product(X_world_node[parent_of[level]], X_parent_node[level])
+    return X_world_node

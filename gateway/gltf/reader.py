@@ -2,9 +2,9 @@
 
 1. Split the file and parse its JSON: ``container``, ``parser`` (``schema`` declares the properties).
 2. Order the nodes of the scene and compute their matrices: ``nodes``.
-3. Read the meshes in use: ``buffers`` (``meshopt``), ``accessors``, ``meshes`` (``draco``, ``mesh_nodes``,
-   ``deformation``); their ``materials`` and ``textures``.
-4. Place cameras and lights at their nodes: ``cameras``, ``lights``.
+3. Read the meshes in use (``part_reader``): ``buffers`` (``meshopt``), ``accessors``, ``meshes`` (``draco``,
+   ``mesh_nodes``, ``deformation``); their ``materials`` and ``textures``.
+4. Place cameras and lights at their nodes: ``scene``, ``lights``.
 
 A document that differs from an earlier one only in its nodes needs no step 3 (``document_cache``).
 """
@@ -17,28 +17,27 @@ from typing import Final
 from gateway.gltf.accessors import Accessors
 from gateway.gltf.animations import AnimationTime, pose_nodes
 from gateway.gltf.buffers import Buffers, Resolver
-from gateway.gltf.cameras import read_cameras
 from gateway.gltf.container import open_container
-from gateway.gltf.deformation import REST, Pose
+from gateway.gltf.deformation import Pose
 from gateway.gltf.document_cache import DocumentContent, HashedDocument
 from gateway.gltf.draco import DracoMeshes
-from gateway.gltf.errors import GltfError, GltfLimitError, add_warning, as_warning, checked_item
+from gateway.gltf.errors import GltfLimitError
 from gateway.gltf.extensions import check_extensions
 from gateway.gltf.gltf_cache import GltfCache
 from gateway.gltf.lights import place_lights, read_lights
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.materials import Materials
-from gateway.gltf.mesh_nodes import INSTANCING, expand_mesh_nodes, has_own_parts
+from gateway.gltf.mesh_nodes import expand_mesh_nodes
 from gateway.gltf.meshes import Meshes
-from gateway.gltf.nodes import NodeParts, SceneNodes, read_nodes
+from gateway.gltf.node_tree import mesh_names
+from gateway.gltf.nodes import INSTANCING, NodeParts, SceneNodes, read_nodes
 from gateway.gltf.parser import check_version, parse_document
-from gateway.gltf.scene import GltfScene
-from gateway.gltf.schema import DRAKE_MERGER, Document, Light, Mesh
+from gateway.gltf.part_reader import PartReader, count_elements
+from gateway.gltf.scene import GltfScene, read_cameras
+from gateway.gltf.schema import DRAKE_MERGER
 from gateway.gltf.textures import Textures
-from gateway.scene.geometry import Part, Surface
 from renderers.cache import CacheBudget
 from renderers.stop import check_stop
-from scenegate.warning_text import joined_warnings
 
 _DEFAULT_LIMITS: Final = GltfLimits()
 _MAX_LISTED_WARNINGS: Final = 100
@@ -72,7 +71,9 @@ def read_gltf(
         Exception: The error with which the current ``renderers.stop.StopFlag`` was set. Nothing partial is cached.
     """
     limits = limits or _DEFAULT_LIMITS
-    hashed = _hashed_document(data, cache, resolve)
+    if not isinstance(data, HashedDocument) and cache is not None and resolve is None:
+        data = HashedDocument(bytes(data))
+    hashed = data if isinstance(data, HashedDocument) else None
     if cache is None:
         cache = GltfCache(CacheBudget(limits.max_buffer_bytes + limits.max_mesh_bytes))
     if hashed is not None and (scene := _cached_scene(hashed, cache, limits)) is not None:
@@ -88,8 +89,8 @@ def read_gltf(
     if animation is not None:
         pose_nodes(document, accessors, animation, warnings)
     nodes = read_nodes(document, limits)
-    mesh_names = nodes.mesh_names(document.meshes)
-    has_posed_nodes = _has_posed_nodes(document.generator, nodes)
+    names = mesh_names(nodes, document.meshes)
+    has_posed_nodes = bool(nodes.posed) and document.generator != DRAKE_MERGER  # which breaks skins and weights
     poses: Mapping[int, Pose] = {}
     check_version(document, warnings)
     check_extensions(document, warnings)
@@ -97,8 +98,8 @@ def read_gltf(
         nodes, poses = expand_mesh_nodes(document, nodes, accessors, limits, warnings)
     meshes = Meshes(accessors, DracoMeshes(document, buffers, limits), cache.content, limits, warnings)
     images = Textures(document, buffers, cache.content, limits, warnings, decode_images)
-    reader = _PartReader(document, meshes, Materials(document, images, warnings, variant), limits)
-    content = reader.read(nodes, poses, mesh_names, read_lights(document, warnings), warnings)
+    reader = PartReader(document, meshes, Materials(document, images, warnings, variant), limits)
+    content = reader.read(nodes, poses, names, read_lights(document, warnings), warnings)
     check_stop()
     scene = _combine(content, nodes, limits)
     # Poses of nodes, and warnings that may be about nodes, do not hold for a document with other nodes.
@@ -115,21 +116,7 @@ def read_mesh_names(data: bytes) -> frozenset[str]:
         GltfError: The document cannot be read.
     """
     document = parse_document(open_container(data).json, _DEFAULT_LIMITS, [])
-    return frozenset(read_nodes(document, _DEFAULT_LIMITS).mesh_names(document.meshes).values())
-
-
-def _hashed_document(
-    data: bytes | bytearray | memoryview | HashedDocument, cache: GltfCache | None, resolve: Resolver | None
-) -> HashedDocument | None:
-    """Return the document with its digests for the document cache; None if this cache is not used."""
-    if isinstance(data, HashedDocument):
-        return data
-    return HashedDocument(bytes(data)) if cache is not None and resolve is None else None
-
-
-def _has_posed_nodes(generator: str, nodes: SceneNodes) -> bool:
-    """Return True if nodes have parts of their own: skins, morph weights or instances, which Drake's merger breaks."""
-    return generator != DRAKE_MERGER and any(map(has_own_parts, nodes.sources))
+    return frozenset(mesh_names(read_nodes(document, _DEFAULT_LIMITS), document.meshes).values())
 
 
 def _cached_scene(document: HashedDocument, cache: GltfCache, limits: GltfLimits) -> GltfScene | None:
@@ -139,116 +126,20 @@ def _cached_scene(document: HashedDocument, cache: GltfCache, limits: GltfLimits
         return None
     content, node_document = cached
     nodes = read_nodes(node_document, limits)
-    if _has_posed_nodes(content.generator, nodes) or list(nodes.first_node_by_mesh()) != list(content.parts):
+    meshes = dict.fromkeys(nodes.meshes)
+    meshes.pop(None, None)
+    if (nodes.posed and content.generator != DRAKE_MERGER) or list(meshes) != list(content.parts):
         return None
     return _combine(content, nodes, limits)
 
 
-class _PartReader:
-    """Reads the primitives of the meshes in use as parts. What is invalid is left out with a warning."""
-
-    def __init__(self, document: Document, meshes: Meshes, materials: Materials, limits: GltfLimits) -> None:
-        self._document = document
-        self._meshes = meshes
-        self._materials = materials
-        self._limits = limits
-        self._primitive_count = 0
-        self._any_read = False
-        self._left_out: list[str] = []
-        """Sentences about primitives that are left out."""
-
-    def read(
-        self,
-        nodes: SceneNodes,
-        poses: Mapping[int, Pose],
-        mesh_names: Mapping[int, str],
-        lights: list[Light | None],
-        warnings: list[str],
-    ) -> DocumentContent:
-        """Return everything but the nodes.
-
-        Args:
-            poses: Poses of the nodes with parts of their own, by index in ``nodes``.
-            mesh_names: Names of the meshes in use, by mesh index.
-            warnings: Warnings so far; those about primitives that are left out are appended to this list.
-
-        Raises:
-            GltfError: A limit is exceeded, or nothing can be drawn.
-        """
-        parts, posed_parts = self._parts(nodes, poses)
-        warnings += self._left_out
-        meshes = self._document.meshes or ()
-        return DocumentContent(
-            generator=self._document.generator,
-            cameras=self._document.cameras or [],
-            lights=lights,
-            parts=parts,
-            posed_parts=posed_parts,
-            mesh_names=mesh_names,
-            element_counts={mesh: _element_count(mesh_parts) for mesh, mesh_parts in parts.items()},
-            morphed_mesh_count=sum(isinstance(mesh, Mesh) and any(mesh.weights or ()) for mesh in meshes),
-            warnings=tuple(warnings),
-            mesh_bytes=self._meshes.nbytes,
-        )
-
-    def _parts(
-        self, nodes: SceneNodes, poses: Mapping[int, Pose]
-    ) -> tuple[dict[int, tuple[Part, ...]], dict[int, tuple[Part, ...]]]:
-        """Return the parts by mesh index, and those of nodes with a pose of their own by index in ``nodes``."""
-        parts: dict[int, tuple[Part, ...]] = {}
-        posed_parts: dict[int, tuple[Part, ...]] = {}
-        parts_in_pose: dict[tuple[int, Pose], tuple[Part, ...]] = {}  # the instances of a node share a pose
-        missing: list[str] = []
-        for scene_index, mesh_index in enumerate(nodes.meshes):
-            pose = poses.get(scene_index)
-            if mesh_index is None or (pose is None and mesh_index in parts):
-                continue
-            if pose is not None and (mesh_index, pose) in parts_in_pose:
-                posed_parts[scene_index] = parts_in_pose[mesh_index, pose]
-                continue
-            mesh = Mesh()
-            with as_warning(missing, "the node has no mesh"):
-                path = f"nodes[{nodes.indices[scene_index]}].mesh"
-                mesh = checked_item(self._document.meshes, mesh_index, "meshes", path)
-                if not mesh.primitives:
-                    raise GltfError(f"meshes[{mesh_index}].primitives: there are none")
-            if pose is None:
-                at_rest = REST if self._document.merged_by_drake else Pose(tuple(mesh.weights or ()))
-                parts[mesh_index] = self._parts_of(mesh, mesh_index, at_rest)
-            else:
-                posed_parts[scene_index] = parts_in_pose[mesh_index, pose] = self._parts_of(mesh, mesh_index, pose)
-        if not self._any_read and (missing or self._left_out):
-            raise GltfError(f"nothing can be drawn: {joined_warnings(missing + self._left_out)}")
-        nodes.warnings.extend(missing)
-        return parts, posed_parts
-
-    def _parts_of(self, mesh: Mesh, index: int, pose: Pose) -> tuple[Part, ...]:
-        """Return the parts of ``meshes[index]`` in a pose."""
-        primitives, parts = mesh.primitives or [], []
-        self._primitive_count += len(primitives)
-        if self._primitive_count > self._limits.max_primitives:
-            limit = self._limits.max_primitives
-            raise GltfLimitError(f"meshes[{index}]: more primitives than max_primitives = {limit}")
-        for number in range(len(primitives)):
-            name = f"meshes[{index}].primitives[{number}]"
-            try:
-                primitive = checked_item(primitives, number, "primitives", name)
-                smooth = self._materials.is_from_vtk(primitive)
-                if (surface := self._meshes.read(primitive, name, pose, smooth=smooth)) is not None:
-                    parts.append(Part(Surface(surface), self._materials.get(primitive, name)))
-                self._any_read = True
-            except GltfLimitError:
-                raise
-            except GltfError as error:
-                add_warning(self._left_out, error, f"{name} is left out")
-        return tuple(parts)
-
-
 def _combine(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) -> GltfScene:
     """Return the scene of a document, given its content and its nodes."""
-    warnings = [*content.warnings, *nodes.warnings, *_deformation_warnings(content, nodes)]
+    warnings = [*content.warnings, *nodes.warnings]
+    if content.generator == DRAKE_MERGER:
+        warnings += _deformation_warnings(content, nodes)
     cameras = read_cameras(content.cameras, nodes, warnings)
-    lights = place_lights(content.lights, nodes, limits.max_lights, warnings)
+    lights = place_lights(content.lights, nodes, limits.max_lights, warnings) if content.lights else ()
     parts, instance_count, element_count = _node_parts(content, nodes, limits)
     warnings = list(dict.fromkeys(warnings))  # an object may be used several times
     if len(warnings) > _MAX_LISTED_WARNINGS:
@@ -272,7 +163,7 @@ def _node_parts(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits)
         parts = content.parts[mesh] if posed_parts is None else posed_parts
         node_parts.append(parts)
         instance_count += len(parts)
-        element_count += content.element_counts[mesh] if posed_parts is None else _element_count(posed_parts)
+        element_count += content.element_counts[mesh] if posed_parts is None else count_elements(posed_parts)
         if instance_count > limits.max_instances:
             limit = limits.max_instances
             raise GltfLimitError(f"nodes[{node}].mesh: the scene has more instances than max_instances = {limit}")
@@ -282,16 +173,9 @@ def _node_parts(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits)
     return node_parts, instance_count, element_count
 
 
-def _element_count(parts: tuple[Part, ...]) -> int:
-    """Return the number of elements (triangles, lines and points; a primitive of glTF is a mesh of them)."""
-    return sum(len(part.shape.mesh.elements) for part in parts if isinstance(part.shape, Surface))
-
-
 def _deformation_warnings(content: DocumentContent, nodes: SceneNodes) -> list[str]:
     """Return warnings about skins, morph targets and instances in documents that Drake merged: all are ignored."""
     warnings: list[str] = []
-    if content.generator != DRAKE_MERGER:
-        return warnings
     mesh_nodes = [node for node in nodes.sources if node.mesh is not None]
     if skin_count := sum(1 for node in mesh_nodes if node.skin is not None):
         warnings.append(f"nodes: skins are ignored, {skin_count} meshes are drawn as they are stored")

@@ -1,17 +1,46 @@
-"""A scene read from a glTF document: the result of ``read_gltf``."""
+"""A scene read from a glTF document, the result of ``read_gltf``, and its cameras."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
-from gateway.gltf.cameras import GltfCamera
+import numpy as np
+
+from gateway.gltf import schema
 from gateway.gltf.document_cache import DocumentContent
+from gateway.gltf.errors import GltfError, add_warning, checked_item
+from gateway.gltf.node_tree import paths_of, tree_of
 from gateway.gltf.nodes import NodeParts, SceneNodes
 from gateway.gltf.schema import DRAKE_GENERATORS
+from gateway.scene.transforms import Matrix
 from gateway.scene.tree import Node, Path
 from renderers.camera import OPENGL_FROM_OPTICAL
 from renderers.drawlist import Light
+
+_SCALE_TOLERANCE: Final = 1e-12
+"""Maximum deviation of an axis' length from 1 that is rounding and not scale."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GltfCamera:
+    """A camera, with the pose of the node that refers to it."""
+
+    index: int
+    """Index in the document's ``cameras``."""
+    name: str
+    """Name of the camera; the name of its node if the camera has none."""
+    X_world_camera: Matrix
+    """(4, 4) float64: pose of the optical frame (+Z forward, +X right, +Y down) in the document's world frame."""
+    yfov: float | None
+    """Vertical field of view, radians; None for an orthographic camera."""
+    znear: float
+    """Distance of the near plane, metres; 0 if it is absent."""
+    zfar: float | None
+    """Distance of the far plane, metres; None for an infinite projection."""
+    xmag: float | None = None
+    """Half of the width of an orthographic camera's view, metres; None for a perspective camera."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +66,13 @@ class GltfScene:
     @cached_property
     def root(self) -> Node:
         """Committed tree in the document's own axes (not rotated to Z up). Its children are the scene's nodes."""
-        return self.nodes.tree(self.parts)
+        return tree_of(self.nodes, self.parts)
 
     @cached_property
     def models(self) -> dict[Path, str]:
         """Name of the mesh of each node with a mesh, by the node's path in ``root``."""
         names = self.content.mesh_names
-        pairs = zip(self.nodes.paths(), self.nodes.meshes, strict=True)
+        pairs = zip(paths_of(self.nodes), self.nodes.meshes, strict=True)
         return {path: names[mesh] for path, mesh in pairs if mesh is not None}
 
     @property
@@ -69,3 +98,48 @@ class GltfScene:
         if not self.content.cameras:
             return None
         return GltfCamera(0, "", OPENGL_FROM_OPTICAL, None, 0.0, None)
+
+
+def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes, warnings: list[str]) -> tuple[GltfCamera, ...]:
+    """Return the camera of each node that has one, parents first. A reference to no camera gives a warning.
+
+    Args:
+        sources: The document's ``cameras``.
+    """
+    cameras = []
+    for index, node, X_world_node in zip(nodes.indices, nodes.sources, nodes.X_world_node, strict=True):
+        if node.camera is None:
+            continue
+        try:
+            source = checked_item(sources, node.camera, "cameras", f"nodes[{index}].camera")
+        except GltfError as error:
+            add_warning(warnings, error, "the node has no camera")
+        else:
+            perspective = source.perspective or schema.Projection()
+            orthographic = (None if source.perspective else source.orthographic) or schema.Projection()
+            camera = GltfCamera(
+                index=node.camera,
+                name=source.name or node.name or "",
+                X_world_camera=_optical_pose(X_world_node),
+                yfov=perspective.yfov,
+                xmag=orthographic.xmag,
+                znear=perspective.znear or orthographic.znear or 0.0,
+                zfar=perspective.zfar if source.perspective else orthographic.zfar,
+            )
+            cameras.append(camera)
+    return tuple(cameras)
+
+
+def _optical_pose(X_world_node: Matrix) -> Matrix:
+    """Return the pose of the optical frame of a camera whose node has the pose ``X_world_node``.
+
+    A glTF camera looks along -Z with +Y up. The scale of its node does not affect it (glTF 2.0, 3.10.2).
+    """
+    pose = X_world_node.copy()
+    x, y, z = pose[:3, :3]
+    with np.errstate(all="ignore"):
+        lengths = np.sqrt(x * x + y * y + z * z)
+        if (np.abs(lengths - 1.0) > _SCALE_TOLERANCE).any() and ((lengths > 0.0) & (lengths < np.inf)).all():
+            pose[:3, :3] /= lengths
+    pose[:3, 1:3] = 0.0 - pose[:3, 1:3]  # negation would make negative zeros
+    return pose

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Literal
 
 from gateway.gltf.limits import GltfLimits
-from gateway.scene.style import LookChoice as LookChoice
 from gateway.scene.style import Style
 
 

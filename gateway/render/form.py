@@ -1,4 +1,4 @@
-"""Validation of the fields of a render request; no I/O.
+"""Reads the form of a render request (RFC 7578): its parts as they arrive, then its fields; no I/O.
 
 Every form that Drake's demo server or drake-blender accepts is accepted. Unlike Drake's demo server, this one ignores
 unknown fields with a warning, so that newer clients with more fields get their images, and computes a missing focal
@@ -9,125 +9,185 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
-from typing import Final, Literal, cast, get_args
+from collections.abc import Mapping
+from functools import partial
+from io import BytesIO
+from typing import Final, cast, get_args
 
-from gateway.render.config import LookChoice, RenderConfig
+from python_multipart.exceptions import FormParserError
+from python_multipart.multipart import Field, File, FormParser, parse_options_header
+
+from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError, quoted
-from gateway.render.multipart import Form
+from gateway.render.request import MAX_FAR, MAX_FOCAL, MIN_FAR, ImageType, RenderRequest
+from gateway.scene.style import LookChoice
 
-ImageType = Literal["color", "depth", "label"]
-IMAGE_TYPES: Final = ("color", "depth", "label")
-
+IMAGE_TYPES: Final = get_args(ImageType)
 LOOK_FIELD: Final = "scenegate_look"
 """Field with a ``LookChoice``, which Drake's client never sends. The prefix keeps later fields of it apart."""
 LOOKS: Final = get_args(LookChoice)
-_FIELD_NAMES: Final = frozenset(
-    (
-        LOOK_FIELD,
-        "scene_sha256",
-        "image_type",
-        "min_depth",
-        "max_depth",
-        "width",
-        "height",
-        "near",
-        "far",
-        "focal_x",
-        "focal_y",
-        "fov_x",
-        "fov_y",
-        "center_x",
-        "center_y",
-        "submit",
-    )
-)
+SCENE: Final = "scene"
+"""Name of the part with the glTF file."""
+_REQUIRED: Final = ("image_type", "width", "height", "near", "far", "center_x", "center_y")
+_NUMBERS: Final[Mapping[str, tuple[float | None, float]]] = {
+    "near": (0.0, math.inf),
+    "far": (None, MAX_FAR),
+    "min_depth": (0.0, math.inf),
+    "max_depth": (None, math.inf),
+    "focal_x": (None, MAX_FOCAL),
+    "focal_y": (None, MAX_FOCAL),
+    "fov_x": (None, math.inf),
+    "fov_y": (None, math.inf),
+    "center_x": (None, math.inf),
+    "center_y": (None, math.inf),
+}
+"""Minimum and maximum of the decimal fields. Without a minimum, they must be positive."""
+_KNOWN: Final = frozenset((*_REQUIRED, *_NUMBERS, LOOK_FIELD, "scene_sha256", "submit"))
 _NUMBER: Final = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 """Syntax of decimal fields; float() alone would accept "1_000", "nan" and Arabic digits."""
 _INTEGER: Final = re.compile(r"\+?(\d{1,9})(\.0*)?", re.ASCII)
 """Syntax of integer fields; a decimal point with zeros may follow."""
 _SHA256: Final = re.compile(r"[0-9a-fA-F]{64}")
-MAX_FOCAL: Final = 1e9
-"""Maximum focal length, pixels: a field of view of a hundred-thousandth of a radian in the largest image."""
-MIN_FOV: Final = 2e-5
-"""Minimum field of view, radians. A narrower one has a focal length above ``MAX_FOCAL`` in the largest image."""
-MAX_FOV: Final = 3.1415926
-"""Maximum field of view, radians. A wider one has a focal length below ``1 / MAX_FOCAL`` in the smallest image."""
-MIN_FAR: Final = 1e-8
-"""Minimum distance of the far plane, metres, so that there is room for a near plane."""
-MAX_FAR: Final = 1e12
-"""Maximum distance of the far plane, metres. With a larger one, float32 depth cannot resolve a scene."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RenderRequest:
-    """A validated request for one image."""
+class FormReader:
+    """Parses a body that is fed piece by piece. Every method may raise ``RequestError``."""
 
-    image_type: ImageType
-    width: int
-    """Pixels."""
-    height: int
-    """Pixels."""
-    focal_x: float
-    """Pixels, as in Drake's CameraInfo."""
-    focal_y: float
-    """Pixels."""
-    center_x: float
-    """Principal point in pixels from the left edge; pixel i covers i .. i + 1."""
-    center_y: float
-    """Principal point in pixels from the top edge."""
-    near: float
-    """Near plane in metres, >= 0. Drake prints six decimals: a value below 0.5 micrometres arrives as 0."""
-    far: float
-    """Far plane in metres, > near."""
-    min_depth: float
-    """Metres; closer depths are "too close". 0 unless the image is depth."""
-    max_depth: float
-    """Metres; larger depths are "too far". Infinite unless the image is depth."""
-    scene: bytes | bytearray
-    """The glTF file; must not change."""
-    claimed_sha256: str | None = None
-    """SHA-256 of the scene as sent by the client, 64 hexadecimal digits in lower case; None: not sent."""
-    scene_filename: str = ""
-    """File name as sent by the client; empty if it was not sent."""
-    look: LookChoice | None = None
-    """Shading model; None: the server's setting."""
-    warnings: tuple[str, ...] = ()
-    """Sentences about problems that do not prevent the image."""
+    def __init__(self, content_type: str, config: RenderConfig) -> None:
+        """
+        Args:
+            content_type: Content-Type header of the request, with the boundary.
+        """
+        if len(content_type) > config.max_header_bytes:
+            raise RequestError(
+                400, f"Content-Type has {len(content_type)} characters, the limit is {config.max_header_bytes}"
+            )
+        kind, options = parse_options_header(content_type.encode("latin-1", "replace"))
+        if kind != b"multipart/form-data":
+            got = quoted(content_type) if content_type else "none"
+            raise RequestError(400, f"Content-Type must be multipart/form-data, got {got}")
+        if not options.get(b"boundary"):
+            raise RequestError(400, f"Content-Type names no boundary: {quoted(content_type)}")
+        self._config = config
+        self._fields: dict[str, str] = {}
+        self._scene: bytes | None = None
+        self._scene_filename = ""
+        self._part_count = 0
+        self._last_name = ""
+        """Name of the last complete part."""
+        self._is_complete = False
+        self._new_parts: list[Field | File | None] = []
+        """Parts that have become complete in the current piece; None for the end of the form."""
+        limits = {
+            "MAX_MEMORY_FILE_SIZE": math.inf,  # no file on disk
+            "MAX_HEADER_COUNT": config.max_part_headers,
+            "MAX_HEADER_SIZE": config.max_header_bytes,
+            "UPLOAD_ERROR_ON_BAD_CTE": True,
+        }
+        add, end = self._new_parts.append, partial(self._new_parts.append, None)
+        try:
+            self._parser = FormParser(kind.decode(), add, add, end, options[b"boundary"], config=limits)
+        except FormParserError as error:
+            raise RequestError(400, f"Content-Type has an unusable boundary: {error}") from None
+
+    def feed(self, data: bytes) -> None:
+        """Parse the next piece of the body."""
+        size = self._parser.bytes_received + len(data)
+        if size > self._config.max_body_bytes:
+            raise body_too_large(size, self._config)
+        try:
+            self._parser.write(data)
+        except FormParserError as error:
+            number = self._part_count + len(self._new_parts) + 1
+            raise RequestError(400, f"the multipart body is malformed in part {number} of the form: {error}") from None
+        for part in self._new_parts:
+            if part is None:
+                self._is_complete = True
+                break
+            self._part_count += 1
+            if self._part_count > self._config.max_parts:
+                raise RequestError(400, f"the form has more than {self._config.max_parts} parts")
+            name = self._last_name = (part.field_name or b"").decode("utf-8", "replace")
+            if not name:
+                text = f'part {self._part_count} of the form needs Content-Disposition: form-data; name="…"'
+                raise RequestError(400, text)
+            if name in self._fields or (name == SCENE and self._scene is not None):
+                raise RequestError(400, f"the field {quoted(name)} was sent twice")
+            if isinstance(part, File):
+                assert isinstance(part.file_object, BytesIO)
+                value, filename = part.file_object.getvalue(), part.file_name or b""
+            else:
+                value, filename = part.value or b"", b""
+            if name == SCENE:
+                self._scene, self._scene_filename = value, filename.decode("utf-8", "replace")
+                continue
+            if len(value) > self._config.max_field_bytes:
+                limit = self._config.max_field_bytes
+                raise RequestError(400, f"the field {quoted(name)} is longer than {limit} bytes")
+            try:
+                self._fields[name] = value.decode().strip()
+            except UnicodeDecodeError:
+                raise RequestError(400, f"the field {quoted(name)} is not UTF-8 text: {quoted(value)}") from None
+        self._new_parts.clear()
+
+    def close(self) -> None:
+        """Break the reference cycle of the parser, which would keep the body until the next garbage collection."""
+        self._parser.parser = None
+
+    def request(self) -> RenderRequest:
+        """Return the request after the whole body has been fed."""
+        if not self._is_complete:
+            where = f"after the part {quoted(self._last_name)}, " if self._part_count else ""
+            where += f"after {self._parser.bytes_received} bytes, before the closing boundary"
+            raise RequestError(400, f"the multipart body ends {where}: the upload was cut short")
+        return read_fields(self._fields, self._scene, self._config, self._scene_filename)
 
 
-def read_form(form: Form, config: RenderConfig) -> RenderRequest:
+def body_too_large(size: int, config: RenderConfig) -> RequestError:
+    """Return the error for a body of at least ``size`` bytes."""
+    limit = config.max_body_bytes
+    return RequestError(413, f"the request body has {size} bytes or more, the limit is {limit} (max_body_bytes)")
+
+
+def read_fields(
+    fields: Mapping[str, str], scene: bytes | None, config: RenderConfig, scene_filename: str = ""
+) -> RenderRequest:
     """Validate every field.
+
+    Args:
+        fields: Text parts by name, stripped of white space.
+        scene: The glTF file; None: the form has no such part.
+        scene_filename: File name as sent by the client; empty if it was not sent.
 
     Raises:
         RequestError: names the field, its value and what is accepted.
     """
-    if form.scene is None:
-        raise RequestError(400, "the field 'scene' (the glTF file) is missing")
-    if not form.scene:
-        raise RequestError(400, "the field 'scene' is an empty file")
-    fields = form.fields
-    warnings = [f"the field {quoted(name)} is unknown and ignored" for name in fields if name not in _FIELD_NAMES]
-    image_type = _choice(fields, "image_type", IMAGE_TYPES)
-    width, height = _image_side(fields, "width", config), _image_side(fields, "height", config)
-    if width * height > config.max_pixels:
-        raise RequestError(
-            400, f"width * height = {width * height} pixels, the limit is {config.max_pixels} (max_pixels)"
-        )
-    near = _number(fields, "near", minimum=0.0)
-    far = _number(fields, "far", maximum=MAX_FAR)
+    if not scene:
+        problem = "(the glTF file) is missing" if scene is None else "is an empty file"
+        raise RequestError(400, f"the field '{SCENE}' {problem}")
+    warnings = []
+    if not fields.keys() <= _KNOWN:
+        warnings = [f"the field {quoted(name)} is unknown and ignored" for name in fields if name not in _KNOWN]
+    is_depth = fields.get("image_type") == "depth"
+    _check_texts(fields, is_depth)
+    numbers = _numbers(fields)
+    size: dict[str, int] = {}
+    for name in ("width", "height"):
+        match = _INTEGER.fullmatch(fields[name])
+        size[name] = int(match[1]) if match else 0
+        if not 1 <= size[name] <= config.max_side:
+            got = quoted(fields[name])
+            raise RequestError(400, f"{name} must be a whole number from 1 to {config.max_side}, got {got}")
+    if (pixels := size["width"] * size["height"]) > config.max_pixels:
+        raise RequestError(400, f"width * height = {pixels} pixels, the limit is {config.max_pixels} (max_pixels)")
+    near, far = numbers["near"], numbers["far"]
     if far < MIN_FAR:
         raise RequestError(400, f"far must be at least {MIN_FAR:g}, got {quoted(fields['far'])}")
     if not near < far:
         raise RequestError(400, f"near must be less than far, got near={near:g} and far={far:g}")
-    min_depth, max_depth = 0.0, math.inf
-    if image_type == "depth":
-        min_depth, max_depth = _number(fields, "min_depth", minimum=0.0), _number(fields, "max_depth")
-        if not min_depth < max_depth:
-            raise RequestError(400, f"min_depth must be less than max_depth, got {min_depth:g} and {max_depth:g}")
-    else:  # unused, but invalid values are still errors
-        _optional_number(fields, "min_depth", minimum=0.0)
-        _optional_number(fields, "max_depth")
+    min_depth, max_depth = (numbers["min_depth"], numbers["max_depth"]) if is_depth else (0.0, math.inf)
+    if not min_depth < max_depth:
+        raise RequestError(400, f"min_depth must be less than max_depth, got {min_depth:g} and {max_depth:g}")
     sha256_text = fields.get("scene_sha256", "")
     has_hash = _SHA256.fullmatch(sha256_text) is not None
     if not has_hash:  # drake-blender's tests send NOT_USED_IN_THE_TEST
@@ -135,94 +195,75 @@ def read_form(form: Form, config: RenderConfig) -> RenderRequest:
             f"scene_sha256 is no SHA-256 hash: {quoted(sha256_text)}" if sha256_text else "scene_sha256 is missing"
         )
     return RenderRequest(
-        image_type=cast("ImageType", image_type),
-        width=width,
-        height=height,
-        focal_x=_focal_length(fields, "x", width),
-        focal_y=_focal_length(fields, "y", height),
-        center_x=_principal_point(fields, "center_x", width, "width"),
-        center_y=_principal_point(fields, "center_y", height, "height"),
+        image_type=cast("ImageType", fields["image_type"]),
+        width=size["width"],
+        height=size["height"],
+        **_intrinsics(fields, numbers, size),
         near=near,
         far=far,
         min_depth=min_depth,
         max_depth=max_depth,
-        scene=form.scene,
+        scene=scene,
         claimed_sha256=sha256_text.lower() if has_hash else None,
-        scene_filename=form.scene_filename,
-        look=cast("LookChoice", _choice(fields, LOOK_FIELD, LOOKS)) if LOOK_FIELD in fields else None,
+        scene_filename=scene_filename,
+        look=cast("LookChoice | None", fields.get(LOOK_FIELD)),
         warnings=tuple(warnings),
     )
 
 
-def _required_text(fields: dict[str, str], name: str) -> str:
-    value = fields.get(name)
-    if not value:
-        problem = "is missing" if value is None else "is empty"
-        hint = "; depth images need it" if name in ("min_depth", "max_depth") else ""
-        raise RequestError(400, f"the field '{name}' {problem}{hint}")
-    return value
+def _check_texts(fields: Mapping[str, str], is_depth: bool) -> None:
+    """Check that the fields of an image are there, and those with choices. Raises RequestError."""
+    depth_range = ("min_depth", "max_depth") if is_depth else ()
+    required = [*_REQUIRED, *depth_range]
+    for name, alternative in (("focal_x", "fov_x"), ("focal_y", "fov_y")):
+        if not fields.get(alternative):
+            required.append(name)
+    if LOOK_FIELD in fields:
+        required.append(LOOK_FIELD)
+    for name in required:
+        if not fields.get(name):
+            problem = "is empty" if name in fields else "is missing"
+            hint = "; depth images need it" if name in depth_range else ""
+            raise RequestError(400, f"the field '{name}' {problem}{hint}")
+    for name, choices in (("image_type", IMAGE_TYPES), (LOOK_FIELD, LOOKS)):
+        if name in fields and fields[name] not in choices:
+            listed = f"{', '.join(choices[:-1])} or {choices[-1]}"
+            raise RequestError(400, f"{name} must be {listed}, got {quoted(fields[name])}")
 
 
-def _choice(fields: dict[str, str], name: str, choices: tuple[str, ...]) -> str:
-    text = _required_text(fields, name)
-    if text not in choices:
-        listed = f"{', '.join(choices[:-1])} or {choices[-1]}"
-        raise RequestError(400, f"{name} must be {listed}, got {quoted(text)}")
-    return text
+def _numbers(fields: Mapping[str, str]) -> dict[str, float]:
+    """Return the decimal fields that are not empty. All of them must be valid, those that are not used, too."""
+    numbers: dict[str, float] = {}
+    for name, (minimum, maximum) in _NUMBERS.items():
+        if not (text := fields.get(name)):
+            continue
+        value = numbers[name] = float(text) if _NUMBER.fullmatch(text) else math.nan
+        if not math.isfinite(value):
+            raise RequestError(400, f"{name} must be a finite decimal number, got {quoted(text)}")
+        if value > maximum:
+            raise RequestError(400, f"{name} must be at most {maximum:g}, got {quoted(text)}")
+        if minimum is None and not value > 0.0:
+            raise RequestError(400, f"{name} must be positive, got {quoted(text)}")
+        if minimum is not None and not value >= minimum:
+            raise RequestError(400, f"{name} must be at least {minimum:g}, got {quoted(text)}")
+    return numbers
 
 
-def _image_side(fields: dict[str, str], name: str, config: RenderConfig) -> int:
-    text = _required_text(fields, name)
-    match = _INTEGER.fullmatch(text)
-    value = int(match[1]) if match else 0
-    if not 1 <= value <= config.max_side:
-        raise RequestError(400, f"{name} must be a whole number from 1 to {config.max_side}, got {quoted(text)}")
-    return value
+def _intrinsics(fields: Mapping[str, str], numbers: Mapping[str, float], size: Mapping[str, int]) -> dict[str, float]:
+    """Return focal lengths and principal point, pixels. A missing focal length is computed from the field of view.
 
-
-def _number(fields: dict[str, str], name: str, *, minimum: float | None = None, maximum: float = math.inf) -> float:
-    """Return the finite number in a field. It must be positive if ``minimum`` is None."""
-    text = _required_text(fields, name)
-    value = float(text) if _NUMBER.fullmatch(text) else math.nan
-    if not math.isfinite(value):
-        raise RequestError(400, f"{name} must be a finite decimal number, got {quoted(text)}")
-    if value > maximum:
-        raise RequestError(400, f"{name} must be at most {maximum:g}, got {quoted(text)}")
-    if minimum is None and not value > 0.0:
-        raise RequestError(400, f"{name} must be positive, got {quoted(text)}")
-    if minimum is not None and not value >= minimum:
-        raise RequestError(400, f"{name} must be at least {minimum:g}, got {quoted(text)}")
-    return value
-
-
-def _optional_number(fields: dict[str, str], name: str, *, minimum: float | None = None) -> float | None:
-    """Return ``_number`` of a field; None if the field is missing or empty."""
-    return _number(fields, name, minimum=minimum) if fields.get(name) else None
-
-
-def _focal_length(fields: dict[str, str], axis: str, size: int) -> float:
-    """Return the focal length in pixels. If it is missing, it is computed from the field of view.
-
-    Args:
-        axis: ``x`` or ``y``.
-        size: Width or height of the image, pixels.
+    The principal point must be inside the image, as in Drake's CameraInfo.
     """
-    focal, fov = f"focal_{axis}", f"fov_{axis}"
-    angle = _optional_number(fields, fov)
-    if angle is not None and not angle < math.pi:
-        raise RequestError(400, f"{fov} must be less than pi (radians), got {quoted(fields[fov])}")
-    if fields.get(focal) or angle is None:
-        value = _number(fields, focal, maximum=MAX_FOCAL)
-    else:
-        value = size / (2.0 * math.tan(angle / 2.0))
-    if not 1.0 / MAX_FOCAL <= value <= MAX_FOCAL:
-        raise RequestError(400, f"{focal} = {value:g} pixels is not from {1.0 / MAX_FOCAL:g} to {MAX_FOCAL:g}")
-    return value
-
-
-def _principal_point(fields: dict[str, str], name: str, size: int, size_name: str) -> float:
-    """Return a coordinate of the principal point, which must be inside the image as in Drake's CameraInfo."""
-    value = _number(fields, name)
-    if not value < size:
-        raise RequestError(400, f"{name} must be less than the {size_name} ({size}), got {quoted(fields[name])}")
-    return value
+    values: dict[str, float] = {}
+    for axis, side in (("x", "width"), ("y", "height")):
+        focal, fov, center = f"focal_{axis}", f"fov_{axis}", f"center_{axis}"
+        angle, pixels = numbers.get(fov), size[side]
+        if angle is not None and not angle < math.pi:
+            raise RequestError(400, f"{fov} must be less than pi (radians), got {quoted(fields[fov])}")
+        value = numbers[focal] if angle is None or focal in numbers else pixels / (2.0 * math.tan(angle / 2.0))
+        if not 1.0 / MAX_FOCAL <= value <= MAX_FOCAL:
+            raise RequestError(400, f"{focal} = {value:g} pixels is not from {1.0 / MAX_FOCAL:g} to {MAX_FOCAL:g}")
+        if not numbers[center] < pixels:
+            raise RequestError(400, f"{center} must be less than the {side} ({pixels}), got {quoted(fields[center])}")
+        values |= {focal: value, center: numbers[center]}
+    return values

@@ -9,13 +9,14 @@ from typing import Any, Final
 from fastapi import APIRouter, Request, Response
 
 from gateway.render.config import RenderConfig
-from gateway.render.form import IMAGE_TYPES, LOOK_FIELD, LOOKS, MAX_FAR, MAX_FOCAL, MAX_FOV, MIN_FAR, MIN_FOV
-from gateway.render.handler import RenderHandler
+from gateway.render.form import IMAGE_TYPES, LOOK_FIELD, LOOKS
+from gateway.render.request import MAX_FAR, MAX_FOCAL, MAX_FOV, MIN_FAR, MIN_FOV
 from gateway.render.service import RenderService
-from gateway.server.openapi import TEXT, example, file_response
+from gateway.server.openapi import error_responses, example, file_response
 
 _NO_FRAMEWORK_LIMIT: Final = 1 << 62
-"""Starlette's limit on the body: out of reach, so that the handler's own 413, which names the setting, comes first."""
+"""Overrides the limit of ``RequestBodyLimitMiddleware`` for this route: out of reach, so that the service's own 413,
+which names the setting, comes first."""
 
 _USAGE: Final = """\
 This is Drake's glTF render endpoint. Send a POST with multipart/form-data, for instance
@@ -25,9 +26,12 @@ This is Drake's glTF render endpoint. Send a POST with multipart/form-data, for 
 
 or give Drake's MakeRenderEngineGltfClient this server's address.
 """
+_DESCRIPTION: Final = """\
+Render the posted glTF scene with the posted camera, as Drake's render engines do.
 
-
-_SCENE: Final = {
+Requests beyond the number of worker threads wait in a queue.
+"""
+_SMALLEST_SCENE: Final = {
     "asset": {"version": "2.0"},
     "scene": 0,
     "scenes": [{"nodes": [0]}],
@@ -35,8 +39,8 @@ _SCENE: Final = {
     "cameras": [{"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.01, "zfar": 10.0}}],
 }
 """Smallest scene that can be rendered: only a camera."""
-_EXAMPLE: Final = {
-    "scene": json.dumps(_SCENE),
+_EXAMPLE_FORM: Final = {
+    "scene": json.dumps(_SMALLEST_SCENE),
     "image_type": "color",
     "width": 640,
     "height": 480,
@@ -47,6 +51,23 @@ _EXAMPLE: Final = {
     "center_x": 319.5,
     "center_y": 239.5,
 }
+_RESPONSES: Final = {
+    **file_response(
+        "The image: colour and label as PNG (RGB, 8 bit), depth as TIFF (32-bit float, metres) or, as configured, PNG "
+        "(16 bit, millimetres).",
+        "image/png",
+        "image/tiff",
+    ),
+    **error_responses(
+        {
+            400: "The form, the scene or its camera is invalid; the text names the field or glTF element and why.",
+            408: "The upload stalled.",
+            413: "The body is too large.",
+            500: "Internal error; the text has the request's id.",
+            503: "The queue is full (with Retry-After), or rendering took too long (without).",
+        }
+    ),
+}
 
 
 def _field(json_type: str, description: str, **limits: object) -> dict[str, Any]:
@@ -55,9 +76,9 @@ def _field(json_type: str, description: str, **limits: object) -> dict[str, Any]
 
 
 def _openapi_extra(config: RenderConfig) -> dict[str, Any]:
-    """Return the OpenAPI description of the form that ``FormReader`` and ``read_form`` accept."""
+    """Return the OpenAPI description of the form that ``FormReader`` accepts."""
     positive: dict[str, Any] = {"exclusiveMinimum": 0}
-    size: dict[str, Any] = {"minimum": 1, "maximum": config.max_side}
+    side: dict[str, Any] = {"minimum": 1, "maximum": config.max_side}
     focal: dict[str, Any] = {"minimum": 1.0 / MAX_FOCAL, "maximum": MAX_FOCAL}
     angle: dict[str, Any] = {**positive, "exclusiveMaximum": math.pi}
     text: dict[str, Any] = {"maxLength": config.max_field_bytes}
@@ -74,8 +95,8 @@ def _openapi_extra(config: RenderConfig) -> dict[str, Any]:
                 format="binary",
             ),
             "image_type": _field("string", "Kind of image.", enum=list(IMAGE_TYPES)),
-            "width": _field("integer", f"Pixels; width x height is at most {config.max_pixels}.", **size),
-            "height": _field("integer", "Pixels.", **size),
+            "width": _field("integer", f"Pixels; width x height is at most {config.max_pixels}.", **side),
+            "height": _field("integer", "Pixels.", **side),
             "near": _field("number", "Near clipping plane, metres; 0 for the one of the scene's camera.", minimum=0),
             "far": _field("number", "Far clipping plane, metres; greater than near.", minimum=MIN_FAR, maximum=MAX_FAR),
             "focal_x": _field("number", "Focal length, pixels. Optional if fov_x is given.", **focal),
@@ -97,83 +118,60 @@ def _openapi_extra(config: RenderConfig) -> dict[str, Any]:
             "submit": _field("string", "Ignored; Drake's client sends Render.", **text),
         },
         "allOf": [
-            {"anyOf": [{"required": ["focal_x"]}, {"required": ["fov_x"], **_angle_alone("fov_x")}]},
-            {"anyOf": [{"required": ["focal_y"]}, {"required": ["fov_y"], **_angle_alone("fov_y")}]},
+            _focal_or_angle("x"),
+            _focal_or_angle("y"),
             {
                 "anyOf": [
-                    {"properties": {"image_type": {"enum": ["color", "label"]}}},
+                    {"properties": {"image_type": {"enum": [name for name in IMAGE_TYPES if name != "depth"]}}},
                     {"required": ["min_depth", "max_depth"]},
                 ]
             },
         ],
     }
-    for name, value in {**_EXAMPLE, "min_depth": 0.1, "max_depth": 5.0}.items():
+    for name, value in {**_EXAMPLE_FORM, "min_depth": 0.1, "max_depth": 5.0}.items():
         if name != "scene":
             form["properties"][name]["default"] = value  # Swagger UI fills the form with it
     content = {
         "schema": form,
-        "examples": example(_EXAMPLE),
+        "examples": example(_EXAMPLE_FORM),
         "encoding": {"scene": {"contentType": "model/gltf-binary, model/gltf+json"}},
     }
     return {"requestBody": {"required": True, "content": {"multipart/form-data": content}}}
 
 
-def _angle_alone(name: str) -> dict[str, Any]:
-    """Return the limits of a field of view without a focal length, which keep the computed focal length in range."""
-    return {"properties": {name: {"minimum": MIN_FOV, "maximum": MAX_FOV}}}
+def _focal_or_angle(axis: str) -> dict[str, Any]:
+    """Return the schema of a focal length, or else a field of view whose focal length is in range."""
+    fov = f"fov_{axis}"
+    limits = {"properties": {fov: {"minimum": MIN_FOV, "maximum": MAX_FOV}}}
+    return {"anyOf": [{"required": [f"focal_{axis}"]}, {"required": [fov], **limits}]}
 
 
-_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
-    **file_response(
-        "The image: colour and label as PNG (RGB, 8 bit), depth as TIFF (32-bit float, metres) or, as configured, PNG "
-        "(16 bit, millimetres).",
-        "image/png",
-        "image/tiff",
-    ),
-    **{
-        status: {"description": text, "content": dict(TEXT)}
-        for status, text in {
-            400: "The form, the scene or its camera is invalid; the text names the field or glTF element and why.",
-            408: "The upload stalled.",
-            413: "The body is too large.",
-            500: "Internal error; the text has the request's id.",
-            503: "The queue is full (with Retry-After), or rendering took too long (without).",
-        }.items()
-    },
-}
-
-
-def router(service: RenderService) -> APIRouter:
+def render_router(service: RenderService) -> APIRouter:
     """Return the routes of the render endpoint, at the path of its configuration."""
-    routes = APIRouter(tags=["Render"])
+    router = APIRouter(tags=["Render"])
     path = service.config.path
 
-    async def render(http: Request) -> Response:
-        """Render the posted glTF scene with the posted camera, as Drake's render engines do.
-
-        Requests beyond the number of worker threads wait in a queue.
-        """
-        return await RenderHandler(service, http).respond()
-
-    async def usage(http: Request) -> Response:
-        text = _USAGE.format(url=http.url.replace(query="", fragment=""))
+    async def usage(request: Request) -> Response:
+        text = _USAGE.format(url=request.url.replace(query="", fragment=""))
         return Response(text, 405, headers={"Allow": "POST"}, media_type="text/plain; charset=utf-8")
 
-    routes.add_api_route(
+    router.add_api_route(
         path,
-        render,
+        service.respond,
         methods=["POST"],
+        name="render",
         summary="Render a glTF scene",
+        description=_DESCRIPTION,
         response_class=Response,
         responses=_RESPONSES,
         openapi_extra=_openapi_extra(service.config),
         max_body_size=_NO_FRAMEWORK_LIMIT,
     )
-    routes.add_api_route(
+    router.add_api_route(
         path,
         usage,
         methods=["GET", "HEAD", "PUT", "PATCH", "DELETE", "OPTIONS"],
         response_class=Response,
         include_in_schema=False,
     )
-    return routes
+    return router

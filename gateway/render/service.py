@@ -1,88 +1,55 @@
-"""Transport-independent part of the render endpoint: admission of requests, and rendering in worker threads."""
+"""``POST /render``: admits a request, receives its form, has it rendered by a worker thread, and responds."""
 
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import structlog
+from fastapi import Request, Response
+from starlette.requests import ClientDisconnect
 
 from gateway.render.config import RenderConfig
+from gateway.render.errors import RequestError, message_bytes
 from gateway.render.failures import FailureStore
-from gateway.render.form import RenderRequest
+from gateway.render.form import FormReader, body_too_large
 from gateway.render.pipeline import Backdrop, EncodedImage, Pipeline
-from gateway.render.scenes import SceneStore
-from gateway.runtime.pool_errors import QueueFull
+from gateway.render.request import RenderRequest
+from gateway.runtime.metrics_registry import Metrics
+from gateway.runtime.pool_errors import DeadlineExceeded, QueueFull
+from gateway.runtime.render_record import RenderRecord
+from gateway.runtime.warning_list import WarningList
 from gateway.runtime.worker_pool import WorkerPool
+from gateway.server.disconnect import CLIENT_GONE, while_connected
+from gateway.server.unavailable import UnavailableErrors, retry_after, unavailable_message
 from renderers.interface import Renderer
 
 _log = structlog.get_logger("gateway.render")
 
 _MEMORY_RETRY_SECONDS: Final = 5
 """Retry-After in seconds if ``max_inflight_bytes`` is reached."""
+_OUTCOMES: Final = {200: "ok", CLIENT_GONE: "gone", 500: "failed", 503: "busy"}
+"""Outcome of a request by status, for metrics; all other statuses are ``rejected``."""
+_NOT_STORED: Final = frozenset((CLIENT_GONE, 503))
+"""Statuses of requests that could succeed at another time: they are not stored for replay."""
 
 
-_OUTCOMES: Final[Mapping[int, str]] = {200: "ok", 499: "gone", 500: "failed", 503: "busy"}
-"""Outcome of a request by status; all other statuses are ``rejected``."""
+@dataclass(slots=True, eq=False)
+class _Call:
+    """A request in progress."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RenderRecord:
-    """One finished request, for observers such as metrics and the browser view's list of recent renders."""
-
-    request_id: str
-    status: int
-    """HTTP status of the response."""
-    seconds: float
-    """Time from the request's headers to the response."""
-    queue_seconds: float
-    """Part of ``seconds`` spent waiting for a worker thread."""
-    request: RenderRequest | None
-    """None if the form was invalid. Holds the whole scene: do not keep a reference."""
-    image: EncodedImage | None
-    """The response's image; None if there is an error."""
-    error: str
-    """Error message of the response; empty on success."""
-    slow: bool = False
-    """True for a 503 at the deadline."""
-
-    @property
-    def kind(self) -> str:
-        """Type of the image; ``unknown`` if the form was invalid."""
-        return self.request.image_type if self.request is not None else "unknown"
-
-    @property
-    def outcome(self) -> str:
-        """Outcome, for metrics."""
-        return "slow" if self.slow else _OUTCOMES.get(self.status, "rejected")
-
-    @property
-    def stages(self) -> tuple[tuple[str, float], ...]:
-        """Names and seconds of the stages of a successful request."""
-        return (("queue", self.queue_seconds), *self.image.stage_seconds) if self.image is not None else ()
-
-
-class Admission:
-    """Reserved place in the worker pool's queue for a request whose body is arriving.
-
-    The place is released when the request is submitted to the worker pool, when the request fails, or after a time
-    limit.
-    """
-
-    __slots__ = ("_admitted", "_timer")
-
-    def __init__(self, admitted: set[Admission], seconds: float) -> None:
-        self._admitted = admitted
-        self._timer = asyncio.get_running_loop().call_later(seconds, self.release)
-        admitted.add(self)
-
-    def release(self) -> None:
-        """Free the place; without effect when called again."""
-        self._timer.cancel()
-        self._admitted.discard(self)
+    http: Request
+    pieces: list[bytes] | None
+    """Body as received, for the store of failed requests; None if there is no such store."""
+    start_time: float = field(default_factory=time.perf_counter)
+    received_bytes: int = 0
+    request: RenderRequest | None = None
+    """None until the form is complete and valid."""
 
 
 class RenderService:
@@ -95,104 +62,192 @@ class RenderService:
         config: RenderConfig | None = None,
         *,
         backdrop: Backdrop | None = None,
-        on_finished: Callable[[RenderRecord], object] | None = None,
+        metrics: Metrics | None = None,
+        observers: Sequence[Callable[[RenderRecord], object]] = (),
     ) -> None:
         """
         Args:
             backdrop: returns the scene to draw in addition to each request's; called in worker threads.
-            on_finished: called in the event loop for each finished request; must not block.
+            metrics: count the requests and the seconds of their stages.
+            observers: called in the event loop for each finished request; must not block.
         """
-        self.config = config if config is not None else RenderConfig()
-        self.failures: FailureStore | None = None
-        if self.config.keep_failures is not None:
-            self.failures = FailureStore(
-                self.config.keep_failures, self.config.keep_failures_count, self.config.keep_failures_bytes
-            )
-        self._pipeline = Pipeline(renderer, self.config, backdrop)
+        self.config = config = config if config is not None else RenderConfig()
+        self._pipeline = Pipeline(renderer, config, backdrop)
+        self.scenes: Final = self._pipeline.scenes
+        """The caches of posted scenes, for metrics."""
+        self.inflight_bytes = 0
+        """Bytes of bodies that are arriving, waiting or being rendered."""
         self._workers = workers
-        self._on_finished = on_finished
-        self._admitted: set[Admission] = set()
-        self._body_bytes = 0
-        self._responses_by_status: dict[int, int] = {}
-        """Number of finished requests by HTTP status."""
+        self._metrics = metrics
+        self._observers = observers
+        self._failures: FailureStore | None = None
+        if config.keep_failures is not None:
+            self._failures = FailureStore(config.keep_failures, config.keep_failures_count, config.keep_failures_bytes)
+        self._arriving: set[_Call] = set()
+        """Requests whose bodies are arriving and that have a place in the queue."""
+        self._responses_by_status: Counter[int] = Counter()
+        self._last_warnings: tuple[str, ...] = ()
+        """Warnings about the last image that was rendered."""
 
-    @property
-    def arriving(self) -> int:
-        """Number of requests whose bodies are arriving and that have a place in the queue."""
-        return len(self._admitted)
+    async def respond(self, http: Request) -> Response:
+        """Return the response: the image, or an error message. Never raises."""
+        call = _Call(http, [] if self._failures is not None else None)
+        loop = asyncio.get_running_loop()
+        place = loop.call_later(self.config.arrival_seconds, self._arriving.discard, call)
+        headers: dict[str, str] = {}
+        is_slow = False
+        try:
+            self._workers.check_capacity(len(self._arriving))
+            self._arriving.add(call)
+            request = call.request = await self._receive_form(call)
+            self._arriving.discard(call)
+            work = self._workers.run(self._pipeline.render, request, time.perf_counter(), nbytes=len(request.scene))
+            image = await while_connected(http, work)
+        except RequestError as error:
+            status, sentence = error.status, error.sentence
+        except UnavailableErrors as error:
+            status, sentence, headers = 503, unavailable_message(error), retry_after(error)
+            is_slow = isinstance(error, DeadlineExceeded)
+        except asyncio.CancelledError:  # the grace period at shutdown is over
+            status, sentence, headers = 503, "the server shut down before the image was ready", {"Retry-After": "1"}
+        except ClientDisconnect:
+            status, sentence = CLIENT_GONE, f"the client disconnected after {call.received_bytes} bytes"
+        except Exception:  # noqa: BLE001 - the client gets a sentence, the log the traceback
+            _log.exception("render request failed")
+            status = 500
+            sentence = f"internal error while rendering; the server's log has the details under {_request_id()}"
+        else:
+            return self._image_response(call, request, image)
+        finally:
+            place.cancel()
+            self._arriving.discard(call)
+            self.inflight_bytes -= call.received_bytes
+        return await self._error_response(call, status, sentence, headers, is_slow)
 
-    def admit(self) -> Admission:
-        """Reserve a place in the queue before a request's body is read.
+    async def _receive_form(self, call: _Call) -> RenderRequest:
+        """Receive the body and parse it piece by piece.
 
         Raises:
-            QueueFull: waiting and arriving requests together reach the limit.
+            RequestError: the body is too large, stalls, or is not a valid form.
+            QueueFull: all bodies together are too large.
+            ClientDisconnect: the client disconnected.
         """
-        self._workers.check_capacity(self.arriving)
-        return Admission(self._admitted, self.config.arrival_seconds)
+        config, headers = self.config, call.http.headers
+        content_length = headers.get("content-length", "")
+        if content_length.isdecimal() and len(content_length) < 20 and int(content_length) > config.max_body_bytes:
+            raise body_too_large(int(content_length), config)
+        reader = FormReader(headers.get("content-type", ""), config)
+        loop = asyncio.get_running_loop()
+        try:
+            async with asyncio.timeout(config.receive_timeout) as timeout:
+                async for piece in call.http.stream():
+                    timeout.reschedule(loop.time() + config.receive_timeout)
+                    if self.inflight_bytes + len(piece) > config.max_inflight_bytes:
+                        raise QueueFull(
+                            f"the requests in progress hold {self.inflight_bytes} bytes, "
+                            f"the limit is {config.max_inflight_bytes} (max_inflight_bytes)",
+                            _MEMORY_RETRY_SECONDS,
+                        )
+                    self.inflight_bytes += len(piece)
+                    call.received_bytes += len(piece)
+                    if call.pieces is not None:
+                        call.pieces.append(piece)
+                    reader.feed(piece)
+            return reader.request()
+        except TimeoutError:
+            raise RequestError(
+                408, f"no data for {config.receive_timeout:g} s after {call.received_bytes} bytes (receive_timeout)"
+            ) from None
+        finally:
+            reader.close()
 
-    async def render(self, request: RenderRequest, admission: Admission) -> tuple[EncodedImage, float]:
-        """Render an image. Return it, and the seconds for which the request waited for a thread.
-
-        Args:
-            admission: the request's place in the queue, released by this call.
-
-        Raises:
-            RequestError: the scene cannot be rendered.
-            QueueFull: too many requests are waiting.
-            PoolClosed: the server is shutting down.
-            DeadlineExceeded: reading and rendering the scene took too long.
-        """
-        submitted = time.perf_counter()
-
-        def work() -> tuple[EncodedImage, float]:
-            queue_seconds = time.perf_counter() - submitted
-            return self._pipeline.render(request), queue_seconds
-
-        admission.release()
-        return await self._workers.run(work, nbytes=len(request.scene))
-
-    def reserve_bytes(self, nbytes: int) -> None:
-        """Count received bytes of a body towards ``max_inflight_bytes``.
-
-        Raises:
-            QueueFull: all bodies together would exceed the limit; nothing is reserved.
-        """
-        if self._body_bytes + nbytes > self.config.max_inflight_bytes:
-            raise QueueFull(
-                f"the requests in progress hold {self._body_bytes} bytes, "
-                f"the limit is {self.config.max_inflight_bytes} (max_inflight_bytes)",
-                _MEMORY_RETRY_SECONDS,
+    def _image_response(self, call: _Call, request: RenderRequest, image: EncodedImage) -> Response:
+        self._last_warnings = (*request.warnings, *image.warnings)
+        for warning in self._last_warnings:
+            _log.warning("render request has a problem", warning=warning)
+        if logging.getLogger("gateway.render").isEnabledFor(logging.DEBUG):
+            _log.debug(
+                "rendered",
+                image_type=request.image_type,
+                size=f"{request.width}x{request.height}",
+                elements=image.element_count,
+                generator=image.generator,
+                **{f"{name}_ms": round(seconds * 1e3, 2) for name, seconds in image.stage_seconds},
             )
-        self._body_bytes += nbytes
+        self._finish(call, 200, "ok", image=image)
+        timing = ", ".join([f"{name};dur={seconds * 1e3:.2f}" for name, seconds in image.stage_seconds])
+        return Response(image.body, headers={"Server-Timing": timing}, media_type=image.media_type)
 
-    def release_bytes(self, nbytes: int) -> None:
-        """Undo ``reserve_bytes``."""
-        self._body_bytes -= nbytes
-
-    def finish(self, record: RenderRecord) -> None:
-        """Count a finished request and notify the observer."""
-        self._responses_by_status[record.status] = self._responses_by_status.get(record.status, 0) + 1
-        if self._on_finished is not None:
+    async def _error_response(
+        self, call: _Call, status: int, sentence: str, headers: dict[str, str], is_slow: bool
+    ) -> Response:
+        """Return an error response. Store the request for replay if the error is reproducible and there is a store."""
+        log = _log.info if status == CLIENT_GONE else _log.warning
+        log("render request without an image", status=status, reason=sentence)
+        self._finish(call, status, "slow" if is_slow else _OUTCOMES.get(status, "rejected"), error=sentence)
+        if self._failures is not None and call.pieces is not None and (is_slow or status not in _NOT_STORED):
+            content_type = call.http.headers.get("content-type", "")
             try:
-                self._on_finished(record)
+                path = await asyncio.to_thread(
+                    self._failures.store, call.pieces, content_type, status, sentence, _request_id()
+                )
+                _log.info("rejected render request stored", path=str(path))
+            except OSError as error:
+                _log.warning("rejected render request could not be stored", reason=str(error))
+        return Response(message_bytes(sentence), status, headers, media_type="text/plain; charset=utf-8")
+
+    def _finish(
+        self, call: _Call, status: int, outcome: str, *, image: EncodedImage | None = None, error: str = ""
+    ) -> None:
+        """Count a finished request and notify the observers."""
+        self._responses_by_status[status] += 1
+        request = call.request
+        stage_seconds = image.stage_seconds if image is not None else ()
+        if self._metrics is not None:
+            kind = request.image_type if request is not None else "unknown"
+            self._metrics.renders.labels(kind, outcome).inc()
+            for stage, seconds in stage_seconds:
+                self._metrics.stage_seconds.labels(stage).observe(seconds)
+        image_text, scene_text = "not understood", ""
+        if request is not None:
+            image_text = f"{request.image_type}, {request.width} × {request.height}"
+            size = len(request.scene)
+            scene_text = f"scene of {size / 1e6:.1f} MB" if size >= 1e6 else f"scene of {size / 1e3:.1f} kB"
+        if image is not None:
+            by = f" by {image.generator}" if image.generator else ""
+            scene_text = f"{scene_text}{by[:80]}, {image.element_count} primitives"
+        record = RenderRecord(
+            status=status,
+            seconds=time.perf_counter() - call.start_time,
+            queue_seconds=dict(stage_seconds).get("queue", 0.0),
+            image_text=image_text,
+            scene_text=scene_text,
+            kind=request.image_type if request is not None else "",
+            body=image.body if image is not None else b"",
+            media_type=image.media_type if image is not None else "",
+            error=error,
+            warnings=image.warnings if image is not None else (),
+        )
+        for observer in self._observers:
+            try:
+                observer(record)
             except Exception:  # noqa: BLE001 - an image does not depend on its observers
                 _log.exception("an observer of renders failed")
 
-    @property
-    def inflight_bytes(self) -> int:
-        """Bytes of bodies that are arriving, waiting or being rendered."""
-        return self._body_bytes
-
-    @property
-    def scenes(self) -> SceneStore:
-        """The caches of posted scenes, for metrics."""
-        return self._pipeline.scenes
-
     def status(self) -> dict[str, Any]:
         """Return figures for health and metrics; plain JSON values."""
+        last_image = WarningList()
+        last_image.set("last image", *self._last_warnings)
+        warnings = last_image.listed()
         return {
             "answers": {str(status): count for status, count in sorted(self._responses_by_status.items())},
-            "arriving": self.arriving,
-            "inflight_bytes": self._body_bytes,
+            "arriving": len(self._arriving),
+            "inflight_bytes": self.inflight_bytes,
             "scene_cache": {"hits": self.scenes.scenes.hits, "misses": self.scenes.scenes.misses},
+            **({"warnings": warnings} if warnings else {}),
         }
+
+
+def _request_id() -> str:
+    """Return the id of the current request, which ``RequestContext`` gave it."""
+    return str(structlog.contextvars.get_contextvars().get("request_id", ""))

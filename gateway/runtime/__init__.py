@@ -4,7 +4,7 @@
 - ``process_tuning``: allocator, sockets, garbage collection.
 - ``kernels``: compiled kernels.
 - ``service_registry``: states of the interfaces.
-- ``metrics_registry``, ``logs``, ``recent_logs``: what the process reports.
+- ``metrics_registry``, ``render_record``, ``logs``, ``recent_logs``: what the process reports.
 - ``limited_process``, ``regular_files``: files from strangers.
 - ``diagnostics``, ``instance_probe``: ``scenegate doctor``.
 """

@@ -10,7 +10,7 @@ from typing import Literal
 import structlog
 from structlog.typing import EventDict, Processor
 
-from gateway.runtime.recent_logs import recent_logs
+from gateway.runtime.recent_logs import stereo_log
 
 Format = Literal["auto", "human", "json"]
 
@@ -68,6 +68,7 @@ def configure(
     root = logging.getLogger()
     root.handlers[:] = [handler]
     root.setLevel(level.upper())
+    logging.getLogger("stereo").handlers[:] = [stereo_log]
     for name, minimum in _LIBRARY_LEVELS.items():
         logging.getLogger(name).setLevel(minimum)
     uvicorn = logging.getLogger("uvicorn.error")
@@ -81,7 +82,6 @@ def configure(
         processors=[
             structlog.stdlib.filter_by_level,
             *shared,
-            recent_logs,
             structlog.stdlib.ProcessorFormatter.wrap_for_formatter,
         ],
         logger_factory=structlog.stdlib.LoggerFactory(),

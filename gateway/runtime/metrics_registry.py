@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -105,17 +105,6 @@ class Metrics:
         )
         self._collector = _CallbackCollector()
         self.registry.register(self._collector)
-
-    def count_request(self, route: str, method: str, status: int | str, seconds: float) -> None:
-        """Count an HTTP request and its duration."""
-        self.requests.labels(route, method, status).inc()
-        self.seconds.labels(route).observe(seconds)
-
-    def count_render(self, kind: str, outcome: str, stages: Iterable[tuple[str, float]]) -> None:
-        """Count a request of the render endpoint, and the seconds of its ``stages`` if it succeeded."""
-        self.renders.labels(kind, outcome).inc()
-        for stage, seconds in stages:
-            self.stage_seconds.labels(stage).observe(seconds)
 
     def watch(self, name: str, description: str, read: Callable[[], Reading], *, label: str = "") -> None:
         """Add a metric that is read in the event loop when Prometheus scrapes.

@@ -1,18 +1,16 @@
-"""The newest log entries of some loggers, kept in memory for interfaces that show them."""
+"""The newest log entries of a logger, kept in memory for interfaces that show them."""
 
 from __future__ import annotations
 
-import time
+import logging
 from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
-from structlog.typing import EventDict, WrappedLogger
-
 MAX_ENTRIES: Final = 1000
-"""Entries per logger; older ones are dropped."""
+"""Maximum number of entries; older ones are dropped."""
 MAX_MESSAGE: Final = 1000
-"""Characters; longer messages are cut. With ``MAX_ENTRIES`` 1 MB per logger."""
+"""Characters; longer messages are cut. With ``MAX_ENTRIES`` 1 MB."""
 _EXCLUDED: Final = frozenset(("event", "level", "logger", "timestamp", "exc_info", "exception", "stack", "request_id"))
 
 
@@ -29,29 +27,24 @@ class LogEntry:
     """The event and its values."""
 
 
-class RecentLogs:
-    """A structlog processor that stores entries and returns them unchanged. Thread-safe."""
+class RecentLogs(logging.Handler):
+    """Handler of a logger that keeps the newest entries of structlog. Thread-safe."""
 
-    def __init__(self, *loggers: str) -> None:
-        """
-        Args:
-            loggers: names of the loggers whose entries are stored.
-        """
-        self._entries: dict[str, deque[LogEntry]] = {name: deque(maxlen=MAX_ENTRIES) for name in loggers}
+    def __init__(self) -> None:
+        super().__init__()
+        self._entries: deque[LogEntry] = deque(maxlen=MAX_ENTRIES)
 
-    def __call__(self, logger: WrappedLogger, method: str, event: EventDict) -> EventDict:
-        """Store the entry; its level and logger must have been added by earlier processors."""
-        entries = self._entries.get(event.get("logger", ""))
-        if entries is not None:
-            values = [f" {key}={value}" for key, value in event.items() if key not in _EXCLUDED]
-            message = f"{event.get('event')}{''.join(values)}"[:MAX_MESSAGE]
-            entries.append(LogEntry(time.time(), event.get("level", method), event["logger"], message))
-        return event
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep an entry."""
+        event = record.msg if isinstance(record.msg, dict) else {"event": record.getMessage()}
+        values = [f" {key}={value}" for key, value in event.items() if key not in _EXCLUDED]
+        message = f"{event.get('event')}{''.join(values)}"[:MAX_MESSAGE]
+        self._entries.append(LogEntry(record.created, record.levelname.lower(), record.name, message))
 
-    def entries(self, logger: str) -> list[LogEntry]:
-        """Return the entries of a logger, oldest first."""
-        return list(self._entries[logger])
+    def entries(self) -> list[LogEntry]:
+        """Return the entries, oldest first."""
+        return list(self._entries)
 
 
-recent_logs: Final = RecentLogs("stereo")
-"""Newest log entries, filled by ``logs.configure``; shown as the camera's log file over REST."""
+stereo_log: Final = RecentLogs()
+"""Newest entries of the logger ``stereo``, to which ``logs.configure`` adds it; the camera's log file over REST."""

@@ -198,7 +198,7 @@ class WorkerPool:
                     raise self._queue_full(waiting, reason=reason)
             self._waiting.append(call)
             self._waiting_bytes += call.nbytes
-            if self._alive - self._retired < self.threads:
+            if self._alive - self._retired < min(self.threads, len(self._running) + len(self._waiting)):
                 self._start_threads()
             self._wakeup.notify()
 
@@ -226,15 +226,22 @@ class WorkerPool:
         """Number of running and waiting calls."""
         return len(self._running) + len(self._waiting)
 
-    @property
-    def stuck(self) -> bool:
-        """True while every thread runs a call that has used more than half of its time."""
-        return self.stats.slow >= self.threads
+    def spare_threads(self, cameras: WorkerPool, frame_threads: int) -> int:
+        """Return the number of threads that no call needs, of this pool and those for one image beyond.
+
+        Args:
+            cameras: pool of the cameras, whose calls come first.
+            frame_threads: maximum number of threads for one image; 0: those of this pool.
+        """
+        calls = len(self._running) + len(self._waiting) + len(cameras._running) + len(cameras._waiting)
+        return max(0, self.threads - calls) + max(0, frame_threads - self.threads)
 
     @property
-    def full(self) -> bool:
-        """True while any further call would be rejected."""
-        return self.stats.waiting >= self.max_waiting and len(self._running) >= self.threads
+    def busy(self) -> bool:
+        """True while a further call would be rejected, or all threads run calls that have used half of their time."""
+        stats = self.stats
+        is_full = stats.waiting >= self.max_waiting and stats.running >= self.threads
+        return is_full or stats.slow >= self.threads
 
     def check_capacity(self, arriving: int) -> None:
         """Check whether a call could be queued behind ``arriving`` others that have not been submitted yet.
@@ -314,7 +321,7 @@ class WorkerPool:
                 call.stop.set(CallerCancelled("the caller was cancelled"))
 
     def _start_threads(self) -> None:
-        while self._alive - self._retired < min(self.threads, self.calls):
+        while self._alive - self._retired < min(self.threads, len(self._running) + len(self._waiting)):
             self._alive += 1
             threading.Thread(target=self._work, name=f"{self._name}-{self._alive}", daemon=True).start()
         if self.seconds is not None and not self._watching:

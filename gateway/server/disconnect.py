@@ -7,6 +7,7 @@ from collections.abc import Coroutine
 from typing import Any, Final, TypeVar
 
 from starlette.requests import ClientDisconnect, Request
+from starlette.types import Message
 
 T = TypeVar("T")
 
@@ -25,17 +26,17 @@ async def while_connected(http: Request, work: Coroutine[Any, Any, T]) -> T:
         Exception: raised by ``work``.
     """
 
-    async def disconnected() -> None:
-        while (await http.receive())["type"] != "http.disconnect":
-            pass
-
-    work_task, disconnect_task = asyncio.ensure_future(work), asyncio.create_task(disconnected())
+    work_task = asyncio.ensure_future(work)
+    receive_task: asyncio.Future[Message] | None = None
     try:
-        await asyncio.wait((work_task, disconnect_task), return_when=asyncio.FIRST_COMPLETED)
-        if not work_task.done():
-            raise ClientDisconnect
-        return work_task.result()
+        while receive_task is None or receive_task.result()["type"] != "http.disconnect":
+            receive_task = asyncio.ensure_future(http.receive())
+            await asyncio.wait((work_task, receive_task), return_when=asyncio.FIRST_COMPLETED)
+            if work_task.done():
+                return work_task.result()
+        raise ClientDisconnect
     finally:
         work_task.cancel()
-        disconnect_task.cancel()
+        if receive_task is not None:
+            receive_task.cancel()
         del work_task  # a reference cycle otherwise: task, its exception, the traceback, this frame

@@ -21,8 +21,8 @@ extensions, and for trailers."""
 MAX_PIPELINED: Final = 64
 """Requests of a connection that wait for the response to an earlier one; more close the connection."""
 SLICE_BYTES: Final = 16 << 10
-"""Bytes of heads and chunked bodies parsed per iteration of the event loop: a chunk may have 6 bytes and takes a
-microsecond."""
+"""Bytes of heads and chunked bodies, which the parser reads byte by byte, per iteration of the event loop: a chunk may
+have 6 bytes and takes a microsecond."""
 HEAD_SECONDS: Final = 30.0
 """Time for a head to arrive, from the connection or from its first byte."""
 BODY_SECONDS: Final = 90.0
@@ -34,7 +34,9 @@ DISCARD_SECONDS: Final = 30.0
 DISCARD_BYTES: Final = 512 << 20
 """Bytes of such a body that are discarded, so that clients that send everything first can read the response."""
 
-_WHOLE_READ: Final = 1 << 20
+CONNECTION: Final = "scenegate.connection"
+"""Key of the protocol in the scope of its requests."""
+_WHOLE_READ_BYTES: Final = 1 << 20
 """Bytes; more than a transport reads at once."""
 
 
@@ -42,7 +44,7 @@ class State(Enum):
     """What a connection expects to receive next.
 
     Each request takes a connection from HEAD through BODY to IDLE. DISCARD and REFUSED are the last state of a
-    connection, except that a body may still end in DISCARD. ``_enter`` makes all changes.
+    connection, except that a body may still end in DISCARD. After ``connection_made``, ``_enter`` makes all changes.
     """
 
     IDLE = auto()
@@ -64,7 +66,7 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
     _timer: asyncio.TimerHandle | None = None
     _chunked = False
     """True if the current body has a Transfer-Encoding."""
-    _framing_bytes = 0
+    _bytes_without_progress = 0
     """Bytes received since the last complete head or piece of a body."""
     _discarded_bytes = 0
     _body_progressed = False
@@ -73,7 +75,7 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
     """Requests without a complete response."""
     _refusal = b""
     """Response to send after those to earlier requests."""
-    _error = ""
+    _stop_reason = ""
     """Reason why the parser was stopped."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # uvicorn's is narrower
@@ -86,13 +88,9 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Stop the timer."""
-        self._stop_timer()
+        if self._timer is not None:
+            self._timer.cancel()
         super().connection_lost(exc)
-
-    def slice_bytes(self) -> int:
-        """Return a small size for heads and chunked bodies, which the parser reads byte by byte."""
-        parsed_bytewise = self.state in (State.IDLE, State.HEAD) or (self._chunked and self.state is not State.REFUSED)
-        return SLICE_BYTES if parsed_bytewise else _WHOLE_READ
 
     def reading_paused(self) -> bool:
         """Return whether a request waits for its predecessor, or the application is slower than the client."""
@@ -100,17 +98,18 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
 
     def slice_received(self, data: bytes) -> None:
         """Feed the parser, unless the connection is refused, and check the limits on sizes."""
-        state = self.state
-        if state in (State.DISCARD, State.REFUSED):
+        state_before = self.state
+        if state_before in (State.DISCARD, State.REFUSED):
             self._discarded_bytes += len(data)
             if self._discarded_bytes > DISCARD_BYTES:
                 self.transport.close()
-        if state is State.REFUSED:
+                return
+        if state_before is State.REFUSED:
             return
         self._body_progressed = True
-        self._framing_bytes += len(data)
-        HttpToolsProtocol.data_received(self, data)
-        if self._framing_bytes > MAX_HEAD_BYTES and self.state is not State.REFUSED:
+        self._bytes_without_progress += len(data)
+        HttpToolsProtocol.data_received(self, data)  # not super(): the method of SlicedReads calls this one
+        if self._bytes_without_progress > MAX_HEAD_BYTES and self.state is not State.REFUSED:
             in_body = self.state in (State.BODY, State.DISCARD)
             subject = "chunk extensions or trailers" if in_body else "headers"
             self._refuse(431, f"The {subject} are longer than {MAX_HEAD_BYTES} bytes.")
@@ -121,33 +120,31 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         if self.state is State.IDLE:
             self._enter(State.HEAD)
 
-    def on_header(self, name: bytes, value: bytes) -> None:
-        """Add a header; trailers are ignored, since a proxy may not have checked them."""
-        if self.state is State.HEAD:
-            super().on_header(name, value)
-
     def on_headers_complete(self) -> None:
         """Start the application, or queue the request behind an earlier one."""
-        self._framing_bytes = 0
+        self._bytes_without_progress = 0
         headers = dict(self.headers)
         self._chunked = b"transfer-encoding" in headers
+        # uvicorn ignores the body of a WebSocket handshake.
         if self.parser.should_upgrade() and (self._chunked or headers.get(b"content-length", b"0") != b"0"):
             self._stop_parser("A request with a body cannot ask for another protocol (Upgrade) here.")
-        if len(self.pipeline) >= MAX_PIPELINED:
+        if len(self.pipeline) >= MAX_PIPELINED:  # no response: those to the earlier requests are due before
             self.transport.abort()
             self._stop_parser("Too many pipelined requests.")
+        self.scope["headers"] = [*self.headers]  # without trailers, since a proxy may not have checked them
+        self.scope[CONNECTION] = self  # type: ignore[typeddict-unknown-key]
         super().on_headers_complete()
         self._unanswered += 1
         self._enter(State.BODY)
 
     def on_body(self, body: bytes) -> None:
         """Hand a piece of the body to the application."""
-        self._framing_bytes = 0
+        self._bytes_without_progress = 0
         super().on_body(body)
 
     def on_message_complete(self) -> None:
         """Wait for the next request."""
-        self._framing_bytes = self._discarded_bytes = 0
+        self._bytes_without_progress = self._discarded_bytes = 0
         super().on_message_complete()
         self._enter(State.IDLE)
 
@@ -159,40 +156,36 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
             return
         if self._refusal and self._unanswered == 0:
             self._send_refusal()
-        elif self.state is State.BODY and self.cycle.response_complete:
+        elif self.state is State.BODY and self.cycle.response_complete:  # the newest request's
             self._enter(State.DISCARD)
         elif self.state is State.IDLE:
             self._enter(State.IDLE)  # the time to keep the connection begins now
 
     def handle_websocket_upgrade(self) -> None:
         """Hand the connection over to the WebSocket protocol."""
-        self._stop_timer()
-        self._backlog = b""
+        if self._timer is not None:
+            self._timer.cancel()
+        self._backlog = b""  # sent before the handshake, which RFC 6455 (4.1) forbids
         super().handle_websocket_upgrade()
 
     def send_400_response(self, msg: str) -> None:
         """Refuse what the parser does not accept."""
-        self._refuse(400, self._error or msg)
+        self._refuse(400, self._stop_reason or msg)
 
     def _stop_parser(self, reason: str) -> None:
         """Stop the parser by an exception in its callback; uvicorn then calls ``send_400_response``."""
-        self._error = reason
+        self._stop_reason = reason
         raise ValueError(reason)
 
     def _refuse(self, status: int, sentence: str) -> None:
         """Respond, after the responses to earlier requests, and close; what is received until then is discarded."""
         if self.transport.is_closing():
             return
-        if self.state is State.BODY:
-            self._unanswered -= 1
-            if self.pipeline:
-                self.pipeline.popleft()
-            elif not self.cycle.response_started:
-                self.cycle.disconnected = True
-                self.cycle.message_event.set()
         if self.state is State.DISCARD or (self.state is State.BODY and self.cycle.response_started):
             self.transport.abort()  # the request has its response, or a part of it
             return
+        if self.state is State.BODY:
+            self._drop_newest_request()
         self._enter(State.REFUSED)
         body = f"{sentence}\n".encode()
         head = f"HTTP/1.1 {status} {HTTPStatus(status).phrase}\r\ncontent-type: text/plain; charset=utf-8\r\n"
@@ -200,19 +193,31 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         if self._unanswered == 0:
             self._send_refusal()
 
+    def _drop_newest_request(self) -> None:
+        """Take the request that is being received out of the queue, or send its application a disconnect."""
+        self._unanswered -= 1
+        if self.pipeline:
+            self.pipeline.popleft()  # uvicorn appends left
+        else:
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+
     def _send_refusal(self) -> None:
         """Respond and close the sending side only: closing both could discard the response on its way to the client."""
         self.transport.write(self._refusal)
         self._refusal = b""
         if self.transport.can_write_eof():
             self.transport.write_eof()
-        self.flow.resume_reading()
-        self._enter(State.REFUSED)
+        self.flow.resume_reading()  # what the client still sends is discarded
+        self._enter(State.REFUSED)  # its time starts when the response is sent
 
     def _enter(self, state: State) -> None:
         """Set the state and start its timer."""
         self.state = state
-        self._stop_timer()
+        parsed_bytewise = state in (State.IDLE, State.HEAD) or (self._chunked and state is not State.REFUSED)
+        self.slice_bytes = SLICE_BYTES if parsed_bytewise else _WHOLE_READ_BYTES
+        if self._timer is not None:
+            self._timer.cancel()
         self._body_progressed = False
         seconds = {
             State.IDLE: self.timeout_keep_alive,
@@ -231,8 +236,3 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
             self._enter(self.state)
         else:
             self.transport.close()
-
-    def _stop_timer(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None

@@ -1,4 +1,4 @@
-"""ASGI middleware for every HTTP request: ids, logs, metrics, limit on URLs, HEAD, path prefix, early responses."""
+"""ASGI middleware for every HTTP request: ids, logs, metrics, protection of browsers, HEAD, early responses."""
 
 from __future__ import annotations
 
@@ -7,22 +7,33 @@ import random
 import re
 import time
 from collections.abc import Awaitable, Collection
+from contextlib import suppress
+from functools import lru_cache
+from ipaddress import ip_address
 from typing import Final
-from urllib.parse import quote
 
 import structlog
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gateway.runtime.metrics_registry import Metrics
-from gateway.server.error_handlers import redirect
-from gateway.server.http_protocol import DISCARD_BYTES, DISCARD_SECONDS
+from gateway.server.access import POLICY_VIOLATION, host_name, is_loopback, same_origin
+from gateway.server.http_protocol import CONNECTION, DISCARD_BYTES, DISCARD_SECONDS, BoundedHttpProtocol, State
 
 MAX_TARGET_BYTES: Final = 8 << 10
 """Maximum length of path and query of a URL. RFC 9110 asks for at least 8000; parsing 64 kB takes 20 ms."""
 
+LOCAL_ORIGINS: Final = ("http://localhost:*", "http://127.0.0.1:*")
+"""Origins of pages of the browser's own machine, as a content security policy names them."""
+
 _log = structlog.get_logger("gateway.http")
 _CLOSE: Final = (b"connection", b"close")
+_SAFE_METHODS: Final = frozenset({"GET", "HEAD", "OPTIONS"})
+"""Methods that do not change anything."""
+_MAX_ECHO: Final = 100
+"""Maximum number of characters of a header in a response."""
+_MAX_CACHED_HOSTS: Final = 64
+"""Number of Host headers, of at most 64 kB, whose check is remembered."""
 _ID = re.compile(r"[A-Za-z0-9._:/+=-]{1,128}")
 """Valid X-Request-ID of a client. Others are replaced, since they could forge log lines."""
 
@@ -40,7 +51,9 @@ class RequestContext:
         return (self._run if scope["type"] == "http" else self._app)(scope, receive, send)
 
     async def _run(self, scope: Scope, receive: Receive, send: Send) -> None:
-        request_id = _request_id(dict(scope["headers"]).get(b"x-request-id", b""))
+        request_id = dict(scope["headers"]).get(b"x-request-id", b"").decode("latin-1")
+        if not _ID.fullmatch(request_id):
+            request_id = f"{random.getrandbits(128):032x}"
         status = 0
 
         def send_with_id(message: Message) -> Awaitable[None]:
@@ -65,28 +78,113 @@ class RequestContext:
                 seconds = time.perf_counter() - start
                 # The route's template, not the path: a scanner must not fill the registry with labels.
                 route = getattr(scope.get("route"), "path", "(none)")
-                self._metrics.count_request(route, scope["method"], status or "aborted", seconds)
+                self._metrics.requests.labels(route, scope["method"], status or "aborted").inc()
+                self._metrics.seconds.labels(route).observe(seconds)
                 log = _log.debug if scope["path"] in self._quiet_paths else _log.info
                 log("request", method=scope["method"], path=scope["path"], status=status, ms=round(seconds * 1e3, 1))
 
 
-def _request_id(sent: bytes) -> str:
-    """Return a client's X-Request-ID, or a new one if it is missing or not valid."""
-    text = sent.decode("latin-1")
-    return text if _ID.fullmatch(text) else f"{random.getrandbits(128):032x}"
+class Protection:
+    """Protects the gateway from pages of other sites in a browser, and from long URLs.
 
+    - A URL longer than ``MAX_TARGET_BYTES`` gets 414.
+    - A request to an unknown host name gets 421, against DNS rebinding: there, a page's own host name is changed to
+      resolve to 127.0.0.1. Numeric addresses are always accepted, and requests without a Host header, since browsers
+      send one.
+    - A request with side effects from a page of another site (CSRF) gets 403. Browsers let any page send a POST to any
+      host, including services on localhost. They add its origin: in ``Sec-Fetch-Site`` for HTTPS and localhost, in
+      ``Origin`` always. Other programs send neither.
+    - Headers of responses forbid guessed content types and frames on other sites.
+    """
 
-class TargetLimit:
-    """Rejects requests whose path and query are longer than ``MAX_TARGET_BYTES`` with 414."""
-
-    def __init__(self, app: ASGIApp) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        *,
+        hosts: Collection[str] = (),
+        origins: Collection[str] = (),
+        frame_origins: Collection[str] = (),
+    ) -> None:
+        """
+        Args:
+            hosts: names accepted in addition to addresses and localhost; ``*`` for any, ``*.example.org`` for
+                subdomains. Without names any is accepted on connections that do not use loopback: the names of this
+                machine are not known, and an attacker on the network can connect without the attack.
+            origins: origins that may send requests with side effects and embed the gateway's pages, such as
+                ``https://example.org``; ``*`` for any.
+            frame_origins: origins that may only embed pages. Pages of programs on the browser's own machine, such as
+                notebooks, always may.
+        """
         self._app = app
+        self._hosts = frozenset(name.lower() for name in hosts)
+        self._origins = frozenset(origins)
+        embedders = {*origins, *frame_origins} - {"null"}
+        ancestors = "*" if "*" in embedders else " ".join(["'self'", *LOCAL_ORIGINS, *sorted(embedders)])
+        self._headers: Final = (
+            (b"content-security-policy", f"frame-ancestors {ancestors}".encode()),
+            (b"x-content-type-options", b"nosniff"),
+        )
+        self._trusts = lru_cache(maxsize=_MAX_CACHED_HOSTS)(self._is_trusted)
 
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
-        if scope["type"] == "http" and len(scope["raw_path"]) + len(scope["query_string"]) > MAX_TARGET_BYTES:
-            text = f"The path with its query is longer than {MAX_TARGET_BYTES} bytes.\n"
-            return PlainTextResponse(text, status_code=414)(scope, receive, send)
-        return self._app(scope, receive, send)
+        if scope["type"] == "lifespan":
+            return self._app(scope, receive, send)
+        hosts, origin, site = [], None, None
+        for name, value in scope["headers"]:
+            if name == b"host":
+                hosts.append(value)
+            elif name == b"origin":
+                origin = value.decode("latin-1")
+            elif name == b"sec-fetch-site":
+                site = value.decode("latin-1")
+        host = hosts[0] if hosts else b""
+        # With several Host headers, another reader may use the other one.
+        trusted = len(hosts) < 2 and self._trusts(host, (scope.get("server") or ("",))[0])
+        if scope["type"] == "websocket":
+            if trusted:
+                return self._app(scope, receive, send)
+            reason = "the Host header names another host"
+            return send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": reason})
+
+        def send_with_headers(message: Message) -> Awaitable[None]:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", ()), *self._headers]
+            return send(message)
+
+        app: ASGIApp = self._app
+        by_page = origin is not None or site is not None
+        if len(scope["raw_path"]) + len(scope["query_string"]) > MAX_TARGET_BYTES:
+            app = PlainTextResponse(f"The path with its query is longer than {MAX_TARGET_BYTES} bytes.\n", 414)
+        elif not trusted:
+            text = "This gateway is not the host that the Host header names; --trusted-hosts adds names.\n"
+            app = PlainTextResponse(text, 421)
+        elif by_page and scope["method"] not in _SAFE_METHODS and self._is_foreign(scope, host, origin, site):
+            header = f"Origin: {origin}" if origin is not None else f"Sec-Fetch-Site: {site}"
+            page = ascii(header[:_MAX_ECHO])[1:-1]
+            text = f"{scope['method']} refused: it was sent by a page of another site ({page}).\n"
+            app = PlainTextResponse(f"{text}To allow that site, add its origin to --cors-origins.\n", 403)
+        return app(scope, receive, send_with_headers)
+
+    def _is_foreign(self, scope: Scope, host: bytes, origin: str | None, site: str | None) -> bool:
+        """Return True for a request from a page of another site."""
+        if "*" in self._origins or origin in self._origins:
+            return False
+        if site is not None:
+            return site not in ("same-origin", "none")
+        return origin is not None and not same_origin(origin, host.decode("latin-1"), scope.get("scheme", "http"))
+
+    def _is_trusted(self, host: bytes, address: str) -> bool:
+        """Return True for a Host header that may be used on connections to ``address``; both may be empty."""
+        name = host_name(host.decode("latin-1"))
+        if not host or "*" in self._hosts or name == "localhost" or name.endswith(".localhost"):
+            return True
+        with suppress(ValueError):
+            ip_address(name)
+            return True
+        if not self._hosts:
+            return not is_loopback(address)
+        parts = name.split(".")
+        return name in self._hosts or any(f"*.{'.'.join(parts[i:])}" in self._hosts for i in range(1, len(parts)))
 
 
 class HeadAsGet:
@@ -121,30 +219,6 @@ class HeadAsGet:
                 scope["route"] = get_scope["route"]
 
 
-class PathPrefix:
-    """ASGI middleware: remove the prefix from paths, so that all others see those of a gateway of its own.
-
-    Paths without the prefix are accepted, too: health checks do not come through the proxy. Pages need no prefix, since
-    their addresses are relative.
-    """
-
-    def __init__(self, app: ASGIApp, *, prefix: str) -> None:
-        """``prefix``: such as ``/user/ann/scenegate``, decoded and without a slash at its end."""
-        self._app = app
-        self._prefix = prefix
-        self._raw_prefix = quote(prefix).encode()
-
-    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
-        if scope["type"] == "http" and scope["path"] == self._prefix:
-            name = quote(self._prefix.rpartition("/")[2])
-            to_index = redirect(f"./{name}/", scope["query_string"].decode("latin-1"), 307)
-            return to_index(scope, receive, send)
-        if scope["type"] != "lifespan" and scope["path"].startswith(f"{self._prefix}/"):
-            raw_path = scope["raw_path"].removeprefix(self._raw_prefix)
-            scope = {**scope, "path": scope["path"][len(self._prefix) :], "raw_path": raw_path}
-        return self._app(scope, receive, send)
-
-
 class EarlyResponse:
     """ASGI middleware: receive the rest of a body before the end of its response closes the connection.
 
@@ -156,29 +230,23 @@ class EarlyResponse:
         self._app = app
 
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
-        if scope["type"] != "http" or _CLOSE not in scope["headers"]:
+        connection: BoundedHttpProtocol | None = scope.get(CONNECTION)
+        if connection is None or _CLOSE not in scope["headers"]:
             return self._app(scope, receive, send)
-        has_body = True
-
-        async def receive_body() -> Message:
-            nonlocal has_body
-            message = await receive()
-            has_body = message["type"] == "http.request" and message.get("more_body", False)
-            return message
 
         async def send_last(message: Message) -> None:
             is_last = message["type"] == "http.response.body" and not message.get("more_body", False)
-            if not (is_last and has_body):
+            if not (is_last and connection.state is State.BODY):
                 await send(message)
                 return
             await send({**message, "more_body": True})
-            discarded_bytes = 0
-            try:
+            discarded_bytes, has_body = 0, True
+            with suppress(TimeoutError):
                 async with asyncio.timeout(DISCARD_SECONDS):
                     while has_body and discarded_bytes <= DISCARD_BYTES:
-                        discarded_bytes += len((await receive_body()).get("body", b""))
-            except TimeoutError:
-                pass
+                        piece = await receive()
+                        discarded_bytes += len(piece.get("body", b""))
+                        has_body = piece.get("more_body", False)
             await send({"type": "http.response.body", "body": b"", "more_body": False})
 
-        return self._app(scope, receive_body, send_last)
+        return self._app(scope, receive, send_last)

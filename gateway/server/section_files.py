@@ -12,7 +12,7 @@ from gateway.scene.live import LiveTree
 from gateway.scene.sampling import SectionWriter, write_section
 from gateway.scene.timeline import Timeline
 from gateway.server.disconnect import while_connected
-from gateway.server.openapi import TEXT, Responses, example, file_response
+from gateway.server.openapi import Responses, error_responses, example, file_response
 
 DEFAULT_RATE: Final = 30.0
 """Default number of samples per second: the motion looks continuous."""
@@ -36,8 +36,9 @@ def section_responses(media_type: str, description: str = "The file.") -> Respon
     """Return the OpenAPI descriptions of the responses of ``SectionFiles``."""
     return {
         **file_response(description, media_type),
-        413: {"description": "The file would be larger than the limit.", "content": dict(TEXT)},
-        500: {"description": "A texture of the scene cannot be decoded.", "content": dict(TEXT)},
+        **error_responses(
+            {413: "The file would be larger than the limit.", 500: "A texture of the scene cannot be decoded."}
+        ),
     }
 
 

@@ -15,15 +15,8 @@ from fastapi import FastAPI
 from starlette.middleware.cors import CORSMiddleware
 
 from gateway.server import health
-from gateway.server.access import (
-    CORS_EXPOSED,
-    Access,
-    CsrfProtection,
-    SecurityHeaders,
-    TrustedHosts,
-    is_loopback,
-)
-from gateway.server.middleware import TargetLimit
+from gateway.server.access import CORS_EXPOSED, Access, is_loopback
+from gateway.server.middleware import Protection
 from gateway.server.tokens import TokenError, Tokens, read_tokens
 from gateway.settings import Settings, SettingsError
 
@@ -64,11 +57,10 @@ class Security:
         return self.settings.http_certificate, self.settings.http_key
 
     def protect(self, app: FastAPI) -> None:
-        """Add middleware: token, CSRF protection, CORS, trusted hosts, URL limit and headers for browsers."""
+        """Add middleware: token, CORS, and protection from pages of other sites."""
         if self.http is not None:
             cookie_path = self.settings.root_path or "/"
             app.add_middleware(Access, tokens=self.http, open_paths=health.OPEN_PATHS, cookie_path=cookie_path)
-        app.add_middleware(CsrfProtection, origins=self.settings.cors_origins)
         if self.settings.cors_origins:
             # Outside of the token check: browsers send preflight requests without it.
             app.add_middleware(
@@ -78,9 +70,12 @@ class Security:
                 allow_headers=["*"],
                 expose_headers=list(CORS_EXPOSED),
             )
-        app.add_middleware(TrustedHosts, names=self.settings.trusted_hosts)
-        app.add_middleware(TargetLimit)
-        app.add_middleware(SecurityHeaders, origins=(*self.settings.cors_origins, *self.settings.frame_origins))
+        app.add_middleware(
+            Protection,
+            hosts=self.settings.trusted_hosts,
+            origins=self.settings.cors_origins,
+            frame_origins=self.settings.frame_origins,
+        )
 
     def log_exposure(self) -> None:
         """Log the interfaces that other machines reach, with a warning if they lack TLS or a token."""

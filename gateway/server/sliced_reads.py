@@ -13,12 +13,10 @@ class SlicedReads(asyncio.Protocol):
 
     loop: asyncio.AbstractEventLoop
     transport: asyncio.Transport
+    slice_bytes: int
+    """Maximum size of the next slice."""
     _backlog = b""
     """Received and not yet handled."""
-
-    def slice_bytes(self) -> int:
-        """Return the maximum size of the next slice."""
-        raise NotImplementedError
 
     def slice_received(self, data: bytes) -> None:
         """Handle one slice."""
@@ -30,13 +28,16 @@ class SlicedReads(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Handle the first slice now and the rest later, unless a slice is waiting already."""
-        waiting = bool(self._backlog)
-        self._backlog += data
-        if not waiting:
+        if self._backlog:
+            self._backlog += data
+        elif len(data) <= self.slice_bytes:
+            self.slice_received(data)
+        else:
+            self._backlog = data
             self._handle_slice()
 
     def _handle_slice(self) -> None:
-        size = self.slice_bytes()
+        size = self.slice_bytes
         data, self._backlog = self._backlog[:size], self._backlog[size:]
         self.slice_received(data)
         if self.transport.is_closing():

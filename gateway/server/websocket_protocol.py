@@ -21,12 +21,9 @@ SLICE_BYTES: Final = 2 << 10
 class BoundedWebSocketProtocol(SlicedReads, WebSocketsSansIOProtocol):
     """uvicorn's WebSocket protocol with limits on fragments and on pings."""
 
+    slice_bytes = SLICE_BYTES
     _pong = b""
     """Response to the newest ping, held back while the client does not read."""
-
-    def slice_bytes(self) -> int:
-        """Return ``SLICE_BYTES``."""
-        return SLICE_BYTES
 
     def slice_received(self, data: bytes) -> None:
         """Feed the parser."""

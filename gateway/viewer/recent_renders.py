@@ -9,9 +9,9 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
+from gateway.runtime.render_record import RenderRecord
 from gateway.viewer.colormaps import depth_to_rgb, gray_to_rgb, shrink_to_width
 from gateway.viewer.messages import RenderEntry
-from gateway.viewer.sources import RenderSummary
 from renderers.encode import png_rgb
 
 
@@ -19,14 +19,14 @@ class RecentRenders:
     """The newest requests, limited in number and in bytes of images. Not thread-safe: used in the event loop only."""
 
     def __init__(self, max_count: int, max_bytes: int, clock: Callable[[], float] = time.time) -> None:
-        self._entries: deque[tuple[RenderEntry, RenderSummary | None]] = deque(maxlen=max_count)
+        self._entries: deque[tuple[RenderEntry, RenderRecord | None]] = deque(maxlen=max_count)
         """Requests, oldest first, as the page lists them, and with their image unless it was dropped."""
         self._max_bytes = max_bytes
         self._clock = clock
         self.count = 0
         """Number of requests since start."""
 
-    def add(self, summary: RenderSummary) -> None:
+    def add(self, summary: RenderRecord) -> None:
         """Add a finished request. Drop the oldest images if all exceed the limit."""
         self.count += 1
         entry = RenderEntry(
@@ -54,12 +54,12 @@ class RecentRenders:
         """Return the requests, newest first."""
         return [entry for entry, _ in reversed(self._entries)]
 
-    def find(self, number: int) -> RenderSummary | None:
+    def find(self, number: int) -> RenderRecord | None:
         """Return a request with its image, or None if the request or the image is no longer kept."""
         return next((image for entry, image in self._entries if entry.id == number), None)
 
 
-def encode_preview(summary: RenderSummary, width: int | None) -> bytes:
+def encode_preview(summary: RenderRecord, width: int | None) -> bytes:
     """Return a request's image as a PNG that browsers can display. Depth is mapped to colours.
 
     Args:

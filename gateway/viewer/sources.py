@@ -67,29 +67,3 @@ class StereoSource(Protocol):
 
     async def capture(self) -> StereoImages:
         """Render and return a set of images."""
-
-
-@dataclass(frozen=True, slots=True)
-class RenderSummary:
-    """A finished request of the render endpoint."""
-
-    status: int
-    """HTTP status."""
-    seconds: float
-    """Time from the first byte of the request to the response."""
-    queue_seconds: float
-    """Part of ``seconds`` spent waiting for a worker thread."""
-    image_text: str
-    """Type and size of the image, as a text that the page shows."""
-    scene_text: str
-    """Size, generator and number of primitives of the scene, as a text that the page shows."""
-    kind: Literal["color", "depth", "label", ""]
-    """Type of the image; empty if the request was invalid."""
-    body: bytes
-    """The image as it was sent; empty if there is none."""
-    media_type: str
-    """Media type of ``body``."""
-    error: str
-    """The error message that was sent; empty if there is none."""
-    warnings: tuple[str, ...] = ()
-    """Sentences about parts of the request or the scene that were ignored or repaired."""

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import structlog
@@ -30,7 +31,7 @@ from renderers.interface import Renderer
 
 if TYPE_CHECKING:
     from gateway.assets.mesh_files import MeshFiles
-    from gateway.render.service import RenderRecord
+    from gateway.runtime.render_record import RenderRecord
     from gateway.runtime.supervised_process import Heartbeat
     from gateway.runtime.worker_reports import WorkerReports
     from gateway.scene.timeline import Timeline
@@ -92,8 +93,8 @@ class Context:
     """The first stereo camera, if any."""
     stereo_sensor: StereoSource | None = None
     """Source of the stereo camera's images for the browser view, if any."""
-    on_render: Callable[[RenderRecord], None] = lambda record: None
-    """Called after each request of the render endpoint."""
+    render_observers: list[Callable[[RenderRecord], object]] = field(default_factory=list)
+    """Functions that are called after each request of the render endpoint."""
 
     started: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when requests are accepted, or when the start has failed."""
@@ -127,14 +128,10 @@ class Context:
         if self._renderer is None:
             from renderers.raster import CpuRenderer
 
-            self._renderer = CpuRenderer(self.settings.frame_threads or self.workers.threads, self._spare_threads)
+            frame_threads = self.settings.frame_threads
+            spare_threads = partial(self.workers.spare_threads, self.camera_workers, frame_threads)
+            self._renderer = CpuRenderer(frame_threads or self.workers.threads, spare_threads)
         return self._renderer
-
-    def _spare_threads(self) -> int:
-        """Return the number of threads that no call needs, of the worker threads and those for one image beyond."""
-        threads = self.workers.threads
-        idle = max(0, threads - self.workers.calls - self.camera_workers.calls)
-        return idle + max(0, self.settings.frame_threads - threads)
 
     @property
     def mesh_files(self) -> MeshFiles:
@@ -200,7 +197,7 @@ class Context:
             return "starting"
         # Only where renders are all that is served: a load balancer must not stop streams because of a full queue.
         render_only = self.settings.only == ("render",)
-        return "busy" if status == "ready" and render_only and (self.workers.full or self.workers.stuck) else status
+        return "busy" if status == "ready" and render_only and self.workers.busy else status
 
     def run_service(
         self,

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Final
 
 from gateway.gltf import GltfLimits
 from gateway.render.config import RenderConfig
-from gateway.render.routes import router
-from gateway.render.service import RenderRecord, RenderService
+from gateway.render.routes import render_router
+from gateway.render.service import RenderService
 from gateway.scene.tree import Node
 from gateway.settings import MIB, Settings
 from gateway.wiring import metrics
@@ -17,27 +16,19 @@ from gateway.wiring.context import Context
 from gateway.wiring.scene_setting import read_scene_setting
 from gateway.wiring.style import style_of
 
-_LAST_IMAGE: Final = "last image"
-"""Subject of the warnings about the last image that was rendered."""
-
 
 async def setup(context: Context) -> None:
     """Add the render endpoint."""
-
-    def count_and_report(record: RenderRecord) -> None:
-        context.metrics.count_render(record.kind, record.outcome, record.stages)
-        context.on_render(record)
-        if record.request is not None and record.image is not None:
-            context.registry.warn("render", _LAST_IMAGE, *record.request.warnings, *record.image.warnings)
 
     service = RenderService(
         context.renderer,
         context.workers,
         _config(context.settings),
         backdrop=await _backdrop(context),
-        on_finished=count_and_report,
+        metrics=context.metrics,
+        observers=context.render_observers,
     )
-    context.app.include_router(router(service))
+    context.app.include_router(render_router(service))
     metrics.watch_render(context.metrics, service)
     context.registry.ready("render", where=context.settings.render_path, figures=service.status)
 

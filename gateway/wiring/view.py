@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gateway.render.service import RenderRecord
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.gateway_status import gateway_status
 from gateway.viewer.hub import ViewHub
@@ -13,7 +12,6 @@ from gateway.viewer.routes import router
 from gateway.viewer.scene_images import SceneImages
 from gateway.viewer.sensor_images import SensorImages
 from gateway.viewer.share_routes import share_router
-from gateway.viewer.sources import RenderSummary
 from gateway.wiring.context import Context
 from gateway.wiring.metrics import watch_view
 from gateway.wiring.style import style_of
@@ -42,7 +40,7 @@ async def setup(context: Context) -> None:
         context.timeline,
     )
     sensor = SensorImages(stereo.capture, config.capture_seconds) if stereo is not None else None
-    context.on_render = lambda record: hub.renders.add(render_summary(record))
+    context.render_observers.append(hub.renders.add)
     watch_view(context.metrics, hub)
     context.app.include_router(router(hub))
     context.app.include_router(image_router(images, sensor, hub.renders))
@@ -50,28 +48,3 @@ async def setup(context: Context) -> None:
     context.run_service("view", hub, where="/view")
     if context.log is not None:
         context.run_service("log", context.log, where=str(context.log.timeline.path))
-
-
-def render_summary(record: RenderRecord) -> RenderSummary:
-    """Return a render request as the page lists it, without its scene."""
-    request, image = record.request, record.image
-    image_text, scene_text = "not understood", ""
-    if request is not None:
-        image_text = f"{request.image_type}, {request.width} × {request.height}"
-        size = len(request.scene)
-        scene_text = f"scene of {size / 1e6:.1f} MB" if size >= 1e6 else f"scene of {size / 1e3:.1f} kB"
-    if image is not None:
-        by = f" by {image.generator}" if image.generator else ""
-        scene_text = f"{scene_text}{by[:80]}, {image.element_count} primitives"
-    return RenderSummary(
-        status=record.status,
-        seconds=record.seconds,
-        queue_seconds=record.queue_seconds,
-        image_text=image_text,
-        scene_text=scene_text,
-        kind=request.image_type if request is not None else "",
-        body=image.body if image is not None else b"",
-        media_type=image.media_type if image is not None else "",
-        error=record.error,
-        warnings=image.warnings if image is not None else (),
-    )

@@ -16,8 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.render.config import RenderConfig
-from gateway.render.form import LOOK_FIELD, read_form
-from gateway.render.multipart import Form
+from gateway.render.form import LOOK_FIELD, read_fields
 from gateway.render.pipeline import Pipeline
 from renderers.raster import CpuRenderer
 from tests.support.corpus import DONT_CARE_LABEL, EMPTY_LABEL, TABLE, Row, decode_label
@@ -94,8 +93,8 @@ class Comparison:
 def image(pipeline: Pipeline, folder: Path, kind: str) -> NDArray[Any]:
     fields = json.loads((folder / f"{kind}.json").read_text())
     assert LOOK_FIELD not in fields
-    form = Form(fields, bytearray((folder / f"{kind}.gltf").read_bytes()), "")
-    body = pipeline.render(read_form(form, RenderConfig())).body
+    request = read_fields(fields, (folder / f"{kind}.gltf").read_bytes(), RenderConfig())
+    body = pipeline.render(request).body
     decoded = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
     assert decoded is not None
     return decoded

@@ -13,8 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.render.config import RenderConfig
-from gateway.render.form import read_form
-from gateway.render.multipart import FormReader
+from gateway.render.form import FormReader
 from gateway.render.pipeline import Pipeline
 from renderers.raster import CpuRenderer
 from tests.support.corpus import DONT_CARE_LABEL, EMPTY_LABEL, TABLE, Row, corpus_path, decode_label
@@ -44,7 +43,7 @@ def image(pipeline: Pipeline, folder: Path, kind: str) -> NDArray[Any]:
     config = RenderConfig()
     reader = FormReader((folder / f"{kind}.ctype").read_text().strip(), config)
     reader.feed(lzma.decompress((folder / f"{kind}.multipart.xz").read_bytes()))
-    decoded = cv2.imdecode(np.frombuffer(pipeline.render(read_form(reader.form(), config)).body, np.uint8), -1)
+    decoded = cv2.imdecode(np.frombuffer(pipeline.render(reader.request()).body, np.uint8), -1)
     assert decoded is not None
     return decoded
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import AsyncIterator, Callable
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 
@@ -17,8 +18,10 @@ from numpy.typing import NDArray
 
 from gateway.render.config import RenderConfig
 from gateway.render.pipeline import Backdrop
-from gateway.render.routes import router
-from gateway.render.service import RenderRecord, RenderService
+from gateway.render.routes import render_router
+from gateway.render.service import RenderService
+from gateway.runtime.metrics_registry import Metrics
+from gateway.runtime.render_record import RenderRecord
 from gateway.runtime.worker_pool import WorkerPool
 from renderers.camera import Camera
 from renderers.drawlist import LABEL_NONE, DrawList
@@ -65,7 +68,22 @@ class Running:
     service: RenderService
     workers: WorkerPool
     records: list[RenderRecord]
+    metrics: Metrics
     app: FastAPI
+
+    @property
+    def arriving(self) -> int:
+        """Number of requests that have a place in the queue before their body is complete."""
+        arriving: int = self.service.status()["arriving"]
+        return arriving
+
+    def outcomes(self) -> Counter[str]:
+        """Number of requests by outcome, as metrics have it."""
+        samples = [sample for metric in self.metrics.renders.collect() for sample in metric.samples]
+        counts: Counter[str] = Counter()
+        for sample in samples:
+            counts[sample.labels["outcome"]] += int(sample.value)
+        return counts
 
     async def post(self, body: bytes, content_type: str) -> httpx2.Response:
         return await self.client.post("/render", content=body, headers={"Content-Type": content_type})
@@ -104,17 +122,19 @@ async def running(
     max_waiting_bytes: int = 1 << 30,
     backdrop: Backdrop | None = None,
     seconds: float | None = None,
-    on_finished: Callable[[RenderRecord], object] | None = None,
+    observers: Sequence[Callable[[RenderRecord], object]] = (),
 ) -> AsyncIterator[Running]:
     workers = WorkerPool(threads, max_waiting, max_waiting_bytes, seconds=seconds, limit_name="--render-seconds")
     records: list[RenderRecord] = []
-    service = RenderService(renderer, workers, config, backdrop=backdrop, on_finished=on_finished or records.append)
+    metrics = Metrics()
+    observers = (*observers, records.append)
+    service = RenderService(renderer, workers, config, backdrop=backdrop, metrics=metrics, observers=observers)
     app = FastAPI()
-    app.include_router(router(service))
+    app.include_router(render_router(service))
     transport = httpx2.ASGITransport(app=app)
     async with httpx2.AsyncClient(transport=transport, base_url="http://test") as client:
         try:
-            yield Running(client, service, workers, records, app)
+            yield Running(client, service, workers, records, metrics, app)
         finally:
             assert await workers.close(SECONDS)
 

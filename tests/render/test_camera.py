@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from gateway.gltf import GltfCamera
-from gateway.render.camera import camera_of, rigid_pose
 from gateway.render.errors import RequestError
-from gateway.render.form import RenderRequest
+from gateway.render.pipeline import camera_of, rigid_pose
+from gateway.render.request import RenderRequest
 from gateway.render.scenes import PreparedScene
 from gateway.scene.transforms import from_pose
 from renderers.drawlist import DrawList

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from gateway.gltf import DRAKE_MERGER, GltfCache, GltfScene, read_gltf
-from gateway.render.draw_list import SceneTopology, TopologyKey, draw_list_of
 from gateway.render.labels import labels_of
+from gateway.render.scenes import SceneTopology, TopologyKey, draw_list_of
 from gateway.scene.flatten import flatten
 from renderers.cache import Cache, CacheBudget
 from renderers.drawlist import DrawList, Instance, PosedInstances

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import re
 from pathlib import Path
 from typing import NoReturn
 
@@ -39,7 +38,6 @@ async def test_three_image_types(start: Start, watched: WatchedRenderer) -> None
     assert depth.headers["content-type"] == "image/tiff"
     for response in (color, depth, label):
         assert int(response.headers["content-length"]) == len(response.content)
-        assert response.headers["x-request-id"]
         stages = [stage.split(";")[0] for stage in response.headers["server-timing"].split(", ")]
         assert stages == ["queue", "parse", "render", "encode"]
     assert all(0 <= record.queue_seconds <= record.seconds for record in server.records)
@@ -50,7 +48,8 @@ async def test_three_image_types(start: Start, watched: WatchedRenderer) -> None
     assert (decoded(label) == (255, 0, 0)).all()
     assert [call[2] for call in watched.calls] == [Output.COLOR, Output.DEPTH, Output.LABEL]
     assert [(record.status, record.error) for record in server.records] == [(200, "")] * 3
-    assert server.records[0].image is not None
+    assert server.records[0].body == color.content
+    assert server.outcomes() == {"ok": 3}
     assert server.service.status()["answers"] == {"200": 3}
     assert server.service.status()["inflight_bytes"] == 0
     assert server.service.status()["scene_cache"] == {"hits": 2, "misses": 1}
@@ -146,8 +145,9 @@ async def test_internal_errors_are_short_and_logged_with_an_id(
     watched.error = RuntimeError("secret inner state")
     with caplog.at_level(logging.ERROR):
         async with start(watched) as server:
-            response = await server.post(body(SCENE), CONTENT_TYPE)
-            assert_refused(response, 500, response.headers["x-request-id"])
+            with structlog.contextvars.bound_contextvars(request_id="drake-7"):
+                response = await server.post(body(SCENE), CONTENT_TYPE)
+            assert_refused(response, 500, "drake-7")
             watched.error = None
             assert (await server.post(body(SCENE), CONTENT_TYPE)).status_code == 200
     assert "secret" not in response.text
@@ -164,7 +164,7 @@ async def test_ignored_content_is_logged_as_a_warning(start: Start, watched: Wat
 
 
 async def test_failing_observer_does_not_affect_the_response(start: Start, watched: WatchedRenderer) -> None:
-    async with start(watched, on_finished=lambda record: 1 // 0) as server:
+    async with start(watched, observers=[lambda record: 1 // 0]) as server:
         assert (await server.post(body(SCENE), CONTENT_TYPE)).status_code == 200
 
 
@@ -231,23 +231,6 @@ async def test_unwritable_failure_folder_does_not_hide_the_error(
         assert_refused(await server.post(body(SCENE, drake_fields(width="0")), CONTENT_TYPE), 400, "width")
 
 
-async def test_each_request_has_an_id_of_its_own(start: Start, watched: WatchedRenderer) -> None:
-    async with start(watched) as server:
-        responses = [await server.post(body(SCENE), CONTENT_TYPE) for _ in range(2)]
-        ids = [response.headers["x-request-id"] for response in responses]
-        assert len(set(ids)) == 2
-        assert all(re.fullmatch("[0-9a-f]{32}", each) for each in ids)
-        assert [record.request_id for record in server.records] == ids
-
-
-async def test_the_middlewares_id_is_used_where_there_is_one(start: Start, watched: WatchedRenderer) -> None:
-    async with start(watched) as server:
-        with structlog.contextvars.bound_contextvars(request_id="drake-7"):
-            response = await server.post(body(SCENE), CONTENT_TYPE)
-    assert "x-request-id" not in response.headers, "the middleware adds it"
-    assert server.records[-1].request_id == "drake-7"
-
-
 @pytest.mark.parametrize(
     ("error", "retry_after", "text"),
     [
@@ -267,12 +250,31 @@ async def test_requests_that_could_succeed_later(
 ) -> None:
     async with start(watched) as server:
 
-        async def render(*_: object) -> NoReturn:
+        async def run(*_: object, **__: object) -> NoReturn:
             raise error
 
-        monkeypatch.setattr(server.service, "render", render)
+        monkeypatch.setattr(server.workers, "run", run)
         response = await server.post(body(SCENE), CONTENT_TYPE)
     assert (response.status_code, response.headers.get("retry-after")) == (503, retry_after)
     assert response.text.strip().endswith(text)
-    assert server.records[-1].outcome == ("slow" if isinstance(error, DeadlineExceeded) else "busy")
+    assert server.outcomes() == {"slow" if isinstance(error, DeadlineExceeded) else "busy": 1}
     assert server.service.status()["inflight_bytes"] == 0
+
+
+async def test_a_record_describes_request_image_and_scene(start: Start, watched: WatchedRenderer) -> None:
+    large = json.dumps(gltf(extras="x" * 1_000_000)).encode()
+    by_vtk = gltf(extensionsUsed=["ACME_x"])
+    by_vtk["asset"]["generator"] = "g" * 90
+    async with start(watched) as server:
+        for form in (body(large, drake_fields("depth")), body(by_vtk), body(SCENE, drake_fields(width="0")), b"x"):
+            await server.post(form, CONTENT_TYPE)
+        warnings = server.service.status()["warnings"]
+    depth, color, invalid, _ = server.records
+    assert (depth.image_text, depth.kind, depth.media_type) == ("depth, 64 × 48", "depth", "image/tiff")
+    assert depth.scene_text.startswith("scene of 1.0 MB")
+    assert color.scene_text.startswith("scene of 0.")
+    assert f" kB by {'g' * 76}, " in color.scene_text
+    assert color.scene_text.endswith(" primitives")
+    assert color.warnings == tuple(warnings) == ("extensionsUsed: ACME_x ignored",)
+    assert (invalid.status, invalid.image_text, invalid.scene_text, invalid.kind) == (400, "not understood", "", "")
+    assert (invalid.body, invalid.media_type, invalid.queue_seconds) == (b"", "", 0.0)

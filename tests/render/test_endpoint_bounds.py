@@ -86,13 +86,13 @@ async def test_arriving_bodies_reserve_places_and_a_full_queue_rejects_before_th
 
     async with start(watched, threads=1, max_waiting=2) as server:
         posts = [asyncio.create_task(post()) for _ in range(3)]
-        await until(lambda: server.service.arriving == 3)
+        await until(lambda: server.arriving == 3)
         assert_refused(await post(), 503, "2 requests are waiting already (3 of them still arriving)")
         assert read == 3
         come.set()
         watched.go_on.set()
         assert [response.status_code for response in await asyncio.gather(*posts)] == [200] * 3
-        assert server.service.arriving == 0
+        assert server.arriving == 0
 
 
 async def test_slow_upload_loses_its_place(start: Start, watched: WatchedRenderer) -> None:
@@ -106,8 +106,8 @@ async def test_slow_upload_loses_its_place(start: Start, watched: WatchedRendere
     async with start(watched, RenderConfig(arrival_seconds=0.01), threads=1, max_waiting=0) as server:
         headers = {"Content-Type": CONTENT_TYPE}
         slow = asyncio.create_task(server.client.post("/render", content=trickling(), headers=headers))
-        await until(lambda: server.service.arriving == 1)
-        await until(lambda: server.service.arriving == 0)
+        await until(lambda: server.arriving == 1)
+        await until(lambda: server.arriving == 0)
         assert (await server.post(body(SCENE), CONTENT_TYPE)).status_code == 200
         come.set()
         assert (await slow).status_code == 200
@@ -177,7 +177,7 @@ async def test_render_deadline_is_503_and_the_request_is_stored(start: Start, tm
             assert_refused(response, 503, "--render-seconds = 0.05 s")
             assert "retry-after" not in response.headers  # the same request would take as long
         assert renderer.begun == renderer.ended  # the time of the first may be over before it is read
-        assert [record.outcome for record in server.records] == ["slow", "slow"]
+        assert server.outcomes() == {"slow": 2}
     assert len(await asyncio.to_thread(lambda: [*tmp_path.iterdir()])) == 4  # the bodies, and what is said of each
 
 

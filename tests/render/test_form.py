@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from base64 import b64encode
 from itertools import pairwise
 from typing import Any
 
@@ -13,8 +14,8 @@ from hypothesis import strategies as st
 
 from gateway.render.config import RenderConfig
 from gateway.render.errors import MAX_MESSAGE_BYTES, RequestError, message_bytes, quoted
-from gateway.render.form import RenderRequest, read_form
-from gateway.render.multipart import FormReader
+from gateway.render.form import FormReader
+from gateway.render.request import RenderRequest
 from tests.support.corpus import DrakeScene, drake_scenes
 from tests.support.forms import BOUNDARY, CONTENT_TYPE, body, closed, drake_fields, part
 
@@ -28,7 +29,7 @@ def read(
     reader = FormReader(content_type, config)
     for start in range(0, len(data), step or len(data) or 1):
         reader.feed(data[start : start + (step or len(data))])
-    return read_form(reader.form(), config)
+    return reader.request()
 
 
 def refused(data: bytes, content_type: str = CONTENT_TYPE, *, config: RenderConfig = CONFIG) -> str:
@@ -90,10 +91,9 @@ def test_scene_of_any_bytes_in_pieces_of_any_size(parts: list[int | bytes], cuts
     ends = sorted({min(cut, len(data)) for cut in cuts} | {len(data)})
     for begin, end in pairwise([0, *ends]):
         reader.feed(data[begin:end])
-    form = reader.form()
-    assert form.scene is not None
-    assert bytes(form.scene) == scene
-    assert form.fields == drake_fields()
+    request = reader.request()
+    assert request.scene == scene
+    assert (request.width, request.far) == (64, 10.0)
 
 
 def test_fields_in_any_order_with_preamble_and_epilogue() -> None:
@@ -228,7 +228,7 @@ def test_bodies_that_are_not_forms() -> None:
     whole = body(SCENE)
     for length in (1, 100, len(whole) // 2, len(whole) - 100, len(whole) - 10):
         assert "cut short" in refused(whole[:length])
-    assert "inside the part 'scene'" in refused(whole[: -len(BOUNDARY) - 10])
+    assert "ends after the part 'scene_sha256'" in refused(whole[: -len(BOUNDARY) - 10])
 
 
 def test_long_content_type_is_refused() -> None:
@@ -238,10 +238,25 @@ def test_long_content_type_is_refused() -> None:
 
 def test_parts_without_a_name_or_encoded_are_refused() -> None:
     head = f"--{BOUNDARY}\r\n".encode()
-    assert "part 1 of the form needs Content-Disposition" in refused(closed(head + b"X: y\r\n\r\nvalue\r\n"))
-    assert "got 'form-data'" in refused(closed(head + b"Content-Disposition: form-data\r\n\r\nvalue\r\n"))
-    encoded = part("width", b"NjQ=", ("Content-Transfer-Encoding: base64",))
-    assert "Content-Transfer-Encoding 'base64'" in refused(closed(encoded))
+    for headers in (b"X: y", b"Content-Disposition: form-data"):
+        without = closed(part("far", b"1"), head + headers + b"\r\n\r\nvalue\r\n")
+        assert "part 2 of the form: Field name not found in Content-Disposition" in refused(without)
+    assert "part 1 of the form needs Content-Disposition: form-data; name=" in refused(closed(part("", b"value")))
+    encoded = part("width", b"NjQ=", ("Content-Transfer-Encoding: gzip",))
+    assert "part 1 of the form: Unknown Content-Transfer-Encoding" in refused(closed(encoded))
+
+
+def test_encoded_parts_are_decoded() -> None:
+    fields = [part(name, value.encode()) for name, value in drake_fields(width=None).items()]
+    width = part("width", b"NjQ=", ("Content-Transfer-Encoding: base64",))
+    scene = part("scene", b64encode(SCENE), ("Content-Transfer-Encoding: BASE64",), filename="scene.gltf")
+    request = read(closed(width, *fields, scene), step=7)
+    assert (request.width, bytes(request.scene)) == (64, SCENE)
+    broken = part("width", b"NjQ", ("Content-Transfer-Encoding: base64",))
+    assert "part 1 of the form: There are 3 bytes remaining" in refused(closed(broken))
+
+
+def test_unencoded_parts_may_say_so() -> None:
     assert read(body(SCENE, scene_headers=("Content-Transfer-Encoding: binary",))).width == 64
 
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from gateway.gltf import GltfError, HashedDocument
 from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError
-from gateway.render.form import read_form
-from gateway.render.multipart import FormReader
+from gateway.render.form import FormReader
 from gateway.render.pipeline import Pipeline
 from gateway.render.scenes import SceneStore
 from gateway.scene.style import Style
@@ -64,7 +63,7 @@ def test_wrong_scene_hash_is_refused() -> None:
     reader = FormReader(CONTENT_TYPE, RenderConfig())
     reader.feed(body(data, drake_fields(scene_sha256=wrong)))
     with pytest.raises(RequestError, match="scene_sha256 does not match") as caught:
-        Pipeline(renderer, RenderConfig()).render(read_form(reader.form(), RenderConfig()))
+        Pipeline(renderer, RenderConfig()).render(reader.request())
     renderer.close()
     assert wrong in str(caught.value)
     assert hashlib.sha256(data).hexdigest() in str(caught.value)
@@ -80,7 +79,7 @@ def test_fxaa_can_be_turned_off() -> None:
         for kind in ("color", "label"):
             reader = FormReader(CONTENT_TYPE, config)
             reader.feed(body(gltf(), drake_fields(kind)))
-            image = pipeline.render(read_form(reader.form(), config))
+            image = pipeline.render(reader.request())
             shades[antialias, kind] = len(np.unique(_pixels(image.body), axis=0))
     renderer.close()
     assert shades["none", "color"] == shades["none", "label"] == shades["fxaa", "label"] == 2
@@ -95,7 +94,7 @@ def test_meshes_without_a_label_are_a_warning_of_label_images() -> None:
     for name, document, kind in (("bare", bare, "label"), ("bare", bare, "color"), ("labelled", gltf(), "label")):
         reader = FormReader(CONTENT_TYPE, config)
         reader.feed(body(document, drake_fields(kind)))
-        warnings[name, kind] = pipeline.render(read_form(reader.form(), config)).warnings
+        warnings[name, kind] = pipeline.render(reader.request()).warnings
     renderer.close()
     assert ["(1 here)" in text for text in warnings["bare", "label"]] == [True]
     assert warnings["bare", "color"] == warnings["labelled", "label"] == ()
@@ -115,7 +114,7 @@ def test_strict_refuses_a_scene_with_a_warning() -> None:
         config = RenderConfig(strict=strict)
         reader = FormReader(CONTENT_TYPE, config)
         reader.feed(body(document, drake_fields("depth")))
-        request = read_form(reader.form(), config)
+        request = reader.request()
         if strict:
             with pytest.raises(RequestError) as caught:
                 Pipeline(renderer, config).render(request)

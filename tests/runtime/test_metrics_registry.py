@@ -9,10 +9,13 @@ def lines(metrics: Metrics) -> list[str]:
     return metrics.exposition().decode().splitlines()
 
 
-def test_requests_are_counted_and_timed_by_route() -> None:
+def test_requests_and_renders_are_counted_and_timed() -> None:
     metrics = Metrics()
-    metrics.count_request("/render", "POST", 200, 0.02)
-    metrics.count_request("/render", "POST", "aborted", 4.0)
+    for status, seconds in (("200", 0.02), ("aborted", 4.0)):
+        metrics.requests.labels("/render", "POST", status).inc()
+        metrics.seconds.labels("/render").observe(seconds)
+    metrics.renders.labels("depth", "ok").inc()
+    metrics.stage_seconds.labels("queue").observe(0.5)
     text = lines(metrics)
     assert 'scenegate_http_requests_total{method="POST",route="/render",status="200"} 1.0' in text
     assert 'scenegate_http_requests_total{method="POST",route="/render",status="aborted"} 1.0' in text
@@ -20,17 +23,8 @@ def test_requests_are_counted_and_timed_by_route() -> None:
     assert 'scenegate_http_request_duration_seconds_bucket{le="0.025",route="/render"} 1.0' in text
     assert 'scenegate_http_request_duration_seconds_sum{route="/render"} 4.02' in text
     assert not [line for line in text if "_created" in line]
-
-
-def test_renders_are_counted_with_their_stages() -> None:
-    metrics = Metrics()
-    metrics.count_render("depth", "ok", [("queue", 0.5), ("parse", 0.25)])
-    metrics.count_render("depth", "busy", [])
-    text = lines(metrics)
     assert 'scenegate_renders_total{outcome="ok",type="depth"} 1.0' in text
-    assert 'scenegate_renders_total{outcome="busy",type="depth"} 1.0' in text
     assert 'scenegate_render_stage_duration_seconds_sum{stage="queue"} 0.5' in text
-    assert 'scenegate_render_stage_duration_seconds_count{stage="parse"} 1.0' in text
 
 
 def test_gauges_and_counters_are_read_at_each_scrape() -> None:
@@ -51,5 +45,5 @@ def test_gauges_and_counters_are_read_at_each_scrape() -> None:
 
 def test_two_applications_have_metrics_of_their_own() -> None:
     first, second = Metrics(), Metrics()
-    first.count_request("/", "GET", 200, 0.0)
+    first.requests.labels("/", "GET", "200").inc()
     assert not [line for line in lines(second) if line.startswith("scenegate_http_requests_total{")]

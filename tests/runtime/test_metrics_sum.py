@@ -9,7 +9,8 @@ from gateway.runtime.metrics_sum import sum_expositions
 def process(renders: int, seconds: float, level: float) -> str:
     metrics = Metrics()
     for _ in range(renders):
-        metrics.count_render("color", "ok", [("queue", seconds)])
+        metrics.renders.labels("color", "ok").inc()
+        metrics.stage_seconds.labels("queue").observe(seconds)
     metrics.watch("scenegate_level", "Level.", lambda: level)
     metrics.watch("scenegate_interface_ready", "State.", lambda: {"render": min(level, 1.0)}, label="interface")
     metrics.watch("scenegate_steps_total", "Steps.", lambda: {"up": level}, label="way")

@@ -2,36 +2,51 @@
 
 from __future__ import annotations
 
-import time
+import logging
+from collections.abc import Iterator
 
 import pytest
+import structlog
 
-from gateway.runtime.recent_logs import MAX_ENTRIES, MAX_MESSAGE, RecentLogs
-
-
-def test_entries_of_the_named_loggers_are_kept_with_their_values(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(time, "time", lambda: 12.5)
-    logs = RecentLogs("stereo", "view")
-    event = {"event": "frame", "logger": "stereo", "level": "warning", "late": 3, "request_id": "r", "timestamp": "t"}
-    assert logs(None, "warn", dict(event)) == event
-    logs(None, "info", {"event": "other", "logger": "gateway"})
-    logs(None, "info", {"event": "no logger"})
-    (entry,) = logs.entries("stereo")
-    assert (entry.timestamp, entry.level, entry.logger, entry.message) == (12.5, "warning", "stereo", "frame late=3")
-    assert logs.entries("view") == []
+from gateway.runtime import logs
+from gateway.runtime.recent_logs import MAX_ENTRIES, MAX_MESSAGE, RecentLogs, stereo_log
 
 
-def test_the_level_defaults_to_the_method() -> None:
-    logs = RecentLogs("stereo")
-    logs(None, "info", {"event": "frame", "logger": "stereo"})
-    assert logs.entries("stereo")[0].level == "info"
+@pytest.fixture
+def handler() -> Iterator[RecentLogs]:
+    root, before = logging.getLogger(), (logging.getLogger().handlers[:], logging.getLogger().level)
+    logs.configure("json")
+    log, handler = logging.getLogger("stereo"), RecentLogs()
+    log.handlers[:] = [handler]
+    yield handler
+    log.handlers.clear()
+    root.handlers[:] = before[0]
+    root.setLevel(before[1])
+    structlog.reset_defaults()
 
 
-def test_old_entries_are_dropped_and_long_messages_cut() -> None:
-    logs = RecentLogs("stereo")
+def test_entries_of_the_logger_are_kept_with_their_values(handler: RecentLogs) -> None:
+    structlog.get_logger("stereo").warning("frame", late=3, request_id="r")
+    structlog.get_logger("stereo").debug("below the level")
+    structlog.get_logger("gateway").info("other")
+    logging.getLogger("stereo").error("of %s", "the standard library")
+    frame, other = handler.entries()
+    assert frame.timestamp > 1.7e9
+    assert (frame.level, frame.logger, frame.message) == ("warning", "stereo", "frame late=3")
+    assert (other.level, other.message) == ("error", "of the standard library")
+
+
+def test_old_entries_are_dropped_and_long_messages_cut(handler: RecentLogs) -> None:
+    log = structlog.get_logger("stereo")
     for number in range(MAX_ENTRIES + 1):
-        logs(None, "info", {"event": str(number), "logger": "stereo"})
-    entries = logs.entries("stereo")
+        log.info(str(number))
+    entries = handler.entries()
     assert (len(entries), entries[0].message, entries[-1].message) == (MAX_ENTRIES, "1", str(MAX_ENTRIES))
-    logs(None, "info", {"event": "x" * (MAX_MESSAGE + 1), "logger": "stereo"})
-    assert logs.entries("stereo")[-1].message == "x" * MAX_MESSAGE
+    log.info("x" * (MAX_MESSAGE + 1))
+    assert handler.entries()[-1].message == "x" * MAX_MESSAGE
+
+
+def test_the_cameras_log_is_kept(handler: RecentLogs) -> None:
+    logs.configure("json")
+    structlog.get_logger("stereo").info("kept by the configuration")
+    assert stereo_log.entries()[-1].message == "kept by the configuration"

@@ -278,13 +278,13 @@ async def test_slow_calls_are_counted() -> None:
     workers, gate = WorkerPool(2, seconds=0.02), Gate()  # which does not look at its flag
     calls = [asyncio.create_task(workers.run(gate, 1))]
     await until(lambda: workers.stats.slow == 1)
-    assert not workers.stuck
+    assert not workers.busy
     calls.append(asyncio.create_task(workers.run(gate, 2)))
-    await until(lambda: workers.stuck)
+    await until(lambda: workers.busy)
     gate.open.set()
     assert await asyncio.gather(*calls) == [1, 2]
     assert workers.stats.slow == 0
-    assert not workers.stuck
+    assert not workers.busy
     assert await workers.close()
 
 
@@ -292,7 +292,7 @@ async def test_no_call_is_slow_without_a_deadline() -> None:
     workers, gate = WorkerPool(1), Gate()
     call = asyncio.create_task(workers.run(gate))
     await started(gate)
-    assert (workers.stats.slow, workers.stuck) == (0, False)
+    assert (workers.stats.slow, workers.busy) == (0, False)
     gate.open.set()
     await call
     assert await workers.close()

@@ -12,16 +12,9 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
-from gateway.server.access import (
-    COOKIE_NAME,
-    Access,
-    CsrfProtection,
-    SecurityHeaders,
-    TrustedHosts,
-    host_name,
-    same_origin,
-)
+from gateway.server.access import COOKIE_NAME, Access, host_name, same_origin
 from gateway.server.error_handlers import not_allowed, not_found
+from gateway.server.middleware import Protection
 from gateway.server.tokens import COOKIE_SECONDS, Tokens
 
 TOKEN, OTHER = "0123456789abcdef", "fedcba9876543210"
@@ -35,7 +28,7 @@ async def hello(request: Request) -> PlainTextResponse:
 
 def client(server: tuple[str, int] | None = None, **hosts: Any) -> httpx2.AsyncClient:
     app: Any = Starlette(routes=[Route("/{path:path}", hello)])
-    app = TrustedHosts(app, **hosts) if hosts or server else Access(app, tokens=TOKENS, open_paths={"/healthz"})
+    app = Protection(app, **hosts) if hosts or server else Access(app, tokens=TOKENS, open_paths={"/healthz"})
 
     async def at(scope: Any, receive: Any, send: Any) -> None:
         await app({**scope, "server": server} if server else scope, receive, send)
@@ -105,6 +98,7 @@ def behind(middleware: Any, scheme: str = "http", **options: Any) -> httpx2.Asyn
         ({"Origin": "http://here:3000"}, False),
         ({"Origin": "http://here"}, False),
         ({"Origin": "null"}, False),
+        ({"Origin": ""}, False),
         ({"Origin": "http://["}, False),
         ({"Origin": "https://dashboard.example"}, True),
         ({"Origin": "https://dashboard.example", "Sec-Fetch-Site": "cross-site"}, True),
@@ -118,7 +112,7 @@ def behind(middleware: Any, scheme: str = "http", **options: Any) -> httpx2.Asyn
     ],
 )
 async def test_cross_site_requests_with_side_effects_are_refused(headers: dict[str, str], allowed: bool) -> None:
-    async with behind(CsrfProtection, origins=("https://dashboard.example",)) as http:
+    async with behind(Protection, origins=("https://dashboard.example",)) as http:
         for method in ("POST", "PUT", "DELETE", "PATCH"):
             answer = await http.request(method, "/", headers=headers)
             assert (answer.status_code != 403) is allowed, method
@@ -128,13 +122,13 @@ async def test_cross_site_requests_with_side_effects_are_refused(headers: dict[s
 
 
 async def test_wildcard_origin_allows_cross_site_requests() -> None:
-    async with behind(CsrfProtection, origins=("*",)) as http:
+    async with behind(Protection, origins=("*",)) as http:
         for headers in ({"Origin": "null"}, {"Sec-Fetch-Site": "cross-site"}):
             assert (await http.post("/", headers=headers)).status_code == 200
 
 
 async def test_refusal_quotes_the_origin_shortened_and_escaped() -> None:
-    async with behind(CsrfProtection) as http:
+    async with behind(Protection) as http:
         answer = await http.post("/", headers={b"Origin": b"http://\xff\x1b[31m" + b"x" * 5000})
     assert len(answer.content) < 300
     assert answer.content.isascii()
@@ -181,10 +175,23 @@ LOCAL = "http://localhost:* http://127.0.0.1:*"
     ],
 )
 async def test_headers_against_frames_and_content_sniffing(origins: tuple[str, ...], ancestors: str) -> None:
-    async with behind(SecurityHeaders, origins=origins) as http:
+    async with behind(Protection, frame_origins=origins) as http:
         headers = (await http.get("/")).headers
     assert headers["content-security-policy"] == f"frame-ancestors {ancestors}"
     assert headers["x-content-type-options"] == "nosniff"
+
+
+async def test_origins_may_embed_pages_and_refusals_have_the_headers_too() -> None:
+    async with behind(Protection, origins=("https://a.example",), frame_origins=("https://b.example",)) as http:
+        refused = await http.post("/", headers={"Origin": "https://b.example"})
+    assert refused.status_code == 403
+    assert refused.headers["content-security-policy"].endswith("https://a.example https://b.example")
+
+
+async def test_two_host_headers_are_refused() -> None:
+    async with client(LOOPBACK) as http:
+        hosts = [("Host", "localhost"), ("Host", "localhost")]
+        assert (await http.get("/scene", headers=hosts)).status_code == 421
 
 
 @pytest.mark.parametrize("path", ["//evil.example", "///evil.example/x", "/%2f/evil.example", "/\\evil.example"])
@@ -240,7 +247,7 @@ async def test_unknown_host_names_are_refused(host: str, status: int) -> None:
 async def test_any_host_name_is_accepted_on_external_addresses_by_default() -> None:
     async with client(("10.0.0.5", 8000)) as http:
         assert (await http.get("/", headers={"Host": "gateway.example"})).status_code == 200
-    async with client(("10.0.0.5", 8000), names=("gateway.example", "*.lab.example")) as http:
+    async with client(("10.0.0.5", 8000), hosts=("gateway.example", "*.lab.example")) as http:
         for host, status in {
             "Gateway.Example:80": 200,
             "cell.lab.example": 200,
@@ -249,7 +256,7 @@ async def test_any_host_name_is_accepted_on_external_addresses_by_default() -> N
             "other.example": 421,
         }.items():
             assert (await http.get("/", headers={"Host": host})).status_code == status, host
-    async with client(LOOPBACK, names=("*",)) as http:
+    async with client(LOOPBACK, hosts=("*",)) as http:
         assert (await http.get("/", headers={"Host": "evil.example"})).status_code == 200
 
 

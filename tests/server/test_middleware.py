@@ -13,8 +13,7 @@ from starlette.types import ASGIApp
 from structlog.testing import capture_logs
 
 from gateway.runtime.metrics_registry import Metrics
-from gateway.server.access import TrustedHosts
-from gateway.server.middleware import MAX_TARGET_BYTES, RequestContext, TargetLimit
+from gateway.server.middleware import MAX_TARGET_BYTES, Protection, RequestContext
 
 
 def make(metrics: Metrics) -> FastAPI:
@@ -91,7 +90,7 @@ async def test_too_large_body_is_not_logged_as_an_error(host: str, status: int) 
 
     metrics = Metrics()
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=10)
-    app.add_middleware(TrustedHosts, names=("localhost",))
+    app.add_middleware(Protection, hosts=("localhost",))
     app.add_middleware(RequestContext, metrics=metrics)
     async with client(app) as http:
         with capture_logs() as lines:
@@ -103,7 +102,7 @@ async def test_too_large_body_is_not_logged_as_an_error(host: str, status: int) 
 
 async def test_long_target_is_refused() -> None:
     app = make(Metrics())
-    app.add_middleware(TargetLimit)
+    app.add_middleware(Protection)
     path = "/things/a?q="
     room = MAX_TARGET_BYTES - len(path) + len("?")
     async with client(app) as http:

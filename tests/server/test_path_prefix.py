@@ -10,7 +10,7 @@ from fastapi import FastAPI, Request, WebSocket
 from starlette.testclient import TestClient
 
 from gateway.server.error_handlers import not_found
-from gateway.server.middleware import PathPrefix
+from gateway.server.path_prefix import PathPrefix
 
 PREFIX = "/user/änn/8000"
 

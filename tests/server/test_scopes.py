@@ -12,8 +12,8 @@ from structlog.testing import capture_logs
 
 from gateway.runtime.metrics_registry import Metrics
 from gateway.server import openapi
-from gateway.server.access import Access, CsrfProtection, SecurityHeaders, TrustedHosts
-from gateway.server.middleware import RequestContext, TargetLimit
+from gateway.server.access import Access
+from gateway.server.middleware import Protection, RequestContext
 from gateway.server.security import Security
 from gateway.server.start_gate import StartGate
 from gateway.server.tokens import Tokens, read_tokens
@@ -42,10 +42,7 @@ async def test_lifespans_pass_all_middleware(tokens: Tokens) -> None:
     never: Any = None
     layers: list[Any] = [
         Access(app, tokens=tokens, open_paths=frozenset()),
-        CsrfProtection(app),
-        SecurityHeaders(app),
-        TrustedHosts(app, names=("here",)),
-        TargetLimit(app),
+        Protection(app, hosts=("here",)),
         RequestContext(app, metrics=Metrics(), quiet_paths=frozenset()),
         StartGate(app, started=asyncio.Event(), problem=lambda: "broken", open_paths=frozenset()),
     ]

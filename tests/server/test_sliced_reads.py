@@ -45,15 +45,14 @@ class FakeLoop:
 class Reader(SlicedReads):
     """Collects slices of at most three bytes."""
 
+    slice_bytes = 3
+
     def __init__(self) -> None:
         self.slices: list[bytes] = []
         self.paused = False
         loop: Any = FakeLoop()
         transport: Any = FakeTransport()
         self.loop, self.transport = loop, transport
-
-    def slice_bytes(self) -> int:
-        return 3
 
     def slice_received(self, data: bytes) -> None:
         self.slices.append(data)
@@ -118,7 +117,6 @@ def test_nothing_is_handled_after_the_connection_closes(reader: Any) -> None:
 @pytest.mark.parametrize(
     "missing",
     [
-        lambda reads: reads.slice_bytes(),
         lambda reads: reads.slice_received(b""),
         lambda reads: reads.reading_paused(),
     ],

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from gateway.runtime.render_record import RenderRecord
 from gateway.viewer.colormaps import confidence_to_rgb, depth_to_rgb, disparity_to_rgb, gray_to_rgb, shrink_to_width
 from gateway.viewer.recent_renders import encode_preview
-from gateway.viewer.sources import RenderSummary
 from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
 
 
@@ -78,8 +78,8 @@ def test_shrinking_keeps_the_aspect_ratio(width: int | None, shape: tuple[int, i
         np.testing.assert_allclose(small, means, atol=0.5)
 
 
-def summary(kind: str, body: bytes, media_type: str) -> RenderSummary:
-    return RenderSummary(200, 0.0, 0.0, "", "", kind, body, media_type, "")  # type: ignore[arg-type]
+def summary(kind: str, body: bytes, media_type: str) -> RenderRecord:
+    return RenderRecord(200, 0.0, 0.0, "", "", kind, body, media_type, "")
 
 
 def preview(kind: str, body: bytes, media_type: str, width: int | None) -> NDArray[np.uint8]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gateway.runtime.render_record import RenderRecord
 from gateway.scene.cameras import LookAtCamera
 from gateway.scene.clicks import ClickSubscriptions
 from gateway.scene.geometry import Part, Surface
@@ -21,7 +22,7 @@ from gateway.viewer.browser import Browser
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.messages import Fact, Status
-from gateway.viewer.sources import RenderSummary, StereoImages, StereoRig
+from gateway.viewer.sources import StereoImages, StereoRig
 from renderers.drawlist import Material, Mesh
 from scenegate.messages.geometry import Box, Sphere
 from tests.support.view_frames import parse_frame
@@ -158,7 +159,7 @@ async def test_status_and_stereo_rig_are_sent(hub: Any) -> None:
     assert {"name": "viewers", "value": 0} in client.latest["status"]["facts"]
     move(tree, 2.5)
     assert (await client.next_frame("rig"))["pose"][12] == 2.5
-    view.renders.add(RenderSummary(200, 0.1, 0.0, "color", "", "color", b"x", "image/png", ""))
+    view.renders.add(RenderRecord(200, 0.1, 0.0, "color", "", "color", b"x", "image/png", ""))
     while (await client.next_frame("status")).get("renders") != 1:
         pass
     client.browser.close()

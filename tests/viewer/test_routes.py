@@ -16,6 +16,7 @@ from fastapi.exceptions import RequestValidationError
 from PIL import Image as Pillow
 
 from gateway.runtime.pool_errors import DeadlineExceeded, QueueFull
+from gateway.runtime.render_record import RenderRecord
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.cameras import parse_camera
 from gateway.scene.flatten import Flattener
@@ -33,7 +34,7 @@ from gateway.viewer.resources import RECENT_IMAGES, Resources
 from gateway.viewer.routes import router
 from gateway.viewer.scene_images import ImageRequest, SceneImages, StreamsFull
 from gateway.viewer.sensor_images import SensorImages
-from gateway.viewer.sources import RenderSummary, StereoImages
+from gateway.viewer.sources import StereoImages
 from renderers.camera import Camera
 from renderers.compiler import pending
 from renderers.drawlist import DrawList, Image, ImageError, Material
@@ -308,9 +309,9 @@ async def test_renders_are_listed_with_previews(world: World) -> None:
         ("depth", png_gray16(np.full((6, 8), 1500, np.uint16)), "image/png"),
     ]
     for kind, body, media_type in kinds:
-        summary = RenderSummary(200, 0.01, 0.002, kind, "scene", kind, body, media_type, "", ("no labels",))
+        summary = RenderRecord(200, 0.01, 0.002, kind, "scene", kind, body, media_type, "", ("no labels",))
         world.hub.renders.add(summary)
-    world.hub.renders.add(RenderSummary(400, 0.01, 0.0, "not understood", "", "", b"", "", "width is missing"))
+    world.hub.renders.add(RenderRecord(400, 0.01, 0.0, "not understood", "", "", b"", "", "width is missing"))
     listing = (await world.http.get("/view/renders")).json()
     assert [entry["status"] for entry in listing] == [400, 200, 200, 200]
     assert listing[0]["error"] == "width is missing"
@@ -327,10 +328,10 @@ async def test_renders_are_listed_with_previews(world: World) -> None:
 def test_recent_renders_drop_the_oldest_images_beyond_the_byte_limit() -> None:
     recent = RecentRenders(max_count=3, max_bytes=10)
     for _ in range(5):
-        recent.add(RenderSummary(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
+        recent.add(RenderRecord(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
     at_limit = RecentRenders(max_count=3, max_bytes=12)
     for _ in range(3):
-        at_limit.add(RenderSummary(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
+        at_limit.add(RenderRecord(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
     assert [entry.image for entry in at_limit.listing()] == [True, True, False]
     listing = recent.listing()
     assert [entry.id for entry in listing] == [5, 4, 3]
@@ -362,7 +363,7 @@ def test_replaced_images_are_kept_for_pages_that_still_download_them() -> None:
 
 def test_rejects_previews_of_undecodable_images() -> None:
     with pytest.raises(ValueError, match="image/tiff"):
-        encode_preview(RenderSummary(200, 0, 0, "", "", "depth", b"no image", "image/tiff", ""), None)
+        encode_preview(RenderRecord(200, 0, 0, "", "", "depth", b"no image", "image/tiff", ""), None)
 
 
 class EndlessWorld(World):
@@ -504,7 +505,7 @@ async def test_textures_that_cannot_be_decoded_fail_the_image(world: World, monk
 
 
 async def test_previews_that_are_not_images_and_those_that_were_dropped(world: World) -> None:
-    world.hub.renders.add(RenderSummary(200, 0.0, 0.0, "", "", "color", b"no image", "image/png", ""))
+    world.hub.renders.add(RenderRecord(200, 0.0, 0.0, "", "", "color", b"no image", "image/png", ""))
     for path in ("1.png?width=4", "2.png", "0.png"):
         response = await world.http.get(f"/view/renders/{path}")
         number = path[0]
@@ -557,12 +558,12 @@ async def test_only_the_studio_look_has_several_samples(world: World, look: str,
 def test_images_of_renders_at_the_byte_limit(max_bytes: int, images: int) -> None:
     recent = RecentRenders(max_count=3, max_bytes=max_bytes)
     for _ in range(3):
-        recent.add(RenderSummary(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
+        recent.add(RenderRecord(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
     assert [entry.image for entry in recent.listing()] == [True] * images + [False] * (3 - images)
 
 
 def test_times_of_renders_are_in_milliseconds() -> None:
     recent = RecentRenders(max_count=3, max_bytes=100)
-    recent.add(RenderSummary(200, 0.0123456, 0.0034567, "color", "scene", "color", b"x", "image/png", ""))
+    recent.add(RenderRecord(200, 0.0123456, 0.0034567, "color", "scene", "color", b"x", "image/png", ""))
     (entry,) = recent.listing()
     assert (entry.milliseconds, entry.queued) == (12.35, 3.46)

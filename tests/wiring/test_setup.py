@@ -16,7 +16,6 @@ import pytest
 from gateway.app import create_app
 from gateway.demo import ROOT
 from gateway.gltf import GltfLimits
-from gateway.render.service import RenderRecord
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene import transforms as tf
 from gateway.scene.flatten import Flattener
@@ -32,7 +31,7 @@ from gateway.stereo.imaging.scene_view import SceneView
 from gateway.stereo.service import StereoService
 from gateway.viewer.gateway_status import gateway_status
 from gateway.viewer.messages import Fact, Status
-from gateway.wiring import demo, render, sceneapi, stereo, treeviewer, view
+from gateway.wiring import demo, render, sceneapi, stereo, treeviewer
 from gateway.wiring.context import Context
 from gateway.wiring.interfaces import enabled_interfaces
 from renderers.drawlist import Material
@@ -352,27 +351,6 @@ async def test_the_status_bar(contexts: Any) -> None:
     for without in ({}, {"lcm": "off"}, {"lcm": {"url": "udpm://"}}):
         context.registry.ready("treeviewer", figures=lambda without=without: without)
         assert "lost LCM" not in [fact.name for fact in status().facts]
-
-
-@pytest.mark.parametrize(
-    ("size", "text"), [(0, "0.0 kB"), (1234, "1.2 kB"), (999_999, "1000.0 kB"), (1_000_000, "1.0 MB")]
-)
-def test_a_render_request_in_the_list(size: int, text: str) -> None:
-    request: Any = SimpleNamespace(image_type="depth", width=64, height=48, scene=bytes(size))
-    image: Any = SimpleNamespace(
-        body=b"image", media_type="image/tiff", generator="g" * 90, element_count=3, warnings=("a",)
-    )
-    record = RenderRecord("id", 200, 0.25, 0.125, request, image, "")
-    shown = view.render_summary(record)
-    assert shown.image_text == "depth, 64 × 48"
-    assert shown.scene_text == f"scene of {text} by {'g' * 76}, 3 primitives"
-    assert (shown.status, shown.seconds, shown.queue_seconds, shown.kind) == (200, 0.25, 0.125, "depth")
-    assert (shown.body, shown.media_type, shown.error, shown.warnings) == (b"image", "image/tiff", "", ("a",))
-    image.generator = ""
-    assert view.render_summary(record).scene_text == f"scene of {text}, 3 primitives"
-    rejected = view.render_summary(RenderRecord("id", 400, 0.25, 0.0, None, None, "no width"))
-    assert (rejected.image_text, rejected.scene_text, rejected.kind) == ("not understood", "", "")
-    assert (rejected.body, rejected.media_type, rejected.error) == (b"", "", "no width")
 
 
 async def test_the_demo_is_in_the_tree_while_its_service_runs() -> None:

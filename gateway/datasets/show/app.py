@@ -16,8 +16,7 @@ from fastapi.responses import HTMLResponse, PlainTextResponse
 from gateway.datasets.show.overlay import LAYERS, draw_sample, shown_types
 from gateway.datasets.show.page import PAGE_SAMPLES, Selection, grid_page, sample_page
 from gateway.datasets.show.summary import summarize
-from gateway.server.access import SecurityHeaders, TrustedHosts
-from gateway.server.middleware import TargetLimit
+from gateway.server.middleware import Protection
 from scenegate.datasets import Dataset, RecordError, manifest
 from scenegate.datasets.manifest import ImageType
 
@@ -53,9 +52,7 @@ def create_app(dataset: Dataset) -> FastAPI:
         RecordError: a line of the manifest cannot be read.
     """
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    app.add_middleware(TrustedHosts)
-    app.add_middleware(TargetLimit)
-    app.add_middleware(SecurityHeaders)
+    app.add_middleware(Protection)
     summary = summarize(dataset)
     classes = dict(dataset.classes)
     drawing = asyncio.Semaphore(MAX_DRAWN)

@@ -6,6 +6,7 @@ import asyncio
 import math
 import time
 from contextlib import ExitStack, nullcontext
+from functools import cache as cache_result
 from typing import Final
 
 import structlog
@@ -103,7 +104,7 @@ class KernelLoader:
     async def _load_needed_once(self) -> None:
         if not await asyncio.to_thread(cache.are_cached, parts.NEEDED):
             await self._compile_needed()
-        announced = {name: part.has_kernel for name, part in parts.BACKGROUND.items()}
+        announced = {name: cache_result(part.has_kernel) for name, part in parts.BACKGROUND.items()}
         self._exit_stack.enter_context(pending.announced(announced))
         begin = time.perf_counter()
         await asyncio.to_thread(parts.load_needed)

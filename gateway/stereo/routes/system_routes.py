@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final, Literal
 from fastapi import APIRouter, Path, Query
 from fastapi.responses import JSONResponse, PlainTextResponse, Response
 
-from gateway.runtime.recent_logs import MAX_ENTRIES, LogEntry, recent_logs
+from gateway.runtime.recent_logs import MAX_ENTRIES, LogEntry, stereo_log
 from gateway.server.openapi import example, json_example
 from gateway.stereo.routes import device_content as device
 from gateway.stereo.routes.rest_common import error_response, error_responses, new_router
@@ -95,7 +95,7 @@ def _add_common_routes(api: APIRouter, base: str, services: Sequence[StereoServi
 
     @api.get(f"{base}/logs", summary="Log files", responses=json_example([_LOG_INFO]))
     async def logs() -> Any:
-        return [_log_info(_log_entries(), services[0].started)]
+        return [_log_info(stereo_log.entries(), services[0].started)]
 
     @api.get(
         f"{base}/logs/{{log}}",
@@ -126,7 +126,7 @@ def _add_common_routes(api: APIRouter, base: str, services: Sequence[StereoServi
     ) -> Response:
         if log != LOG_FILE:
             return error_response(404, f"there is no log {log[:80]!r}; there is {LOG_FILE}")
-        entries = _log_entries()
+        entries = stereo_log.entries()
         if format == "raw":
             return PlainTextResponse(_log_text(entries))
         newest = [_log_entry(entry) for entry in entries[-limit:]]
@@ -137,10 +137,6 @@ def _add_common_routes(api: APIRouter, base: str, services: Sequence[StereoServi
     )
     async def system_time() -> Any:
         return {"utc": time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime())}
-
-
-def _log_entries() -> list[LogEntry]:
-    return recent_logs.entries("stereo")
 
 
 def _log_info(entries: list[LogEntry], started: float) -> dict[str, Any]:
