@@ -9,7 +9,8 @@ from numba import types
 
 from renderers.compiler.device_function import device_function
 from renderers.compiler.pointers import stack_array
-from renderers.raster.layout import GUARD_BAND, SUBPIXEL
+from renderers.raster.grid import snap_to_grid
+from renderers.raster.layout import GUARD_BAND
 
 PLANES: Final = 5
 MAX_VERTICES: Final = 24
@@ -24,12 +25,6 @@ _points_array: Final = stack_array(types.float64, 3 * MAX_VERTICES)
 _clipped_array: Final = stack_array(types.float64, 3 * MAX_VERTICES)
 _sources_array: Final = stack_array(types.int64, MAX_VERTICES)
 _clipped_sources_array: Final = stack_array(types.int64, MAX_VERTICES)
-
-
-@device_function
-def snap_to_grid(value):
-    """Return the grid coordinate of a float32 pixel coordinate. The product is exact; ties round to even."""
-    return np.int64(np.rint(np.float32(value) * np.float32(SUBPIXEL)))
 
 
 @device_function

@@ -14,7 +14,7 @@ from renderers.compiler.kernel_calls import call_kernel
 from renderers.compiler.pointers import advance, f32_at, i32_at, stack_array
 from renderers.drawlist import LABEL_NONE
 from renderers.primitive_ids import instance_of
-from renderers.raster.coverage import set_band_layer
+from renderers.raster.layer import set_band_layer
 from renderers.raster.layout import LAYER, TOPOLOGY_TRIANGLES, frame_at
 
 _new_layer = LAYER.local

@@ -12,14 +12,10 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pointers import advance, stack_array
-from renderers.raster.layout import GUARD_BAND, frame_at
+from renderers.raster.layout import BEHIND, GUARD_BAND, OUTSIDE, frame_at
 
 _BLOCK: Final = 1 << 18
 """Vertices between two checks of the stop flag: about a millisecond."""
-BEHIND: Final = -2.0
-"""Replaces 1/z of a vertex that is nearer than the near plane, or not a number."""
-OUTSIDE: Final = -1.0
-"""Replaces 1/z of a vertex that is outside the guard band."""
 
 _position_array = stack_array(types.float32, 3 * vec.LANES)
 _vertex_array = stack_array(types.float32, 4 * vec.LANES)

@@ -21,6 +21,7 @@ from renderers.compiler.structs import I64, Struct
 from renderers.msaa import SAMPLE_BAND
 from renderers.raster.chunks import primitives_in_bin
 from renderers.raster.fill import make_fill
+from renderers.raster.grid import first_center
 from renderers.raster.layout import (
     CHUNK_SIZE,
     HALF_PIXEL,
@@ -31,7 +32,6 @@ from renderers.raster.layout import (
 )
 from renderers.raster.msaa.small_triangles import SCRATCH, draw_small_samples
 from renderers.raster.msaa.storage import max_inv_z_offset, merge_samples, merge_whole_pixels, sample_inv_z_offsets
-from renderers.raster.primitive_setup import first_center
 from renderers.visibility_buffer import BAND_ROWS
 
 _NO_COLUMN: Final = 1 << 30
@@ -135,7 +135,7 @@ def draw_sample_rows(frame, band, first_row, end_row):
     band_index = first_row // BAND_ROWS
     band.first_row = first_row
     # Nothing beyond this 1/z passes the depth test: the far plane needs no test of its own.
-    empty_inv_z = vec.f32(np.float32(1.0 / frame.far))
+    empty_inv_z = vec.f32(frame.inv_z_far)
     none = vec.i32(-1)
     for pixel in range(0, (end_row - first_row) * frame.stride, vec.LANES):
         vec.store(band.owners, pixel, none)

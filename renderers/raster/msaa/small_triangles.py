@@ -9,14 +9,13 @@ import numpy as np
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.structs import F32, I32, I64, Struct, array_of
-from renderers.raster.layout import MAX_SMALL_WIDTH, SUBPIXEL_BITS
+from renderers.raster.layout import MAX_SMALL_WIDTH, SUBPIXEL_BITS, box_of
 from renderers.raster.msaa.storage import (
     max_inv_z_offset,
     merge_samples,
     merge_whole_pixels,
     sample_inv_z_offsets,
 )
-from renderers.raster.small_triangles import box_of
 from renderers.visibility_buffer import BAND_ROWS
 
 SCRATCH: Final = Struct(

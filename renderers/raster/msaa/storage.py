@@ -14,8 +14,7 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import address, as_i32
 from renderers.raster.fill import inv_z_origin
-from renderers.raster.layout import KIND_SMALL, SUBPIXEL, small_triangle_at
-from renderers.raster.small_triangles import box_of
+from renderers.raster.layout import KIND_SMALL, SUBPIXEL, box_of, small_triangle_at
 
 MIXED: Final = -2
 """Owner of a pixel whose samples have primitives of their own, in its slot."""
