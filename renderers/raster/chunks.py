@@ -24,7 +24,11 @@ def bin_range(first_row, end_row, band_0_bin):
 
 @inlined
 def band_0_bin(frame, is_culled):
-    """Return the bin of the image's first band for a primitive; -1: a culled face that is not kept."""
+    """Return the bin of the image's first band for a primitive; -1: nothing, since it is culled and not kept.
+
+    Args:
+        is_culled: whether it is a face that is culled or kept for later.
+    """
     if not is_culled:
         return 0
     return frame.first_back_bin if frame.first_back_bin != 0 else -1
@@ -32,7 +36,7 @@ def band_0_bin(frame, is_culled):
 
 @inlined
 def append_bins(chunk, first_bin, last_bin):
-    """Count the primitive behind the last one of a CHUNK, if it touches any bin."""
+    """Count the primitive behind the last one of a CHUNK, unless ``last_bin < first_bin``: it touches none."""
     if first_bin <= last_bin:
         chunk.bins[chunk.count] = last_bin << 16 | first_bin
         chunk.count += 1

@@ -48,7 +48,7 @@ def _sample_points(frame, row):
 
 @inlined
 def _draw_span_with_rule(frame, layer, depth_rule, primitive, row, start, stop, base_x, base_y):
-    """``_draw_span`` with a depth rule; a constant one makes faster code."""
+    """``_draw_span`` of ``start .. stop`` with a depth rule; a constant one makes faster code."""
     dx = primitive.inv_z_dx
     row_inv_z = primitive.inv_z_base + primitive.inv_z_dy * np.float64(row - base_y)
     inv_z_min, inv_z_max = vec.f32(primitive.inv_z_min), vec.f32(primitive.inv_z_max)
@@ -76,10 +76,6 @@ def _draw_span(frame, target, primitive, row, start, stop, base_x, base_y):
     """Draw the pixels ``start .. stop`` of a row.
 
     1/z is exact to float32 at the first of every eight pixels, wherever the span starts.
-
-    Args:
-        target: a _TARGET.
-        base_x, base_y: pixel that ``inv_z_base`` belongs to.
     """
     # Inlined twice: with the constant IN_ORDER, the code of the other rules is dropped.
     if target.depth_rule == IN_ORDER:
@@ -90,12 +86,7 @@ def _draw_span(frame, target, primitive, row, start, stop, base_x, base_y):
 
 @inlined
 def _draw_spans(frame, target, primitive, row, count, start, stop, base_x, base_y):
-    """Draw ``count`` rows from ``row`` on, each in the columns of its lane of ``start`` and ``stop``, i32x8.
-
-    Args:
-        target: a _TARGET.
-        base_x, base_y: pixel that ``inv_z_base`` belongs to.
-    """
+    """Draw ``count`` rows from ``row`` on, each in the columns of its lane of ``start`` and ``stop``, i32x8."""
     spans = _span_array()
     vec.store(spans, 0, start)
     vec.store(spans, vec.LANES, stop)
@@ -107,7 +98,7 @@ def _draw_spans(frame, target, primitive, row, count, start, stop, base_x, base_
 
 @inlined
 def _draw_point(frame, target, primitive, first_row, end_row):
-    """Draw a KIND_POINT into a _TARGET."""
+    """Draw a KIND_POINT."""
     xy = primitive.xy
     left, top, right, bottom = np.int64(xy[0]), np.int64(xy[1]), np.int64(xy[2]), np.int64(xy[3])
     for row in range(max(top, first_row), min(bottom, end_row)):
@@ -119,7 +110,7 @@ _fill = make_fill(vec.LANES, _sample_points, _draw_spans, _draw_point)
 
 @device_function
 def _draw_primitive(frame, target, primitive, first_row, end_row):
-    """Draw a PRIMITIVE into a _TARGET."""
+    """Draw some rows of a PRIMITIVE or SMALL_TRIANGLE."""
     if primitive.kind == KIND_SMALL:
         prepare_small(frame, small_triangle_at(address(primitive)), first_row, end_row, target.prepared)
         if target.depth_rule == IN_ORDER:  # inlined twice, as in _draw_span
@@ -145,7 +136,7 @@ def _clear_rows(frame, layer, first_row, end_row):
 
 @device_function
 def _draw_pixels(frame, target, chunk, begin, end):
-    """Draw some of a CHUNK's pixels of tiny triangles into a _TARGET.
+    """Draw some of a CHUNK's pixels of tiny triangles.
 
     Args:
         begin, end: range of values as in CHUNK.pixels; those of kept back faces have BACK_BIT, and are negative.
@@ -163,7 +154,7 @@ def _draw_pixels(frame, target, chunk, begin, end):
 
 @inlined
 def _depth_rule(frame, back_faces):
-    """Return the rule of ``depth_test``."""
+    """Return the rule of ``depth_test``; ``back_faces`` as for ``draw_band``."""
     if back_faces != 0:
         return ANY_ORDER  # drawn after the front faces, some of which have higher ids
     is_bounded = frame.beyond_ids != 0 or frame.before_ids != 0 or frame.earlier_ids != 0
@@ -172,7 +163,7 @@ def _depth_rule(frame, back_faces):
 
 @device_function
 def _draw_chunk(frame, target, chunk, first_row, end_row, back_faces):
-    """Draw what a CHUNK has in a band, or the back faces that are kept there, into a _TARGET.
+    """Draw what a CHUNK has in a band; ``back_faces`` as for ``draw_band``.
 
     Primitives are drawn in the order of their ids; pixels of tiny triangles compare ids themselves.
     """
@@ -194,7 +185,6 @@ def draw_band(frame_address, first_row, end_row, band_memory, back_faces):
 
     Args:
         frame_address: address of a FRAME.
-        band_memory: as for ``set_band_layer``.
         back_faces: 0: draw all but the back faces that are kept, into a cleared layer; 1: draw these on top of it.
     """
     frame = frame_at(frame_address)

@@ -153,7 +153,7 @@ def make_fill(
 
     @device_function
     def fill_triangle(frame, target, primitive, polygon, corner, first_row, end_row):
-        """Draw the triangle of a polygon's corners 0, ``corner - 1`` and ``corner``."""
+        """Draw the triangle of a polygon's corners 0, ``corner - 1`` and ``corner``; ``polygon``: ``polygon_array``."""
         corners, area = _triangle_of(polygon, corner)
         x0, y0, x1, y1, x2, y2 = corners
         min_x, min_y = min(min(x0, x1), x2), min(min(y0, y1), y2)

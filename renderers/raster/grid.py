@@ -25,7 +25,7 @@ class Box(NamedTuple):
 
 @device_function
 def snap_to_grid(value):
-    """Return the grid coordinate, int64, of a float32 in pixels. The product is exact; ties round to even."""
+    """Return the grid coordinate, int64, of a value in pixels, float32. The product is exact; ties round to even."""
     return np.int64(np.rint(np.float32(value) * np.float32(SUBPIXEL)))
 
 
@@ -40,6 +40,7 @@ def pixel_box(frame, min_x, min_y, max_x, max_y, reach):
     """Return the Box of pixels in the image that what lies between two grid points may cover.
 
     Args:
+        min_x, min_y, max_x, max_y: grid units.
         reach: grid units from a pixel's centre to its outermost sample, and what a primitive is widened by.
     """
     return Box(

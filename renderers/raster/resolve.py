@@ -29,8 +29,6 @@ def _load_corners(X_camera_mesh, positions, indices, first_index, corners):
 
     Args:
         X_camera_mesh: pointer to (4, 4) float64.
-        positions: pointer to (N, 3) float32, metres in the mesh's frame.
-        indices: pointer to uint32.
         first_index: index of the triangle's first index.
         corners: pointer to 9 float64.
     """
@@ -44,7 +42,12 @@ def _load_corners(X_camera_mesh, positions, indices, first_index, corners):
 
 @inlined
 def _load_normals(X_camera_mesh, normals, indices, first_index, corner_normals):
-    """Write the normals of a triangle's corners in the camera's frame, of any length; as ``_load_corners``."""
+    """Write the normals of a triangle's corners in the camera's frame, of any length; otherwise as ``_load_corners``.
+
+    Args:
+        normals: pointer to (N, 3) float32, in the mesh's frame.
+        corner_normals: pointer to 9 float64: that of corner k goes to ``corner_normals[3 k .. 3 k + 3]``.
+    """
     m = X_camera_mesh
     for axis in range(3):
         # Normals transform by the cofactors: the inverse transpose times the determinant.
@@ -97,7 +100,11 @@ def _geometric_normal(adjugate, determinant):
 
 @inlined
 def _smooth_normal(adjugate, corner_normals, ray_x, ray_y, flat_normal):
-    """Return the interpolated unit normal where a ray (ray_x, ray_y, 1) meets a triangle; ``flat_normal`` if none."""
+    """Return the interpolated unit normal where a ray (ray_x, ray_y, 1) meets a triangle; ``flat_normal`` if none.
+
+    Args:
+        adjugate, corner_normals: as from ``_adjugate`` and ``_load_normals``.
+    """
     a, n = adjugate, corner_normals
     # The product of the rows and the ray is proportional to the barycentric coordinates.
     b0 = a[0] * ray_x + a[1] * ray_y + a[2]
@@ -117,7 +124,11 @@ def _smooth_normal(adjugate, corner_normals, ray_x, ray_y, flat_normal):
 
 @device_function
 def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
-    """Write the normals, unit vectors in the camera's frame, of the pixels ``start .. stop`` that see one primitive."""
+    """Write the normals, unit vectors in the camera's frame, of the pixels ``start .. stop`` that see one primitive.
+
+    Args:
+        instance_index: of the primitive's instance.
+    """
     out = advance(f32_at(frame.normal), 3 * row * frame.width)
     instance = frame.instances[instance_index]
     if instance.topology != TOPOLOGY_TRIANGLES:
@@ -147,7 +158,7 @@ def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
 
 @kernel("void(int64, int64, int64, int64)")
 def resolve_normals(frame_address, first_row, end_row, band_memory):
-    """Write the normals of a band, by spans of pixels that see one primitive; arguments as for ``resolve_band``.
+    """Write the normals of a band, by spans of pixels that see one primitive.
 
     Few images have normals. A separate kernel, since it is compiled only after the server is ready.
     """
@@ -243,7 +254,6 @@ def resolve_band(frame_address, first_row, end_row, band_memory):
 
     Args:
         frame_address: address of a FRAME.
-        band_memory: as for ``set_band_layer``.
     """
     frame, layer = frame_at(frame_address), _new_layer()
     set_band_layer(frame, layer, first_row, band_memory)

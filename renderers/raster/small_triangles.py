@@ -138,7 +138,7 @@ def _covered_columns(edges, row_in_box, lower, upper):
 
 @inlined
 def _limit_by_edge(lower, upper, edges, k, row_in_box):
-    """Narrow the column limits of eight rows to the inner side of edge ``k`` of a _RowEdges; all f32x8."""
+    """Return the column limits of eight rows, narrowed to the inner side of edge ``k``; arguments as above."""
     value = edges.first[k] + edges.dy[k] * row_in_box
     # NaN limits nothing: minimum and maximum return their second argument.
     return vec.maximum(value * edges.lower_scale[k], lower), vec.minimum(value * edges.upper_scale[k], upper)
@@ -209,7 +209,7 @@ def _draw_block(frame, layer, depth_rule, prepared, first, row_count, x_in_block
     """Draw the first ``row_count`` rows of a block of a PREPARED.
 
     Args:
-        first: the block's first row, counted from the first prepared one.
+        first: the block's first row, counted from PREPARED.first_row.
         x_in_blocks: the block's first column, counted from that of the first block.
     """
     tail, ids = prepared.tail, vec.i32(prepared.id)

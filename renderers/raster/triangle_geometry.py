@@ -68,7 +68,7 @@ def load_triangles(draw, first, count, vertices):
 
 @inlined
 def select_3(mask, a, b):
-    """Return the select of each of three vectors, ``a`` where the mask, m8, is set."""
+    """Return each of three vectors of ``a`` where the mask, m8, is set, else that of ``b``."""
     return vec.select(mask, a[0], b[0]), vec.select(mask, a[1], b[1]), vec.select(mask, a[2], b[2])
 
 
@@ -111,7 +111,7 @@ def bounding_box(gx, gy, reach):
 
 @inlined
 def is_in_image(frame, box):
-    """Return m8: Boxes with any pixel in the image."""
+    """Return m8: Boxes, i32x8 each, with any pixel in the image."""
     zero = vec.i32(0)
     has_columns = vec.maximum(box.left, zero) < vec.minimum(box.right, vec.i32(frame.width))
     return has_columns & (vec.maximum(box.top, zero) < vec.minimum(box.bottom, vec.i32(frame.height)))
@@ -119,7 +119,9 @@ def is_in_image(frame, box):
 
 @inlined
 def _edge_function(xa, ya, xb, yb, px, py):
-    """Return the edge function of a -> b at a grid point p, and its changes per column and row; all i32x8.
+    """Return the edge function of (xa, ya) -> (xb, yb) at the grid point (px, py), and its changes per column and row.
+
+    All are i32x8, in grid units and their squares.
 
     The function is lowered by one where the edge is open, neither left nor top (top-left rule). Of clockwise triangles,
     left edges run upwards and top edges to the right.

@@ -70,11 +70,11 @@ _FORMATS: Final = (
 
 NEEDED: Final[Mapping[str, Part]] = {
     "shading": Part(135, _HEADLIGHT),
-    "setup": Part(60, _SETUP),
-    "coverage": Part(60, _COVERAGE),
-    "frame": Part(50, ("renderers.raster",), excluding=(*_SETUP, *_COVERAGE, *_ANTIALIASING, *_NORMALS)),
+    "setup": Part(65, _SETUP),
+    "coverage": Part(57, _COVERAGE),
+    "frame": Part(43, ("renderers.raster",), excluding=(*_SETUP, *_COVERAGE, *_ANTIALIASING, *_NORMALS)),
     "images": Part(
-        35, ("renderers",), excluding=("renderers.raster", "renderers.stereo", *_HEADLIGHT, *_STUDIO, *_NORMALS)
+        20, ("renderers",), excluding=("renderers.raster", "renderers.stereo", *_HEADLIGHT, *_STUDIO, *_NORMALS)
     ),
 }
 """Parts that the default settings need; the longest first, so that two children end at about the same time."""

@@ -43,7 +43,7 @@ _new_scratch = SCRATCH.local
 
 @inlined
 def _sample_points(frame, row):
-    """Return the samples of a row."""
+    """Return the samples of a row, for ``make_fill``: offsets across and positions down; f64x8, grid units."""
     offsets = frame.sample_offsets
     x, y = vec.to_f64(vec.load(offsets, 0)), vec.to_f64(vec.load(offsets, vec.LANES))
     return x, vec.f64(row * SUBPIXEL + HALF_PIXEL) + y
@@ -51,10 +51,7 @@ def _sample_points(frame, row):
 
 @device_function
 def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y):
-    """Draw a row in which every sample has its own columns, ``start .. stop`` (i32x8); ``count`` is 1.
-
-    ``base_x, base_y`` is the pixel that ``primitive.inv_z_base`` belongs to.
-    """
+    """Draw a row in which every sample has its own columns, ``start .. stop`` (i32x8); ``count`` is 1."""
     is_covered = start < stop
     start = vec.select(is_covered, start, vec.i32(_NO_COLUMN))
     stop = vec.select(is_covered, stop, vec.i32(-_NO_COLUMN))
@@ -112,7 +109,7 @@ _fill = make_fill(1, _sample_points, _draw_span, _draw_point)
 
 @device_function
 def _draw_primitive(frame, target, index, first_row, end_row):
-    """Draw some rows of the primitive with an index."""
+    """Draw some rows of a primitive; ``index``: that in FRAME.primitives."""
     primitive = frame.primitives[index]
     if primitive.kind == KIND_SMALL:
         triangle = small_triangle_at(address(primitive))

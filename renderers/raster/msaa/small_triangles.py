@@ -22,9 +22,7 @@ SCRATCH: Final = Struct(
     "SampleScratch",
     {
         "slot_count": I64,  # slots of the band in use
-        "edge_pixels": array_of(
-            I32, (MAX_SMALL_WIDTH + 3 * vec.LANES) * BAND_ROWS
-        ),  # row << 8 | column + 8, in the box
+        "edge_pixels": array_of(I32, (MAX_SMALL_WIDTH + 3 * vec.LANES) * BAND_ROWS),  # as from _packed_in_box
         "batch_e0": array_of(I32, vec.LANES),  # first edge function of eight of the edge pixels
         "batch_e1": array_of(I32, vec.LANES),  # second edge function
         "batch_pixels": array_of(I32, vec.LANES),  # index in the band
@@ -38,12 +36,25 @@ SCRATCH: Final = Struct(
 
 
 @inlined
+def _packed_in_box(row, column):
+    """Return a pixel in ``edge_pixels``; row and column are counted from the box's first, columns from -8 on."""
+    return (row << 8) + column + vec.LANES
+
+
+@inlined
+def _rows_and_columns(edge_pixels):
+    """Return the rows and columns in the box of eight ``edge_pixels``; all i32x8."""
+    return edge_pixels >> vec.i32(8), (edge_pixels & vec.i32(255)) - vec.i32(vec.LANES)
+
+
+@inlined
 def _limit_rows(edge, edge_dx, edge_dy, columns, min_row, max_row):
-    """Narrow the rows in which block columns, eight pixels wide, may be on the inner side of an edge; f32x8.
+    """Return the rows in which block columns, eight pixels wide, may be on the inner side of an edge: first and last.
 
     Args:
         edge, edge_dx, edge_dy: the edge function in row 0, grid units, and its changes per column and row.
         columns: i32x8, the first column of each block column.
+        min_row, max_row: f32x8: the rows before the edge limits them.
     """
     block_max = vec.i32(edge + max(7 * edge_dx, 0)) + columns * vec.i32(edge_dx)
     zero, slack = vec.f32(0.0), vec.f32(0.01)
@@ -60,7 +71,9 @@ def _is_hidden(far, stride, left, right, top, bottom, inv_z_max):
 
     Args:
         far: pointer to SAMPLE_BAND.far.
-        left .. bottom: first column and row of the box in the band, and those after the last.
+        left, right: columns of the box, half-open.
+        top, bottom: its rows, half-open, counted from the band's first.
+        inv_z_max: float32.
     """
     limit, lane = vec.f32(inv_z_max), vec.iota()
     # The middle first: most visible triangles are visible there.
@@ -107,7 +120,7 @@ class SampleEdges(NamedTuple):
 
 @inlined
 def _sample_edges(frame, triangle):
-    """Return the SAMPLE_EDGES of a SMALL_TRIANGLE."""
+    """Return the SampleEdges of a SMALL_TRIANGLE."""
     e0_dx, e1_dx = np.int64(triangle.edge_dx[0]), np.int64(triangle.edge_dx[1])
     e0_dy, e1_dy = np.int64(triangle.edge0_dy), np.int64(triangle.edge1_dy)
     e2_dx, e2_dy = -e0_dx - e1_dx, -e0_dy - e1_dy
@@ -138,9 +151,12 @@ def _limit_block_rows(edges, top_edges, columns, rows, is_wide, scratch):
     Half of the box of a wide triangle lies outside it. Other triangles have all rows.
 
     Args:
+        edges: SampleEdges.
         top_edges: greatest values among the samples of pixels in row 0, at the box's first column, three int64.
         columns: i32x8, the first column of each block column, counted from the box's first.
         rows: number of rows.
+        is_wide: whether the triangle is wide.
+        scratch: a SCRATCH.
     """
     min_row, max_row = vec.f32(0.0), vec.f32(rows - 1)
     if is_wide:
@@ -159,7 +175,11 @@ def _draw_block(frame, band, triangle, owner, edges, top_edges, max_offset, top,
     Args:
         top: first row, to which ``top_edges`` belong.
         start: first column of the block, which is a vector wide.
+        owner: index in FRAME.primitives.
+        edges, top_edges: as for ``_limit_block_rows``.
+        max_offset: f32x8, as from ``max_inv_z_offset``.
         block: index in ``first_rows`` and ``last_rows``.
+        scratch: a SCRATCH.
         count: number of edge pixels before.
 
     Returns:
@@ -177,7 +197,7 @@ def _draw_block(frame, band, triangle, owner, edges, top_edges, max_offset, top,
     e2 = vec.i32(top_edges[2] + first_row * edges.dy[2]) + columns * vec.i32(edges.dx[2])
     column_inv_z = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns)
     pixel = (top + first_row - band.first_row) * stride + column
-    edge_pixel = ((top - box_y + first_row) << 8) + column - box_x + 8
+    edge_pixel = _packed_in_box(top - box_y + first_row, column - box_x)
     for row in range(first_row, end_row):
         touched = (e0 | e1 | e2) >= zero
         full = (e0 >= edges.range[0]) & (e1 >= edges.range[1]) & (e2 >= edges.range[2])
@@ -188,16 +208,21 @@ def _draw_block(frame, band, triangle, owner, edges, top_edges, max_offset, top,
         vec.store(scratch.edge_pixels, count, lanes + vec.i32(edge_pixel))
         count += vec.count_bits(mask)
         pixel += stride
-        edge_pixel += 1 << 8
+        edge_pixel += _packed_in_box(1, -vec.LANES)
     return count
 
 
 @inlined
 def _load_edge_pixels(frame, band, triangle, edges, batch, scratch):
-    """Store what belongs to eight edge pixels from ``batch`` on, in the ``batch_`` fields of a SCRATCH."""
+    """Store what belongs to eight edge pixels in the ``batch_`` fields of a SCRATCH.
+
+    Args:
+        edges: SampleEdges.
+        batch: index of the first edge pixel.
+        scratch: the SCRATCH.
+    """
     box_x, box_y, _, _ = box_of(triangle)
-    edge_pixels = vec.load(scratch.edge_pixels, batch)
-    rows, columns = edge_pixels >> vec.i32(8), (edge_pixels & vec.i32(255)) - vec.i32(8)
+    rows, columns = _rows_and_columns(vec.load(scratch.edge_pixels, batch))
     e0 = vec.i32(edges.first[0]) + rows * vec.i32(edges.dy[0]) + columns * vec.i32(edges.dx[0])
     e1 = vec.i32(edges.first[1]) + rows * vec.i32(edges.dy[1]) + columns * vec.i32(edges.dx[1])
     vec.store(scratch.batch_e0, 0, e0)
@@ -210,7 +235,7 @@ def _load_edge_pixels(frame, band, triangle, edges, batch, scratch):
 
 @inlined
 def _draw_edge_pixels(frame, band, triangle, edges, count, scratch):
-    """Draw the samples of the first ``count`` edge pixels in a SCRATCH."""
+    """Draw the samples of the first ``count`` edge pixels in ``scratch``, a SCRATCH; ``edges``: SampleEdges."""
     inv_z_min, inv_z_max = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max)
     inv_z_offsets = sample_inv_z_offsets(frame, triangle.inv_z_dx, triangle.inv_z_dy)
     edge_sum = vec.i32(edges.first[0] + edges.first[1] + edges.first[2])  # the same at all points
@@ -230,8 +255,7 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
     """Draw a SMALL_TRIANGLE, eight pixels at a time.
 
     Args:
-        band: a SAMPLE_BAND.
-        owner: index of the primitive.
+        owner: index in FRAME.primitives.
         scratch: a SCRATCH.
     """
     box_x, box_y, box_columns, box_rows = box_of(triangle)
