@@ -48,26 +48,25 @@ def compute_camera_poses(frame):
     Returns:
         False, with nothing filled, if the camera's pose is not affine or has no inverse.
     """
-    # c: X_world_camera, (4, 4). (a, b, d): a row of the inverse of its rotation and scale.
     c, world, out, count = frame.X_world_camera, frame.X_world_mesh, frame.X_camera_mesh, frame.instance_count
     determinant = _determinant(c)
     if not (c[12] == 0.0 and c[13] == 0.0 and c[14] == 0.0 and c[15] == 1.0 and abs(determinant) > 0.0):
         return False
     scale = 1.0 / determinant
     for row in range(3):
-        # The inverse of the 3 x 3: cofactors over the determinant.
+        # A row of the inverse of the camera's 3 x 3: cofactors over the determinant.
         p, q = (row + 1) % 3, (row + 2) % 3
-        a = (c[4 + p] * c[8 + q] - c[4 + q] * c[8 + p]) * scale
-        b = (c[8 + p] * c[q] - c[8 + q] * c[p]) * scale
-        d = (c[p] * c[4 + q] - c[q] * c[4 + p]) * scale
+        inverse_x = (c[4 + p] * c[8 + q] - c[4 + q] * c[8 + p]) * scale
+        inverse_y = (c[8 + p] * c[q] - c[8 + q] * c[p]) * scale
+        inverse_z = (c[p] * c[4 + q] - c[q] * c[4 + p]) * scale
         for k in range(count):
-            m = 16 * k
+            first = 16 * k  # of a matrix, (4, 4)
             for column in range(4):
-                bottom = world[m + 12 + column]
-                x = world[m + column] - c[3] * bottom
-                y = world[m + 4 + column] - c[7] * bottom
-                z = world[m + 8 + column] - c[11] * bottom
-                out[m + 4 * row + column] = a * x + b * y + d * z
+                bottom = world[first + 12 + column]
+                x = world[first + column] - c[3] * bottom
+                y = world[first + 4 + column] - c[7] * bottom
+                z = world[first + 8 + column] - c[11] * bottom
+                out[first + 4 * row + column] = inverse_x * x + inverse_y * y + inverse_z * z
     for k in range(count):
         for column in range(12, 16):
             out[16 * k + column] = world[16 * k + column]

@@ -101,9 +101,8 @@ def _set_up_eight(frame, draw_index, vertices, first, count, chunk):
     if small_bits | large_bits != 0:
         field_rows = _field_rows_array()
         _store_field_rows(field_rows, ids, box, edges, plane)
-        _append_primitives(
-            *(frame, draw_index, first, small_bits, large_bits, vec.movemask(is_culled), field_rows, chunk)
-        )
+        culled_bits = vec.movemask(is_culled)
+        _append_primitives(frame, draw_index, first, small_bits, large_bits, culled_bits, field_rows, chunk)
 
 
 @inlined

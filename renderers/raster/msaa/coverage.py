@@ -58,8 +58,8 @@ def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y
     begin, end = vec.minimum_of(start), vec.maximum_of(stop)
     if begin >= end:
         return
+    # Between these columns all samples are covered.
     full_begin, full_end = vec.i32(vec.maximum_of(start)), vec.i32(vec.minimum_of(stop))
-    first, last = vec.i32(begin), vec.i32(end)
     inv_z_dx, inv_z_dy = primitive.inv_z_dx, primitive.inv_z_dy
     row_inv_z = primitive.inv_z_base + inv_z_dy * np.float64(row - base_y)
     inv_z_offsets = sample_inv_z_offsets(frame, inv_z_dx, inv_z_dy)
@@ -71,7 +71,8 @@ def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y
     lane = vec.iota()
     for column in range(begin & ~np.int64(vec.LANES - 1), end, vec.LANES):
         columns = vec.i32(column) + lane
-        full, touched = (columns >= full_begin) & (columns < full_end), (columns >= first) & (columns < last)
+        full = (columns >= full_begin) & (columns < full_end)
+        touched = (columns >= vec.i32(begin)) & (columns < vec.i32(end))
         inv_z = vec.to_f32(vec.f64(row_inv_z) + vec.f64(inv_z_dx) * vec.to_f64(columns - vec.i32(base_x)))
         edge_pixels = merge_whole_pixels(band, row_pixel + column, inv_z, max_offset, primitive, owner, full, touched)
         while edge_pixels != 0:

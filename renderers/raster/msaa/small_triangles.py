@@ -112,15 +112,16 @@ class SampleEdges(NamedTuple):
     """Change per row, three int64."""
     offsets: Any
     """At the samples minus at the centre, of the first two edges, i32x8 each."""
-    max_offset: Any
-    """Maximum over the samples, three int64."""
+    top: Any
+    """Maximum over the samples of a pixel in the first row that is drawn and the box's first column, three int64."""
     range: Any
     """From the least to the greatest of the samples, in all lanes; three i32x8."""
 
 
 @inlined
-def _sample_edges(frame, triangle):
-    """Return the SampleEdges of a SMALL_TRIANGLE."""
+def _sample_edges(frame, triangle, skipped_rows):
+    """Return the SampleEdges of a SMALL_TRIANGLE, of whose box ``skipped_rows`` rows are not drawn."""
+    first = np.int64(triangle.edges[0]), np.int64(triangle.edges[1]), np.int64(triangle.edges[2])
     e0_dx, e1_dx = np.int64(triangle.edge_dx[0]), np.int64(triangle.edge_dx[1])
     e0_dy, e1_dy = np.int64(triangle.edge0_dy), np.int64(triangle.edge1_dy)
     e2_dx, e2_dy = -e0_dx - e1_dx, -e0_dy - e1_dy
@@ -131,11 +132,15 @@ def _sample_edges(frame, triangle):
     offsets2 = vec.i32(e2_dx >> SUBPIXEL_BITS) * x + vec.i32(e2_dy >> SUBPIXEL_BITS) * y
     max0, max1, max2 = vec.maximum_of(offsets0), vec.maximum_of(offsets1), vec.maximum_of(offsets2)
     return SampleEdges(
-        first=(np.int64(triangle.edges[0]), np.int64(triangle.edges[1]), np.int64(triangle.edges[2])),
+        first=first,
         dx=(e0_dx, e1_dx, e2_dx),
         dy=(e0_dy, e1_dy, e2_dy),
         offsets=(offsets0, offsets1),
-        max_offset=(max0, max1, max2),
+        top=(
+            first[0] + max0 + skipped_rows * e0_dy,
+            first[1] + max1 + skipped_rows * e1_dy,
+            first[2] + max2 + skipped_rows * e2_dy,
+        ),
         range=(
             vec.i32(max0 - vec.minimum_of(offsets0)),
             vec.i32(max1 - vec.minimum_of(offsets1)),
@@ -145,14 +150,13 @@ def _sample_edges(frame, triangle):
 
 
 @inlined
-def _limit_block_rows(edges, top_edges, columns, rows, is_wide, scratch):
+def _limit_block_rows(edges, columns, rows, is_wide, scratch):
     """Store the rows that each of eight block columns may cover, in ``first_rows`` and ``last_rows`` of a SCRATCH.
 
     Half of the box of a wide triangle lies outside it. Other triangles have all rows.
 
     Args:
         edges: SampleEdges.
-        top_edges: greatest values among the samples of pixels in row 0, at the box's first column, three int64.
         columns: i32x8, the first column of each block column, counted from the box's first.
         rows: number of rows.
         is_wide: whether the triangle is wide.
@@ -160,23 +164,23 @@ def _limit_block_rows(edges, top_edges, columns, rows, is_wide, scratch):
     """
     min_row, max_row = vec.f32(0.0), vec.f32(rows - 1)
     if is_wide:
-        min_row, max_row = _limit_rows(top_edges[0], edges.dx[0], edges.dy[0], columns, min_row, max_row)
-        min_row, max_row = _limit_rows(top_edges[1], edges.dx[1], edges.dy[1], columns, min_row, max_row)
-        min_row, max_row = _limit_rows(top_edges[2], edges.dx[2], edges.dy[2], columns, min_row, max_row)
+        min_row, max_row = _limit_rows(edges.top[0], edges.dx[0], edges.dy[0], columns, min_row, max_row)
+        min_row, max_row = _limit_rows(edges.top[1], edges.dx[1], edges.dy[1], columns, min_row, max_row)
+        min_row, max_row = _limit_rows(edges.top[2], edges.dx[2], edges.dy[2], columns, min_row, max_row)
     first, last = vec.ceil(vec.minimum(min_row, vec.f32(rows))), vec.floor(vec.maximum(max_row, vec.f32(-1.0)))
     vec.store(scratch.first_rows, 0, vec.to_i32(first))
     vec.store(scratch.last_rows, 0, vec.to_i32(last))
 
 
 @inlined
-def _draw_block(frame, band, triangle, owner, edges, top_edges, max_offset, top, start, block, scratch, count):
+def _draw_block(frame, band, triangle, owner, edges, max_offset, top, start, block, scratch, count):
     """Draw the whole pixels of a block column, and append its other pixels to ``edge_pixels`` of a SCRATCH.
 
     Args:
-        top: first row, to which ``top_edges`` belong.
+        top: first row that is drawn, to which ``edges.top`` belongs.
         start: first column of the block, which is a vector wide.
         owner: index in FRAME.primitives.
-        edges, top_edges: as for ``_limit_block_rows``.
+        edges: SampleEdges.
         max_offset: f32x8, as from ``max_inv_z_offset``.
         block: index in ``first_rows`` and ``last_rows``.
         scratch: a SCRATCH.
@@ -192,9 +196,9 @@ def _draw_block(frame, band, triangle, owner, edges, top_edges, max_offset, top,
     valid = np.int64(255) << (start - column)
     columns = vec.i32(column - box_x) + vec.iota()
     first_row, end_row = np.int64(scratch.first_rows[block]), np.int64(scratch.last_rows[block]) + 1
-    e0 = vec.i32(top_edges[0] + first_row * edges.dy[0]) + columns * vec.i32(edges.dx[0])
-    e1 = vec.i32(top_edges[1] + first_row * edges.dy[1]) + columns * vec.i32(edges.dx[1])
-    e2 = vec.i32(top_edges[2] + first_row * edges.dy[2]) + columns * vec.i32(edges.dx[2])
+    e0 = vec.i32(edges.top[0] + first_row * edges.dy[0]) + columns * vec.i32(edges.dx[0])
+    e1 = vec.i32(edges.top[1] + first_row * edges.dy[1]) + columns * vec.i32(edges.dx[1])
+    e2 = vec.i32(edges.top[2] + first_row * edges.dy[2]) + columns * vec.i32(edges.dx[2])
     column_inv_z = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns)
     pixel = (top + first_row - band.first_row) * stride + column
     edge_pixel = _packed_in_box(top - box_y + first_row, column - box_x)
@@ -263,12 +267,8 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
     left, right = max(box_x, 0), min(box_x + box_columns, frame.width)
     if _is_hidden(band.far, frame.stride, left, right, top - first_row, bottom - first_row, triangle.inv_z_max):
         return
-    edges, skipped_rows, rows = _sample_edges(frame, triangle), top - box_y, bottom - top
-    top_edges = (
-        edges.first[0] + edges.max_offset[0] + skipped_rows * edges.dy[0],
-        edges.first[1] + edges.max_offset[1] + skipped_rows * edges.dy[1],
-        edges.first[2] + edges.max_offset[2] + skipped_rows * edges.dy[2],
-    )
+    skipped_rows, rows = top - box_y, bottom - top
+    edges = _sample_edges(frame, triangle, skipped_rows)
     for row in range(0, rows, vec.LANES):
         box_row = vec.to_f32(vec.i32(skipped_rows + row) + vec.iota())
         vec.store(scratch.row_inv_z, row, vec.f32(triangle.inv_z_base) + vec.f32(triangle.inv_z_dy) * box_row)
@@ -279,10 +279,8 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
     count = 0
     for group in range(begin, right, vec.LANES * vec.LANES):
         columns = vec.i32(group - box_x) + (vec.iota() << vec.i32(3))
-        _limit_block_rows(edges, top_edges, columns, rows, is_wide, scratch)
+        _limit_block_rows(edges, columns, rows, is_wide, scratch)
         for block in range(min((right - group + vec.LANES - 1) >> 3, vec.LANES)):
             start = group + vec.LANES * block
-            count = _draw_block(
-                *(frame, band, triangle, owner, edges, top_edges, max_offset, top, start, block, scratch, count)
-            )
+            count = _draw_block(frame, band, triangle, owner, edges, max_offset, top, start, block, scratch, count)
     _draw_edge_pixels(frame, band, triangle, edges, count, scratch)
