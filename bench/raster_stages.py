@@ -16,6 +16,7 @@ from unittest.mock import patch
 
 from bench.frame_task import read_frame
 from bench.raster import EVERYTHING, SIZES, scenes, view
+from gateway.runtime.process_tuning import tune
 from renderers.interface import Look
 from renderers.raster import CpuRenderer, frame, warmup
 from renderers.raster.coverage import draw_band
@@ -66,6 +67,7 @@ def main() -> None:
     parser.add_argument("--look", choices=("phong", "plain", "pbr"), default="phong")
     parser.add_argument("--frames", type=int, default=30)
     options = parser.parse_args()
+    tune()  # malloc as in a server
     warmup()
     renderer, look = CpuRenderer(1), Look(options.look)
     print(f"{'ms CPU':24}" + "".join(f"{phase:>12}" for phase in PHASES), flush=True)

@@ -77,7 +77,7 @@ def _cold_start(environment: dict[str, str]) -> list[Row]:
             if inherited is not None:
                 os.environ["NUMBA_CACHE_DIR"] = inherited
     what = f"first start, kernels compiled: CPU of the children ({took:.0f} s to ready, {own:.1f} s CPU in the server)"
-    return [at_most(what, children, 25.0, "s CPU")]
+    return [at_most(what, children, 15.0, "s CPU")]
 
 
 def different_scenes(count: int) -> Iterator[bytes]:

@@ -58,6 +58,7 @@ def _smooth(color_at, copy_at, luma_at, may_be_edge_at, width, height, stop_at):
         copy_at: address of (height, width, 3) uint8 of working memory.
         luma_at: address of (height, width) float32 of working memory.
         may_be_edge_at: address of (width,) uint8 of working memory. The first and last values must be 1.
+        width, height: pixels.
     """
     color, source, luma, may_be_edge = u8_at(color_at), u8_at(copy_at), f32_at(luma_at), u8_at(may_be_edge_at)
     for i in range(3 * height * width):
@@ -90,7 +91,10 @@ def _find_edges(luma, row, north, south, width, may_be_edge):
     Most of the time is spent here, since few pixels are at edges. LLVM vectorises the loop.
 
     Args:
+        luma: pointer to (height, width) float32, 0 to 255.
         row, north, south: index of the first pixel of the row and of its neighbours in ``luma``.
+        width: pixels.
+        may_be_edge: pointer to (width,) uint8.
     """
     for x in range(1, width - 1):
         c, n, s, w, e = luma[row + x], luma[north + x], luma[south + x], luma[row + x - 1], luma[row + x + 1]
@@ -101,7 +105,15 @@ def _find_edges(luma, row, north, south, width, may_be_edge):
 
 @device_function
 def _smooth_pixel(source, luma, color, x, y, width, height, contrast):
-    """Smooth one pixel. ``source`` and ``luma`` are those of the unsmoothed image."""
+    """Smooth one pixel.
+
+    Args:
+        source, luma: pointers to the unsmoothed image, (height, width, 3) uint8, and its lumas, float32.
+        color: pointer to the smoothed image, uint8.
+        x, y: the pixel.
+        width, height: pixels.
+        contrast: float32: range of the lumas of the pixel and its four neighbours.
+    """
     row = y * width
     north, south = min(y + 1, height - 1) * width, max(y - 1, 0) * width
     west, east = max(x - 1, 0), min(x + 1, width - 1)
@@ -143,7 +155,13 @@ def _smooth_pixel(source, luma, color, x, y, width, height, contrast):
 
 @inlined
 def _mean_of_nine(source, rows, columns, k):
-    """Return the mean of a channel over 3 x 3 pixels; ``rows``: the indices of the rows' first pixels."""
+    """Return the mean of a channel over 3 x 3 pixels, float32.
+
+    Args:
+        source: as for ``_smooth_pixel``.
+        rows, columns: three each: indices of the rows' first pixels, and columns.
+        k: the channel, 0 to 2.
+    """
     total = np.int32(0)
     for row in rows:
         for column in columns:

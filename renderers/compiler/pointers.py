@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import extending, types
+from numba import types
 from numpy.typing import NDArray
 
-intrinsic: Any = extending.intrinsic
+from renderers.compiler.numba_typing import intrinsic
 
 
 def address_of(array: NDArray[Any] | None, dtype: type[np.generic] | np.dtype[Any]) -> int:
@@ -84,7 +84,7 @@ as_i32 = _cast_to(types.int32)
 as_u32 = _cast_to(types.uint32)
 
 
-@intrinsic  # type: ignore[untyped-decorator]  # Numba's stub is wrong
+@intrinsic
 def advance(typing_context: Any, pointer: Any, count: Any) -> Any:
     """``advance(pointer, n)``: a pointer to the value ``n`` (int64) further on, as C's ``pointer + n``."""
 
@@ -94,7 +94,7 @@ def advance(typing_context: Any, pointer: Any, count: Any) -> Any:
     return pointer(pointer, types.int64), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]  # Numba's stub is wrong
+@intrinsic
 def address(typing_context: Any, pointer: Any) -> Any:
     """Return a pointer's or struct's address as int64."""
 
@@ -127,7 +127,7 @@ def stack_array(scalar: Any, count: int) -> Any:
     return intrinsic(allocate)
 
 
-@intrinsic  # type: ignore[untyped-decorator]  # Numba's stub is wrong
+@intrinsic
 def allocate(typing_context: Any, nbytes: Any) -> Any:
     """Return the address of new uninitialised memory of ``nbytes`` (int64) bytes; ``release`` frees it."""
 
@@ -137,7 +137,7 @@ def allocate(typing_context: Any, nbytes: Any) -> Any:
     return types.int64(types.int64), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]  # Numba's stub is wrong
+@intrinsic
 def release(typing_context: Any, address: Any) -> Any:
     """Free memory from ``allocate``."""
 

@@ -23,7 +23,7 @@ import numpy as np
 from llvmlite import ir
 from numba import extending, types
 
-from renderers.compiler.numba_typing import define_fields, define_operator
+from renderers.compiler.numba_typing import define_fields, define_operator, intrinsic
 
 _extending: Final[Any] = extending  # its stubs lack most names
 _I64: Final = ir.IntType(64)
@@ -121,7 +121,7 @@ def _reference(struct: _StructType) -> Any:
 
         return struct(types.int64), generate
 
-    return _extending.intrinsic(cast)
+    return intrinsic(cast)
 
 
 def _on_stack(struct: _StructType) -> Any:
@@ -133,7 +133,7 @@ def _on_stack(struct: _StructType) -> Any:
 
         return struct(), generate
 
-    return _extending.intrinsic(allocate)
+    return intrinsic(allocate)
 
 
 def _field_address(context: Any, builder: Any, struct: Any, reference: Any, name: str) -> Any:

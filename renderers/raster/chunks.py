@@ -1,17 +1,59 @@
-"""Search of a CHUNK for what lies in a bin."""
+"""Bins of a CHUNK's primitives, and the search for what lies in one of them.
+
+The bins that a primitive touches are packed as ``last << 16 | first``, int32.
+"""
 
 from __future__ import annotations
 
+import numpy as np
+
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined
+from renderers.compiler.device_function import device_function, inlined
+from renderers.visibility_buffer import BAND_ROWS
+
+
+@device_function
+def bin_range(first_row, end_row, band_0_bin):
+    """Return the first and last bin of some rows.
+
+    Args:
+        band_0_bin: bin of the image's first band, as from ``band_0_bin``.
+    """
+    return band_0_bin + first_row // BAND_ROWS, band_0_bin + (end_row - 1) // BAND_ROWS
+
+
+@inlined
+def band_0_bin(frame, is_culled):
+    """Return the bin of the image's first band for a primitive; -1: nothing, since it is culled and not kept.
+
+    Args:
+        is_culled: whether it is a face that is culled or kept for later.
+    """
+    if not is_culled:
+        return 0
+    return frame.first_back_bin if frame.first_back_bin != 0 else -1
+
+
+@inlined
+def append_bins(chunk, first_bin, last_bin):
+    """Count the primitive behind the last one of a CHUNK, unless ``last_bin < first_bin``: it touches none."""
+    if first_bin <= last_bin:
+        chunk.bins[chunk.count] = last_bin << 16 | first_bin
+        chunk.count += 1
+
+
+@inlined
+def bins_of(chunk, k):
+    """Return the first and last bin, int64, of a CHUNK's primitive ``k``."""
+    return np.int64(chunk.bins[k] & 0xFFFF), np.int64(chunk.bins[k] >> 16)
 
 
 @inlined
 def primitives_in_bin(chunk, k, bin_index):
     """Return which of the eight primitives from ``k`` on touch a bin, a bit for each, int64."""
     bins, searched = vec.load(chunk.bins, k), vec.i32(bin_index)
-    touches = ((bins & vec.i32(0xFFFF)) <= searched) & ((bins >> vec.i32(16)) >= searched)
-    return vec.movemask(touches & _used_lanes(k, chunk.count))
+    first_bin, last_bin = bins & vec.i32(0xFFFF), bins >> vec.i32(16)
+    return vec.movemask((first_bin <= searched) & (last_bin >= searched) & _used_lanes(k, chunk.count))
 
 
 @inlined

@@ -9,7 +9,8 @@ from numba import types
 
 from renderers.compiler.device_function import device_function
 from renderers.compiler.pointers import stack_array
-from renderers.raster.layout import GUARD_BAND, SUBPIXEL
+from renderers.raster.grid import snap_to_grid
+from renderers.raster.layout import GUARD_BAND
 
 PLANES: Final = 5
 MAX_VERTICES: Final = 24
@@ -27,26 +28,28 @@ _clipped_sources_array: Final = stack_array(types.int64, MAX_VERTICES)
 
 
 @device_function
-def snap_to_grid(value):
-    """Return the grid coordinate of a float32 pixel coordinate. The product is exact; ties round to even."""
-    return np.int64(np.rint(np.float32(value) * np.float32(SUBPIXEL)))
-
-
-@device_function
 def camera_vertex(draw, index, out, k):
-    """Write vertex ``index`` of a draw in the camera's frame to ``out[3 * k]`` and the following two float64."""
-    p = draw.positions
-    m = draw.X_camera_mesh
-    x = np.float64(p[3 * index])
-    y = np.float64(p[3 * index + 1])
-    z = np.float64(p[3 * index + 2])
+    """Write a vertex of a draw in the camera's frame, metres, to point ``k`` of ``out``.
+
+    Args:
+        index: of the vertex in its mesh.
+        out: pointer to (N, 3) float64.
+    """
+    p, m = draw.positions, draw.X_camera_mesh
+    x, y, z = np.float64(p[3 * index]), np.float64(p[3 * index + 1]), np.float64(p[3 * index + 2])
     for row in range(3):
         out[3 * k + row] = m[4 * row] * x + m[4 * row + 1] * y + m[4 * row + 2] * z + m[4 * row + 3]
 
 
 @device_function
 def plane_distance(frame, plane, points, k):
-    """Return how far point ``k`` lies inside the near plane (0) or a side of the guard band (1 to 4)."""
+    """Return how far a point lies inside the near plane (0) or a side of the guard band (1 to 4), float64.
+
+    Args:
+        plane: 0 to 4.
+        points: pointer to (N, 3) float64, metres in the camera's frame.
+        k: index of the point.
+    """
     x, y, z = points[3 * k], points[3 * k + 1], points[3 * k + 2]
     if plane == 0:
         return z - frame.near
@@ -66,8 +69,9 @@ def interpolate_at_plane(points, inside, d_inside, outside, d_outside, out, k):
     It is always computed from the inside end, so that two triangles with a common edge get the same point.
 
     Args:
+        points, out: pointers to (N, 3) float64.
         inside, outside: indices of the edge's ends in ``points``.
-        d_inside, d_outside: their distances from the plane.
+        d_inside, d_outside: their distances as from ``plane_distance``.
     """
     t = d_inside / (d_inside - d_outside)
     for axis in range(3):
@@ -77,14 +81,18 @@ def interpolate_at_plane(points, inside, d_inside, outside, d_outside, out, k):
 
 @device_function
 def project_to_pixels(frame, points, k):
-    """Return the pixel coordinates (float32) of point ``k``, which must not lie behind the near plane."""
+    """Return the pixel coordinates, float32, of a point that does not lie behind the near plane.
+
+    Args:
+        points, k: as for ``plane_distance``.
+    """
     x, y, w = points[3 * k], points[3 * k + 1], 1.0 / points[3 * k + 2]
     return np.float32(frame.fx * x * w + frame.cx), np.float32(frame.fy * y * w + frame.cy)
 
 
 @device_function
 def is_finite(points, count):
-    """Return whether all coordinates of the first ``count`` points are finite."""
+    """Return whether all coordinates of the first ``count`` points, as for ``plane_distance``, are finite."""
     total = 0.0
     for k in range(3 * count):
         total += abs(points[k])
@@ -97,8 +105,9 @@ def _clip_at_plane(frame, plane, points, sources, count, clipped, clipped_source
 
     Args:
         plane: as for ``plane_distance``.
-        points, sources: the polygon's ``count`` points, and the mesh's vertices that they are, or -1.
-        clipped, clipped_sources: those of the result.
+        points, sources: pointers to the polygon's ``count`` points, (N, 3) float64, and to the indices of the mesh's
+            vertices that they are, or -1, int64.
+        clipped, clipped_sources: pointers to those of the result.
     """
     clipped_count = 0
     previous = count - 1
@@ -124,13 +133,12 @@ def _clip_at_plane(frame, plane, points, sources, count, clipped, clipped_source
 
 
 @device_function
-def clip_triangle(frame, draw, primitive, corners, polygon):
+def clip_triangle(frame, draw, mesh_index, corners, polygon):
     """Compute the visible part of a triangle.
 
     Args:
-        primitive: index of the triangle in its mesh.
-        corners: ``corner_array``; gets the triangle's vertices in the camera's frame.
-        polygon: ``polygon_array``; gets the clipped polygon's vertices.
+        corners: ``corner_array``; gets the triangle's vertices, metres in the camera's frame.
+        polygon: ``polygon_array``; gets the clipped polygon's vertices, grid units.
 
     Returns:
         Number of vertices of the polygon; 0: nothing is left.
@@ -140,7 +148,7 @@ def clip_triangle(frame, draw, primitive, corners, polygon):
     # Vertices of the mesh that the points are, or -1.
     sources, clipped_sources = _sources_array(), _clipped_sources_array()
     for k in range(3):
-        index = np.int64(indices[3 * primitive + k])
+        index = np.int64(indices[3 * mesh_index + k])
         camera_vertex(draw, index, corners, k)
         sources[k] = index
         for axis in range(3):
@@ -167,7 +175,11 @@ def clip_triangle(frame, draw, primitive, corners, polygon):
 
 @device_function
 def clip_line(frame, ends):
-    """Clip the segment between two points, six float64, in place; return whether something is left."""
+    """Clip a segment in place; return whether something is left.
+
+    Args:
+        ends: pointer to its two ends, (2, 3) float64, metres in the camera's frame.
+    """
     if not is_finite(ends, 2):
         return False
     for plane in range(PLANES):

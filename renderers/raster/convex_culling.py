@@ -41,7 +41,12 @@ def _hash(value):
 
 @inlined
 def _measure(positions, vertex_count, out):
-    """Write centre and half extents of the bounding box to ``out[2:8]``; return False if a vertex is not finite."""
+    """Write centre and half extents of the bounding box; return False if a vertex is not finite.
+
+    Args:
+        vertex_count: number of positions.
+        out: pointer to 8 float64, of which the last six are written, metres in the mesh's frame.
+    """
     for axis in range(3):
         low, high = np.float32(np.inf), np.float32(-np.inf)
         finite = True
@@ -58,12 +63,13 @@ def _measure(positions, vertex_count, out):
 
 @inlined
 def _coincide(a, b, tolerance):
-    """Return whether two points are equal in each coordinate, up to a tolerance."""
+    """Return whether two points, three float64 each, are equal in each coordinate, up to a tolerance, metres."""
     return (abs(a[0] - b[0]) <= tolerance) & (abs(a[1] - b[1]) <= tolerance) & (abs(a[2] - b[2]) <= tolerance)
 
 
 @inlined
 def _from_center(positions, vertex, center):
+    """Return a vertex relative to a point, three float64 each, metres; ``vertex`` is its index."""
     return (
         positions[3 * vertex] - center[0],
         positions[3 * vertex + 1] - center[1],
@@ -73,7 +79,13 @@ def _from_center(positions, vertex, center):
 
 @inlined
 def _faces_away(positions, indices, triangle_count, center, extent, stop_at):
-    """Return whether all triangles face away from the centre; of degenerate ones, as at a sphere's poles, any."""
+    """Return whether all triangles face away from a point; degenerate ones, as at a sphere's poles, may do anything.
+
+    Args:
+        triangle_count: number of triangles.
+        center: the point, three float64, metres.
+        extent: largest half extent of the mesh's box, metres.
+    """
     for t in range(triangle_count):
         if t % _BLOCK == 0 and is_set(stop_at):
             return False
@@ -94,7 +106,10 @@ def _clean_and_hash(positions, vertex_count, near_zero, cleaned, bits, hashes, s
     """Write the cleaned positions and two hashes of each; return whether any position has changed.
 
     Args:
+        vertex_count: number of positions.
+        near_zero: float32, metres: coordinates up to this count as 0.
         cleaned: pointer to (vertex_count, 3) float32; ``bits``: the same memory as uint32.
+        hashes: pointer to (vertex_count, 2) int64.
     """
     changed = False
     for k in range(vertex_count):
@@ -118,6 +133,10 @@ def _edge_sum(indices, triangle_count, hashes, stop_at):
 
     A and B are the two hashes of a position. If each edge occurs as often in the other direction, the sum is 0;
     otherwise it is 0 with a probability of about 2^-60.
+
+    Args:
+        triangle_count: number of triangles.
+        hashes: as from ``_clean_and_hash``.
     """
     edge_sum = np.int64(0)
     for t in range(triangle_count):

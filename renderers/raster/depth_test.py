@@ -27,7 +27,7 @@ def _is_between(frame, pixel, inv_z, ids):
     """Return m8: pixels beyond one of the frame's layers by depth, then id; not behind another by depth; and with ids
     below those of a third."""
     zero = vec.i32(0)
-    passed = zero == zero
+    passed = zero == zero  # all
     if frame.beyond_ids != 0:
         layer_ids = vec.load(i32_at(frame.beyond_ids), pixel)
         layer_inv_z = vec.load(f32_at(frame.beyond_inv_z), pixel)
@@ -49,9 +49,8 @@ def depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids):
     With the frame's ``takes_latest`` the layer's 1/z stays, and higher ids win.
 
     Args:
-        depth_rule: IN_ORDER, PEELED or ANY_ORDER; a constant makes faster code.
-        pixel: index of the first one in the layer. PEELED needs a layer of the whole image.
-        inv_z, covered, ids: f32x8, m8, i32x8: 1/z, coverage mask and primitive id.
+        depth_rule: a constant makes faster code.
+        pixel: that of the first one. PEELED needs a layer of the whole image.
     """
     old_inv_z = vec.load_volatile(layer.inv_z, pixel)
     passed = covered & (inv_z >= old_inv_z)
@@ -68,7 +67,12 @@ def depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids):
 
 @device_function
 def depth_test_pixel(frame, layer, depth_rule, pixel, inv_z, primitive_id):
-    """``depth_test`` of one covered pixel, in any order of primitives whatever the rule."""
+    """``depth_test`` of one covered pixel, in any order of primitives whatever the rule.
+
+    Args:
+        inv_z: float32.
+        primitive_id: int32.
+    """
     old_inv_z = layer.inv_z[pixel]
     old_id = layer.ids[pixel]
     # Without a branch: which of two overlapping meshes is nearer cannot be predicted.

@@ -9,15 +9,15 @@ two triangles with a common edge, exactly one covers each point.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.raster.clip import clip_triangle, corner_array, polygon_array
+from renderers.raster.grid import first_center, pixel_box
 from renderers.raster.layout import HALF_PIXEL, KIND_CLIPPED, KIND_LINE, KIND_POINT, KIND_TRIANGLE, SUBPIXEL
-from renderers.raster.primitive_setup import first_center
 
 
 @inlined
@@ -37,7 +37,7 @@ def _first_column_right_of(xa, ya, xb, yb, x, y):
 
 @device_function
 def inv_z_origin(primitive):
-    """Return the column and row of the pixel that ``PRIMITIVE.inv_z_base`` belongs to."""
+    """Return the column and row, int64, of the pixel at whose centre 1/z is ``inv_z_base``."""
     xy, kind = primitive.xy, primitive.kind
     x0, y0 = np.int64(xy[0]), np.int64(xy[1])
     if kind == KIND_TRIANGLE:
@@ -53,7 +53,11 @@ def inv_z_origin(primitive):
 
 @device_function
 def _polygon_of(frame, primitive, polygon):
-    """Write the corners of a triangle, of a line's parallelogram or of a clipped triangle; return their number."""
+    """Write the corners of a triangle, of a line's parallelogram or of a clipped triangle; return their number.
+
+    Args:
+        polygon: ``polygon_array``.
+    """
     xy, kind = primitive.xy, primitive.kind
     if kind == KIND_TRIANGLE:
         for k in range(6):
@@ -70,6 +74,66 @@ def _polygon_of(frame, primitive, polygon):
         return 4
     draw = frame.draws[xy[2]]
     return clip_triangle(frame, draw, np.int64(primitive.id) - draw.first_id, corner_array(), polygon)
+
+
+class _Corners(NamedTuple):
+    """Corners of a clockwise triangle, int64, grid units."""
+
+    x0: Any
+    y0: Any
+    x1: Any
+    y1: Any
+    x2: Any
+    y2: Any
+
+
+@inlined
+def _triangle_of(polygon, corner):
+    """Return the _Corners 0, ``corner - 1`` and ``corner`` of a polygon, and twice their area, square grid units.
+
+    Args:
+        polygon: ``polygon_array``.
+    """
+    x0, y0, x1, y1 = polygon[0], polygon[1], polygon[2 * corner - 2], polygon[2 * corner - 1]
+    x2, y2 = polygon[2 * corner], polygon[2 * corner + 1]
+    area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+    if area < 0:
+        x1, x2, y1, y2 = x2, x1, y2, y1
+    return _Corners(x0, y0, x1, y1, x2, y2), area
+
+
+@inlined
+def _limit_by_edge(start, stop, xa, ya, xb, yb, x, y):
+    """Narrow the columns ``start .. stop`` (i32x8) of rows to the inner side of a clockwise triangle's edge a -> b.
+
+    Args:
+        xa, ya, xb, yb, x, y: as for ``_first_column_right_of``.
+    """
+    if ya == yb:
+        return start, stop
+    column = _first_column_right_of(xa, ya, xb, yb, x, y)
+    # With y down and this winding, edges that run upwards are left ones.
+    return (vec.maximum(start, column), stop) if yb < ya else (start, vec.minimum(stop, column))
+
+
+@inlined
+def _covered_columns(corners, left, right, x, y):
+    """Return the columns ``start .. stop`` in which each sample point is covered, i32x8 each.
+
+    Args:
+        corners: _Corners.
+        left, right: limits of the columns, int64.
+        x, y: as for ``_first_column_right_of``.
+    """
+    x0, y0 = np.float64(corners.x0), np.float64(corners.y0)
+    x1, y1 = np.float64(corners.x1), np.float64(corners.y1)
+    x2, y2 = np.float64(corners.x2), np.float64(corners.y2)
+    start, stop = vec.i32(left), vec.i32(right)
+    start, stop = _limit_by_edge(start, stop, x0, y0, x1, y1, x, y)
+    start, stop = _limit_by_edge(start, stop, x1, y1, x2, y2, x, y)
+    start, stop = _limit_by_edge(start, stop, x2, y2, x0, y0, x, y)
+    inside = (y >= vec.f64(min(min(y0, y1), y2))) & (y < vec.f64(max(max(y0, y1), y2)))
+    return start, vec.select(inside, stop, vec.i32(-1))
 
 
 def make_fill(
@@ -89,44 +153,19 @@ def make_fill(
 
     @device_function
     def fill_triangle(frame, target, primitive, polygon, corner, first_row, end_row):
-        """Draw the triangle of a polygon's corners 0, ``corner - 1`` and ``corner``."""
-        x0, y0, x1, y1 = polygon[0], polygon[1], polygon[2 * corner - 2], polygon[2 * corner - 1]
-        x2, y2 = polygon[2 * corner], polygon[2 * corner + 1]
-        area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-        if area == 0:
-            return
-        if area < 0:
-            x1, x2, y1, y2 = x2, x1, y2, y1
-        reach = frame.sample_reach
-        min_y, max_y = min(y0, y1, y2), max(y0, y1, y2)
-        top = max(first_center(min_y - reach), first_row)
-        bottom = min(first_center(max_y + reach), end_row)
-        left = max(first_center(min(x0, x1, x2) - reach), 0)
-        right = min(first_center(max(x0, x1, x2) + reach), frame.width)
-        if left >= right:
+        """Draw the triangle of a polygon's corners 0, ``corner - 1`` and ``corner``; ``polygon``: ``polygon_array``."""
+        corners, area = _triangle_of(polygon, corner)
+        x0, y0, x1, y1, x2, y2 = corners
+        min_x, min_y = min(min(x0, x1), x2), min(min(y0, y1), y2)
+        max_x, max_y = max(max(x0, x1), x2), max(max(y0, y1), y2)
+        box = pixel_box(frame, min_x, min_y, max_x, max_y, frame.sample_reach)
+        if area == 0 or box.left >= box.right:
             return
         base_x, base_y = inv_z_origin(primitive)
-        fx0, fy0 = np.float64(x0), np.float64(y0)
-        fx1, fy1 = np.float64(x1), np.float64(y1)
-        fx2, fy2 = np.float64(x2), np.float64(y2)
-        for row in range(top, bottom, rows):
+        bottom = min(box.bottom, end_row)
+        for row in range(max(box.top, first_row), bottom, rows):
             x, y = sample_points(frame, row)
-            start, stop = vec.i32(left), vec.i32(right)
-            # With this winding (y down) edges that run upwards are left ones.
-            if y1 < y0:
-                start = vec.maximum(start, _first_column_right_of(fx0, fy0, fx1, fy1, x, y))
-            elif y1 > y0:
-                stop = vec.minimum(stop, _first_column_right_of(fx0, fy0, fx1, fy1, x, y))
-            if y2 < y1:
-                start = vec.maximum(start, _first_column_right_of(fx1, fy1, fx2, fy2, x, y))
-            elif y2 > y1:
-                stop = vec.minimum(stop, _first_column_right_of(fx1, fy1, fx2, fy2, x, y))
-            if y0 < y2:
-                start = vec.maximum(start, _first_column_right_of(fx2, fy2, fx0, fy0, x, y))
-            elif y0 > y2:
-                stop = vec.minimum(stop, _first_column_right_of(fx2, fy2, fx0, fy0, x, y))
-            inside = (y >= vec.f64(min_y)) & (y < vec.f64(max_y))
-            stop = vec.select(inside, stop, vec.i32(-1))
+            start, stop = _covered_columns(corners, box.left, box.right, x, y)
             draw_spans(frame, target, primitive, row, min(bottom - row, rows), start, stop, base_x, base_y)
 
     @device_function

@@ -206,8 +206,8 @@ _kernel_address: Final = cache(kernel_address)
 
 def _camera_fields(camera: Camera) -> dict[str, Any]:
     """Return the fields of FRAME that are the camera's."""
-    names = "width", "height", "fx", "fy", "cx", "cy", "near", "far"
-    return {"X_world_camera": camera.X_world_camera.ravel(), **{name: getattr(camera, name) for name in names}}
+    fields = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy", "near")}
+    return {**fields, "inv_z_far": 1.0 / camera.far, "X_world_camera": camera.X_world_camera.ravel()}
 
 
 def _table_fields(prepared: PreparedScene) -> dict[str, int]:

@@ -41,7 +41,13 @@ def _draw_sample_band(frame, first_row, end_row, memory):
 
 @inlined
 def _do_unit(frame, phase, unit, memory):
-    """Do a unit of work; ``memory`` as for ``_draw_band``."""
+    """Do a unit of work.
+
+    Args:
+        phase: 0: transform; 1: setup; 2: bands.
+        unit: its index in the phase.
+        memory: as for ``_draw_band`` or ``_draw_sample_band``.
+    """
     if phase == 0:
         begin = unit * frame.vertices_per_unit
         end = min(begin + frame.vertices_per_unit, frame.vertex_count)

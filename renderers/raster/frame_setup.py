@@ -47,4 +47,5 @@ def set_up_frame(frame_address):
 
 @inlined
 def _quotient_up(a, b):
+    """Return a / b, rounded up; int64."""
     return (a + b - 1) // b

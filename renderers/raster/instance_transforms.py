@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from renderers.compiler.device_function import device_function
-from renderers.compiler.pointers import address, f64_at, u8_at
+from renderers.compiler.device_function import device_function, inlined
+from renderers.compiler.pointers import advance, u8_at
 from renderers.raster.layout import GUARD_BAND
 
 
@@ -35,7 +35,7 @@ def _is_unclipped_convex(frame, m, instance):
 
 @device_function
 def _determinant(m):
-    """Return the determinant of the upper left 3 x 3 of a 4 x 4 matrix."""
+    """Return the determinant, float64, of the upper left 3 x 3 of ``m``, pointer to (4, 4) float64."""
     return (
         m[0] * (m[5] * m[10] - m[6] * m[9]) + m[1] * (m[6] * m[8] - m[4] * m[10]) + m[2] * (m[4] * m[9] - m[5] * m[8])
     )
@@ -48,30 +48,47 @@ def compute_camera_poses(frame):
     Returns:
         False, with nothing filled, if the camera's pose is not affine or has no inverse.
     """
-    # c: X_world_camera, (4, 4). (a, b, d): a row of the inverse of its rotation and scale.
     c, world, out, count = frame.X_world_camera, frame.X_world_mesh, frame.X_camera_mesh, frame.instance_count
     determinant = _determinant(c)
     if not (c[12] == 0.0 and c[13] == 0.0 and c[14] == 0.0 and c[15] == 1.0 and abs(determinant) > 0.0):
         return False
     scale = 1.0 / determinant
     for row in range(3):
-        # The inverse of the 3 x 3: cofactors over the determinant.
+        # A row of the inverse of the camera's 3 x 3: cofactors over the determinant.
         p, q = (row + 1) % 3, (row + 2) % 3
-        a = (c[4 + p] * c[8 + q] - c[4 + q] * c[8 + p]) * scale
-        b = (c[8 + p] * c[q] - c[8 + q] * c[p]) * scale
-        d = (c[p] * c[4 + q] - c[q] * c[4 + p]) * scale
+        inverse_x = (c[4 + p] * c[8 + q] - c[4 + q] * c[8 + p]) * scale
+        inverse_y = (c[8 + p] * c[q] - c[8 + q] * c[p]) * scale
+        inverse_z = (c[p] * c[4 + q] - c[q] * c[4 + p]) * scale
         for k in range(count):
-            m = 16 * k
+            first = 16 * k  # of a matrix, (4, 4)
             for column in range(4):
-                bottom = world[m + 12 + column]
-                x = world[m + column] - c[3] * bottom
-                y = world[m + 4 + column] - c[7] * bottom
-                z = world[m + 8 + column] - c[11] * bottom
-                out[m + 4 * row + column] = a * x + b * y + d * z
+                bottom = world[first + 12 + column]
+                x = world[first + column] - c[3] * bottom
+                y = world[first + 4 + column] - c[7] * bottom
+                z = world[first + 8 + column] - c[11] * bottom
+                out[first + 4 * row + column] = inverse_x * x + inverse_y * y + inverse_z * z
     for k in range(count):
         for column in range(12, 16):
             out[16 * k + column] = world[16 * k + column]
     return True
+
+
+@inlined
+def _back_sign(m):
+    """Return the sign, +1 or -1, of the area on screen of back faces; ``m`` as for ``_is_unclipped_convex``."""
+    return -1 if _determinant(m) < 0.0 else 1
+
+
+@device_function
+def _set_signs(frame, k, draw):
+    """Set ``culled_sign`` and ``hidden_sign`` of the DRAW of instance ``k``."""
+    m, cull_back = advance(frame.X_camera_mesh, 16 * k), u8_at(frame.cull_back)
+    draw.culled_sign = draw.hidden_sign = 0
+    if frame.cull_back != 0 and cull_back[k] != 0:
+        draw.culled_sign = _back_sign(m)
+    is_convex = frame.skip_hidden_back_faces != 0 and _is_unclipped_convex(frame, m, frame.instances[k])
+    if is_convex and _determinant(m) != 0.0:
+        draw.hidden_sign = _back_sign(m)
 
 
 @device_function
@@ -81,41 +98,23 @@ def collect_draws(frame):
     Returns:
         Number of draws whose back faces are culled, without those whose back faces are hidden anyway.
     """
-    select, cull_back = u8_at(frame.select), u8_at(frame.cull_back)
+    select = u8_at(frame.select)
     culling_draws = draw_count = vertices = primitives = 0
     for k in range(frame.instance_count):
         if frame.select != 0 and select[k] == 0:
             continue
-        instance, draw = frame.instances[k], frame.draws[draw_count]
-        m = f64_at(address(frame.X_camera_mesh) + 128 * k)
+        instance, next_instance, draw = frame.instances[k], frame.instances[k + 1], frame.draws[draw_count]
         for value in range(12):
-            draw.X_camera_mesh[value] = m[value]
-        culled_sign = hidden_sign = 0
-        is_culled = frame.cull_back != 0 and cull_back[k] != 0
-        is_convex = frame.skip_hidden_back_faces != 0 and _is_unclipped_convex(frame, m, instance)
-        if is_culled or is_convex:
-            # In the camera's frame, y down, counter-clockwise triangles have a negative area on screen; a pose that
-            # mirrors swaps the sign.
-            determinant = _determinant(m)
-            back_sign = -1 if determinant < 0.0 else 1
-            hidden_sign = back_sign if is_convex and determinant != 0.0 else 0
-            culled_sign = back_sign if is_culled else 0
-            culling_draws += culled_sign != 0 and hidden_sign == 0
-        draw.first_vertex = vertices
-        draw.first_primitive = primitives
-        draw.positions = instance.positions
-        draw.indices = instance.indices
-        draw.topology = instance.topology
-        draw.size = instance.size
-        draw.first_id = instance.first_primitive
-        draw.culled_sign = culled_sign
-        draw.hidden_sign = hidden_sign
-        next_instance = frame.instances[k + 1]
+            draw.X_camera_mesh[value] = frame.X_camera_mesh[16 * k + value]
+        _set_signs(frame, k, draw)
+        culling_draws += draw.culled_sign != 0 and draw.hidden_sign == 0
+        draw.first_vertex, draw.first_primitive = vertices, primitives
+        draw.positions, draw.indices = instance.positions, instance.indices
+        draw.topology, draw.size, draw.first_id = instance.topology, instance.size, instance.first_primitive
         vertices += next_instance.first_vertex - instance.first_vertex
         primitives += next_instance.first_primitive - instance.first_primitive
         draw_count += 1
     total = frame.draws[draw_count]
-    total.first_vertex = vertices
-    total.first_primitive = primitives
+    total.first_vertex, total.first_primitive = vertices, primitives
     frame.vertex_count, frame.primitive_count, frame.draw_count = vertices, primitives, draw_count
     return culling_draws

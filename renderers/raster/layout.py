@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+
+from renderers.compiler.device_function import inlined
 from renderers.compiler.structs import F32, F64, I32, I64, U32, Struct, array_of, pointer_to
 
 SUBPIXEL_BITS: Final = 8
@@ -14,6 +17,10 @@ HALF_PIXEL: Final = SUBPIXEL // 2
 GUARD_BAND: Final = 32760.0
 """Pixels: triangles with a vertex farther than this from pixel (0, 0) are clipped. Below 2^15 pixels, 2^23 grid units,
 edge functions stay below 2^50, exact in float64 and int64, and snapped coordinates are exact in float32."""
+BEHIND: Final = -2.0
+"""In place of 1/z of a vertex that is nearer than the near plane, or not a number."""
+OUTSIDE: Final = -1.0
+"""In place of 1/z of a vertex that is outside the guard band."""
 MAX_SIDE: Final = 16384
 """Maximum image width and height, pixels, for which the guard band leaves room."""
 MAX_POINT_SIZE: Final = 1024
@@ -51,18 +58,23 @@ PRIMITIVE: Final = Struct(
         "kind": I32,
         "inv_z_dx": F64,  # change of 1/z per column
         "inv_z_dy": F64,  # change of 1/z per row
-        "inv_z_base": F64,  # 1/z at the first pixel centre of the bounding box
+        "inv_z_base": F64,  # 1/z at the centre of the pixel that ``fill.inv_z_origin`` returns; see the kinds
         "inv_z_min": F32,  # range of 1/z over the primitive; clamping to it keeps slivers from extrapolating
         "inv_z_max": F32,
     },
 )
+# The kinds of primitives: what ``xy`` has, and the pixel that ``inv_z_base`` belongs to.
 KIND_TRIANGLE: Final = 0
+"""xy: corners, clockwise on screen. inv_z_base: first pixel of their box, which may be off the image."""
 KIND_CLIPPED: Final = 1
-"""Crosses the near plane or leaves the guard band. xy: first column and row of the bounding box, index of the draw."""
+"""Crosses the near plane or leaves the guard band. xy: first column and row of its box in the image, index of the draw.
+inv_z_base: this first pixel."""
 KIND_LINE: Final = 2
-"""xy: both ends, half the width, then first column and row of the bounding box in 16 bits each."""
+"""xy: both ends, half the width, then first column and row of its box in the image in 16 bits each. inv_z_base: this
+first pixel."""
 KIND_POINT: Final = 3
-"""xy: first column and row, and those after the last; grid units where a pixel has several samples."""
+"""xy: first column and row, and those after the last; with several samples per pixel these are grid units. inv_z_base:
+any pixel."""
 KIND_SMALL: Final = 4
 """The struct is a SMALL_TRIANGLE, which has the same size, and ``id`` and ``kind`` at the same place."""
 
@@ -126,7 +138,7 @@ CHUNK: Final = Struct(
         "primitives": PRIMITIVE,  # (CHUNK_SIZE,): those that may be visible, in the order of their ids
         "bins": pointer_to(I32),  # (CHUNK_SIZE,): the last (high half) and the first bin that each of them touches
         "count": I64,  # number of them
-        "pixels": pointer_to(I32),  # (PIXEL_ROOM,): of tiny triangles, with BACK_BIT of back faces that are kept
+        "pixels": pointer_to(I32),  # (PIXEL_ROOM,): of tiny triangles, row * stride + column; kept back faces: BACK_BIT
         "pixel_inv_z": pointer_to(F32),
         "pixel_ids": pointer_to(I32),
         "pixel_count": I64,
@@ -148,7 +160,7 @@ FRAME: Final = Struct(
         # Set by FrameJob.
         "width": I64,  # pixels
         "height": I64,
-        "stride": I64,  # pixels from one row of a visibility layer to the next
+        "stride": I64,  # pixels from one row of a visibility layer to the next: a multiple of eight
         "samples": I64,  # per pixel
         "max_threads": I64,
         "fx": F64,  # camera intrinsics, pixels
@@ -156,7 +168,7 @@ FRAME: Final = Struct(
         "cx": F64,
         "cy": F64,
         "near": F64,  # metres
-        "far": F64,
+        "inv_z_far": F32,  # 1/z at the far plane, 1/m: nothing with less passes the depth test
         "instance_count": I64,
         "instances": INSTANCE,  # (instance_count + 1)
         "first_ids": pointer_to(I64),  # (instance_count + 1): first primitive id of every instance, and the total
@@ -172,7 +184,7 @@ FRAME: Final = Struct(
         "poses_ready": I64,  # not 0: X_camera_mesh is filled
         "stop": I64,  # address of an int64 that is not 0 once the frame should end, see renderers.stop
         "draws": DRAW,  # (draw_count + 1)
-        "vertices": pointer_to(F32),  # (vertex_count, 4): x, y in pixels, 1/z, unused
+        "vertices": pointer_to(F32),  # (vertex_count, 4): x, y in pixels, 1/z in 1/m or BEHIND or OUTSIDE, unused
         "primitives": PRIMITIVE,  # (chunk_count * CHUNK_SIZE); those of KIND_SMALL are SMALL_TRIANGLE
         "chunks": CHUNK,  # (chunk_count)
         "chunk_memory": pointer_to(I32),  # (chunk_count, CHUNK_VALUES): what their pointers point to
@@ -225,3 +237,11 @@ LAYER: Final = Struct("Layer", {"ids": pointer_to(I32), "inv_z": pointer_to(F32)
 
 frame_at: Final = FRAME.at
 small_triangle_at: Final = SMALL_TRIANGLE.at
+
+
+@inlined
+def box_of(triangle):
+    """Return first column, first row, number of columns and of rows of a SMALL_TRIANGLE's box, int64."""
+    corner, size = np.int64(triangle.box_corner), np.int64(triangle.box_size)
+    left = ((corner & 0xFFFF) ^ 0x8000) - 0x8000  # sign-extended from 16 bits
+    return left, corner >> 16, size & 0xFFFF, size >> 16

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from renderers.cache import WeakCache
 from renderers.camera import Camera
 from renderers.compiler.pointers import address_of
-from renderers.drawlist import DrawList, InstanceSet, Material, Mesh
+from renderers.drawlist import DrawList
 from renderers.interface import VTK_LOOKS, Frame, Look, LookName, Output
 from renderers.raster.buffers import aligned
 from renderers.raster.frame import FrameJob
 from renderers.raster.frame_threads import FrameThreads
 from renderers.raster.layout import MAX_SIDE
 from renderers.raster.msaa.resolve import allocate_sample_bands, mixed_bands, paint_each_sample
-from renderers.raster.scene import PreparedScene, prepare
+from renderers.raster.scene import PreparedScene, Structure, prepare
 from renderers.shading import HeadlightJob, Parallel, ShadingScene, paint, solid_pixels
 from renderers.shading import prepare as prepare_shading
 from renderers.shading.depth_peeling import draw_cut_outs
@@ -50,39 +50,19 @@ def _allocate(wanted: int, height: int, width: int) -> tuple[Frame, tuple[int, .
     return Frame(*images), addresses
 
 
-_shadings: WeakCache[DrawList | InstanceSet, dict[LookName, ShadingScene]] = WeakCache("shading")
-_shadings_of_meshes: WeakCache[tuple[Mesh, ...], dict[LookName, tuple[ShadingScene, tuple[Material, ...]]]] = WeakCache(
-    "shading"
-)
+_shadings: WeakCache[Structure, dict[LookName, ShadingScene]] = WeakCache("shading")
 
 
-def _shading(scene: DrawList, look: LookName, parallel: Parallel) -> ShadingScene:
-    """Return the draw list's tables for shading."""
-    looks = _shadings.get(scene.identity) or {}
+def _shading(scene: DrawList, prepared: PreparedScene, look: LookName, parallel: Parallel) -> ShadingScene:
+    """Return the tables for shading, which draw lists with the same meshes and materials share as their Structure."""
+    structure = prepared.instances.structure
+    looks = _shadings.get(structure) or {}
     tables = looks.get(look)
     if tables is None:
-        tables = _shading_of_meshes(scene, look, parallel)
+        tables = prepare_shading(scene.instances, look, parallel)
+        check_stop()
         looks = {**looks, look: tables}
-        _shadings.put(scene.identity, looks, sum(each.nbytes for each in looks.values()))
-    return tables
-
-
-def _shading_of_meshes(scene: DrawList, look: LookName, parallel: Parallel) -> ShadingScene:
-    """Return shading tables, from the last draw list with the same meshes and materials if there is one.
-
-    A live scene in which only poses change finds its tables here.
-    """
-    meshes = tuple([instance.mesh for instance in scene.instances])
-    materials = tuple([instance.material for instance in scene.instances])
-    looks = (_shadings_of_meshes.get(meshes) if meshes else None) or {}
-    cached = looks.get(look)
-    if cached is not None and all(a is b or a == b for a, b in zip(cached[1], materials, strict=True)):
-        return cached[0]
-    tables = prepare_shading(scene.instances, look, parallel)
-    check_stop()
-    if meshes:
-        looks = {**looks, look: (tables, materials)}
-        _shadings_of_meshes.put(meshes, looks, sum(each.nbytes for each, _ in looks.values()))
+        _shadings.put(structure, looks, sum(each.nbytes for each in looks.values()))
     return tables
 
 
@@ -222,7 +202,7 @@ class CpuRenderer:
         """Fill the geometry outputs of a scene with cut-outs, whose alpha is that of the colour image."""
         scene, camera = call.scene, call.camera
         look = replace(call.look, name="gltf") if call.look.name == "studio" else call.look
-        solid = partial(solid_pixels, self, _shading(scene, look.name, self.parallel), look)
+        solid = partial(solid_pixels, self, _shading(scene, call.prepared, look.name, self.parallel), look)
         visible = self.visibility(scene, camera, select=~cut_out)
         draw_cut_outs(self, scene, camera, cut_out, visible, solid)
         job = FrameJob(call.prepared, camera, self._threads.threads)
@@ -239,7 +219,7 @@ class CpuRenderer:
         has_geometry = any(call.addresses[1:])
         if has_geometry and (look.name == "studio" or look.samples != 1):
             self._draw_geometry(call)
-        shading = _shading(scene, look.name, self.parallel)
+        shading = _shading(scene, call.prepared, look.name, self.parallel)
         if look.name == "studio":
             paint_studio(self, scene, shading, camera, look.rig, look.samples, look.background, color)
         elif not shading.has_transparency:

@@ -14,117 +14,151 @@ from renderers.compiler.kernel_calls import call_kernel
 from renderers.compiler.pointers import advance, f32_at, i32_at, stack_array
 from renderers.drawlist import LABEL_NONE
 from renderers.primitive_ids import instance_of
-from renderers.raster.coverage import set_band_layer
+from renderers.raster.layer import set_band_layer
 from renderers.raster.layout import LAYER, TOPOLOGY_TRIANGLES, frame_at
 
 _new_layer = LAYER.local
 _corner_array = stack_array(types.float64, 9)
-_inverse_array = stack_array(types.float64, 9)
+_adjugate_array = stack_array(types.float64, 9)
 _normal_array = stack_array(types.float64, 9)
 
 
 @inlined
-def _load_corners(m, positions, indices, first_index, p):
-    """Write the corners of a triangle in the camera's frame to the columns of ``p``, (3, 3) float64.
+def _load_corners(X_camera_mesh, positions, indices, first_index, corners):
+    """Write the corners of a triangle in the camera's frame, metres: corner k to ``corners[3 k .. 3 k + 3]``.
 
     Args:
-        m: pointer to X_camera_mesh, (4, 4) float64.
+        X_camera_mesh: pointer to (4, 4) float64.
         first_index: index of the triangle's first index.
+        corners: pointer to 9 float64.
     """
+    m = X_camera_mesh
     for k in range(3):
         v = 3 * np.int64(indices[first_index + k])
         x, y, z = np.float64(positions[v]), np.float64(positions[v + 1]), np.float64(positions[v + 2])
         for axis in range(3):
-            p[3 * k + axis] = m[4 * axis] * x + m[4 * axis + 1] * y + m[4 * axis + 2] * z + m[4 * axis + 3]
+            corners[3 * k + axis] = m[4 * axis] * x + m[4 * axis + 1] * y + m[4 * axis + 2] * z + m[4 * axis + 3]
 
 
 @inlined
-def _load_normals(m, normals, indices, first_index, n):
-    """Write the normals of a triangle's corners to the columns of ``n``; otherwise as ``_load_corners``."""
-    for k in range(3):
-        v = 3 * np.int64(indices[first_index + k])
-        x, y, z = np.float64(normals[v]), np.float64(normals[v + 1]), np.float64(normals[v + 2])
+def _load_normals(X_camera_mesh, normals, indices, first_index, corner_normals):
+    """Write the normals of a triangle's corners in the camera's frame, of any length; otherwise as ``_load_corners``.
+
+    Args:
+        normals: pointer to (N, 3) float32, in the mesh's frame.
+        corner_normals: pointer to 9 float64: that of corner k goes to ``corner_normals[3 k .. 3 k + 3]``.
+    """
+    m = X_camera_mesh
+    for axis in range(3):
         # Normals transform by the cofactors: the inverse transpose times the determinant.
-        for axis in range(3):
-            i, j = 4 * ((axis + 1) % 3), 4 * ((axis + 2) % 3)
-            cx = m[i + 1] * m[j + 2] - m[i + 2] * m[j + 1]
-            cy = m[i + 2] * m[j] - m[i] * m[j + 2]
-            cz = m[i] * m[j + 1] - m[i + 1] * m[j]
-            n[3 * k + axis] = cx * x + cy * y + cz * z
+        i, j = 4 * ((axis + 1) % 3), 4 * ((axis + 2) % 3)
+        cx = m[i + 1] * m[j + 2] - m[i + 2] * m[j + 1]
+        cy = m[i + 2] * m[j] - m[i] * m[j + 2]
+        cz = m[i] * m[j + 1] - m[i + 1] * m[j]
+        for k in range(3):
+            v = 3 * np.int64(indices[first_index + k])
+            x, y, z = np.float64(normals[v]), np.float64(normals[v + 1]), np.float64(normals[v + 2])
+            corner_normals[3 * k + axis] = cx * x + cy * y + cz * z
 
 
 @inlined
-def _invert(p, b):
-    """Write the inverse of ``p`` times its determinant to the rows of ``b``, and return the determinant."""
+def _adjugate(corners, out):
+    """Write the adjugate of [p0 p1 p2], its inverse times its determinant: rows p1 x p2, p2 x p0 and p0 x p1.
+
+    Args:
+        corners: as from ``_load_corners``.
+        out: pointer to 9 float64: row k goes to ``out[3 k .. 3 k + 3]``.
+
+    Returns:
+        The determinant, float64.
+    """
+    p = corners
     for k in range(3):
         i, j = 3 * ((k + 1) % 3), 3 * ((k + 2) % 3)
-        b[3 * k] = p[i + 1] * p[j + 2] - p[i + 2] * p[j + 1]
-        b[3 * k + 1] = p[i + 2] * p[j] - p[i] * p[j + 2]
-        b[3 * k + 2] = p[i] * p[j + 1] - p[i + 1] * p[j]
-    return b[0] * p[0] + b[1] * p[1] + b[2] * p[2]
+        out[3 * k] = p[i + 1] * p[j + 2] - p[i + 2] * p[j + 1]
+        out[3 * k + 1] = p[i + 2] * p[j] - p[i] * p[j + 2]
+        out[3 * k + 2] = p[i] * p[j + 1] - p[i + 1] * p[j]
+    return out[0] * p[0] + out[1] * p[1] + out[2] * p[2]
 
 
 @inlined
-def _geometric_normal(b, determinant):
-    """Return the unit normal that faces the camera of the triangle whose inverse and determinant are given."""
-    # The sum of the rows is (p1 - p0) x (p2 - p0).
-    x, y, z = b[0] + b[3] + b[6], b[1] + b[4] + b[7], b[2] + b[5] + b[8]
+def _geometric_normal(adjugate, determinant):
+    """Return the unit normal, in the camera's frame, of the side of a triangle that faces the camera.
+
+    Args:
+        adjugate, determinant: as from ``_adjugate``.
+    """
+    a = adjugate
+    # The sum of the rows is n = (p1 - p0) x (p2 - p0). n . p0 is the determinant: negative where n faces the camera.
+    x, y, z = a[0] + a[3] + a[6], a[1] + a[4] + a[7], a[2] + a[5] + a[8]
     length = np.sqrt(x * x + y * y + z * z)
     if not length > 0.0:
-        return 0.0, 0.0, -1.0
+        return 0.0, 0.0, -1.0  # towards the camera
     scale = 1.0 / length if determinant <= 0.0 else -1.0 / length
     return x * scale, y * scale, z * scale
 
 
 @inlined
-def _smooth_normal(b, n, ray_x, ray_y, flat):
-    """Return the interpolated unit normal where a ray (ray_x, ray_y, 1) meets a triangle; ``flat`` if it has none."""
+def _smooth_normal(adjugate, corner_normals, ray_x, ray_y, flat_normal):
+    """Return the interpolated unit normal where a ray (ray_x, ray_y, 1) meets a triangle; ``flat_normal`` if none.
+
+    Args:
+        adjugate, corner_normals: as from ``_adjugate`` and ``_load_normals``.
+    """
+    a, n = adjugate, corner_normals
     # The product of the rows and the ray is proportional to the barycentric coordinates.
-    b0 = b[0] * ray_x + b[1] * ray_y + b[2]
-    b1 = b[3] * ray_x + b[4] * ray_y + b[5]
-    b2 = b[6] * ray_x + b[7] * ray_y + b[8]
+    b0 = a[0] * ray_x + a[1] * ray_y + a[2]
+    b1 = a[3] * ray_x + a[4] * ray_y + a[5]
+    b2 = a[6] * ray_x + a[7] * ray_y + a[8]
     x = b0 * n[0] + b1 * n[3] + b2 * n[6]
     y = b0 * n[1] + b1 * n[4] + b2 * n[7]
     z = b0 * n[2] + b1 * n[5] + b2 * n[8]
     length = np.sqrt(x * x + y * y + z * z)
     if not (length > 0.0 and length < np.inf):
-        return flat
-    # Facing the camera, as the geometric normal does; b and n may be negated by a mirrored frame.
-    scale = 1.0 / length if x * flat[0] + y * flat[1] + z * flat[2] >= 0.0 else -1.0 / length
+        return flat_normal
+    # Facing the camera, as the geometric normal does; a and n may be negated by a mirrored frame.
+    facing = x * flat_normal[0] + y * flat_normal[1] + z * flat_normal[2]
+    scale = 1.0 / length if facing >= 0.0 else -1.0 / length
     return x * scale, y * scale, z * scale
 
 
 @device_function
 def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
-    """Write the normals of the pixels ``start .. stop`` of a row, which all see one primitive."""
+    """Write the normals, unit vectors in the camera's frame, of the pixels ``start .. stop`` that see one primitive.
+
+    Args:
+        instance_index: of the primitive's instance.
+    """
     out = advance(f32_at(frame.normal), 3 * row * frame.width)
     instance = frame.instances[instance_index]
     if instance.topology != TOPOLOGY_TRIANGLES:
-        for column in range(start, stop):
+        for column in range(start, stop):  # towards the camera
             out[3 * column] = 0.0
             out[3 * column + 1] = 0.0
             out[3 * column + 2] = -1.0
         return
-    m = advance(frame.X_camera_mesh, 16 * instance_index)
+    X_camera_mesh = advance(frame.X_camera_mesh, 16 * instance_index)
     first_index = 3 * (primitive_id - instance.first_primitive)
-    p, b, n = _corner_array(), _inverse_array(), _normal_array()
-    _load_corners(m, instance.mesh_positions, instance.mesh_indices, first_index, p)
-    flat = _geometric_normal(b, _invert(p, b))
+    corners, adjugate, corner_normals = _corner_array(), _adjugate_array(), _normal_array()
+    _load_corners(X_camera_mesh, instance.mesh_positions, instance.mesh_indices, first_index, corners)
+    flat_normal = _geometric_normal(adjugate, _adjugate(corners, adjugate))
     is_smooth = instance.mesh_normals != 0
     if is_smooth:
-        _load_normals(m, f32_at(instance.mesh_normals), instance.mesh_indices, first_index, n)
+        mesh_normals = f32_at(instance.mesh_normals)
+        _load_normals(X_camera_mesh, mesh_normals, instance.mesh_indices, first_index, corner_normals)
     ray_y = (row + 0.5 - frame.cy) / frame.fy
     for column in range(start, stop):
-        normal = flat
+        normal = flat_normal
         if is_smooth:
-            normal = _smooth_normal(b, n, (column + 0.5 - frame.cx) / frame.fx, ray_y, flat)
+            ray_x = (column + 0.5 - frame.cx) / frame.fx
+            normal = _smooth_normal(adjugate, corner_normals, ray_x, ray_y, flat_normal)
         for axis in range(3):
             out[3 * column + axis] = normal[axis]
 
 
 @kernel("void(int64, int64, int64, int64)")
 def resolve_normals(frame_address, first_row, end_row, band_memory):
-    """Write the normals of a band, by spans of pixels that see one primitive; arguments as for ``resolve_band``.
+    """Write the normals of a band, by spans of pixels that see one primitive.
 
     Few images have normals. A separate kernel, since it is compiled only after the server is ready.
     """
@@ -158,15 +192,32 @@ _PREFETCH_DISTANCE: Final = 1024
 
 @device_function
 def _resolve_depth_row(inv_z, ids, out, width):
-    """Write the depth of one row. Labels are written later, since consecutive stores to a cache line are combined."""
+    """Write the depth of one row. Labels are written later, since consecutive stores to a cache line are combined.
+
+    Args:
+        inv_z, ids: pointers to the row's 1/z, float32, and primitive ids, int32, whole vectors of them.
+        out: pointer to ``width`` float32, metres.
+    """
     one, no_depth, zero = vec.f32(1.0), vec.f32(np.inf), vec.i32(0)
-    whole = width - width % vec.LANES
-    for column in range(0, whole, vec.LANES):
-        vec.prefetch(out, column + _PREFETCH_DISTANCE)
+    for column in range(0, width, vec.LANES):
         visible = vec.load(ids, column) >= zero
-        vec.store(out, column, vec.select(visible, one / vec.load(inv_z, column), no_depth))
-    for column in range(whole, width):
-        out[column] = np.float32(1.0) / inv_z[column] if ids[column] >= 0 else np.float32(np.inf)
+        _store_columns(out, column, width, vec.select(visible, one / vec.load(inv_z, column), no_depth))
+
+
+@inlined
+def _store_columns(out, column, width, values):
+    """Write eight values of a row, or those before its end.
+
+    Args:
+        out: pointer to the row, ``width`` values.
+        values: vector of them.
+    """
+    if column + vec.LANES <= width:
+        vec.prefetch(out, column + _PREFETCH_DISTANCE)
+        vec.store(out, column, values)
+    else:
+        for k in range(width - column):
+            out[column + k] = vec.lane(values, k)
 
 
 @device_function
@@ -174,32 +225,27 @@ def _resolve_instance_row(frame, ids, table, background, out):
     """Write the value of the instance that each pixel of a row sees, eight pixels at a time.
 
     Args:
-        ids: pointer to the row's primitive ids, whole vectors of them.
+        ids: pointer to the row's primitive ids, int32, whole vectors of them.
         table: pointer to (instance_count,) int32, the instances' values.
         background: value where nothing is seen.
         out: pointer to the row's output, int32.
     """
     first_ids, width = frame.first_ids, frame.width
     # The instance that was seen last, its value, and the range of its primitive ids.
-    instance, value, first_id, end_id = np.int64(0), np.int32(0), np.int64(0), np.int64(0)
+    last_instance, last_value, first_id, end_id = np.int64(0), np.int32(0), np.int64(0), np.int64(0)
     for column in range(0, width, vec.LANES):
         eight_ids = vec.load(ids, column)
         is_same = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
-        values = vec.select(is_same, vec.i32(value), vec.i32(background))
-        missing = vec.movemask((eight_ids >= vec.i32(0)) & ~is_same)
-        while missing != 0:
-            primitive_id = np.int64(ids[column + vec.lowest_bit(missing)])
-            instance = instance_of(first_ids, frame.instance_count, primitive_id, instance)
-            value, first_id, end_id = table[instance], first_ids[instance], first_ids[instance + 1]
+        values = vec.select(is_same, vec.i32(last_value), vec.i32(background))
+        pending = vec.movemask((eight_ids >= vec.i32(0)) & ~is_same)
+        while pending != 0:
+            primitive_id = np.int64(ids[column + vec.lowest_bit(pending)])
+            last_instance = instance_of(first_ids, frame.instance_count, primitive_id, last_instance)
+            last_value, first_id, end_id = table[last_instance], first_ids[last_instance], first_ids[last_instance + 1]
             is_same = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
-            values = vec.select(is_same, vec.i32(value), values)
-            missing &= ~vec.movemask(is_same)
-        if column + vec.LANES <= width:
-            vec.prefetch(out, column + _PREFETCH_DISTANCE)
-            vec.store(out, column, values)
-        else:
-            for k in range(width - column):
-                out[column + k] = vec.lane(values, k)
+            values = vec.select(is_same, vec.i32(last_value), values)
+            pending &= ~vec.movemask(is_same)
+        _store_columns(out, column, width, values)
 
 
 @kernel("void(int64, int64, int64, int64)")
@@ -208,8 +254,6 @@ def resolve_band(frame_address, first_row, end_row, band_memory):
 
     Args:
         frame_address: address of a FRAME.
-        first_row, end_row: rows of the image, all of one band.
-        band_memory: as for ``set_band_layer``.
     """
     frame, layer = frame_at(frame_address), _new_layer()
     set_band_layer(frame, layer, first_row, band_memory)

@@ -52,9 +52,9 @@ class PreparedMesh:
         return sum(array.nbytes for array in self.keep) + 500
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Structure:
-    """Tables that depend on meshes, point sizes and line widths only."""
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
+class Structure:
+    """Tables that depend on meshes and materials only; shared by the draw lists of a scene in which poses change."""
 
     instances: NDArray[np.void]
     """(I + 1,) INSTANCE."""
@@ -73,7 +73,7 @@ class _Structure:
 class PreparedInstances:
     """Tables of I instances in any pose. They do not keep the meshes alive."""
 
-    structure: _Structure
+    structure: Structure
     counts: tuple[int, int, int]
     """Numbers of instances, vertices and primitives."""
     instances_at: int
@@ -104,7 +104,7 @@ class PreparedScene:
 
 
 _meshes: WeakCache[Mesh, PreparedMesh] = WeakCache("prepared_meshes")
-_structures: WeakCache[tuple[Mesh, ...], _Structure] = WeakCache("instances")
+_structures: WeakCache[tuple[Mesh, ...], Structure] = WeakCache("instances")
 _sets: WeakCache[InstanceSet, PreparedInstances] = WeakCache("instances")
 _scenes: WeakCache[DrawList, PreparedScene] = WeakCache("instances")
 
@@ -208,7 +208,7 @@ def _prepare_instances(instances: Sequence[Instance]) -> PreparedInstances:
     )
 
 
-def _structure_of(instances: Sequence[Instance]) -> _Structure:
+def _structure_of(instances: Sequence[Instance]) -> Structure:
     """Return the tables for these meshes and materials, from the last draw list that had the same."""
     key = tuple([instance.mesh for instance in instances])
     structure = _structures.get(key) if key else None
@@ -223,7 +223,7 @@ def _structure_of(instances: Sequence[Instance]) -> _Structure:
     return structure
 
 
-def _build_structure(instances: Sequence[Instance]) -> _Structure:
+def _build_structure(instances: Sequence[Instance]) -> Structure:
     """Raises as ``prepare`` does."""
     count = len(instances)
     by_mesh: dict[int, PreparedMesh] = {}
@@ -252,7 +252,7 @@ def _build_structure(instances: Sequence[Instance]) -> _Structure:
     boxes = np.array([mesh.box for mesh in meshes], dtype=np.float64).reshape(count, 6)
     table["box_center"][:-1], table["box_half"][:-1] = boxes[:, :3], boxes[:, 3:]
     modes = np.array([material.alpha_mode for material in materials], np.object_)
-    return _Structure(
+    return Structure(
         table,
         first_ids,
         materials,

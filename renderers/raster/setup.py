@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from renderers.compiler.device_function import device_function
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pointers import advance, as_f32
+from renderers.raster.chunks import append_bins, bins_of
 from renderers.raster.layout import (
     BACK_BIT,
     CHUNK_SIZE,
@@ -22,14 +23,31 @@ from renderers.raster.triangle_setup import set_up_triangles
 from renderers.visibility_buffer import BAND_ROWS
 
 
+@inlined
+def _begin_chunk(frame, index):
+    """Return CHUNK ``index``, empty. Its memory holds bins, then pixels, the pixels' 1/z and the pixels' ids."""
+    chunk = frame.chunks[index]
+    chunk.primitives = frame.primitives[index * CHUNK_SIZE]
+    chunk.bins = advance(frame.chunk_memory, index * CHUNK_VALUES)
+    chunk.pixels = advance(chunk.bins, CHUNK_SIZE)
+    chunk.pixel_inv_z = as_f32(advance(chunk.pixels, PIXEL_ROOM))
+    chunk.pixel_ids = advance(chunk.pixels, 2 * PIXEL_ROOM)
+    chunk.count = chunk.pixel_count = 0
+    return chunk
+
+
 @device_function
-def _draw_of_primitive(frame, primitive):
-    """Return the index of the draw that a drawn primitive belongs to."""
+def _draw_of_primitive(frame, drawn_index):
+    """Return the index of the draw with a primitive: the last one whose first primitive is not behind it.
+
+    Args:
+        drawn_index: index of the primitive among those of all draws.
+    """
     low = 0
     high = frame.draw_count
     while high - low > 1:
         middle = (low + high) >> 1
-        if frame.draws[middle].first_primitive <= primitive:
+        if frame.draws[middle].first_primitive <= drawn_index:
             low = middle
         else:
             high = middle
@@ -37,22 +55,36 @@ def _draw_of_primitive(frame, primitive):
 
 
 @device_function
-def _set_up_line_or_point(frame, draw, primitive, chunk):
-    """Set up a line or a point, and append it to a CHUNK if it may be visible.
+def _set_up_line_or_point(frame, draw, mesh_index, chunk):
+    """Set up a line or a point, and append it to a CHUNK if it may be visible."""
+    primitive = chunk.primitives[chunk.count]
+    if draw.topology == TOPOLOGY_LINES:
+        first_bin, last_bin = set_up_line(frame, draw, mesh_index, primitive)
+    else:  # a point
+        first_bin, last_bin = set_up_point(frame, draw, mesh_index, primitive)
+    primitive.id = draw.first_id + mesh_index
+    append_bins(chunk, first_bin, last_bin)
+
+
+@inlined
+def _set_up_primitives(frame, chunk, begin, end):
+    """Set up primitives, and append what may be visible to a CHUNK.
 
     Args:
-        primitive: index in its mesh.
+        begin, end: range of indices among the primitives of all draws.
     """
-    count = chunk.count
-    out = chunk.primitives[count]
-    if draw.topology == TOPOLOGY_LINES:
-        first_bin, last_bin = set_up_line(frame, draw, primitive, out)
-    else:
-        first_bin, last_bin = set_up_point(frame, draw, primitive, out)
-    if first_bin <= last_bin:
-        out.id = draw.first_id + primitive
-        chunk.bins[count] = last_bin << 16 | first_bin
-        chunk.count = count + 1
+    draw_index = _draw_of_primitive(frame, begin)
+    while begin < end:
+        draw = frame.draws[draw_index]
+        draw_end = min(end, frame.draws[draw_index + 1].first_primitive)
+        first_of_draw = draw.first_primitive
+        if draw.topology == TOPOLOGY_TRIANGLES:
+            set_up_triangles(frame, draw_index, begin - first_of_draw, draw_end - first_of_draw, chunk)
+        else:
+            for drawn_index in range(begin, draw_end):
+                _set_up_line_or_point(frame, draw, drawn_index - first_of_draw, chunk)
+        begin = draw_end
+        draw_index += 1
 
 
 @device_function
@@ -60,10 +92,11 @@ def _find_bands(frame, chunk):
     """Set the first and last band of a CHUNK."""
     first_band, last_band = frame.band_count, np.int64(-1)
     for k in range(chunk.count):
-        first_bin, last_bin = np.int64(chunk.bins[k] & 0xFFFF), np.int64(chunk.bins[k] >> 16)
-        bin_of_band_0 = frame.first_back_bin if first_bin >= frame.band_count else 0
-        first_band = min(first_band, first_bin - bin_of_band_0)
-        last_band = max(last_band, last_bin - bin_of_band_0)
+        first_bin, last_bin = bins_of(chunk, k)
+        # A primitive is in front or in back bins only; back bins follow those of all bands.
+        skipped_bins = frame.band_count if first_bin >= frame.band_count else 0
+        first_band = min(first_band, first_bin - skipped_bins)
+        last_band = max(last_band, last_bin - skipped_bins)
     if chunk.pixel_count != 0:
         first_pixel = last_pixel = chunk.pixels[0] & ~BACK_BIT
         for k in range(1, chunk.pixel_count):
@@ -76,28 +109,16 @@ def _find_bands(frame, chunk):
 
 @kernel("void(int64, int64, int64)")
 def setup(frame_address, begin, end):
-    """Set up the chunks ``begin .. end`` of the drawn primitives."""
+    """Set up some chunks of the drawn primitives.
+
+    Args:
+        frame_address: address of a FRAME.
+        begin, end: range of indices of chunks.
+    """
     frame = frame_at(frame_address)
     for index in range(begin, end):
         if is_set(frame.stop):
             break
-        chunk, primitive = frame.chunks[index], index * CHUNK_SIZE
-        chunk.primitives, chunk.bins = frame.primitives[primitive], advance(frame.chunk_memory, index * CHUNK_VALUES)
-        chunk.pixels = advance(chunk.bins, CHUNK_SIZE)
-        chunk.pixel_inv_z = as_f32(advance(chunk.pixels, PIXEL_ROOM))
-        chunk.pixel_ids = advance(chunk.pixels, 2 * PIXEL_ROOM)
-        chunk.count = chunk.pixel_count = 0
-        chunk_end = min(primitive + CHUNK_SIZE, frame.primitive_count)
-        draw_index = _draw_of_primitive(frame, primitive)
-        while primitive < chunk_end:
-            draw = frame.draws[draw_index]
-            draw_end = min(chunk_end, frame.draws[draw_index + 1].first_primitive)
-            first = draw.first_primitive
-            if draw.topology == TOPOLOGY_TRIANGLES:
-                set_up_triangles(frame, draw_index, primitive - first, draw_end - first, chunk)
-            else:
-                for k in range(primitive, draw_end):
-                    _set_up_line_or_point(frame, draw, k - first, chunk)
-            primitive = max(primitive, draw_end)
-            draw_index += 1
+        chunk, first = _begin_chunk(frame, index), index * CHUNK_SIZE
+        _set_up_primitives(frame, chunk, first, min(first + CHUNK_SIZE, frame.primitive_count))
         _find_bands(frame, chunk)

@@ -12,14 +12,10 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pointers import advance, stack_array
-from renderers.raster.layout import GUARD_BAND, frame_at
+from renderers.raster.layout import BEHIND, GUARD_BAND, OUTSIDE, frame_at
 
 _BLOCK: Final = 1 << 18
 """Vertices between two checks of the stop flag: about a millisecond."""
-BEHIND: Final = -2.0
-"""Replaces 1/z of a vertex that is nearer than the near plane, or not a number."""
-OUTSIDE: Final = -1.0
-"""Replaces 1/z of a vertex that is outside the guard band."""
 
 _position_array = stack_array(types.float32, 3 * vec.LANES)
 _vertex_array = stack_array(types.float32, 4 * vec.LANES)
@@ -27,7 +23,11 @@ _vertex_array = stack_array(types.float32, 4 * vec.LANES)
 
 @device_function
 def _draw_of_vertex(frame, vertex):
-    """Return the index of the draw that a drawn vertex belongs to."""
+    """Return the index of the draw with a vertex: the last one whose first vertex is not behind it.
+
+    Args:
+        vertex: its index among the vertices of all draws.
+    """
     low = 0
     high = frame.draw_count
     while high - low > 1:
@@ -41,7 +41,7 @@ def _draw_of_vertex(frame, vertex):
 
 @inlined
 def _dot(row, x, y, z):
-    """Return the product of a row of an affine transform, pointer to four float64, and eight points; f64x8."""
+    """Return the product of a row of an affine transform, pointer to four float64, and eight points x, y, z; f64x8."""
     return vec.f64(row[0]) * x + vec.f64(row[1]) * y + vec.f64(row[2]) * z + vec.f64(row[3])
 
 
@@ -71,7 +71,7 @@ def _transform_eight(frame, matrix, positions, out):
 
 @device_function
 def _transform(frame, matrix, positions, count, out):
-    """Transform vertices, eight at a time; (count, 3) and (count, 4) as for ``_transform_eight``."""
+    """Transform ``count`` vertices; ``matrix``, ``positions`` and ``out`` as for ``_transform_eight``."""
     whole = count - count % vec.LANES
     for k in range(0, whole, vec.LANES):
         _transform_eight(frame, matrix, advance(positions, 3 * k), advance(out, 4 * k))
@@ -86,7 +86,12 @@ def _transform(frame, matrix, positions, count, out):
 
 @kernel("void(int64, int64, int64)")
 def transform(frame_address, begin, end):
-    """Compute pixel coordinates and 1/z of the drawn vertices ``begin .. end``."""
+    """Compute pixel coordinates and 1/z of some vertices.
+
+    Args:
+        frame_address: address of a FRAME.
+        begin, end: range of indices among the vertices of all draws.
+    """
     frame = frame_at(frame_address)
     draw_index = _draw_of_vertex(frame, begin)
     while begin < end and not is_set(frame.stop):

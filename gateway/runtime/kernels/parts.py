@@ -57,7 +57,9 @@ class Part:
 _STUDIO: Final = ("renderers.shading.studio",)
 _ANTIALIASING: Final = ("renderers.raster.msaa",)
 _NORMALS: Final = ("renderers.raster.resolve.resolve_normals", "renderers.shading.mikktspace")
+_HEADLIGHT: Final = ("renderers.shading.headlight",)
 _SETUP: Final = ("renderers.raster.setup",)
+_COVERAGE: Final = ("renderers.raster.coverage",)
 _FORMATS: Final = (
     "gateway.gltf.meshopt_kernels",
     "gateway.gltf.skinning",
@@ -67,15 +69,15 @@ _FORMATS: Final = (
 )
 
 NEEDED: Final[Mapping[str, Part]] = {
-    "shading": Part(145, ("renderers.shading",), excluding=(*_STUDIO, *_NORMALS)),
-    "raster": Part(
-        105,
-        ("renderers",),
-        excluding=("renderers.shading", "renderers.stereo", *_STUDIO, *_ANTIALIASING, *_NORMALS, *_SETUP),
+    "shading": Part(135, _HEADLIGHT),
+    "setup": Part(65, _SETUP),
+    "coverage": Part(57, _COVERAGE),
+    "frame": Part(43, ("renderers.raster",), excluding=(*_SETUP, *_COVERAGE, *_ANTIALIASING, *_NORMALS)),
+    "images": Part(
+        20, ("renderers",), excluding=("renderers.raster", "renderers.stereo", *_HEADLIGHT, *_STUDIO, *_NORMALS)
     ),
-    "setup": Part(75, _SETUP),
 }
-"""Parts that the default settings need; the longest first, so that the children end at about the same time."""
+"""Parts that the default settings need; the longest first, so that two children end at about the same time."""
 BACKGROUND: Final[Mapping[str, Part]] = {
     "formats": Part(35, _FORMATS, modules=_FORMATS),
     "studio": Part(165, _STUDIO),

@@ -16,98 +16,12 @@ Measured on Zen 3 with LLVM 22:
 
 from __future__ import annotations
 
-from renderers.compiler.simd.arithmetic import (
-    absolute,
-    ceil,
-    count_bits,
-    float_bits,
-    floor,
-    less_unsigned,
-    lowest_bit,
-    maximum,
-    maximum_of,
-    minimum,
-    minimum_of,
-    movemask,
-    or_of,
-    rint,
-    select,
-    sqrt,
-    to_f32,
-    to_f64,
-    to_i32,
-)
-from renderers.compiler.simd.interleaved import (
-    load_corners,
-    load_elements,
-    load_octets,
-    load_pairs,
-    load_quads,
-    load_third,
-    store_rgb,
-    store_vertices,
-)
-from renderers.compiler.simd.lanes import (
-    compress,
-    lane,
-    permute,
-)
-from renderers.compiler.simd.load_store import (
-    gather,
-    load,
-    load_volatile,
-    prefetch,
-    store,
-    store_where,
-)
-from renderers.compiler.simd.vectors import (
-    LANES,
-    f32,
-    f64,
-    i32,
-    iota,
-)
-
-__all__ = [
-    "LANES",
-    "absolute",
-    "ceil",
-    "compress",
-    "count_bits",
-    "f32",
-    "f64",
-    "float_bits",
-    "floor",
-    "gather",
-    "i32",
-    "iota",
-    "lane",
-    "less_unsigned",
-    "load",
-    "load_corners",
-    "load_elements",
-    "load_octets",
-    "load_pairs",
-    "load_quads",
-    "load_third",
-    "load_volatile",
-    "lowest_bit",
-    "maximum",
-    "maximum_of",
-    "minimum",
-    "minimum_of",
-    "movemask",
-    "or_of",
-    "permute",
-    "prefetch",
-    "rint",
-    "select",
-    "sqrt",
-    "store",
-    "store_rgb",
-    "store_vertices",
-    "store_where",
-    "to_f32",
-    "to_f64",
-    "to_i32",
-]
+from renderers.compiler.simd.arithmetic import *
+from renderers.compiler.simd.interleaved import *
+from renderers.compiler.simd.lanes import *
+from renderers.compiler.simd.load_store import *
+from renderers.compiler.simd.vectors import LANES as LANES
+from renderers.compiler.simd.vectors import f32 as f32
+from renderers.compiler.simd.vectors import f64 as f64
+from renderers.compiler.simd.vectors import i32 as i32
+from renderers.compiler.simd.vectors import iota as iota

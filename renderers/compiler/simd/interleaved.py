@@ -12,6 +12,7 @@ from typing import Any, Final
 from llvmlite import ir
 from numba import types
 
+from renderers.compiler.numba_typing import intrinsic
 from renderers.compiler.simd.load_store import vector_address, vector_behind
 from renderers.compiler.simd.vectors import (
     F32,
@@ -22,7 +23,6 @@ from renderers.compiler.simd.vectors import (
     define,
     f32x8,
     i32x8,
-    intrinsic,
     offset_of,
     shuffle,
 )

@@ -7,6 +7,7 @@ from typing import Any
 from llvmlite import ir
 from numba import types
 
+from renderers.compiler.numba_typing import intrinsic
 from renderers.compiler.simd.vectors import (
     I32,
     LANES,
@@ -16,7 +17,6 @@ from renderers.compiler.simd.vectors import (
     f64x8,
     has_feature,
     i32x8,
-    intrinsic,
     lane_of,
     m8,
 )

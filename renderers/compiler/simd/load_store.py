@@ -10,6 +10,7 @@ from typing import Any, Final
 from llvmlite import ir
 from numba import types
 
+from renderers.compiler.numba_typing import intrinsic
 from renderers.compiler.simd.vectors import (
     I1,
     I8,
@@ -23,7 +24,6 @@ from renderers.compiler.simd.vectors import (
     has_feature,
     i32x8,
     insert,
-    intrinsic,
     m8,
 )
 

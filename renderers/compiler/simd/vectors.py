@@ -7,14 +7,12 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from llvmlite import ir
-from numba import extending, types
+from numba import types
 from numba.extending import models, register_model
 
-from renderers.compiler.numba_typing import define_operator
+from renderers.compiler.numba_typing import define_operator, intrinsic
 
 LANES: Final = 8
-
-intrinsic: Any = extending.intrinsic
 
 I1, I8, I32, I64 = ir.IntType(1), ir.IntType(8), ir.IntType(32), ir.IntType(64)
 F32, F64 = ir.FloatType(), ir.DoubleType()
@@ -100,14 +98,14 @@ for _key in {**_FLOAT_INSTRUCTIONS, **_INTEGER_INSTRUCTIONS, **_COMPARISONS}:
 
 
 def define(result_type: Callable[..., Any], emit: Callable[..., Any]) -> Any:
-    """Return a function for kernels, of one to three arguments.
+    """Return a function for kernels.
 
     Args:
         result_type: returns the result's type for the arguments' types, or None if they are wrong.
         emit: ``emit(builder, signature, *arguments)`` emits its instructions and returns the result.
     """
 
-    def build(*argument_types: Any) -> Any:
+    def build(typing_context: Any, *argument_types: Any) -> Any:
         result = result_type(*argument_types)
         if result is None:
             return None
@@ -117,12 +115,7 @@ def define(result_type: Callable[..., Any], emit: Callable[..., Any]) -> Any:
 
         return result(*argument_types), generate
 
-    count = result_type.__code__.co_argcount
-    if count == 1:
-        return intrinsic(lambda typing_context, a: build(a))
-    if count == 2:
-        return intrinsic(lambda typing_context, a, b: build(a, b))
-    return intrinsic(lambda typing_context, a, b, c: build(a, b, c))
+    return intrinsic(build)
 
 
 def call_llvm(builder: Any, name: str, result: Any, args: list[Any]) -> Any:

@@ -21,6 +21,7 @@ from renderers.compiler.structs import I64, Struct
 from renderers.msaa import SAMPLE_BAND
 from renderers.raster.chunks import primitives_in_bin
 from renderers.raster.fill import make_fill
+from renderers.raster.grid import first_center
 from renderers.raster.layout import (
     CHUNK_SIZE,
     HALF_PIXEL,
@@ -31,7 +32,6 @@ from renderers.raster.layout import (
 )
 from renderers.raster.msaa.small_triangles import SCRATCH, draw_small_samples
 from renderers.raster.msaa.storage import max_inv_z_offset, merge_samples, merge_whole_pixels, sample_inv_z_offsets
-from renderers.raster.primitive_setup import first_center
 from renderers.visibility_buffer import BAND_ROWS
 
 _NO_COLUMN: Final = 1 << 30
@@ -43,7 +43,7 @@ _new_scratch = SCRATCH.local
 
 @inlined
 def _sample_points(frame, row):
-    """Return the samples of a row."""
+    """Return the samples of a row, for ``make_fill``: offsets across and positions down; f64x8, grid units."""
     offsets = frame.sample_offsets
     x, y = vec.to_f64(vec.load(offsets, 0)), vec.to_f64(vec.load(offsets, vec.LANES))
     return x, vec.f64(row * SUBPIXEL + HALF_PIXEL) + y
@@ -51,18 +51,15 @@ def _sample_points(frame, row):
 
 @device_function
 def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y):
-    """Draw a row in which every sample has its own columns, ``start .. stop`` (i32x8); ``count`` is 1.
-
-    ``base_x, base_y`` is the pixel that ``primitive.inv_z_base`` belongs to.
-    """
+    """Draw a row in which every sample has its own columns, ``start .. stop`` (i32x8); ``count`` is 1."""
     is_covered = start < stop
     start = vec.select(is_covered, start, vec.i32(_NO_COLUMN))
     stop = vec.select(is_covered, stop, vec.i32(-_NO_COLUMN))
     begin, end = vec.minimum_of(start), vec.maximum_of(stop)
     if begin >= end:
         return
+    # Between these columns all samples are covered.
     full_begin, full_end = vec.i32(vec.maximum_of(start)), vec.i32(vec.minimum_of(stop))
-    first, last = vec.i32(begin), vec.i32(end)
     inv_z_dx, inv_z_dy = primitive.inv_z_dx, primitive.inv_z_dy
     row_inv_z = primitive.inv_z_base + inv_z_dy * np.float64(row - base_y)
     inv_z_offsets = sample_inv_z_offsets(frame, inv_z_dx, inv_z_dy)
@@ -74,7 +71,8 @@ def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y
     lane = vec.iota()
     for column in range(begin & ~np.int64(vec.LANES - 1), end, vec.LANES):
         columns = vec.i32(column) + lane
-        full, touched = (columns >= full_begin) & (columns < full_end), (columns >= first) & (columns < last)
+        full = (columns >= full_begin) & (columns < full_end)
+        touched = (columns >= vec.i32(begin)) & (columns < vec.i32(end))
         inv_z = vec.to_f32(vec.f64(row_inv_z) + vec.f64(inv_z_dx) * vec.to_f64(columns - vec.i32(base_x)))
         edge_pixels = merge_whole_pixels(band, row_pixel + column, inv_z, max_offset, primitive, owner, full, touched)
         while edge_pixels != 0:
@@ -112,7 +110,7 @@ _fill = make_fill(1, _sample_points, _draw_span, _draw_point)
 
 @device_function
 def _draw_primitive(frame, target, index, first_row, end_row):
-    """Draw some rows of the primitive with an index."""
+    """Draw some rows of a primitive; ``index``: that in FRAME.primitives."""
     primitive = frame.primitives[index]
     if primitive.kind == KIND_SMALL:
         triangle = small_triangle_at(address(primitive))
@@ -135,7 +133,7 @@ def draw_sample_rows(frame, band, first_row, end_row):
     band_index = first_row // BAND_ROWS
     band.first_row = first_row
     # Nothing beyond this 1/z passes the depth test: the far plane needs no test of its own.
-    empty_inv_z = vec.f32(np.float32(1.0 / frame.far))
+    empty_inv_z = vec.f32(frame.inv_z_far)
     none = vec.i32(-1)
     for pixel in range(0, (end_row - first_row) * frame.stride, vec.LANES):
         vec.store(band.owners, pixel, none)

@@ -27,7 +27,7 @@ CACHE: Final = Struct(
 
 @device_function
 def _load_instance(frame, primitive_id, cache):
-    """Fill the CACHE with a primitive's instance."""
+    """Fill ``cache``, a CACHE, with a primitive's instance."""
     first_ids = frame.first_ids
     index = instance_of(first_ids, frame.instance_count, primitive_id, 0)
     instance = frame.instances[index]

@@ -41,33 +41,32 @@ _new_groups, _new_cache = _GROUPS.local, CACHE.local
 
 
 @inlined
-def _append_entry(band, row, primitive_id, column, samples):
+def _append_entry(band, row_in_band, primitive_id, column, samples):
     """Append an entry to a row of the band: a primitive that ``samples`` of a pixel's samples see."""
-    count = band.counts[row]
-    entry = row * band.max_entries + count
+    count = band.counts[row_in_band]
+    entry = row_in_band * band.max_entries + count
     band.entry_ids[entry], band.entry_columns[entry], band.entry_weights[entry] = primitive_id, column, samples
-    band.counts[row] = count + 1
+    band.counts[row_in_band] = count + 1
 
 
-@device_function
-def _mix_pixel(frame, band, row, sample_ids, column, groups, cache):
-    """Append the entries of a pixel whose samples see any number of primitives.
+@inlined
+def _group_samples(frame, sample_ids, groups, cache):
+    """Fill a _GROUPS with the primitives that a pixel's samples see, in the order of the samples.
 
     Args:
         sample_ids: i32x8.
-        groups: a _GROUPS of scratch.
+        groups: a _GROUPS.
         cache: a CACHE.
 
     Returns:
-        The primitive id that is shaded for the pixel, the number of samples that it has, and of those that see nothing.
+        Number of primitives, and of samples that see nothing; int64.
     """
     vec.store(groups.sample_ids, 0, sample_ids)
-    groups.ids[0], groups.group_counts[0] = -1, vec.LANES  # if no sample sees a primitive
-    remaining, count, background = np.int64(255), 0, 0
-    while remaining != 0:
-        primitive_id = np.int64(groups.sample_ids[vec.lowest_bit(remaining)])
+    pending, count, background = np.int64(255), 0, 0
+    while pending != 0:
+        primitive_id = np.int64(groups.sample_ids[vec.lowest_bit(pending)])
         same = vec.movemask(sample_ids == vec.i32(primitive_id))
-        remaining &= ~same
+        pending &= ~same
         samples = vec.count_bits(same)
         if primitive_id < 0:
             background = samples
@@ -81,59 +80,98 @@ def _mix_pixel(frame, band, row, sample_ids, column, groups, cache):
         groups.group_counts[count] = 0
         groups.group_counts[group] += samples
         count += 1
-    best = 0
-    for k in range(1, count):
-        if groups.group_counts[k] > groups.group_counts[best]:
-            best = k
-    shown_id = np.int64(groups.ids[best])
-    for group in range(count):
-        if groups.groups[group] != group:
-            continue
-        largest = group
-        for k in range(group + 1, count):
-            if groups.groups[k] == group and groups.counts[k] > groups.counts[largest]:
-                largest = k
-        if group == best:
-            shown_id = np.int64(groups.ids[largest])
-        else:
-            _append_entry(band, row, groups.ids[largest], column, groups.group_counts[group])
-    return shown_id, np.int64(groups.group_counts[best]), background
+    return count, background
+
+
+@inlined
+def _most_seen_of(groups, group, count):
+    """Return the index of the primitive of a group that most samples see, the first of several.
+
+    Args:
+        groups: a _GROUPS of ``count`` primitives.
+        group: index of the group's first primitive.
+    """
+    most_seen = group
+    for k in range(group + 1, count):
+        if groups.groups[k] == group and groups.counts[k] > groups.counts[most_seen]:
+            most_seen = k
+    return most_seen
 
 
 @device_function
-def _find_entries(frame, band, rows, columns):
+def _mix_pixel(frame, band, row_in_band, sample_ids, column, groups, cache):
+    """Append the entries of a pixel whose samples see any number of primitives.
+
+    Args:
+        sample_ids: i32x8.
+        groups: a _GROUPS of scratch.
+        cache: a CACHE.
+
+    Returns:
+        The primitive id that is shaded for the pixel, the number of samples that it has, and of those that see nothing.
+    """
+    count, background = _group_samples(frame, sample_ids, groups, cache)
+    if count == 0:
+        return np.int64(-1), np.int64(vec.LANES), background
+    shown_group = 0
+    for k in range(1, count):
+        if groups.group_counts[k] > groups.group_counts[shown_group]:
+            shown_group = k
+    for group in range(count):
+        if groups.groups[group] == group and group != shown_group:
+            entry_id = groups.ids[_most_seen_of(groups, group, count)]
+            _append_entry(band, row_in_band, entry_id, column, groups.group_counts[group])
+    shown_id = np.int64(groups.ids[_most_seen_of(groups, shown_group, count)])
+    return shown_id, np.int64(groups.group_counts[shown_group]), background
+
+
+@device_function
+def _find_entries(frame, band, row_count, columns):
     """Fill a SAMPLE_BAND's ids, entries and mixed pixels.
 
     Args:
-        rows: number of rows.
+        row_count: number of rows.
         columns: pointer to stride + 8 int32 of scratch.
     """
-    stride, width = frame.stride, frame.width
-    lane_lists, sample_ids = frame.lane_lists, band.sample_ids
+    stride = frame.stride
     groups, cache = _new_groups(), _new_cache()
     cache.first_id = cache.end_id = cache.indices = 0
-    for row in range(rows):
-        first_pixel = row * stride
+    for row_in_band in range(row_count):
+        first_pixel = row_in_band * stride
         slots, ids = advance(band.slots, first_pixel), advance(band.ids, first_pixel)
-        owners, mixed = advance(band.owners, first_pixel), advance(band.mixed, first_pixel)
-        band.counts[row] = 0
-        mixed_count, edge_count = np.int64(0), np.int64(0)
-        for column in range(0, width, vec.LANES):
-            owner = vec.load(owners, column)
-            pending = vec.movemask(owner == vec.i32(MIXED))
-            vec.store(ids, column, vec.select(owner < vec.i32(0), vec.i32(-1), vec.load(ids, column)))
-            vec.store(columns, edge_count, vec.load(lane_lists, vec.LANES * pending) + vec.i32(column))
-            edge_count += vec.count_bits(pending)
-        while edge_count > 0 and columns[edge_count - 1] >= width:
-            edge_count -= 1
-        for k in range(edge_count):
+        mixed, mixed_count = advance(band.mixed, first_pixel), np.int64(0)
+        band.counts[row_in_band] = 0
+        for k in range(_find_mixed(frame, advance(band.owners, first_pixel), ids, columns)):
             x = np.int64(columns[k])
-            seen_ids = vec.load(sample_ids, vec.LANES * np.int64(slots[x]))
-            shown_id, own, background = _mix_pixel(frame, band, row, seen_ids, x, groups, cache)
+            seen_ids = vec.load(band.sample_ids, vec.LANES * np.int64(slots[x]))
+            shown_id, own, background = _mix_pixel(frame, band, row_in_band, seen_ids, x, groups, cache)
             ids[x] = shown_id
-            mixed[mixed_count] = (x << 8) | (own << 4) | background
+            mixed[mixed_count] = (x << 8) | (own << 4) | background  # unpacked in _mix_colors
             mixed_count += own < vec.LANES
-        band.mixed_counts[row] = mixed_count
+        band.mixed_counts[row_in_band] = mixed_count
+
+
+@inlined
+def _find_mixed(frame, owners, ids, columns):
+    """Write the columns of a row's MIXED pixels, and -1 to the ids of its other pixels without an owner.
+
+    Args:
+        owners, ids: pointers to the row's, int32.
+        columns: pointer to stride + 8 int32.
+
+    Returns:
+        Number of the columns.
+    """
+    count = np.int64(0)
+    for column in range(0, frame.width, vec.LANES):
+        owner = vec.load(owners, column)
+        mixed_bits = vec.movemask(owner == vec.i32(MIXED))
+        vec.store(ids, column, vec.select(owner < vec.i32(0), vec.i32(-1), vec.load(ids, column)))
+        vec.store(columns, count, vec.load(frame.lane_lists, vec.LANES * mixed_bits) + vec.i32(column))
+        count += vec.count_bits(mixed_bits)
+    while count > 0 and columns[count - 1] >= frame.width:
+        count -= 1
+    return count
 
 
 @kernel("void(int64, int64, int64, int64)")
@@ -144,7 +182,7 @@ def draw_samples(frame_address, first_row, end_row, band_address):
 
 @kernel("void(int64, int64, int64, int64)")
 def find_edges(frame_address, first_row, end_row, band_address):
-    """Find the primitives to shade in rows that ``draw_samples`` has drawn; arguments as there."""
+    """Find the primitives to shade in rows that ``draw_samples`` has drawn."""
     frame = frame_at(frame_address)
     heap = allocate(4 * (frame.stride + vec.LANES))
     _find_entries(frame, sample_band_at(band_address), end_row - first_row, i32_at(heap))
@@ -157,8 +195,7 @@ def _mix_colors(band, stride, width, first_row, end_row, background, color, colo
 
     Args:
         band: a SAMPLE_BAND with shaded entries, in rows of ``color_stride`` colours.
-        stride: as in FRAME.
-        first_row, end_row: the band's rows of the image.
+        width: pixels of a row of the image.
         background: red, green, blue, lowest byte first.
         color: pointer to (H, W, 3) uint8, which has the colours of the band's ids.
     """
@@ -190,7 +227,11 @@ def _mix_colors(band, stride, width, first_row, end_row, background, color, colo
 
 @inlined
 def _fill_entry_job(entry_job, job, band, first_row, max_count):
-    """Fill a HEADLIGHT_JOB that shades a band's entries, at most ``max_count`` in a row, into their own colours."""
+    """Fill a HEADLIGHT_JOB, ``entry_job``, that shades a band's entries into their own colours.
+
+    Args:
+        max_count: maximum number of entries of a row.
+    """
     entry_job.shading, entry_job.mode, entry_job.background = job.shading, job.mode, job.background
     entry_job.gathered, entry_job.height, entry_job.first_row = job.gathered, job.height, first_row
     entry_job.gamma_cells, entry_job.gamma_from_linear = job.gamma_cells, job.gamma_from_linear
@@ -206,9 +247,6 @@ def shade_mixed(own_address, band_address, stride, first_row, end_row):
     Args:
         own_address: address of 2 int64: the kernel ``headlight.shade_rows.shade_rows`` and the address of a
             HEADLIGHT_JOB in the mode DIRECT.
-        band_address: address of a SAMPLE_BAND.
-        stride: as in FRAME.
-        first_row, end_row: the band's rows of the image.
     """
     shade_kernel, job_address = i64_at(own_address)[0], i64_at(own_address)[1]
     job, band = headlight_job_at(job_address), sample_band_at(band_address)

@@ -9,23 +9,20 @@ import numpy as np
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.structs import F32, I32, I64, Struct, array_of
-from renderers.raster.layout import MAX_SMALL_WIDTH, SUBPIXEL_BITS
+from renderers.raster.layout import MAX_SMALL_WIDTH, SUBPIXEL_BITS, box_of
 from renderers.raster.msaa.storage import (
     max_inv_z_offset,
     merge_samples,
     merge_whole_pixels,
     sample_inv_z_offsets,
 )
-from renderers.raster.small_triangles import box_of
 from renderers.visibility_buffer import BAND_ROWS
 
 SCRATCH: Final = Struct(
     "SampleScratch",
     {
         "slot_count": I64,  # slots of the band in use
-        "edge_pixels": array_of(
-            I32, (MAX_SMALL_WIDTH + 3 * vec.LANES) * BAND_ROWS
-        ),  # row << 8 | column + 8, in the box
+        "edge_pixels": array_of(I32, (MAX_SMALL_WIDTH + 3 * vec.LANES) * BAND_ROWS),  # as from _packed_in_box
         "batch_e0": array_of(I32, vec.LANES),  # first edge function of eight of the edge pixels
         "batch_e1": array_of(I32, vec.LANES),  # second edge function
         "batch_pixels": array_of(I32, vec.LANES),  # index in the band
@@ -39,12 +36,25 @@ SCRATCH: Final = Struct(
 
 
 @inlined
+def _packed_in_box(row, column):
+    """Return a pixel in ``edge_pixels``; row and column are counted from the box's first, columns from -8 on."""
+    return (row << 8) + column + vec.LANES
+
+
+@inlined
+def _rows_and_columns(edge_pixels):
+    """Return the rows and columns in the box of eight ``edge_pixels``; all i32x8."""
+    return edge_pixels >> vec.i32(8), (edge_pixels & vec.i32(255)) - vec.i32(vec.LANES)
+
+
+@inlined
 def _limit_rows(edge, edge_dx, edge_dy, columns, min_row, max_row):
-    """Narrow the rows in which block columns, eight pixels wide, may be on the inner side of an edge; f32x8.
+    """Return the rows in which block columns, eight pixels wide, may be on the inner side of an edge: first and last.
 
     Args:
         edge, edge_dx, edge_dy: the edge function in row 0, grid units, and its changes per column and row.
         columns: i32x8, the first column of each block column.
+        min_row, max_row: f32x8: the rows before the edge limits them.
     """
     block_max = vec.i32(edge + max(7 * edge_dx, 0)) + columns * vec.i32(edge_dx)
     zero, slack = vec.f32(0.0), vec.f32(0.01)
@@ -61,7 +71,9 @@ def _is_hidden(far, stride, left, right, top, bottom, inv_z_max):
 
     Args:
         far: pointer to SAMPLE_BAND.far.
-        left .. bottom: first column and row of the box in the band, and those after the last.
+        left, right: columns of the box, half-open.
+        top, bottom: its rows, half-open, counted from the band's first.
+        inv_z_max: float32.
     """
     limit, lane = vec.f32(inv_z_max), vec.iota()
     # The middle first: most visible triangles are visible there.
@@ -100,15 +112,16 @@ class SampleEdges(NamedTuple):
     """Change per row, three int64."""
     offsets: Any
     """At the samples minus at the centre, of the first two edges, i32x8 each."""
-    max_offset: Any
-    """Maximum over the samples, three int64."""
+    top: Any
+    """Maximum over the samples of a pixel in the first row that is drawn and the box's first column, three int64."""
     range: Any
     """From the least to the greatest of the samples, in all lanes; three i32x8."""
 
 
 @inlined
-def _sample_edges(frame, triangle):
-    """Return the SAMPLE_EDGES of a SMALL_TRIANGLE."""
+def _sample_edges(frame, triangle, skipped_rows):
+    """Return the SampleEdges of a SMALL_TRIANGLE, of whose box ``skipped_rows`` rows are not drawn."""
+    first = np.int64(triangle.edges[0]), np.int64(triangle.edges[1]), np.int64(triangle.edges[2])
     e0_dx, e1_dx = np.int64(triangle.edge_dx[0]), np.int64(triangle.edge_dx[1])
     e0_dy, e1_dy = np.int64(triangle.edge0_dy), np.int64(triangle.edge1_dy)
     e2_dx, e2_dy = -e0_dx - e1_dx, -e0_dy - e1_dy
@@ -119,11 +132,15 @@ def _sample_edges(frame, triangle):
     offsets2 = vec.i32(e2_dx >> SUBPIXEL_BITS) * x + vec.i32(e2_dy >> SUBPIXEL_BITS) * y
     max0, max1, max2 = vec.maximum_of(offsets0), vec.maximum_of(offsets1), vec.maximum_of(offsets2)
     return SampleEdges(
-        first=(np.int64(triangle.edges[0]), np.int64(triangle.edges[1]), np.int64(triangle.edges[2])),
+        first=first,
         dx=(e0_dx, e1_dx, e2_dx),
         dy=(e0_dy, e1_dy, e2_dy),
         offsets=(offsets0, offsets1),
-        max_offset=(max0, max1, max2),
+        top=(
+            first[0] + max0 + skipped_rows * e0_dy,
+            first[1] + max1 + skipped_rows * e1_dy,
+            first[2] + max2 + skipped_rows * e2_dy,
+        ),
         range=(
             vec.i32(max0 - vec.minimum_of(offsets0)),
             vec.i32(max1 - vec.minimum_of(offsets1)),
@@ -133,34 +150,40 @@ def _sample_edges(frame, triangle):
 
 
 @inlined
-def _limit_block_rows(edges, top_edges, columns, rows, is_wide, scratch):
+def _limit_block_rows(edges, columns, rows, is_wide, scratch):
     """Store the rows that each of eight block columns may cover, in ``first_rows`` and ``last_rows`` of a SCRATCH.
 
     Half of the box of a wide triangle lies outside it. Other triangles have all rows.
 
     Args:
-        top_edges: greatest values among the samples of pixels in row 0, at the box's first column, three int64.
+        edges: SampleEdges.
         columns: i32x8, the first column of each block column, counted from the box's first.
         rows: number of rows.
+        is_wide: whether the triangle is wide.
+        scratch: a SCRATCH.
     """
     min_row, max_row = vec.f32(0.0), vec.f32(rows - 1)
     if is_wide:
-        min_row, max_row = _limit_rows(top_edges[0], edges.dx[0], edges.dy[0], columns, min_row, max_row)
-        min_row, max_row = _limit_rows(top_edges[1], edges.dx[1], edges.dy[1], columns, min_row, max_row)
-        min_row, max_row = _limit_rows(top_edges[2], edges.dx[2], edges.dy[2], columns, min_row, max_row)
+        min_row, max_row = _limit_rows(edges.top[0], edges.dx[0], edges.dy[0], columns, min_row, max_row)
+        min_row, max_row = _limit_rows(edges.top[1], edges.dx[1], edges.dy[1], columns, min_row, max_row)
+        min_row, max_row = _limit_rows(edges.top[2], edges.dx[2], edges.dy[2], columns, min_row, max_row)
     first, last = vec.ceil(vec.minimum(min_row, vec.f32(rows))), vec.floor(vec.maximum(max_row, vec.f32(-1.0)))
     vec.store(scratch.first_rows, 0, vec.to_i32(first))
     vec.store(scratch.last_rows, 0, vec.to_i32(last))
 
 
 @inlined
-def _draw_block(frame, band, triangle, owner, edges, top_edges, max_offset, top, start, block, scratch, count):
+def _draw_block(frame, band, triangle, owner, edges, max_offset, top, start, block, scratch, count):
     """Draw the whole pixels of a block column, and append its other pixels to ``edge_pixels`` of a SCRATCH.
 
     Args:
-        top: first row, to which ``top_edges`` belong.
+        top: first row that is drawn, to which ``edges.top`` belongs.
         start: first column of the block, which is a vector wide.
+        owner: index in FRAME.primitives.
+        edges: SampleEdges.
+        max_offset: f32x8, as from ``max_inv_z_offset``.
         block: index in ``first_rows`` and ``last_rows``.
+        scratch: a SCRATCH.
         count: number of edge pixels before.
 
     Returns:
@@ -173,12 +196,12 @@ def _draw_block(frame, band, triangle, owner, edges, top_edges, max_offset, top,
     valid = np.int64(255) << (start - column)
     columns = vec.i32(column - box_x) + vec.iota()
     first_row, end_row = np.int64(scratch.first_rows[block]), np.int64(scratch.last_rows[block]) + 1
-    e0 = vec.i32(top_edges[0] + first_row * edges.dy[0]) + columns * vec.i32(edges.dx[0])
-    e1 = vec.i32(top_edges[1] + first_row * edges.dy[1]) + columns * vec.i32(edges.dx[1])
-    e2 = vec.i32(top_edges[2] + first_row * edges.dy[2]) + columns * vec.i32(edges.dx[2])
+    e0 = vec.i32(edges.top[0] + first_row * edges.dy[0]) + columns * vec.i32(edges.dx[0])
+    e1 = vec.i32(edges.top[1] + first_row * edges.dy[1]) + columns * vec.i32(edges.dx[1])
+    e2 = vec.i32(edges.top[2] + first_row * edges.dy[2]) + columns * vec.i32(edges.dx[2])
     column_inv_z = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns)
     pixel = (top + first_row - band.first_row) * stride + column
-    edge_pixel = ((top - box_y + first_row) << 8) + column - box_x + 8
+    edge_pixel = _packed_in_box(top - box_y + first_row, column - box_x)
     for row in range(first_row, end_row):
         touched = (e0 | e1 | e2) >= zero
         full = (e0 >= edges.range[0]) & (e1 >= edges.range[1]) & (e2 >= edges.range[2])
@@ -189,16 +212,21 @@ def _draw_block(frame, band, triangle, owner, edges, top_edges, max_offset, top,
         vec.store(scratch.edge_pixels, count, lanes + vec.i32(edge_pixel))
         count += vec.count_bits(mask)
         pixel += stride
-        edge_pixel += 1 << 8
+        edge_pixel += _packed_in_box(1, -vec.LANES)
     return count
 
 
 @inlined
 def _load_edge_pixels(frame, band, triangle, edges, batch, scratch):
-    """Store what belongs to eight edge pixels from ``batch`` on, in the ``batch_`` fields of a SCRATCH."""
+    """Store what belongs to eight edge pixels in the ``batch_`` fields of a SCRATCH.
+
+    Args:
+        edges: SampleEdges.
+        batch: index of the first edge pixel.
+        scratch: the SCRATCH.
+    """
     box_x, box_y, _, _ = box_of(triangle)
-    edge_pixels = vec.load(scratch.edge_pixels, batch)
-    rows, columns = edge_pixels >> vec.i32(8), (edge_pixels & vec.i32(255)) - vec.i32(8)
+    rows, columns = _rows_and_columns(vec.load(scratch.edge_pixels, batch))
     e0 = vec.i32(edges.first[0]) + rows * vec.i32(edges.dy[0]) + columns * vec.i32(edges.dx[0])
     e1 = vec.i32(edges.first[1]) + rows * vec.i32(edges.dy[1]) + columns * vec.i32(edges.dx[1])
     vec.store(scratch.batch_e0, 0, e0)
@@ -211,7 +239,7 @@ def _load_edge_pixels(frame, band, triangle, edges, batch, scratch):
 
 @inlined
 def _draw_edge_pixels(frame, band, triangle, edges, count, scratch):
-    """Draw the samples of the first ``count`` edge pixels in a SCRATCH."""
+    """Draw the samples of the first ``count`` edge pixels in ``scratch``, a SCRATCH; ``edges``: SampleEdges."""
     inv_z_min, inv_z_max = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max)
     inv_z_offsets = sample_inv_z_offsets(frame, triangle.inv_z_dx, triangle.inv_z_dy)
     edge_sum = vec.i32(edges.first[0] + edges.first[1] + edges.first[2])  # the same at all points
@@ -231,8 +259,7 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
     """Draw a SMALL_TRIANGLE, eight pixels at a time.
 
     Args:
-        band: a SAMPLE_BAND.
-        owner: index of the primitive.
+        owner: index in FRAME.primitives.
         scratch: a SCRATCH.
     """
     box_x, box_y, box_columns, box_rows = box_of(triangle)
@@ -240,12 +267,8 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
     left, right = max(box_x, 0), min(box_x + box_columns, frame.width)
     if _is_hidden(band.far, frame.stride, left, right, top - first_row, bottom - first_row, triangle.inv_z_max):
         return
-    edges, skipped_rows, rows = _sample_edges(frame, triangle), top - box_y, bottom - top
-    top_edges = (
-        edges.first[0] + edges.max_offset[0] + skipped_rows * edges.dy[0],
-        edges.first[1] + edges.max_offset[1] + skipped_rows * edges.dy[1],
-        edges.first[2] + edges.max_offset[2] + skipped_rows * edges.dy[2],
-    )
+    skipped_rows, rows = top - box_y, bottom - top
+    edges = _sample_edges(frame, triangle, skipped_rows)
     for row in range(0, rows, vec.LANES):
         box_row = vec.to_f32(vec.i32(skipped_rows + row) + vec.iota())
         vec.store(scratch.row_inv_z, row, vec.f32(triangle.inv_z_base) + vec.f32(triangle.inv_z_dy) * box_row)
@@ -256,10 +279,8 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
     count = 0
     for group in range(begin, right, vec.LANES * vec.LANES):
         columns = vec.i32(group - box_x) + (vec.iota() << vec.i32(3))
-        _limit_block_rows(edges, top_edges, columns, rows, is_wide, scratch)
+        _limit_block_rows(edges, columns, rows, is_wide, scratch)
         for block in range(min((right - group + vec.LANES - 1) >> 3, vec.LANES)):
             start = group + vec.LANES * block
-            count = _draw_block(
-                *(frame, band, triangle, owner, edges, top_edges, max_offset, top, start, block, scratch, count)
-            )
+            count = _draw_block(frame, band, triangle, owner, edges, max_offset, top, start, block, scratch, count)
     _draw_edge_pixels(frame, band, triangle, edges, count, scratch)

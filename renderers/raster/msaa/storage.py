@@ -14,8 +14,7 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import address, as_i32
 from renderers.raster.fill import inv_z_origin
-from renderers.raster.layout import KIND_SMALL, SUBPIXEL, small_triangle_at
-from renderers.raster.small_triangles import box_of
+from renderers.raster.layout import KIND_SMALL, SUBPIXEL, box_of, small_triangle_at
 
 MIXED: Final = -2
 """Owner of a pixel whose samples have primitives of their own, in its slot."""
@@ -23,7 +22,11 @@ MIXED: Final = -2
 
 @inlined
 def sample_inv_z_offsets(frame, inv_z_dx, inv_z_dy):
-    """Return f32x8: 1/z at the samples minus 1/z at the pixel's centre."""
+    """Return 1/z at the samples minus 1/z at the pixel's centre, f32x8.
+
+    Args:
+        inv_z_dx, inv_z_dy: change of 1/z per column and row, 1/m; of any float type.
+    """
     offsets, pixel = frame.sample_offsets, vec.f32(1.0 / SUBPIXEL)
     x, y = vec.to_f32(vec.load(offsets, 0)) * pixel, vec.to_f32(vec.load(offsets, vec.LANES)) * pixel
     return vec.f32(inv_z_dx) * x + vec.f32(inv_z_dy) * y
@@ -31,7 +34,11 @@ def sample_inv_z_offsets(frame, inv_z_dx, inv_z_dy):
 
 @inlined
 def max_inv_z_offset(frame, inv_z_dx, inv_z_dy):
-    """Return an upper limit of the absolute values of ``sample_inv_z_offsets``, float32; infinite if not finite."""
+    """Return an upper limit of the absolute values of ``sample_inv_z_offsets``, float32; infinite if not finite.
+
+    Args:
+        inv_z_dx, inv_z_dy: as there.
+    """
     reach = np.float32(frame.sample_reach) * np.float32(1.0 / SUBPIXEL)
     # Rounded as the sums at the samples are, none of which is farther out.
     limit = abs(np.float32(inv_z_dx)) * reach + abs(np.float32(inv_z_dy)) * reach
@@ -118,7 +125,12 @@ def _open_slot(frame, band, slot_count, pixel):
 
 @inlined
 def _depth_test(inv_z, old_inv_z, ids, old_ids):
-    """Return m8: samples at which a primitive is seen instead of the old one. Empty samples have the id -1."""
+    """Return m8: samples at which a primitive is seen instead of the old one. Empty samples have the id -1.
+
+    Args:
+        inv_z, old_inv_z: f32x8.
+        ids, old_ids: i32x8.
+    """
     return (inv_z > old_inv_z) | ((inv_z == old_inv_z) & (ids > old_ids))
 
 

@@ -1,4 +1,4 @@
-"""Types of our own in kernels: operators, fields and signatures."""
+"""Types of our own in kernels: functions, operators, fields and signatures."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import operator
 from typing import Any
 
 import numpy as np
+import pytest
 from llvmlite import ir
 from numba import extending, njit, types
+from numba.core.errors import TypingError
 
-from renderers.compiler.numba_typing import argument_types, define_fields, define_operator
+from renderers.compiler.numba_typing import argument_types, define_fields, define_operator, intrinsic
 
 _extending: Any = extending
 _I64 = ir.IntType(64)
@@ -31,7 +33,7 @@ class _Model(_extending.models.PrimitiveModel):  # type: ignore[misc]  # Numba h
         super().__init__(manager, numba_type, _I64.as_pointer())
 
 
-@_extending.intrinsic
+@intrinsic
 def minutes_at(typing_context: Any, address: Any) -> Any:
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.inttoptr(args[0], _I64.as_pointer())
@@ -67,6 +69,28 @@ def test_fields_and_operators_of_our_types() -> None:
     memory = np.array([200], np.int64)
     assert use(memory.ctypes.data, np.int32(60)) == ((3, 20), 60, 7)
     assert memory[0] == 3600
+
+
+@intrinsic
+def hours_of(typing_context: Any, duration: Any) -> Any:
+    if not isinstance(duration, types.Integer):
+        return None
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.sdiv(args[0], ir.Constant(_I64, 60))
+
+    return types.int64(types.int64), generate
+
+
+@njit
+def hours(duration):
+    return hours_of(duration)
+
+
+def test_functions_of_our_own_convert_arguments_and_refuse_other_types() -> None:
+    assert hours(200) == hours(np.int32(200)) == 3
+    with pytest.raises(TypingError):
+        hours(200.0)
 
 
 def test_types_of_the_arguments_of_a_signature() -> None:

@@ -9,15 +9,15 @@ import pytest
 from numba import njit
 
 from renderers.interface import Output
-from renderers.raster import CpuRenderer, clip
-from renderers.raster.primitive_setup import first_center
+from renderers.raster import CpuRenderer
+from renderers.raster.grid import first_center, snap_to_grid
 from tests.renderers import oracle
 from tests.renderers.scenes import camera, draw_list, mesh
 
 
 @njit(error_model="numpy")
 def _grid(value):  # type: ignore[no-untyped-def]
-    return clip.snap_to_grid(value), first_center(clip.snap_to_grid(value))
+    return snap_to_grid(value), first_center(snap_to_grid(value))
 
 
 NEAR = 0.5

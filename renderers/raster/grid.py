@@ -1,0 +1,57 @@
+"""The fixed-point grid of 1/256 pixel that vertices are snapped to, and boxes of pixels on it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from renderers.compiler.device_function import device_function, inlined
+from renderers.raster.layout import HALF_PIXEL, SUBPIXEL, SUBPIXEL_BITS
+
+
+class Box(NamedTuple):
+    """Pixels whose centre, or one of whose samples, may be covered: int64, or i32x8 for eight triangles."""
+
+    left: Any
+    """First column."""
+    top: Any
+    """First row."""
+    right: Any
+    """One past the last column."""
+    bottom: Any
+    """One past the last row."""
+
+
+@device_function
+def snap_to_grid(value):
+    """Return the grid coordinate, int64, of a value in pixels, float32. The product is exact; ties round to even."""
+    return np.int64(np.rint(np.float32(value) * np.float32(SUBPIXEL)))
+
+
+@device_function
+def first_center(value):
+    """Return the first pixel whose centre is at or after a grid coordinate: ceil((value - 1/2 px) / 1 px)."""
+    return (value - HALF_PIXEL + SUBPIXEL - 1) >> SUBPIXEL_BITS
+
+
+@inlined
+def pixel_box(frame, min_x, min_y, max_x, max_y, reach):
+    """Return the Box of pixels in the image that what lies between two grid points may cover.
+
+    Args:
+        min_x, min_y, max_x, max_y: grid units.
+        reach: grid units from a pixel's centre to its outermost sample, and what a primitive is widened by.
+    """
+    return Box(
+        left=max(first_center(min_x - reach), 0),
+        top=max(first_center(min_y - reach), 0),
+        right=min(first_center(max_x + reach), frame.width),
+        bottom=min(first_center(max_y + reach), frame.height),
+    )
+
+
+@inlined
+def is_empty(box):
+    """Return whether a Box has no pixels."""
+    return box.left >= box.right or box.top >= box.bottom

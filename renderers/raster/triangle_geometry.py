@@ -1,0 +1,167 @@
+"""Eight triangles, one per lane: corners, boxes, edge functions and planes of 1/z."""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+from numba import types
+
+from renderers.compiler import simd as vec
+from renderers.compiler.device_function import inlined
+from renderers.compiler.pointers import advance, as_u32, stack_array
+from renderers.raster.grid import Box
+from renderers.raster.layout import HALF_PIXEL, SUBPIXEL, SUBPIXEL_BITS
+
+_CORNERS: Final = 3
+_index_array = stack_array(types.int32, _CORNERS * vec.LANES)
+
+
+class Edges(NamedTuple):
+    """Edge functions of a triangle's three edges, three i32x8 each. A point is covered where all are at least 0.
+
+    They are the cross product of two vectors in grid units.
+    """
+
+    first: Any
+    """At the first pixel centre of the box."""
+    dx: Any
+    """Change per column."""
+    dy: Any
+    """Change per row."""
+
+
+class InvZPlane(NamedTuple):
+    """1/z of eight triangles as a function of the pixel, 1/m, f32x8 each. It is linear on the screen."""
+
+    first: Any
+    """At the first pixel centre of the box."""
+    dx: Any
+    """Change per column."""
+    dy: Any
+    """Change per row."""
+    min: Any
+    """Minimum over the vertices: clamping to the range keeps slivers from extrapolating."""
+    max: Any
+
+
+@inlined
+def load_triangles(draw, first, count, vertices):
+    """Return x, y (pixels) and 1/z (or BEHIND, OUTSIDE) of the corners of eight triangles, three f32x8 each.
+
+    Args:
+        first: index of the first triangle in its mesh.
+        count: number of triangles; the lanes beyond them repeat the last one.
+        vertices: pointer to the draw's vertices, (n, 4) float32 as in FRAME.
+    """
+    indices = advance(draw.indices, _CORNERS * first)
+    if count < vec.LANES:
+        padded = as_u32(_index_array())
+        for k in range(vec.LANES):
+            for corner in range(_CORNERS):
+                padded[_CORNERS * k + corner] = indices[_CORNERS * min(k, count - 1) + corner]
+        indices = padded
+    x0, y0, w0 = vec.load_corners(vertices, indices, 0)
+    x1, y1, w1 = vec.load_corners(vertices, indices, 1)
+    x2, y2, w2 = vec.load_corners(vertices, indices, 2)
+    return (x0, x1, x2), (y0, y1, y2), (w0, w1, w2)
+
+
+@inlined
+def select_3(mask, a, b):
+    """Return each of three vectors of ``a`` where the mask, m8, is set, else that of ``b``."""
+    return vec.select(mask, a[0], b[0]), vec.select(mask, a[1], b[1]), vec.select(mask, a[2], b[2])
+
+
+@inlined
+def minimum_of_3(a):
+    """Return the minimum of three vectors, lane by lane."""
+    return vec.minimum(vec.minimum(a[0], a[1]), a[2])
+
+
+@inlined
+def maximum_of_3(a):
+    """Return the maximum of three vectors, lane by lane."""
+    return vec.maximum(vec.maximum(a[0], a[1]), a[2])
+
+
+@inlined
+def snap_to_grid_3(a):
+    """Return the grid coordinates, i32x8, of three f32x8 in pixels, as ``grid.snap_to_grid``."""
+    grid = vec.f32(float(SUBPIXEL))
+    return vec.to_i32(vec.rint(a[0] * grid)), vec.to_i32(vec.rint(a[1] * grid)), vec.to_i32(vec.rint(a[2] * grid))
+
+
+@inlined
+def bounding_box(gx, gy, reach):
+    """Return the Box, i32x8 each, of corners on the grid; as ``grid.first_center``, perhaps off the image.
+
+    Args:
+        gx, gy: three i32x8 each.
+        reach: as FRAME.sample_reach.
+    """
+    bits = vec.i32(SUBPIXEL_BITS)
+    low_bias, high_bias = vec.i32(SUBPIXEL - 1 - HALF_PIXEL - reach), vec.i32(SUBPIXEL - 1 - HALF_PIXEL + reach)
+    return Box(
+        left=(minimum_of_3(gx) + low_bias) >> bits,
+        top=(minimum_of_3(gy) + low_bias) >> bits,
+        right=(maximum_of_3(gx) + high_bias) >> bits,
+        bottom=(maximum_of_3(gy) + high_bias) >> bits,
+    )
+
+
+@inlined
+def is_in_image(frame, box):
+    """Return m8: Boxes, i32x8 each, with any pixel in the image."""
+    zero = vec.i32(0)
+    has_columns = vec.maximum(box.left, zero) < vec.minimum(box.right, vec.i32(frame.width))
+    return has_columns & (vec.maximum(box.top, zero) < vec.minimum(box.bottom, vec.i32(frame.height)))
+
+
+@inlined
+def _edge_function(xa, ya, xb, yb, px, py):
+    """Return the edge function of (xa, ya) -> (xb, yb) at the grid point (px, py), and its changes per column and row.
+
+    All are i32x8, in grid units and their squares.
+
+    The function is lowered by one where the edge is open, neither left nor top (top-left rule). Of clockwise triangles,
+    left edges run upwards and top edges to the right.
+    """
+    zero, one, bits = vec.i32(0), vec.i32(1), vec.i32(SUBPIXEL_BITS)
+    edge_x = xb - xa
+    edge_y = yb - ya
+    closed = (edge_y < zero) | ((edge_y == zero) & (edge_x > zero))
+    value = edge_x * (py - ya) - edge_y * (px - xa)
+    return vec.select(closed, value, value - one), zero - (edge_y << bits), edge_x << bits
+
+
+@inlined
+def edge_functions(gx, gy, box):
+    """Return the Edges of clockwise triangles with corners on the grid, three i32x8 each."""
+    bits, half = vec.i32(SUBPIXEL_BITS), vec.i32(HALF_PIXEL)
+    px, py = (box.left << bits) + half, (box.top << bits) + half
+    e0, dx0, dy0 = _edge_function(gx[0], gy[0], gx[1], gy[1], px, py)
+    e1, dx1, dy1 = _edge_function(gx[1], gy[1], gx[2], gy[2], px, py)
+    e2, dx2, dy2 = _edge_function(gx[2], gy[2], gx[0], gy[0], px, py)
+    return Edges(first=(e0, e1, e2), dx=(dx0, dx1, dx2), dy=(dy0, dy1, dy2))
+
+
+@inlined
+def inv_z_plane(x, y, w, box):
+    """Return the InvZPlane through the vertices before snapping; the same for both windings.
+
+    Args:
+        x, y, w: pixels and 1/z of the corners, three f32x8 each.
+    """
+    ax, ay, aw = vec.to_f64(x[0]), vec.to_f64(y[0]), vec.to_f64(w[0])
+    ux, uy, uw = vec.to_f64(x[1]) - ax, vec.to_f64(y[1]) - ay, vec.to_f64(w[1]) - aw
+    vx, vy, vw = vec.to_f64(x[2]) - ax, vec.to_f64(y[2]) - ay, vec.to_f64(w[2]) - aw
+    determinant = ux * vy - vx * uy
+    zero, half = vec.f64(0.0), vec.f64(0.5)
+    is_flat = determinant == zero
+    inverse = vec.f64(1.0) / vec.select(is_flat, vec.f64(1.0), determinant)
+    dx = vec.select(is_flat, zero, (uw * vy - vw * uy) * inverse)
+    dy = vec.select(is_flat, zero, (vw * ux - uw * vx) * inverse)
+    first = aw + (dx * (vec.to_f64(box.left) + half - ax) + dy * (vec.to_f64(box.top) + half - ay))
+    return InvZPlane(
+        first=vec.to_f32(first), dx=vec.to_f32(dx), dy=vec.to_f32(dy), min=minimum_of_3(w), max=maximum_of_3(w)
+    )
