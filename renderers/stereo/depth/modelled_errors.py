@@ -68,7 +68,7 @@ LOCKING: Final = 0.3
 Real devices have 0.03 to 0.06 pixels. Without it, the mean error of each phase is 0."""
 _LOCKING_BY_PHASE: Final = (LOCKING * np.sin(np.arange(17) / 8.0 * np.pi)).astype(np.float32)
 """(17,) float32, disparity errors by sixteenths of the disparity; the last one for pixels without disparity."""
-REPEATED: Final = 0.6
+REPEATED: Final = 0.5
 """Added to the rank of pixels in repeated texture: about this share of them has no match."""
 UNTEXTURED: Final = 2
 """Highest class of texture of plain surfaces."""
