@@ -7,8 +7,8 @@ the left image has a class: its texture, the agreement of both images at the exa
 matches among these. A match is right if it is within 3 disparity errors. The outcome of each pixel follows from them:
 
 * Hole: no match, as on surfaces without texture, in highlights, on translucent surfaces and in repeated patterns.
-* Right: with the error that a local matcher would make in these images (``residual_shift``), scaled so that its
-  standard deviation is the disparity error times the relative error of the class.
+* Right: with the error that the two steps of ``matching`` would leave in these images (``residual_shift``), scaled so
+  that its standard deviation is the disparity error times the relative error of the class.
 * Wrong, at an edge: the disparity of the other side, which makes outlines ragged. Pixels beside a nearer surface that
   the right camera does not see may get the disparity of that surface. Foreground objects are therefore too wide by a
   part of the matching window.
@@ -53,25 +53,22 @@ from renderers.stereo.model import DISPARITY_SCALE
 
 ERROR_TOLERANCE: Final = 0.05
 """Maximum relative difference between a pixel's error and the value in the error image."""
-ERROR_RADIUS: Final = 2
-"""Radius of the windows of ``residual_shift``, pixels: that of the matcher's windows. In larger ones, errors change
-more than a matcher's with the sub-pixel phase."""
-ERROR_BLUR: Final = 13
-"""Side of the box over which errors are averaged, pixels. It makes neighbours alike: the configured errors are three
-times those of ``matching``, and with its window their slopes would be, too, and with these the errors of normals."""
-ERROR_BANDS: Final = (5, 11)
-"""Sides of two boxes, pixels. The difference of their mean brightness determines the errors of weak texture, where
-semi-global matching depends on the surroundings."""
-WEAK_SHIFT: Final = 0.03
-"""Standard deviation of the shift that ``residual_shift`` expects in windows without texture, pixels."""
-OUTCOME_BANDS: Final = (11, 31)
-"""Sides of the boxes for holes and wrong pixels, pixels: our choice."""
-LOCKING: Final = 0.36
+ERROR_RADIUS: Final = 5
+"""Radius of the windows of ``residual_shift``, pixels. With smaller ones, errors of normals grow."""
+ERROR_COLUMN: Final = 21
+"""Height of the columns over which errors are averaged, pixels. The configured errors are three times those of
+``matching``. This keeps the errors of normals, and a matcher's errors are much alike along columns, too."""
+WEAK_SHIFT: Final = 0.025
+"""Standard deviation of the shift that ``residual_shift`` expects in windows without texture, pixels. It belongs to the
+surroundings, which guide semi-global matching, and makes such errors less noisy."""
+BANDS: Final = (11, 31)
+"""Sides of two boxes, pixels: our choice. The difference of their mean brightness is that of a pixel's surroundings."""
+LOCKING: Final = 0.3
 """Preference for whole disparities: amplitude of the mean error by sub-pixel phase, relative to the disparity error.
 Real devices have 0.03 to 0.06 pixels. Without it, the mean error of each phase is 0."""
 _LOCKING_BY_PHASE: Final = (LOCKING * np.sin(np.arange(17) / 8.0 * np.pi)).astype(np.float32)
 """(17,) float32, disparity errors by sixteenths of the disparity; the last one for pixels without disparity."""
-REPEATED: Final = 0.6
+REPEATED: Final = 0.5
 """Added to the rank of pixels in repeated texture: about this share of them has no match."""
 UNTEXTURED: Final = 2
 """Highest class of texture of plain surfaces."""
@@ -152,21 +149,23 @@ def measured_images(
     classes = classify(levels, right_levels, exact, nearest, farthest, noise_sigma)
     phases = (exact & np.uint16(15)).astype(np.uint8)
     is_hidden = exact == 0
-    classes[is_hidden], phases[is_hidden] = HIDDEN_CLASS, 16
-    expected = _contrast(levels, ERROR_BANDS)
-    _standardise(expected, classes)
-    expected *= np.float32(WEAK_SHIFT)
+    np.copyto(classes, np.uint8(HIDDEN_CLASS), where=is_hidden)
+    np.copyto(phases, np.uint8(16), where=is_hidden)
+    outcome = _surroundings(levels)
+    _standardise(outcome, classes)
+    expected = outcome * np.float32(WEAK_SHIFT)
     shift = residual_shift(left, right, true_disparity, ERROR_RADIUS, model.noise_sigma, expected)
-    noise = np.asarray(cv2.blur(shift, (ERROR_BLUR, ERROR_BLUR)), np.float32)
+    # A second step from the result of the first one adds the shift again, less its mean in the window.
+    mean_shift = cv2.blur(shift, (2 * ERROR_RADIUS + 1,) * 2)
+    both_steps = cv2.addWeighted(shift, 2.0, mean_shift, -1.0, 0.0)
+    noise = np.asarray(cv2.blur(both_steps, (1, ERROR_COLUMN)), np.float32)
     _standardise(noise, classes)
     _standardise(noise, phases)
-    outcome = _contrast(levels, OUTCOME_BANDS)
-    _standardise(outcome, classes)
     outcome += np.float32(0.5) * noise
     _rank(outcome, classes)
     _move_matches_to_texture(outcome, classes)
     second = second_match(levels, right_levels, true_disparity)
-    outcome[second > 0.0] += np.float32(REPEATED)
+    outcome += np.float32(REPEATED) * (second > 0.0)
     images = DepthImages(exact, np.empty_like(levels), np.empty_like(levels), model.error_scale)
     _write_measured(
         true_disparity, nearest, farthest, second, classes, phases, noise, outcome, _LOCKING_BY_PHASE,
@@ -225,9 +224,9 @@ def _move_matches_to_texture(outcome: NDArray[np.float32], classes: NDArray[np.u
     np.multiply(outcome, cv2.resize(factors, (width, height)), out=outcome, where=is_plain)
 
 
-def _contrast(levels: NDArray[np.uint8], sides: tuple[int, int]) -> NDArray[np.float32]:
-    """Return the difference between the means over two boxes around each pixel, (H, W) float32, grey levels."""
-    small, large = (cv2.boxFilter(levels, cv2.CV_32F, (side, side)) for side in sides)
+def _surroundings(levels: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return the difference between the means over the two boxes of ``BANDS``, (H, W) float32, grey levels."""
+    small, large = (cv2.boxFilter(levels, cv2.CV_32F, (side, side)) for side in BANDS)
     return np.asarray(small - large, np.float32)
 
 
@@ -331,34 +330,28 @@ def _write_measured(
         confidence: (H, W) uint8, output, units of 1/255.
     """
     height, width = true_disparity.shape
-    zero, one, half = np.float32(0.0), np.float32(1.0), np.float32(0.5)
-    noise_share = np.float32((1.0 - LOCKING**2 / 2.0) ** 0.5)
+    zero, one, half, largest = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(65535.0)
+    noise_share, spread = np.float32((1.0 - LOCKING**2 / 2.0) ** 0.5), np.float32(wrong_spread)
     for row in range(height):
         for column in range(width):
-            entry = class_table[np.uint64(classes[row, column])]
-            pixel_outcome = outcome[row, column]
+            entry, pixel_outcome = class_table[np.uint64(classes[row, column])], outcome[row, column]
             pixel_noise = noise_share * noise[row, column] - locking[np.uint64(phases[row, column])]
-            units, error_units, confidence_units = 0, np.float32(0.0), np.float32(0.0)
-            if pixel_outcome < entry[_HOLE_FROM]:
-                measured = true_disparity[row, column] * np.float32(16.0)
-                deviation = entry[_SIGMA] * pixel_noise
-                error_units, confidence_units = entry[_ERROR], entry[_CONFIDENCE]
-                if pixel_outcome >= entry[_WRONG_FROM]:
-                    front, back = np.float32(nearest[row, column]), np.float32(farthest[row, column])
-                    is_behind = front >= measured + np.float32(EDGE_STEP)
-                    if is_behind or measured >= back + np.float32(EDGE_STEP):
-                        measured = front if is_behind else back
-                        confidence_units = entry[_NEIGHBOUR_CONFIDENCE]
-                    elif second[row, column] > zero:
-                        measured = second[row, column] * np.float32(16.0)
-                    else:
-                        deviation = entry[_MIN_WRONG] + np.float32(wrong_spread) * abs(pixel_noise)
-                        if pixel_noise < zero:
-                            deviation = -deviation
-                if measured > zero:
-                    units = int(min(max(measured + deviation, one), np.float32(65535.0)) + half)
-                if units > column * 16 + 8:
-                    units = 0  # the match would lie beyond the left edge of the right image
-            disparity[row, column] = units
-            error[row, column] = int(error_units) if units > 0 else 0
-            confidence[row, column] = int(confidence_units) if units > 0 else 0
+            measured = true_disparity[row, column] * np.float32(16.0)
+            deviation, pixel_confidence = entry[_SIGMA] * pixel_noise, entry[_CONFIDENCE]
+            if pixel_outcome >= entry[_WRONG_FROM]:
+                front, back = np.float32(nearest[row, column]), np.float32(farthest[row, column])
+                is_behind = front >= measured + np.float32(EDGE_STEP)
+                if is_behind or measured >= back + np.float32(EDGE_STEP):
+                    measured, pixel_confidence = front if is_behind else back, entry[_NEIGHBOUR_CONFIDENCE]
+                elif second[row, column] > zero:
+                    measured = second[row, column] * np.float32(16.0)
+                else:
+                    deviation = entry[_MIN_WRONG] + spread * abs(pixel_noise)
+                    if pixel_noise < zero:
+                        deviation = -deviation
+            units = int(min(max(measured + deviation, one), largest) + half)
+            # A match beyond `column` would lie left of the right image. No branches: a quarter of the time.
+            is_valid = (pixel_outcome < entry[_HOLE_FROM]) & (measured > zero) & (units <= column * 16 + 8)
+            disparity[row, column] = units if is_valid else 0
+            error[row, column] = int(entry[_ERROR]) if is_valid else 0
+            confidence[row, column] = int(pixel_confidence) if is_valid else 0

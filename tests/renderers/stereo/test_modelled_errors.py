@@ -83,7 +83,7 @@ def test_depth_error_matches_the_accuracy_table(profile: str) -> None:
 
 
 def test_errors_of_neighbours_are_alike() -> None:
-    """As in images of a device: smooth over a window, with a high-frequency part of 0.03 to 0.05 pixels."""
+    """Smooth along columns. Along rows as a matcher's, whose errors come from the left and right borders of windows."""
     disparity = np.full((480, 640), 30.03, np.float32)
     deviation = deviations(disparity, measured(disparity))
     deviation[np.abs(deviation) > 0.6] = np.nan
@@ -93,11 +93,11 @@ def test_errors_of_neighbours_are_alike() -> None:
         one, other = pairs[:, np.isfinite(pairs).all(axis=0)]
         return float((one * other).mean() / (one.std() * other.std()))
 
-    assert correlation(0, 1) > 0.85
-    assert correlation(1, 0) > 0.85
+    assert 0.6 < correlation(0, 1) < 0.8
+    assert correlation(1, 0) > 0.9
     assert 0.1 < correlation(0, 8) < 0.7
     assert abs(correlation(0, 120)) < 0.1
-    assert 0.02 < np.nanstd(np.diff(deviation, axis=1)) / 2**0.5 < 0.05
+    assert 0.01 < np.nanstd(np.diff(deviation, axis=0)) / 2**0.5 < 0.05
 
 
 def noisy_again(
