@@ -11,14 +11,29 @@ Each row of a visibility buffer goes through the same steps:
 1. ``spans``: neighbouring pixels that see one primitive, and segments of spans that see one instance.
 2. ``span_setup``: weighted sums of vertex attributes at the start of each span, and their change per pixel (SPANS of
    ``layout``); ``interpolation``: the sums at eight pixels at a time (PIXELS), for a part of at most PART pixels.
-3. ``material``: base colour, normal map and the other maps, read by ``sampling`` (``mip_levels``, ``texels``), into
-   further rows of PIXELS.
+3. ``material``: base colour, normal map and the other maps, read by ``sampling`` (``mip_levels``, ``texels``,
+   ``area_filter``), into further rows of PIXELS.
 4. ``headlight.lighting`` or ``studio.lighting``: light (``brdf``).
 5. ``headlight.output_merge`` or ``studio.tone_mapping``: translucent layers, background; ``packed_rows``: bytes.
 
 Tables: ``scene`` (draw list), ``materials``, ``texture_table``, ``mipmaps``, ``textures`` (decoded images) and
 ``mesh_buffers`` (with ``mikktspace`` tangents). Rows and bands are independent: any number of threads gives the same
 bytes.
+
+Parameters of device functions that mean the same everywhere have no line of their own:
+
+- ``job``, ``segment``, ``spans``, ``pixels``, ``material``, ``texture``, ``surfaces``, ``lighting``: the struct of this
+  name, SHADING_JOB or a look's job, SEGMENT, SPANS, PIXELS, MATERIAL, TEXTURE, SURFACES, LIGHTING.
+- ``count``: number of pixels of the part that is shaded; ``x``: index in the part of the first of eight pixels. Where
+  a function has ``begin``, ``end`` or ``packed_row``, ``x`` is an index in the row of pixels instead.
+- ``y``: row of the image. ``column``: column of the image. Pixel k of a row is in column k, unless SEGMENT has
+  ``columns``.
+- ``span``: index of a span in the row; ``at``: index of the first of eight spans in SPANS.
+- ``rows``: pointer to rows of SPANS or PIXELS. ``packed_row``: pointer to int32, see ``packed_rows``.
+- ``alpha``: bool, False: the fourth channel is not needed.
+
+Values of eight pixels are f32x8 if nothing is said, points and directions three of them in the optical frame (metres);
+colours are RGB, 0 .. 1. Ranges are ``begin .. end - 1`` in code, and ``0 .. n`` includes n for values.
 
 To add a material property: a field of MATERIAL, set in ``materials``; rows of PIXELS if it varies between pixels; and
 its use in the lighting. A value per image is a field of the look's job, set by its ``passes``. Kernels that shade

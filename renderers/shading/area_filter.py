@@ -1,6 +1,13 @@
 """Textures averaged over each pixel's area, as a sensor does, eight pixels at a time.
 
-A pixel's area is a parallelogram of texture coordinates. It is covered with a grid of samples of one mip level.
+A pixel's footprint is a parallelogram of texture coordinates, with the sides (du/dx, dv/dx) and (du/dy, dv/dy). It is
+covered with a grid of samples of one mip level, whose columns are along the first side and whose rows along the
+second::
+
+     (u, v) in the middle     . . . .
+                               . . . .      here 4 columns, 2 rows
+
+``gradient`` is (du/dx, dv/dx, du/dy, dv/dy), f32x8 each, texture coordinates per pixel of the image.
 """
 
 from __future__ import annotations
@@ -9,23 +16,28 @@ from typing import Final
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
-from renderers.shading.texels import level_size, locate, read_texels
+from renderers.shading.texels import level_size, locate, read_texels, texels_of_level, wrapped
 
-_NO_LEVEL: Final = 1 << 20
-"""Greater than every index of a mip level."""
+_NO_LEVEL: Final = -1
 _MAX_SAMPLES: Final = 12
 """Maximum number of samples in a pixel's footprint. More would cover finer mip levels, which makes edges sharper."""
 _MAX_SAMPLES_PER_AXIS: Final = 8
 """Maximum number of samples along one side of a footprint: the highest anisotropy that is filtered without blur."""
 _SAMPLE_SPACING: Final = 1.3
 """Maximum distance of samples, texels. Each covers two texels with a tent, so their sum has small ripples."""
-_NEAREST_SAMPLES: Final = 3
+_MIN_NEAREST_SAMPLES: Final = 3
 """Minimum number of samples per axis of textures whose filter is the nearest texel."""
+_COARSEST_SAMPLES: Final = 3
+"""Number of samples per axis of footprints that are too large for every level; they are taken from the last one."""
 
 
 @inlined
 def squared_sides(gradient, width, height):
-    """Return the squares of both sides of eight pixels' footprints, texels of levels of this size, f32x8."""
+    """Return the squares of both sides of eight pixels' footprints, texels of a level, f32x8 each.
+
+    Args:
+        width, height: f32x8, of the level, texels.
+    """
     du_dx, dv_dx, du_dy, dv_dy = gradient
     ds_dx, dt_dx = du_dx * width, dv_dx * height
     ds_dy, dt_dy = du_dy * width, dv_dy * height
@@ -34,80 +46,105 @@ def squared_sides(gradient, width, height):
 
 @inlined
 def _samples_along(squared_side):
-    """Return the number of samples at most ``_SAMPLE_SPACING`` apart, f32x8, up to one more than the permitted one."""
-    most = (_MAX_SAMPLES_PER_AXIS + 1) * _SAMPLE_SPACING
-    side = vec.sqrt(vec.minimum(vec.maximum(squared_side, vec.f32(0.0)), vec.f32(most * most)))
+    """Return the number of samples at most ``_SAMPLE_SPACING`` apart, f32x8; where too many, one more than permitted.
+
+    Args:
+        squared_side: f32x8, squared texels.
+    """
+    longest = (_MAX_SAMPLES_PER_AXIS + 1) * _SAMPLE_SPACING
+    squared_side = vec.maximum(squared_side, vec.f32(0.0))  # NaN: 0
+    side = vec.sqrt(vec.minimum(squared_side, vec.f32(longest * longest)))
     return vec.maximum(vec.ceil(side * vec.f32(1.0 / _SAMPLE_SPACING)), vec.f32(1.0))
 
 
 @inlined
-def _area_grids(texture, gradient):
+def _area_grids(texture, gradient, is_linear):
     """Return the grids for the footprints of eight pixels: mip level, columns and rows, i32x8 each.
 
     The level is the finest one whose texels the permitted number of samples covers.
+
+    Args:
+        texture: a TEXTURE.
+        is_linear: bool; False: the filter is the nearest texel.
     """
-    fewest = vec.f32(1.0 if texture.mag_linear != 0 or texture.min_linear != 0 else _NEAREST_SAMPLES)
-    most, most_per_axis, limit = vec.f32(_MAX_SAMPLES), vec.f32(_MAX_SAMPLES_PER_AXIS), vec.f32(_NEAREST_SAMPLES)
-    last, none = texture.last_level, vec.i32(_NO_LEVEL)
-    levels, all_columns, all_rows = none, limit, limit
-    for k in range(last + 1):
+    max_samples, max_per_axis = vec.f32(_MAX_SAMPLES), vec.f32(_MAX_SAMPLES_PER_AXIS)
+    level, no_level, last_level = vec.i32(_NO_LEVEL), vec.i32(_NO_LEVEL), texture.last_level
+    columns, rows = vec.f32(_COARSEST_SAMPLES), vec.f32(_COARSEST_SAMPLES)
+    for k in range(last_level + 1):
         width, height = max(texture.width >> k, 1), max(texture.height >> k, 1)
-        across, down = squared_sides(gradient, vec.f32(width), vec.f32(height))
-        columns, rows = _samples_along(across), _samples_along(down)
-        is_covered = (columns <= most_per_axis) & (rows <= most_per_axis) & (columns * rows <= most)
-        is_new = is_covered & (levels == none)
-        levels = vec.select(is_new, vec.i32(k), levels)
-        all_columns, all_rows = vec.select(is_new, columns, all_columns), vec.select(is_new, rows, all_rows)
-        if vec.movemask(levels == none) == 0:
+        squared_width, squared_height = squared_sides(gradient, vec.f32(width), vec.f32(height))
+        level_columns, level_rows = _samples_along(squared_width), _samples_along(squared_height)
+        is_covered = (level_columns <= max_per_axis) & (level_rows <= max_per_axis)
+        is_covered = is_covered & (level_columns * level_rows <= max_samples)
+        is_first = is_covered & (level == no_level)
+        level = vec.select(is_first, vec.i32(k), level)
+        columns, rows = vec.select(is_first, level_columns, columns), vec.select(is_first, level_rows, rows)
+        if vec.movemask(level == no_level) == 0:
             break
-    levels = vec.select(levels == none, vec.i32(last), levels)
-    return levels, vec.to_i32(vec.maximum(all_columns, fewest)), vec.to_i32(vec.maximum(all_rows, fewest))
+    level = vec.select(level == no_level, vec.i32(last_level), level)
+    fewest = vec.f32(1 if is_linear else _MIN_NEAREST_SAMPLES)
+    return level, vec.to_i32(vec.maximum(columns, fewest)), vec.to_i32(vec.maximum(rows, fewest))
 
 
 @inlined
-def _spread(squared_side, count, edge_width):
-    """Return factors of the distances of ``count`` samples that keep edges as wide as the footprint makes them.
+def _spread(squared_side, count, edge_variance):
+    """Return factors of the distances of ``count`` samples that keep edges as wide as the footprint makes them, f32x8.
 
-    The variance of a footprint of side L is L² / 12, that of n samples L² (1 - 1 / n²) / 12. Bilinear interpolation
-    adds 1 / 12 to edges between texels, and the mean of the texels of a mip level another 1 / 12: samples are that much
-    closer together. n samples of the first level, one texel apart, are exact.
+    The variance of a footprint of side L is L² / 12, and that of n samples in it L² (1 - 1/n²) / 12. Bilinear
+    interpolation adds the variance of an edge, so the samples are closer together by a factor ``spread``::
+
+        spread² L² (1 - 1/n²) + edge_variance = L²
+        spread² = (1 - edge_variance / L²) n² / (n² - 1)
+
+    n samples of level 0, one texel apart, have the spread 1.
 
     Args:
-        count: f32x8.
-        edge_width: f32x8, variance of an edge of the level, units of 1/12 squared texel.
+        squared_side: f32x8, L², squared texels of the level.
+        count: f32x8, n.
+        edge_variance: f32x8, units of 1/12 squared texel.
     """
     one = vec.f32(1.0)
     squared_count = count * count
-    share = one - edge_width / vec.maximum(squared_side, edge_width)
-    return vec.sqrt(share * squared_count / vec.maximum(squared_count - one, one))
+    kept = one - edge_variance / vec.maximum(squared_side, edge_variance)
+    return vec.sqrt(kept * squared_count / vec.maximum(squared_count - one, one))
 
 
 @inlined
-def sample_area(texture, levels, pixels, x, u, v, gradient):
-    """Return RGBA averaged over the footprints of the pixels x .. x + 7, parallelograms of texture coordinates."""
+def sample_area(texture, view, pixels, x, u, v, gradient):
+    """Return RGBA, 0 .. 1, f32x8 each, averaged over the footprints of eight pixels.
+
+    Args:
+        texture, view: a TEXTURE and its TextureView.
+        u, v: f32x8, texture coordinates of the pixels' centres.
+    """
     du_dx, dv_dx, du_dy, dv_dy = gradient
     zero, half, one = vec.f32(0.0), vec.f32(0.5), vec.f32(1.0)
     is_linear = texture.mag_linear != 0 or texture.min_linear != 0
-    filter_half = vec.f32(0.5 if is_linear else 0.0)
-    level, columns, rows = _area_grids(texture, gradient)
+    linear_lanes = vec.i32(texture.mag_linear | texture.min_linear) != vec.i32(0)
+    level, columns, rows = _area_grids(texture, gradient, is_linear)
     column_count, row_count = vec.to_f32(columns), vec.to_f32(rows)
     spread_x, spread_y = one, one
     if is_linear:
         width, height = level_size(texture.width, level), level_size(texture.height, level)
-        across, down = squared_sides(gradient, vec.to_f32(width), vec.to_f32(height))
-        edge_width = vec.select(level == vec.i32(0), one, vec.f32(2.0))
-        spread_x, spread_y = _spread(across, column_count, edge_width), _spread(down, row_count, edge_width)
+        squared_width, squared_height = squared_sides(gradient, vec.to_f32(width), vec.to_f32(height))
+        # Bilinear interpolation: 1; the mean of the texels of a mip level: 1 more.
+        edge_variance = vec.select(level == vec.i32(0), one, vec.f32(2.0))
+        spread_x = _spread(squared_width, column_count, edge_variance)
+        spread_y = _spread(squared_height, row_count, edge_variance)
     r, g, b, alpha = zero, zero, zero, zero
+    offsets, weights = texels_of_level(pixels, 0)
     # Each pixel has a grid of its own, and takes no part in the samples beyond it.
     for row in range(vec.maximum_of(rows)):
-        down = (vec.f32(row + 0.5) / row_count - half) * spread_y
-        row_u, row_v = u + down * du_dy, v + down * dv_dy
+        offset_y = (vec.f32(row + 0.5) / row_count - half) * spread_y  # from the pixel's centre, pixels
+        row_u, row_v = u + offset_y * du_dy, v + offset_y * dv_dy
         for column in range(vec.maximum_of(columns)):
-            across = (vec.f32(column + 0.5) / column_count - half) * spread_x
-            locate(levels, pixels, x, level, filter_half, row_u + across * du_dx, row_v + across * dv_dx)
-            rgba = read_texels(levels, pixels, x)
+            offset_x = (vec.f32(column + 0.5) / column_count - half) * spread_x
+            sample_u = wrapped(row_u + offset_x * du_dx, view.wrap_s)
+            sample_v = wrapped(row_v + offset_x * dv_dx, view.wrap_t)
+            locate(view, offsets, weights, x, level, linear_lanes, sample_u, sample_v)
+            rgba = read_texels(view, offsets, weights, x, True)
             is_sampled = (vec.i32(row) < rows) & (vec.i32(column) < columns)
             r, g = r + vec.select(is_sampled, rgba[0], zero), g + vec.select(is_sampled, rgba[1], zero)
             b, alpha = b + vec.select(is_sampled, rgba[2], zero), alpha + vec.select(is_sampled, rgba[3], zero)
-    share = one / (column_count * row_count)
-    return r * share, g * share, b * share, alpha * share
+    weight = one / (column_count * row_count)
+    return r * weight, g * weight, b * weight, alpha * weight

@@ -21,7 +21,11 @@ _WEIGHTED: Final = HAS_UV0 | HAS_UV1 | HAS_COLORS | HAS_TANGENTS
 
 @inlined
 def _starts_after(masks, x):
-    """Return eight bits for the pixels ``x + 1 .. x + 8``, set where a span begins. ``masks`` as in SEGMENT."""
+    """Return int64, a bit for each of the pixels x + 1 .. x + 8 of a row, set where a span begins.
+
+    Args:
+        masks: as in SEGMENT.
+    """
     word, bit = (x + 1) >> 6, (x + 1) & 63
     low = np.uint64(masks[word]) >> np.uint64(bit)
     return np.int64((low | ((np.uint64(masks[word + 1]) << np.uint64(63 - bit)) << np.uint64(1))) & np.uint64(255))
@@ -29,7 +33,7 @@ def _starts_after(masks, x):
 
 @inlined
 def pixel_columns(columns, x):
-    """Return the image columns of the pixels x .. x + 7; ``columns`` as in SEGMENT."""
+    """Return the image columns of the pixels x .. x + 7 of a row, i32x8; ``columns`` as in SEGMENT."""
     if columns != 0:
         return vec.load(i32_at(columns), x)
     return vec.i32(x) + vec.iota()
@@ -37,7 +41,7 @@ def pixel_columns(columns, x):
 
 @inlined
 def _span_values(rows, row, span, offsets):
-    """Return the values in a row of SPANS for the spans of eight pixels.
+    """Return the values in a row of SPANS for the spans of eight pixels, f32x8.
 
     Args:
         rows: pointer to a field of SPANS, of which ``row`` is one row.
@@ -49,7 +53,7 @@ def _span_values(rows, row, span, offsets):
 
 @inlined
 def _along_span(rows, row, count, span, offsets, t):
-    """Return a value that is linear along spans, at eight pixels.
+    """Return a value that is linear along spans, at eight pixels, f32x8.
 
     Args:
         rows, span, offsets: as in ``_span_values``.
@@ -69,7 +73,7 @@ def _clear(rows, row, count, pixel_count):
 
 @inlined
 def interpolate(segment, begin, end):
-    """Fill PIXELS with the attributes of the pixels ``begin .. end - 1``, whose SPANS ``set_up_spans`` has filled.
+    """Fill PIXELS with the attributes of the row's pixels ``begin .. end - 1``; ``set_up_spans`` has filled SPANS.
 
     Up to seven further values per row are overwritten. Texture coordinates that the material reads and the mesh lacks
     become 0, as do their gradients.
@@ -123,6 +127,12 @@ def _store_gradient(segment, uv_set, k, pixel, span, offsets, uv, inv_weight_sum
 
     Let U be the weighted sum of u, and W the sum of the weights. Both are linear over the image, and u = U / W, so that
     du/dx = (dU/dx - u dW/dx) / W.
+
+    Args:
+        pixel: index in the part of the first of the pixels.
+        span, offsets: as in ``_span_values``.
+        uv: f32x8, u or v.
+        inv_weight_sum: f32x8, 1 / W.
     """
     spans = segment.spans
     for axis in range(2):  # columns, rows
@@ -134,7 +144,13 @@ def _store_gradient(segment, uv_set, k, pixel, span, offsets, uv, inv_weight_sum
 
 @device_function
 def _store_surface(segment, column, pixel, span, offsets, weight_sum):
-    """Store ``flat_normal`` and ``point`` of eight pixels, given their image columns, f32x8."""
+    """Store ``flat_normal`` and ``point`` of eight pixels.
+
+    Args:
+        column: f32x8, image columns of the pixels.
+        pixel, span, offsets: as in ``_store_gradient``.
+        weight_sum: f32x8, sums of the weights.
+    """
     spans, pixels, job = segment.spans, segment.pixels, segment.job
     z = _span_values(spans.depth, 0, span, offsets) / weight_sum
     x = (column + vec.f32(0.5 - job.cx)) * vec.f32(1.0 / job.fx) * z

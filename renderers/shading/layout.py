@@ -97,10 +97,10 @@ TEXTURE: Final = Struct(
         "mips": I64,  # MIPS_ constant of texture_table
         "uv_set": I64,
         "srgb": I64,  # 1: the colour channels are decoded to linear light
-        "texels": pointer_to(I32),  # textures.padded_levels: RGBA, red in the lowest byte
-        "level_offsets": pointer_to(I32),  # (last_level + 1,), index of each mip level's first texel, the largest first
-        "last_level": I64,
-        "width": I64,  # texels of the first level
+        "texels": pointer_to(I32),  # textures.texel_rows: RGBA, red in the lowest byte
+        "stride": I64,  # texels from one row to the next
+        "last_level": I64,  # index of the smallest mip level
+        "width": I64,  # texels of level 0
         "height": I64,
         "uv_transform": array_of(F32, 6),  # Texture.uv_transform
     },
@@ -183,10 +183,11 @@ PIXELS: Final = Struct(
         "texel": _pixels(4),  # any other texture
         # Filled and read by ``sampling``, one texture after the other:
         "level": array_of(I32, STRIDE),  # mip level; mip_levels.MAGNIFIED
-        "next_level_weight": _pixels(1),
-        "sample_uv": _pixels(2),  # texture coordinates, transformed
-        "texel_offsets": array_of(I32, 2 * STRIDE),  # of the upper and the lower left of four texels, in TEXTURE.texels
-        "texel_weights": _pixels(2),  # of the right and the lower texels
+        "next_weight": _pixels(1),  # weight of the next mip level
+        "sample_uv": _pixels(2),  # texture coordinates, transformed and texels.wrapped
+        # For the pixel's mip level, then for the next one where its weight is not 0:
+        "texel_offsets": array_of(I32, 2 * 2 * STRIDE),  # index in TEXTURE.texels of the upper and the lower left texel
+        "texel_weights": _pixels(2 * 2),  # of the right and the lower texels
     },
 )
 """Attributes of pixels: rows of STRIDE float32, one value per pixel."""
@@ -205,7 +206,7 @@ SEGMENT: Final = Struct(
         # The part that is being shaded.
         "spans": SPANS,
         "pixels": PIXELS,
-        # Set by spans.select_instance.
+        # Set by spans.next_segment.
         "first_id": I64,  # primitive id of the instance's first primitive
         "instance": INSTANCE,
         "material": MATERIAL,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from renderers.compiler import simd as vec
@@ -9,41 +10,53 @@ from renderers.compiler.device_function import inlined
 from renderers.shading.texture_table import MIPS_NEAREST, MIPS_NONE
 
 MAGNIFIED: Final = -1
-"""Value of ``mip_levels`` for magnified pixels, which read the first level."""
+"""Mip level of magnified pixels, which read level 0."""
 
 
 @inlined
-def mip_levels(texture, footprint):
-    """Return the mip levels that the texture's sampler selects for eight pixels.
+def is_minified(texture, squared_side):
+    """Return a mask of the pixels that see more than a texel of level 0.
 
     Args:
-        footprint: square of the longer side of the pixel's footprint, texels of the first level.
+        texture: a TEXTURE.
+        squared_side: f32x8, square of the longer side of the pixel's footprint, texels of level 0.
+    """
+    # With a linear magnifying and a nearest minifying filter, minification begins at half a level (OpenGL 4.6, 8.14).
+    begins_late = texture.mag_linear != 0 and texture.min_linear == 0 and texture.mips != MIPS_NONE
+    return squared_side > vec.f32(2.0 if begins_late else 1.0)
+
+
+@inlined
+def mip_levels(texture, squared_side):
+    """Return the mip levels that the texture's sampler selects for eight minified pixels.
+
+    Args:
+        texture, squared_side: as in ``is_minified``.
 
     Returns:
-        i32x8, ``MAGNIFIED`` for magnified pixels; f32x8, weight of the next level.
+        level: i32x8.
+        next_weight: f32x8, weight of the next level, 0 .. 1.
     """
-    last, mips = texture.last_level, texture.mips
-    # With a linear magnifying and a nearest minifying filter, minification begins at half a level (OpenGL 4.6, 8.14).
-    begins_late = texture.mag_linear != 0 and texture.min_linear == 0 and mips != MIPS_NONE
-    is_minified = footprint > vec.f32(2.0 if begins_late else 1.0)
-    zero = vec.f32(0.0)
-    levels, t = vec.i32(0), zero
-    if mips != MIPS_NONE:
-        detail = vec.minimum(_half_log2(footprint), vec.f32(last))
-        if mips == MIPS_NEAREST:
-            levels = vec.minimum(vec.to_i32(vec.ceil(detail + vec.f32(0.5))) - vec.i32(1), vec.i32(last))
+    level, next_weight = vec.i32(0), vec.f32(0.0)
+    if texture.mips != MIPS_NONE:
+        # log2 of the side, the level whose texels are as large as the footprint.
+        detail = vec.minimum(_half_log2(squared_side), vec.f32(texture.last_level))
+        if texture.mips == MIPS_NEAREST:
+            nearest = vec.to_i32(vec.ceil(detail + vec.f32(0.5))) - vec.i32(1)
+            level = vec.minimum(nearest, vec.i32(texture.last_level))
         else:
-            levels = vec.to_i32(detail)
-            t = detail - vec.to_f32(levels)
-    return vec.select(is_minified, levels, vec.i32(MAGNIFIED)), vec.select(is_minified, t, zero)
+            level = vec.to_i32(detail)
+            next_weight = detail - vec.to_f32(level)
+    return level, next_weight
 
 
 @inlined
 def _half_log2(x):
-    """Return ``log2(x) / 2`` for x >= 1, within 1e-6; 64 or more for infinity and NaN.
+    """Return ``log2(x) / 2`` of an f32x8 >= 1, within 1e-6; 64 or more for infinity and NaN.
 
-    The sum of the exponent and, for the fraction, the series of artanh. The C library's ``log`` is not used, since its
-    last bit differs between machines.
+    x = 2^exponent (1 + fraction), so that log2 x = exponent + ln(1 + fraction) / ln 2. With
+    t = fraction / (fraction + 2), ln(1 + fraction) = 2 artanh t = 2 (t + t^3 / 3 + t^5 / 5 + ...). The C library's
+    ``log`` is not used, since its last bit differs between machines.
     """
     bits = vec.float_bits(x)
     exponent = vec.to_f32((bits >> vec.i32(23)) - vec.i32(127))
@@ -53,4 +66,4 @@ def _half_log2(x):
     series = vec.f32(1.0 / 9.0) + t2 * vec.f32(1.0 / 11.0)
     series = vec.f32(0.2) + t2 * (vec.f32(1.0 / 7.0) + t2 * series)
     series = t * (vec.f32(1.0) + t2 * (vec.f32(1.0 / 3.0) + t2 * series))
-    return vec.f32(0.5) * exponent + series * vec.f32(1.4426950408889634)
+    return vec.f32(0.5) * exponent + series * vec.f32(1.0 / math.log(2.0))

@@ -13,7 +13,7 @@ from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel, read_only
 from renderers.compiler.kernel_calls import is_set
 from renderers.drawlist import Image
-from renderers.shading.textures import padded_levels, row_stride, texels_of
+from renderers.shading.textures import texel_rows, texels_of
 from renderers.stop import current_stop
 
 _MAX_LINEAR: Final = 65535
@@ -29,8 +29,8 @@ _BYTE_FROM_SCALED: Final = np.round(np.arange(_MAX_LINEAR + 1) * (255.0 / _MAX_L
 _cached_levels: WeakCache[Image, dict[bool, NDArray[np.uint8]]] = WeakCache("mip_levels")
 
 
-def padded_mip_levels(image: Image, srgb: bool) -> NDArray[np.uint8]:
-    """Return all mip levels of an image as ``padded_levels``, from the cache if possible; see ``make_chain``.
+def mip_level_rows(image: Image, srgb: bool) -> NDArray[np.uint8]:
+    """Return all mip levels of an image as ``texel_rows``, from the cache if possible; see ``make_chain``.
 
     Args:
         srgb: average colours in linear light. Alpha is always averaged as stored.
@@ -42,20 +42,10 @@ def padded_mip_levels(image: Image, srgb: bool) -> NDArray[np.uint8]:
     levels = by_color_space.get(srgb)
     if levels is None:
         rgba = texels_of(image).rgba
-        levels = padded_levels([rgba, *make_chain(rgba, srgb)])
+        levels = texel_rows([rgba, *make_chain(rgba, srgb)])
         by_color_space = {**by_color_space, srgb: levels}
         _cached_levels.put(image, by_color_space, sum(each.nbytes for each in by_color_space.values()))
     return levels
-
-
-def level_offsets(width: int, height: int) -> NDArray[np.int32]:
-    """Return the index of each mip level's first texel in ``padded_levels``, (n,) int32, given the image's size."""
-    counts = []
-    while True:
-        counts.append(height * row_stride(width))
-        if max(width, height) == 1:
-            return np.concatenate(((0,), np.cumsum(counts[:-1]))).astype(np.int32)
-        width, height = max(width // 2, 1), max(height // 2, 1)
 
 
 def make_chain(rgba: NDArray[np.uint8], srgb: bool) -> tuple[NDArray[np.uint8], ...]:

@@ -16,7 +16,7 @@ def write_packed_row(color, packed_row, width):
     """Write a packed row to a row of the image.
 
     Args:
-        color: pointer to (width, 3) uint8.
+        color: pointer to the row, (width, 3) uint8.
         packed_row: pointer to ``width`` int32, rounded up to whole vectors.
     """
     # A vector store overruns by up to four bytes. The last pixels are stored singly, to keep the next row intact.

@@ -13,14 +13,14 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import advance
 from renderers.shading.area_filter import sample_area, squared_sides
 from renderers.shading.layout import STRIDE
-from renderers.shading.mip_levels import mip_levels
-from renderers.shading.texels import load_levels, locate, read_texels
+from renderers.shading.mip_levels import MAGNIFIED, is_minified, mip_levels
+from renderers.shading.texels import locate, read_texels, texels_of_level, texture_view, wrapped
 from renderers.shading.texture_table import MIPS_NONE
 from renderers.shading.vec3 import load3, store3
 
 _MIN_PREFETCHED_TEXELS: Final = 1 << 17
 """Number of texels from which an image is prefetched: half a megabyte, more than a second-level cache holds.
-Frames with a texture of 2048 x 2048 take 16 % less time, those with mip levels 8 %."""
+Shading with a texture of 2048 x 2048 takes 20 to 30 % less time, with mip levels 12 to 15 %."""
 
 
 @inlined
@@ -52,13 +52,6 @@ def _transformed_gradient(uv_transform, uv_gradient, x):
 
 
 @inlined
-def _footprint(uv_transform, uv_gradient, x, width, height):
-    """Return the square of the longer side of eight pixels' footprints, in texels of the first level."""
-    across, down = squared_sides(_transformed_gradient(uv_transform, uv_gradient, x), vec.f32(width), vec.f32(height))
-    return vec.maximum(across, down)
-
-
-@inlined
 def _store_texel(rows, x, rgba, alpha):
     """Store RGB, and A only if ``alpha``, in four rows of PIXELS."""
     store3(rows, x, STRIDE, rgba)
@@ -67,63 +60,95 @@ def _store_texel(rows, x, rgba, alpha):
 
 
 @inlined
-def _sample_areas(texture, levels, uv_transform, uv, uv_gradient, pixels, count, rows, alpha):
+def _sample_areas(texture, view, uv_transform, uv, uv_gradient, pixels, count, rows, alpha):
     """``sample``, averaged over each pixel's area."""
     for x in range(0, count, vec.LANES):
         u, v = _transformed_uv(uv_transform, uv, x)
         gradient = _transformed_gradient(uv_transform, uv_gradient, x)
-        _store_texel(rows, x, sample_area(texture, levels, pixels, x, u, v, gradient), alpha)
+        _store_texel(rows, x, sample_area(texture, view, pixels, x, u, v, gradient), alpha)
 
 
 @inlined
-def _select_levels(texture, uv_transform, uv, uv_gradient, pixels, count):
-    """Fill ``level``, ``next_level_weight`` and ``sample_uv``; return True if any pixel is between two levels."""
+def _select_levels(texture, view, uv_transform, uv, uv_gradient, pixels, count):
+    """Fill ``level``, ``next_weight`` and ``sample_uv``; return True if any pixel is between two levels."""
     depends_on_scale = texture.mips != MIPS_NONE or texture.mag_linear != texture.min_linear
-    is_between, width, height = False, texture.width, texture.height
+    width, height, zero = vec.f32(view.width), vec.f32(view.height), vec.f32(0.0)
+    any_is_between = False
     for x in range(0, count, vec.LANES):
         u, v = _transformed_uv(uv_transform, uv, x)
-        level, weight = vec.i32(0), vec.f32(0.0)
+        level, next_weight = vec.i32(0), zero
         if depends_on_scale:
-            level, weight = mip_levels(texture, _footprint(uv_transform, uv_gradient, x, width, height))
-            is_between = is_between or vec.movemask(weight > vec.f32(0.0)) != 0
+            across, down = squared_sides(_transformed_gradient(uv_transform, uv_gradient, x), width, height)
+            squared_side = vec.maximum(across, down)
+            minified = is_minified(texture, squared_side)
+            level = vec.i32(MAGNIFIED)
+            if vec.movemask(minified) != 0:
+                minified_level, minified_weight = mip_levels(texture, squared_side)
+                level = vec.select(minified, minified_level, level)
+                next_weight = vec.select(minified, minified_weight, zero)
+                any_is_between = any_is_between or vec.movemask(next_weight > zero) != 0
         vec.store(pixels.level, x, level)
-        vec.store(pixels.next_level_weight, x, weight)
-        vec.store(pixels.sample_uv, x, u)
-        vec.store(pixels.sample_uv, STRIDE + x, v)
-    return is_between
+        vec.store(pixels.next_weight, x, next_weight)
+        vec.store(pixels.sample_uv, x, wrapped(u, view.wrap_s))
+        vec.store(pixels.sample_uv, STRIDE + x, wrapped(v, view.wrap_t))
+    return any_is_between
 
 
 @inlined
-def _sample_levels(texture, levels, pixels, count, rows, alpha, is_between):
-    """``sample`` with OpenGL's filters, for the levels and coordinates of ``_select_levels``.
+def _is_between(pixels, x):
+    """Return True if any of eight pixels is between two mip levels."""
+    return vec.movemask(vec.load(pixels.next_weight, x) > vec.f32(0.0)) != 0
 
-    The first step reads each pixel's level, the second the next one and mixes it in.
+
+@inlined
+def _prefetch(texels, offsets, x):
+    """Prefetch the texels that ``locate`` has stored for eight pixels."""
+    for k in range(0, 2 * STRIDE, STRIDE):
+        for lane in range(vec.LANES):
+            vec.prefetch(texels, np.int64(offsets[k + x + lane]))
+
+
+@inlined
+def _locate_in_levels(texture, view, pixels, count, level_count):
+    """Fill ``texel_offsets`` and ``texel_weights`` for each pixel's level, and for the next one if it is between two.
+
+    Args:
+        level_count: 2 if any pixel is between two levels, else 1.
     """
-    zero, last = vec.i32(0), vec.i32(levels.last)
-    mag_half, min_half = vec.f32(0.5 * texture.mag_linear), vec.f32(0.5 * texture.min_linear)
-    prefetches = levels.width * levels.height > _MIN_PREFETCHED_TEXELS
-    for step in range(2 if is_between else 1):
+    zero, last_level = vec.i32(0), vec.i32(view.last_level)
+    mag_linear, min_linear = vec.i32(texture.mag_linear) != zero, vec.i32(texture.min_linear) != zero
+    prefetches = view.width * view.height > _MIN_PREFETCHED_TEXELS
+    for k in range(level_count):
+        offsets, weights = texels_of_level(pixels, k)
         for x in range(0, count, vec.LANES):
+            if k == 1 and not _is_between(pixels, x):
+                continue
             level = vec.load(pixels.level, x)
-            half = vec.select(level < zero, mag_half, min_half)
-            level = vec.minimum(vec.maximum(level, zero) + vec.i32(step), last)
+            is_magnified = level < zero
+            is_linear = (is_magnified & mag_linear) | (~is_magnified & min_linear)
+            level = vec.minimum(vec.maximum(level, zero) + vec.i32(k), last_level)
             u, v = vec.load(pixels.sample_uv, x), vec.load(pixels.sample_uv, STRIDE + x)
-            locate(levels, pixels, x, level, half, u, v)
+            locate(view, offsets, weights, x, level, is_linear, u, v)
             if prefetches:
-                for k in range(0, 2 * STRIDE, STRIDE):
-                    vec.prefetch(levels.texels, np.int64(pixels.texel_offsets[k + x]))
-                    vec.prefetch(levels.texels, np.int64(pixels.texel_offsets[k + x + 3]))
-                    vec.prefetch(levels.texels, np.int64(pixels.texel_offsets[k + x + 5]))
-                    vec.prefetch(levels.texels, np.int64(pixels.texel_offsets[k + x + 7]))
+                _prefetch(view.texels, offsets, x)
+
+
+@inlined
+def _read_levels(view, pixels, count, level_count, rows, alpha):
+    """Fill ``rows`` with the texels that ``_locate_in_levels`` has found, interpolated between levels."""
+    for k in range(level_count):
+        offsets, weights = texels_of_level(pixels, k)
         for x in range(0, count, vec.LANES):
-            rgba = read_texels(levels, pixels, x)
-            if step == 1:
-                rgba = _between(rows, x, rgba, vec.load(pixels.next_level_weight, x))
+            if k == 1 and not _is_between(pixels, x):
+                continue
+            rgba = read_texels(view, offsets, weights, x, alpha)
+            if k == 1:
+                rgba = _mixed(rows, x, rgba, vec.load(pixels.next_weight, x))
             _store_texel(rows, x, rgba, alpha)
 
 
 @inlined
-def _between(rows, x, rgba, weight):
+def _mixed(rows, x, rgba, weight):
     """Return RGBA between that in four rows of PIXELS (weight 0) and ``rgba`` (weight 1)."""
     r, g, b = load3(rows, x, STRIDE)
     a = vec.load(rows, 3 * STRIDE + x)
@@ -148,12 +173,15 @@ def sample(segment, index, count, rows, alpha):
     """
     job, pixels = segment.job, segment.pixels
     texture = job.textures[index]
-    levels = load_levels(texture, job.linear_from_byte)
+    view = texture_view(texture, job.linear_from_byte)
     uv = advance(pixels.uv, 2 * STRIDE * texture.uv_set)
     uv_gradient = advance(pixels.uv_gradient, 4 * STRIDE * texture.uv_set)
     uv_transform = _load_uv_transform(texture)
     if job.area_filter != 0 and segment.material.has_gradients != 0:
-        _sample_areas(texture, levels, uv_transform, uv, uv_gradient, pixels, count, rows, alpha)
+        _sample_areas(texture, view, uv_transform, uv, uv_gradient, pixels, count, rows, alpha)
     else:
-        is_between = _select_levels(texture, uv_transform, uv, uv_gradient, pixels, count)
-        _sample_levels(texture, levels, pixels, count, rows, alpha, is_between)
+        # Loops of their own, which a processor overlaps better than one: the texels of all pixels are prefetched.
+        is_between = _select_levels(texture, view, uv_transform, uv, uv_gradient, pixels, count)
+        level_count = 2 if is_between else 1
+        _locate_in_levels(texture, view, pixels, count, level_count)
+        _read_levels(view, pixels, count, level_count, rows, alpha)

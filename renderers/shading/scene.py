@@ -51,8 +51,8 @@ class ShadingScene:
     surfaces drawn before them, opaque ones included, and hide those behind them that are drawn later."""
     has_transparency: bool
     """True if ``transparent`` or ``blended_in_place`` is set for any instance: an image may need several layers."""
-    tables: tuple[int, ...]
-    """The last fields of SHADING_JOB, from ``instances`` on."""
+    tables: dict[str, int]
+    """The fields of SHADING_JOB that are addresses of tables."""
     keep: tuple[Any, ...]
     """Objects that the addresses in the tables point into."""
 
@@ -141,14 +141,14 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         transparent=transparent,
         blended_in_place=blended_in_place,
         has_transparency=bool(transparent.any() or blended_in_place.any()),
-        tables=(
-            address_of(table, INSTANCE.dtype),
-            address_of(material_structs, MATERIAL.dtype),
-            address_of(texture_structs, TEXTURE.dtype),
-            address_of(LINEAR_FROM_BYTE, np.float32),
-            address_of(LINEAR_FROM_GAMMA, np.float32),
-            address_of(SPAN_OFFSETS, np.int32),
-        ),
+        tables={
+            "instances": address_of(table, INSTANCE.dtype),
+            "materials": address_of(material_structs, MATERIAL.dtype),
+            "textures": address_of(texture_structs, TEXTURE.dtype),
+            "linear_from_byte": address_of(LINEAR_FROM_BYTE, np.float32),
+            "linear_from_gamma": address_of(LINEAR_FROM_GAMMA, np.float32),
+            "span_offsets": address_of(SPAN_OFFSETS, np.int32),
+        },
         keep=(*keep, *materials.materials, *textures.keep),
     )
 
@@ -169,8 +169,18 @@ class ShadingJob:
         matrices_address = address_of(matrices, INSTANCE_MATRICES.dtype)
         # As an int: with a bool, the first call would compile the kernel for another signature.
         compute_instance_matrices(X_camera_mesh, matrices_address, count, int(shading.look in VTK_LOOKS))
-        intrinsics = camera.fx, camera.fy, camera.cx, camera.cy
-        job[0] = (count, first_ids, X_camera_mesh, matrices_address, *intrinsics, area_filter, *shading.tables)
+        job[0] = SHADING_JOB.record(
+            instance_count=count,
+            first_ids=first_ids,
+            X_camera_mesh=X_camera_mesh,
+            matrices=matrices_address,
+            fx=camera.fx,
+            fy=camera.fy,
+            cx=camera.cx,
+            cy=camera.cy,
+            area_filter=area_filter,
+            **shading.tables,
+        )
         self.address = address_of(job, SHADING_JOB.dtype)
         """Valid while this object is alive."""
         self._keep = (shading, matrices, job)

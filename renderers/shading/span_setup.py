@@ -28,24 +28,23 @@ from renderers.shading.layout import (
     V_NORMAL,
     V_UV0,
 )
-from renderers.shading.span_weights import rays_of, scaled_weights, to_f32x3, weight_rows
-from renderers.shading.vec3 import cross, dot, minus, times, transform_directions, transform_points
+from renderers.shading.span_weights import TRIANGLES, rays_of, scaled_weights, weight_matrix
+from renderers.shading.vec3 import cross, dot, minus, times, to_f32x3, transform_directions, transform_points
 
 _LINES: Final = int(Topology.LINES)
-_TRIANGLES: Final = int(Topology.TRIANGLES)
 _SIGN: Final = E_TANGENT + 3
 """Column of ``extras`` with the sign of the bitangent."""
 
 
 @inlined
 def _vertex_indices(segment, primitive):
-    """Return the three vertices of eight primitives, i32x8 each. Lines and points repeat their last vertex.
+    """Return the indices of the three vertices of eight primitives, i32x8 each. Lines and points repeat the last one.
 
     Args:
-        primitive: i32x8, indices of primitives of the mesh.
+        primitive: i32x8, indices among the primitives of the mesh.
     """
     indices = segment.instance.indices
-    if segment.instance.topology == _TRIANGLES:
+    if segment.instance.topology == TRIANGLES:
         return vec.load_elements(indices, primitive * vec.i32(3))
     if segment.instance.topology == _LINES:
         second = vec.gather(indices, primitive + primitive + vec.i32(1))
@@ -56,6 +55,7 @@ def _vertex_indices(segment, primitive):
 
 @inlined
 def _weighted_sum(weights, a, b, c):
+    """Return the weighted sum of one attribute of three vertices, f32x8; ``weights``: three f32x8."""
     return weights[0] * a + weights[1] * b + weights[2] * c
 
 
@@ -76,8 +76,8 @@ def _store_weighted_sums(rows, row, count, at, weights, weight_steps, a, b, c, k
     The sums with ``weight_steps`` are stored in the ``count`` rows after them.
 
     Args:
-        rows: pointer to a field of SPANS.
-        at: index of the first of the eight spans within a row.
+        weights, weight_steps: three f32x8 each, fields of Weights.
+        a, b, c: values of the vertices, one f32x8 per column of ``vertices``, ``extras`` or ``colors``.
     """
     for j in range(count):
         vec.store(rows, (row + j) * SPAN_STRIDE + at, _weighted_sum(weights, a[k + j], b[k + j], c[k + j]))
@@ -86,7 +86,7 @@ def _store_weighted_sums(rows, row, count, at, weights, weight_steps, a, b, c, k
 
 @inlined
 def _store3(rows, row, at, values):
-    """Store three values in the rows of SPANS from ``row`` on."""
+    """Store three f32x8 in the rows of SPANS from ``row`` on."""
     vec.store(rows, row * SPAN_STRIDE + at, values[0])
     vec.store(rows, (row + 1) * SPAN_STRIDE + at, values[1])
     vec.store(rows, (row + 2) * SPAN_STRIDE + at, values[2])
@@ -94,11 +94,16 @@ def _store3(rows, row, at, values):
 
 @device_function
 def _store_gradients(segment, at, weights, a, b, c):
-    """Store how the weights' sum and the first texture coordinates change per pixel to the right and down."""
+    """Store how the sum of the weights and the weighted sum of uv0 change per column and per row of the image.
+
+    Args:
+        weights: a Weights.
+        a, b, c: vertices, V_COLUMNS f32x8 each.
+    """
     spans = segment.spans
-    _store_sums(spans.weight_sum_gradient, 0, at, weights.column, weights.row)
+    _store_sums(spans.weight_sum_gradient, 0, at, weights.per_column, weights.per_row)
     if segment.attributes & HAS_UV0:
-        _store_weighted_sums(spans.uv_gradient, 0, 2, at, weights.column, weights.row, a, b, c, V_UV0)
+        _store_weighted_sums(spans.uv_gradient, 0, 2, at, weights.per_column, weights.per_row, a, b, c, V_UV0)
 
 
 @device_function
@@ -107,7 +112,6 @@ def _set_up_eight(segment, span, count, at):
 
     Args:
         count: number of spans, 1 .. 8.
-        at: index of the first of them within the rows of SPANS.
 
     Returns:
         True if the normal is constant along each span.
@@ -127,27 +131,27 @@ def _set_up_eight(segment, span, count, at):
     p1 = transform_points(X_camera_mesh, b)
     p2 = transform_points(X_camera_mesh, c)
     rays = rays_of(job, segment.y, first_column, step_count)
-    rows, determinant, sign = weight_rows(segment.instance.topology, p0, p1, p2, rays)
-    weights, scale = scaled_weights(rows, sign, rays, step_count, job)
+    matrix, determinant, sign = weight_matrix(segment.instance.topology, p0, p1, p2, rays)
+    weights, scale = scaled_weights(matrix, sign, rays, step_count, job)
     mirror = vec.f32(segment.matrices.mirror)
     facing = vec.select(determinant > vec.f64(0.0), -mirror, mirror)
     vec.store(spans.begin, at, vec.to_f32(first_column))
     vec.store(spans.facing, at, facing)
-    _store_sums(spans.weight_sum, 0, at, weights.first, weights.step)
+    _store_sums(spans.weight_sum, 0, at, weights.first, weights.per_pixel)
     is_constant = True
     if attributes & HAS_NORMALS:
         is_constant = _store_normals(segment, at, weights, a, b, c, facing)
     if not attributes & HAS_NORMALS or material.has_surface != 0:
         _store_flat_normals(segment, at, p0, p1, p2, sign)
     if attributes & HAS_UV0:
-        _store_weighted_sums(spans.uv, 0, 2, at, weights.first, weights.step, a, b, c, V_UV0)
+        _store_weighted_sums(spans.uv, 0, 2, at, weights.first, weights.per_pixel, a, b, c, V_UV0)
     if material.has_surface != 0:
         vec.store(spans.depth, at, vec.to_f32(vec.absolute(determinant) * scale))
     if material.has_gradients != 0:
         _store_gradients(segment, at, weights, a, b, c)
     if attributes & HAS_COLORS:
         u, v, w = _load_colors(segment.instance.colors, indices)
-        _store_weighted_sums(spans.color, 0, 4, at, weights.first, weights.step, u, v, w, 0)
+        _store_weighted_sums(spans.color, 0, 4, at, weights.first, weights.per_pixel, u, v, w, 0)
     if attributes & (HAS_UV1 | HAS_TANGENTS):
         _store_extras(segment, at, weights, indices)
     return is_constant
@@ -177,7 +181,7 @@ def _load_colors(colors, indices):
 
 @inlined
 def _store_sums(rows, row, at, weights, weight_steps):
-    """Store the sum of weights in a row of SPANS, and that of their changes in the next one."""
+    """Store the sum of weights in a row of SPANS, and that of their changes in the next one; three f32x8 each."""
     vec.store(rows, row * SPAN_STRIDE + at, weights[0] + weights[1] + weights[2])
     vec.store(rows, (row + 1) * SPAN_STRIDE + at, weight_steps[0] + weight_steps[1] + weight_steps[2])
 
@@ -187,7 +191,8 @@ def _store_normals(segment, at, weights, a, b, c, facing):
     """Store the normals of vertices; return True if they are constant along each span.
 
     Args:
-        a, b, c: vertices.
+        weights: a Weights.
+        a, b, c: vertices, V_COLUMNS f32x8 each.
         facing: f32x8, as SPANS.facing.
     """
     spans, matrix, zero, k = segment.spans, segment.matrices.normal, vec.f32(0.0), V_NORMAL
@@ -196,7 +201,7 @@ def _store_normals(segment, at, weights, a, b, c, facing):
     is_constant = vec.movemask(is_same) == 255
     normal, step = (a[k], a[k + 1], a[k + 2]), (zero, zero, zero)
     if not is_constant:
-        normal, step = _weighted_sum3(weights.first, a, b, c, k), _weighted_sum3(weights.step, a, b, c, k)
+        normal, step = _weighted_sum3(weights.first, a, b, c, k), _weighted_sum3(weights.per_pixel, a, b, c, k)
     _store3(spans.normal, 0, at, times(transform_directions(matrix, normal), facing))
     _store3(spans.normal, 3, at, times(transform_directions(matrix, step), facing))
     return is_constant
@@ -207,14 +212,14 @@ def _store_flat_normals(segment, at, p0, p1, p2, sign):
     """Store the unit normals of triangles, also as those of vertices where a mesh has none.
 
     Args:
-        p0, p1, p2: vertices in the optical frame.
-        sign: f64x8, of ``weight_rows``.
+        p0, p1, p2: vertices, three f64x8 each, metres, optical frame.
+        sign: f64x8, of ``weight_matrix``.
     """
     spans, zero, one = segment.spans, vec.f64(0.0), vec.f64(1.0)
     plane_normal = cross(minus(p1, p0), minus(p2, p0))
     length = vec.sqrt(dot(plane_normal, plane_normal))
     has_length = (length > zero) & (length < vec.f64(math.inf))
-    # The negative sign of the determinant turns the normal towards the camera.
+    # plane_normal . p0 is the determinant, which is negative where plane_normal faces the camera.
     scale = vec.select(has_length, (zero - sign) / vec.select(has_length, length, one), zero)
     normal = to_f32x3(times(plane_normal, scale))
     if not segment.attributes & HAS_NORMALS:
@@ -225,21 +230,28 @@ def _store_flat_normals(segment, at, p0, p1, p2, sign):
 
 @inlined
 def _store_extras(segment, at, weights, indices):
-    """Store the second set of texture coordinates, and tangents."""
+    """Store weighted sums of uv1 and of tangents.
+
+    Args:
+        weights: a Weights.
+        indices: three i32x8, of the vertices.
+    """
     spans, matrix, extras = segment.spans, segment.matrices.tangent, segment.instance.extras
     columns = vec.i32(E_COLUMNS)
     a = vec.load_octets(extras, indices[0] * columns)
     b = vec.load_octets(extras, indices[1] * columns)
     c = vec.load_octets(extras, indices[2] * columns)
     if segment.attributes & HAS_UV1:
-        _store_weighted_sums(spans.uv, 4, 2, at, weights.first, weights.step, a, b, c, E_UV1)
+        _store_weighted_sums(spans.uv, 4, 2, at, weights.first, weights.per_pixel, a, b, c, E_UV1)
         if segment.material.has_gradients != 0:
-            _store_weighted_sums(spans.uv_gradient, 4, 2, at, weights.column, weights.row, a, b, c, E_UV1)
+            _store_weighted_sums(spans.uv_gradient, 4, 2, at, weights.per_column, weights.per_row, a, b, c, E_UV1)
     if segment.attributes & HAS_TANGENTS:
         _store3(spans.tangent, 0, at, transform_directions(matrix, _weighted_sum3(weights.first, a, b, c, E_TANGENT)))
         vec.store(spans.tangent, 3 * SPAN_STRIDE + at, _weighted_sum(weights.first, a[_SIGN], b[_SIGN], c[_SIGN]))
-        _store3(spans.tangent, 4, at, transform_directions(matrix, _weighted_sum3(weights.step, a, b, c, E_TANGENT)))
-        vec.store(spans.tangent, 7 * SPAN_STRIDE + at, _weighted_sum(weights.step, a[_SIGN], b[_SIGN], c[_SIGN]))
+        _store3(
+            spans.tangent, 4, at, transform_directions(matrix, _weighted_sum3(weights.per_pixel, a, b, c, E_TANGENT))
+        )
+        vec.store(spans.tangent, 7 * SPAN_STRIDE + at, _weighted_sum(weights.per_pixel, a[_SIGN], b[_SIGN], c[_SIGN]))
 
 
 @inlined
@@ -272,7 +284,7 @@ def set_up_spans(segment, span, part_end_span, end_span):
         True if the normal is constant along each span.
     """
     is_constant = True
-    prefetches = segment.instance.topology == _TRIANGLES and end_span - span > 4 * vec.LANES
+    prefetches = segment.instance.topology == TRIANGLES and end_span - span > 4 * vec.LANES
     for batch in range(span, part_end_span, vec.LANES):
         if prefetches:
             _prefetch(segment, batch, end_span)

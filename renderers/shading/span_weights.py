@@ -1,7 +1,12 @@
 """Weights of a primitive's vertices in spans: barycentric coordinates times their common denominator.
 
-They are ``b = det(P) P^-1 d``. The columns of ``P`` are the vertices in the optical frame, ``d`` is the pixel's ray.
-These weights are linear along a row of the image. They are computed in float64, eight spans at a time.
+Let r = (x, y, 1) be a pixel's ray, z r the point that it sees, and P the matrix whose columns are the vertices in the
+optical frame. The point's barycentric coordinates b fulfil P b = z r, so b / z = P^-1 r. The weights are
+
+    w = det(P) P^-1 r = (p1 x p2, p2 x p0, p0 x p1) . r
+
+which are linear over the image. Their sum is det(P) / z, since that of b is 1. Weighted sums of attributes, divided by
+it, are perspective-correct. All is computed in float64, eight spans at a time.
 """
 
 from __future__ import annotations
@@ -12,9 +17,9 @@ from typing import Any, Final, NamedTuple
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
 from renderers.drawlist import Topology
-from renderers.shading.vec3 import cross, dot, minus, select3, times
+from renderers.shading.vec3 import cross, dot, minus, select3, times, to_f32x3
 
-_TRIANGLES: Final = int(Topology.TRIANGLES)
+TRIANGLES: Final = int(Topology.TRIANGLES)
 
 
 class Weights(NamedTuple):
@@ -22,16 +27,16 @@ class Weights(NamedTuple):
 
     first: Any
     """At the first pixel."""
-    step: Any
-    """Change per pixel of the span."""
-    column: Any
-    """Change per column of the image. Not ``step``, which is 0 in spans of a single pixel."""
-    row: Any
+    per_pixel: Any
+    """Change from each pixel of the span to the next; 0 in spans of a single pixel."""
+    per_column: Any
+    """Change per column of the image."""
+    per_row: Any
     """Change per row of the image."""
 
 
 class Rays(NamedTuple):
-    """Rays (x, y, 1) through the pixels at both ends of eight spans, f64x8 each."""
+    """Rays (x, y, 1) through the pixels at both ends of eight spans, in the optical frame, f64x8 each."""
 
     first_x: Any
     last_x: Any
@@ -40,10 +45,12 @@ class Rays(NamedTuple):
 
 @inlined
 def rays_of(job, y, first_column, step_count):
-    """Return the RAYS of spans in row ``y``.
+    """Return the Rays of spans.
 
     Args:
-        first_column: i32x8.
+        job: a SHADING_JOB.
+        y: int64, row of the image.
+        first_column: i32x8, column of the image of the first pixel.
         step_count: f64x8, number of pixels after the first one.
     """
     pixel_width, pixel_height = vec.f64(1.0 / job.fx), vec.f64(1.0 / job.fy)  # in the plane z = 1
@@ -53,12 +60,27 @@ def rays_of(job, y, first_column, step_count):
 
 @inlined
 def _line_weights(p, q):
-    """Return the rows of the weights of a line from p to q, and its determinant, as ``weight_rows`` returns them.
+    """Return the matrix of the weights of a line from p to q, and its determinant, as ``weight_matrix`` does.
 
-    The points of the line are p + t e with e = q - p. All of them project onto one line of the image, whose direction
-    is s = e.xy p.z - p.xy e.z. The pixel shows the point whose projection has the same component along s as the ray.
-    This gives t = numerator / denominator, where both are linear in the ray. The weight of q is the numerator, that of
-    p is denominator - numerator. Their sum is the denominator, and the point's depth is s . s / denominator.
+    Let e = q - p. The points p + t e of the line are seen on one line of the image, of the direction of
+    q.xy / q.z - p.xy / p.z. Times p.z q.z, this is
+
+        s = p.z e.xy - e.z p.xy.
+
+    A pixel near the line shows the point that has the same component along s as the pixel's ray r = (x, y, 1):
+
+        s . (p + t e).xy = (s . r.xy) (p + t e).z
+
+    Solved for t, this is numerator / denominator, both linear in the ray:
+
+        numerator   = (s . r.xy) p.z - s . p.xy
+        denominator = s . e.xy - (s . r.xy) e.z
+
+    The weight of q is the numerator, that of p is denominator - numerator. Their sum is the denominator, and the
+    point's depth is s . s / denominator.
+
+    Args:
+        p, q: three f64x8 each, metres, optical frame.
     """
     e = minus(q, p)
     sx, sy = e[0] * p[2] - p[0] * e[2], e[1] * p[2] - p[1] * e[2]
@@ -70,73 +92,81 @@ def _line_weights(p, q):
 
 @inlined
 def _dot_ray(row, ray_x, ray_y):
-    """Return the product of a row of three values with the ray (ray_x, ray_y, 1)."""
+    """Return the product of a row of a matrix with the ray (ray_x, ray_y, 1), f64x8."""
     return row[0] * ray_x + row[1] * ray_y + row[2]
 
 
 @inlined
-def weight_rows(topology, p0, p1, p2, rays):
-    """Return the rows whose products with a ray are the weights of the vertices, their determinant, and their sign.
+def weight_matrix(topology, p0, p1, p2, rays):
+    """Return the matrix whose product with a ray are the weights of the vertices, its determinant, and their sign.
 
-    The point's depth is the determinant divided by the sum of the weights. The sign makes the weights positive.
+    The point's depth, metres, is the determinant divided by the sum of the weights.
 
     Args:
-        p0, p1, p2: vertices in the optical frame, three f64x8 each.
+        topology: int64, as in INSTANCE.
+        p0, p1, p2: vertices, three f64x8 each, metres, optical frame.
+        rays: the Rays of the spans.
+
+    Returns:
+        matrix: three rows of three f64x8, one row for each vertex.
+        determinant: f64x8.
+        sign: f64x8, 1 or -1: the factor that makes the weights positive.
     """
     zero, one = vec.f64(0.0), vec.f64(1.0)
-    if topology == _TRIANGLES:
-        rows = cross(p1, p2), cross(p2, p0), cross(p0, p1)
-        # Negative where the side is visible on which the vertices run counter-clockwise: the front, or the back if the
-        # transform mirrors.
-        determinant = dot(p0, rows[0])
-        sign = vec.select(determinant < zero, zero - one, one)
+    if topology == TRIANGLES:
+        matrix = cross(p1, p2), cross(p2, p0), cross(p0, p1)
+        determinant = dot(p0, matrix[0])
+        # Negative where the vertices run counter-clockwise as seen, which is the front unless the transform mirrors.
+        sign = vec.select(determinant < zero, -one, one)
     else:
-        rows, determinant = _line_weights(p0, p1)
-        # Positive in front of the camera.
-        weight_sum = _dot_ray(rows[0], rays.first_x, rays.y) + _dot_ray(rows[1], rays.first_x, rays.y)
-        sign = vec.select(weight_sum < zero, zero - one, one)
-    return rows, determinant, sign
+        # Points are lines of length 0: their weights are all 0, and scaled_weights takes the mean of equal vertices.
+        matrix, determinant = _line_weights(p0, p1)
+        # The determinant s . s is positive, so the sum of the weights is positive in front of the camera.
+        weight_sum = _dot_ray(matrix[0], rays.first_x, rays.y) + _dot_ray(matrix[1], rays.first_x, rays.y)
+        sign = vec.select(weight_sum < zero, -one, one)
+    return matrix, determinant, sign
 
 
 @inlined
-def _weights_at(rows, sign, ray_x, ray_y):
-    """Return the weights at a ray, three f64x8.
+def _weights_at(matrix, sign, ray_x, ray_y):
+    """Return the weights at the ray (ray_x, ray_y, 1), three f64x8; ``matrix`` and ``sign`` from ``weight_matrix``.
 
     Coverage is exact to 1/256 pixel, so that pixel centres may be a little outside of the triangle. Negative weights at
     the ends of a span become 0: nothing is extrapolated.
     """
     zero = vec.f64(0.0)
     return (
-        vec.maximum(sign * _dot_ray(rows[0], ray_x, ray_y), zero),
-        vec.maximum(sign * _dot_ray(rows[1], ray_x, ray_y), zero),
-        vec.maximum(sign * _dot_ray(rows[2], ray_x, ray_y), zero),
+        vec.maximum(sign * _dot_ray(matrix[0], ray_x, ray_y), zero),
+        vec.maximum(sign * _dot_ray(matrix[1], ray_x, ray_y), zero),
+        vec.maximum(sign * _dot_ray(matrix[2], ray_x, ray_y), zero),
     )
 
 
 @inlined
-def scaled_weights(rows, sign, rays, step_count, job):
-    """Return the WEIGHTS, and the factor, f64x8, by which they are scaled.
+def scaled_weights(matrix, sign, rays, step_count, job):
+    """Return the Weights, and the factor, f64x8, by which they are scaled.
 
-    Scaled to the sum 1 at the first pixel, the weights fit float32. Any positive factor is valid, since the sums are
-    divided by the sum of the weights.
+    Scaled to the sum 1 at the first pixel, the weights fit float32. Any positive factor is valid, since the sums of
+    attributes are divided by the sum of the weights.
+
+    Args:
+        matrix, sign: from ``weight_matrix``.
+        rays, step_count, job: as in ``rays_of``.
     """
     zero, one, infinity = vec.f64(0.0), vec.f64(1.0), vec.f64(math.inf)
-    b, e = _weights_at(rows, sign, rays.first_x, rays.y), _weights_at(rows, sign, rays.last_x, rays.y)
-    first_sum, last_sum = b[0] + b[1] + b[2], e[0] + e[1] + e[2]
+    first = _weights_at(matrix, sign, rays.first_x, rays.y)
+    last = _weights_at(matrix, sign, rays.last_x, rays.y)
+    first_sum, last_sum = first[0] + first[1] + first[2], last[0] + last[1] + last[2]
     is_usable = (first_sum > zero) & (first_sum < infinity) & (last_sum > zero) & (last_sum < infinity)
     scale = vec.select(is_usable, one / first_sum, zero)
-    step_scale = scale / vec.maximum(step_count, one)
+    step_scale = scale / vec.maximum(step_count, one)  # in spans of one pixel, last - first is 0
     third = vec.f64(1.0 / 3.0)  # weights that are not usable: the centroid
+    # Infinite rows make these NaN, which ``sampling`` takes for a magnified texture.
     x_scale, y_scale = scale * sign * vec.f64(1.0 / job.fx), scale * sign * vec.f64(1.0 / job.fy)
     weights = Weights(
-        first=to_f32x3(select3(is_usable, times(b, scale), (third, third, third))),
-        step=to_f32x3(select3(is_usable, times(minus(e, b), step_scale), (zero, zero, zero))),
-        column=to_f32x3((rows[0][0] * x_scale, rows[1][0] * x_scale, rows[2][0] * x_scale)),
-        row=to_f32x3((rows[0][1] * y_scale, rows[1][1] * y_scale, rows[2][1] * y_scale)),
+        first=to_f32x3(select3(is_usable, times(first, scale), (third, third, third))),
+        per_pixel=to_f32x3(select3(is_usable, times(minus(last, first), step_scale), (zero, zero, zero))),
+        per_column=to_f32x3((matrix[0][0] * x_scale, matrix[1][0] * x_scale, matrix[2][0] * x_scale)),
+        per_row=to_f32x3((matrix[0][1] * y_scale, matrix[1][1] * y_scale, matrix[2][1] * y_scale)),
     )
     return weights, scale
-
-
-@inlined
-def to_f32x3(values):
-    return vec.to_f32(values[0]), vec.to_f32(values[1]), vec.to_f32(values[2])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import address, advance, allocate, f64_at, i32_at, i64_at, release
+from renderers.primitive_ids import instance_of
 from renderers.shading.layout import (
     HAS_COLORS,
     HAS_NORMALS,
@@ -23,8 +24,10 @@ from renderers.shading.layout import (
     UNLIT,
 )
 
-_NO_ID: Final = -(2**31)
-"""Value of pixels beyond the row; differs from every primitive id and from -1."""
+NO_PRIMITIVE: Final = -1
+"""Primitive id of pixels that see the background."""
+_BEYOND_ROW: Final = -(2**31)
+"""Id of pixels beyond the row; differs from every primitive id and from NO_PRIMITIVE."""
 _HIGHEST_BIT: Final = -(2**63)
 
 
@@ -74,21 +77,20 @@ def find_spans(segment, y, columns, pixel_ids, width):
     along a span.
 
     Args:
-        y: row of the image.
         columns: as in SEGMENT. If it is not 0, each pixel is a span of its own.
-        pixel_ids: pointer to the primitive ids of ``width`` pixels, -1 for none.
+        pixel_ids: pointer to the primitive ids of ``width`` pixels, int32, NO_PRIMITIVE for none.
 
     Returns:
         Number of spans.
     """
     segment.y, segment.columns = y, columns
     masks, starts, span_ids, row_ids = segment.masks, segment.starts, segment.ids, segment.row_ids
-    vec.store(row_ids, 0, vec.i32(_NO_ID))
+    vec.store(row_ids, 0, vec.i32(_BEYOND_ROW))
     ids = advance(row_ids, vec.LANES)
     for x in range(width):
         ids[x] = pixel_ids[x]
     for x in range(width, width + 64 + vec.LANES, vec.LANES):
-        vec.store(ids, x, vec.i32(_NO_ID))
+        vec.store(ids, x, vec.i32(_BEYOND_ROW))
     count = np.int64(0)
     for x in range(0, width, 64):
         mask = np.int64(-1)
@@ -117,9 +119,8 @@ def next_part(segment, span, begin, end):
     """Return the end of the next part of a segment: the pixel and the span after it.
 
     Args:
-        span: first span of the part.
-        begin: first pixel of the part.
-        end: end of the segment's pixels.
+        begin: index in the row of the part's first pixel.
+        end: index after the segment's last pixel.
     """
     part_end = min(end, (begin & -PART) + PART)
     masks = segment.masks
@@ -134,20 +135,37 @@ def next_part(segment, span, begin, end):
 
 
 @device_function
-def segment_end(segment, span, span_count, first_id, end_id):
-    """Return the first span from ``span`` on whose primitive id is not in ``first_id .. end_id - 1``."""
-    span_ids, low, high = segment.ids, vec.i32(first_id), vec.i32(end_id)
-    while span < span_count:
-        ids = vec.load(span_ids, span)
-        outside = vec.movemask((ids < low) | (ids >= high))
+def next_segment(segment, span, span_count, instance):
+    """Select the instance that a span sees, and find the end of its segment.
+
+    Args:
+        span: index of the segment's first span in the row.
+        span_count: number of spans of the row.
+        instance: index of the instance that is tried first.
+
+    Returns:
+        end_span: the span after the segment.
+        instance: index of the selected instance; unchanged for the background.
+        is_background: True if the segment sees no primitive, and no instance is selected.
+    """
+    job, span_ids = segment.job, segment.ids
+    primitive_id = np.int64(span_ids[span])
+    first_id, end_id = np.int64(NO_PRIMITIVE), np.int64(NO_PRIMITIVE + 1)
+    is_background = primitive_id < 0
+    if not is_background:
+        instance = instance_of(job.first_ids, job.instance_count, primitive_id, instance)
+        first_id, end_id = job.first_ids[instance], job.first_ids[instance + 1]
+        _select_instance(segment, instance)
+    for first in range(span, span_count, vec.LANES):
+        ids = vec.load(span_ids, first)
+        outside = vec.movemask((ids < vec.i32(first_id)) | (ids >= vec.i32(end_id)))
         if outside != 0:
-            return min(span + vec.lowest_bit(outside), span_count)
-        span += vec.LANES
-    return np.int64(span_count)
+            return min(first + vec.lowest_bit(outside), span_count), instance, is_background
+    return np.int64(span_count), instance, is_background
 
 
 @device_function
-def select_instance(segment, index):
+def _select_instance(segment, index):
     """Set the fields of a segment that depend on the instance, given by its index in the draw list."""
     job = segment.job
     instance = job.instances[index]

@@ -1,11 +1,14 @@
 """Texels of mip levels, eight pixels at a time: wrap modes and bilinear interpolation.
 
-Each pixel reads two pairs of neighbouring texels, ``locate`` stores where they are, ``read_texels`` interpolates
-between them. In loops of their own, a processor overlaps the loads of many pixels::
+``locate`` stores which texels a pixel reads, two pairs of neighbours, and ``read_texels`` interpolates between them.
+They are called in separate loops over the pixels, so that the processor overlaps the loads of many pixels::
 
     upper offset ->  [a b]       a + tx (b - a)
                                                 > + ty (..)
     lower offset ->  [c d]       c + tx (d - c)
+
+A texture coordinate of 0 is the left or upper border of the image, 1 the other one. Coordinates in texels are those
+times the size of the level; texel i has its centre at i + 0.5, and is to the right of or below texel i - 1.
 """
 
 from __future__ import annotations
@@ -16,22 +19,22 @@ import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
+from renderers.compiler.pointers import advance
 from renderers.shading.layout import STRIDE
 from renderers.shading.texture_table import WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT
-from renderers.shading.textures import MAX_CONFLICT_PADDING
 
 _MAX_COORDINATE: Final = np.float32(1e9)
 """Larger coordinates and NaN become 0, since float32 has no fractions of such numbers."""
 _INV_255: Final = np.float32(1.0 / 255.0)
 
 
-class MipLevels(NamedTuple):
+class TextureView(NamedTuple):
     """Fields of a TEXTURE that sampling reads, as local variables: kernels would load a struct's fields again after
     every store."""
 
     texels: Any
-    offsets: Any
-    last: Any
+    stride: Any
+    last_level: Any
     width: Any
     height: Any
     wrap_s: Any
@@ -39,16 +42,16 @@ class MipLevels(NamedTuple):
     srgb: Any
     """True: colour channels are decoded by ``linear_from_byte``."""
     linear_from_byte: Any
-    """``color.LINEAR_FROM_BYTE``."""
+    """Pointer to ``color.LINEAR_FROM_BYTE``, (256,) float32."""
 
 
 @inlined
-def load_levels(texture, linear_from_byte):
-    """Return the MipLevels of a TEXTURE."""
-    return MipLevels(
+def texture_view(texture, linear_from_byte):
+    """Return the TextureView of a TEXTURE."""
+    return TextureView(
         texels=texture.texels,
-        offsets=texture.level_offsets,
-        last=texture.last_level,
+        stride=texture.stride,
+        last_level=texture.last_level,
         width=texture.width,
         height=texture.height,
         wrap_s=texture.wrap_s,
@@ -60,132 +63,186 @@ def load_levels(texture, linear_from_byte):
 
 @inlined
 def level_size(size, level):
-    """Return width or height of mip levels, i32x8. ``size``: that of the first level; ``level``: i32x8."""
+    """Return width or height of mip levels in texels, i32x8.
+
+    Args:
+        size: int64, that of the first level.
+        level: i32x8.
+    """
     return vec.maximum(vec.i32(size) >> level, vec.i32(1))
 
 
 @inlined
-def _row_stride(width):
-    """``textures.row_stride`` of i32x8."""
-    return width + vec.i32(1) + vec.minimum(width >> vec.i32(6), vec.i32(MAX_CONFLICT_PADDING))
+def texels_of_level(pixels, k):
+    """Return the rows of PIXELS for the texels of each pixel's mip level (``k`` = 0) or of the next one (1).
+
+    Returns:
+        offsets: pointer to two rows of ``texel_offsets``. weights: pointer to two rows of ``texel_weights``.
+    """
+    return advance(pixels.texel_offsets, 2 * STRIDE * k), advance(pixels.texel_weights, 2 * STRIDE * k)
 
 
 @inlined
-def _texel_position(coordinate, wrap, size):
-    """Return texture coordinates in texels, f32x8.
+def _level_row(height, level):
+    """``textures.level_row`` of i32x8."""
+    return vec.maximum(height - (height + height >> level) + level, vec.i32(0))
 
-    With ``WRAP_REPEAT`` they are 0 .. size, with ``WRAP_MIRROR`` 0 .. 2 size, with ``WRAP_CLAMP`` -size .. 2 size.
+
+@inlined
+def wrapped(coordinate, wrap):
+    """Return an f32x8 of texture coordinates in one period, which ``_texel_columns`` and ``_texel_rows`` fold further.
+
+    With ``WRAP_REPEAT`` it is 0 .. 1, without 1, and with ``WRAP_MIRROR`` 0 .. 2. With ``WRAP_CLAMP`` it is -1 .. 2,
+    since anything beyond a border reads the border.
 
     Args:
-        size: i32x8, width or height of the mip level.
+        wrap: int64, WRAP_ constant of texture_table.
     """
-    coordinate = vec.select(vec.absolute(coordinate) < vec.f32(_MAX_COORDINATE), coordinate, vec.f32(0.0))
+    zero, one = vec.f32(0.0), vec.f32(1.0)
+    coordinate = vec.select(vec.absolute(coordinate) < vec.f32(_MAX_COORDINATE), coordinate, zero)
     if wrap == WRAP_REPEAT:
         coordinate = coordinate - vec.floor(coordinate)
-    elif wrap == WRAP_CLAMP:
-        coordinate = vec.minimum(vec.maximum(coordinate, vec.f32(-1.0)), vec.f32(2.0))
-    else:
-        coordinate = coordinate - vec.f32(2.0) * vec.floor(vec.f32(0.5) * coordinate)
-    return coordinate * vec.to_f32(size)
+        return vec.select(coordinate < one, coordinate, zero)  # 1: a tiny negative number, rounded
+    if wrap == WRAP_CLAMP:
+        return vec.minimum(vec.maximum(coordinate, -one), vec.f32(2.0))
+    return coordinate - vec.f32(2.0) * vec.floor(vec.f32(0.5) * coordinate)
 
 
 @inlined
-def _wrapped(index, wrap, size):
-    """Return the texels, 0 .. size - 1, at indices that differ from a ``_texel_position`` by at most 1."""
-    zero = vec.i32(0)
-    if wrap == WRAP_REPEAT:
-        index = vec.select(index < zero, index + size, index)
-        index = vec.select(index >= size, index - size, index)
-    elif wrap == WRAP_MIRROR:
-        # Index -1 mirrors to texel 0. Index 2 size is texel 0 of the next period. Both are clamped to 0 below.
-        index = vec.select(index < size, index, size + size - vec.i32(1) - index)
-    return vec.minimum(vec.maximum(index, zero), size - vec.i32(1))
+def _clamped(index, size):
+    """Return texel indices, i32x8, clamped to 0 .. size - 1."""
+    return vec.minimum(vec.maximum(index, vec.i32(0)), size - vec.i32(1))
 
 
 @inlined
-def _wrapped_pair(index, weight, wrap, size):
-    """Return the left of two neighbouring texels, and the weight of the right one, given those before wrapping."""
-    zero, last = vec.i32(0), size - vec.i32(1)
-    if wrap != WRAP_REPEAT:
-        if wrap == WRAP_MIRROR:
-            is_mirrored = index >= size
-            index = vec.select(is_mirrored, last + last - index, index)
-            weight = vec.select(is_mirrored, vec.f32(1.0) - weight, weight)
-        # Beyond the border, both texels are that of the border.
-        weight = vec.select((index >= zero) & (index < last), weight, vec.f32(0.0))
-    return _wrapped(index, WRAP_REPEAT if wrap == WRAP_REPEAT else WRAP_CLAMP, size), weight
-
-
-@inlined
-def locate(levels, pixels, x, level, half, u, v):
-    """Store ``texel_offsets`` and ``texel_weights`` of the pixels x .. x + 7.
+def _texel_columns(s, wrap, width, is_linear):
+    """Return which column a pixel reads, together with the column after it in memory.
 
     Args:
-        level: i32x8, mip levels.
-        half: f32x8, 0.5: interpolate between the four nearest texels; 0: read the texel that contains (u, v).
-        u, v: f32x8, texture coordinates.
+        s: f32x8, position in texels from the centre of column 0 (``is_linear``), else from its left border.
+        wrap: int64, WRAP_ constant of texture_table.
+        width: i32x8, of the mip level.
+
+    Returns:
+        column: i32x8, 0 .. width - 1.
+        weight: f32x8, of the column after it.
     """
-    width, height, first_texel = vec.i32(levels.width), vec.i32(levels.height), vec.i32(0)
-    if levels.last > 0:
-        width, height = level_size(levels.width, level), level_size(levels.height, level)
-        first_texel = vec.gather(levels.offsets, level)
-    column = _texel_position(u, levels.wrap_s, width) - half
-    row = _texel_position(v, levels.wrap_t, height) - half
-    left, upper = vec.floor(column), vec.floor(row)
-    i, j = vec.to_i32(left), vec.to_i32(upper)
-    zero, is_linear = vec.f32(0.0), half > vec.f32(0.0)
-    i, tx = _wrapped_pair(i, vec.select(is_linear, column - left, zero), levels.wrap_s, width)
-    stride = _row_stride(width)
-    first = first_texel + i
-    vec.store(pixels.texel_offsets, x, first + _wrapped(j, levels.wrap_t, height) * stride)
-    vec.store(pixels.texel_offsets, STRIDE + x, first + _wrapped(j + vec.i32(1), levels.wrap_t, height) * stride)
-    vec.store(pixels.texel_weights, x, tx)
-    vec.store(pixels.texel_weights, STRIDE + x, vec.select(is_linear, row - upper, zero))
+    left, zero = vec.floor(s), vec.f32(0.0)
+    column, weight = vec.to_i32(left), vec.select(is_linear, s - left, zero)
+    if wrap == WRAP_REPEAT:
+        # -1 is the last column. After the last one, the first one is repeated in memory, see textures.
+        return vec.select(column < vec.i32(0), column + width, column), weight
+    last = width - vec.i32(1)
+    if wrap == WRAP_MIRROR:
+        # The columns i and i + 1 mirror to 2 width - 1 - i and 2 width - 2 - i, of which the second is the left one.
+        is_mirrored = column >= width
+        column = vec.select(is_mirrored, last + last - column, column)
+        weight = vec.select(is_mirrored, vec.f32(1.0) - weight, weight)
+    # Beyond a border, both columns are that of the border.
+    weight = vec.select((column >= vec.i32(0)) & (column < last), weight, zero)
+    return _clamped(column, width), weight
 
 
 @inlined
-def _channels(texel, levels):
-    """Return RGB, linear 0 .. 1 with ``srgb``, else 0 .. 255; and alpha, 0 .. 255."""
-    byte = vec.i32(255)
-    r, g, b = texel & byte, (texel >> vec.i32(8)) & byte, (texel >> vec.i32(16)) & byte
-    alpha = vec.to_f32((texel >> vec.i32(24)) & byte)
-    if levels.srgb:
-        linear_from_byte = levels.linear_from_byte
-        return vec.gather(linear_from_byte, r), vec.gather(linear_from_byte, g), vec.gather(linear_from_byte, b), alpha
-    return vec.to_f32(r), vec.to_f32(g), vec.to_f32(b), alpha
+def _texel_rows(t, wrap, height, is_linear):
+    """Return which two rows a pixel reads, i32x8, 0 .. height - 1, and the weight of the second, f32x8.
+
+    Args:
+        t, wrap, height, is_linear: as in ``_texel_columns``.
+    """
+    upper = vec.floor(t)
+    row, weight = vec.to_i32(upper), vec.select(is_linear, t - upper, vec.f32(0.0))
+    zero, one, next_row = vec.i32(0), vec.i32(1), row + vec.i32(1)
+    if wrap == WRAP_REPEAT:
+        row = vec.select(row < zero, row + height, row)
+        return row, vec.select(next_row < height, next_row, zero), weight
+    if wrap == WRAP_MIRROR:
+        # Row -1 mirrors to row 0. Row 2 height is row 0 of the next period. Both become 0 below.
+        row = vec.select(row < height, row, height + height - one - row)
+        next_row = vec.select(next_row < height, next_row, height + height - one - next_row)
+    return _clamped(row, height), _clamped(next_row, height), weight
 
 
 @inlined
-def _to_unit(rgba, levels):
-    """Return the result of ``_channels`` as 0 .. 1."""
-    unit = vec.f32(_INV_255)
-    if levels.srgb:
-        return rgba[0], rgba[1], rgba[2], rgba[3] * unit
-    return rgba[0] * unit, rgba[1] * unit, rgba[2] * unit, rgba[3] * unit
+def locate(view, offsets, weights, x, level, is_linear, u, v):
+    """Store which texels the pixels x .. x + 7 of a part read, and the weights of the right and the lower ones.
+
+    Args:
+        view: a TextureView.
+        offsets, weights: from ``texels_of_level``.
+        level: i32x8, mip levels.
+        is_linear: m8; set: interpolate between the four nearest texels; else read the texel that contains (u, v).
+        u, v: f32x8, texture coordinates, ``wrapped``.
+    """
+    width, height = vec.i32(view.width), vec.i32(view.height)
+    first_row, first_column = vec.i32(0), vec.i32(0)
+    if view.last_level > 0:
+        first_row = _level_row(height, level)
+        first_column = vec.select(level > vec.i32(0), width + vec.i32(1), first_column)
+        width, height = level_size(view.width, level), level_size(view.height, level)
+    half = vec.select(is_linear, vec.f32(0.5), vec.f32(0.0))
+    s = u * vec.to_f32(width) - half
+    t = v * vec.to_f32(height) - half
+    column, tx = _texel_columns(s, view.wrap_s, width, is_linear)
+    row, next_row, ty = _texel_rows(t, view.wrap_t, height, is_linear)
+    column, stride = column + first_column, vec.i32(view.stride)
+    vec.store(offsets, x, (first_row + row) * stride + column)
+    vec.store(offsets, STRIDE + x, (first_row + next_row) * stride + column)
+    vec.store(weights, x, tx)
+    vec.store(weights, STRIDE + x, ty)
 
 
 @inlined
 def _bilinear(a, b, c, d, tx, ty):
-    """Interpolate between four values: a and b above c and d. The result is exact if all are equal.
+    """Interpolate between four values, f32x8: a and b above c and d. The result is exact if all are equal.
 
     Args:
-        tx, ty: weights of the right and of the lower values.
+        tx, ty: f32x8, weights of the right and of the lower values.
     """
     upper, lower = a + tx * (b - a), c + tx * (d - c)
     return upper + ty * (lower - upper)
 
 
 @inlined
-def read_texels(levels, pixels, x):
-    """Return RGBA, 0 .. 1, of the pixels x .. x + 7 from the texels that ``locate`` has stored."""
-    tx, ty = vec.load(pixels.texel_weights, x), vec.load(pixels.texel_weights, STRIDE + x)
-    a, b = vec.load_pairs(levels.texels, pixels.texel_offsets, x)
-    c, d = vec.load_pairs(levels.texels, pixels.texel_offsets, STRIDE + x)
-    a, b, c, d = _channels(a, levels), _channels(b, levels), _channels(c, levels), _channels(d, levels)
-    rgba = (
-        _bilinear(a[0], b[0], c[0], d[0], tx, ty),
-        _bilinear(a[1], b[1], c[1], d[1], tx, ty),
-        _bilinear(a[2], b[2], c[2], d[2], tx, ty),
-        _bilinear(a[3], b[3], c[3], d[3], tx, ty),
-    )
-    return _to_unit(rgba, levels)
+def _bytes(texel, k):
+    """Return channel ``k`` of eight texels (i32x8), 0 .. 255, i32x8."""
+    return (texel >> vec.i32(8 * k)) & vec.i32(255)
+
+
+@inlined
+def _unit_channel(a, b, c, d, tx, ty, k):
+    """Return channel ``k``, stored byte / 255, between four texels, i32x8 each."""
+    a, b, c, d = vec.to_f32(_bytes(a, k)), vec.to_f32(_bytes(b, k)), vec.to_f32(_bytes(c, k)), vec.to_f32(_bytes(d, k))
+    # Scaled after interpolation: one product in place of four.
+    return _bilinear(a, b, c, d, tx, ty) * vec.f32(_INV_255)
+
+
+@inlined
+def _decoded_channel(linear_from_byte, a, b, c, d, tx, ty, k):
+    """Return channel ``k``, decoded from sRGB to linear light, between four texels, i32x8 each."""
+    a, b = vec.gather(linear_from_byte, _bytes(a, k)), vec.gather(linear_from_byte, _bytes(b, k))
+    c, d = vec.gather(linear_from_byte, _bytes(c, k)), vec.gather(linear_from_byte, _bytes(d, k))
+    return _bilinear(a, b, c, d, tx, ty)
+
+
+@inlined
+def read_texels(view, offsets, weights, x, alpha):
+    """Return RGBA, 0 .. 1, f32x8 each, of the pixels x .. x + 7 of a part from the texels that ``locate`` has stored.
+
+    Args:
+        view, offsets, weights: as in ``locate``.
+        alpha: True: read alpha. Otherwise it is 1.
+    """
+    tx, ty = vec.load(weights, x), vec.load(weights, STRIDE + x)
+    a, b = vec.load_pairs(view.texels, offsets, x)
+    c, d = vec.load_pairs(view.texels, offsets, STRIDE + x)
+    if view.srgb:
+        table = view.linear_from_byte
+        red = _decoded_channel(table, a, b, c, d, tx, ty, 0)
+        green = _decoded_channel(table, a, b, c, d, tx, ty, 1)
+        blue = _decoded_channel(table, a, b, c, d, tx, ty, 2)
+    else:
+        red = _unit_channel(a, b, c, d, tx, ty, 0)
+        green = _unit_channel(a, b, c, d, tx, ty, 1)
+        blue = _unit_channel(a, b, c, d, tx, ty, 2)
+    return red, green, blue, _unit_channel(a, b, c, d, tx, ty, 3) if alpha else vec.f32(1.0)

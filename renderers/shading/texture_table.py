@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import Texture, Wrap, name_image_errors
 from renderers.shading.layout import TEXTURE
-from renderers.shading.mipmaps import level_offsets, padded_mip_levels
+from renderers.shading.mipmaps import mip_level_rows
 from renderers.shading.textures import is_decoded, texels_of
 
 WRAP_REPEAT: Final = 0
@@ -56,19 +56,19 @@ class TextureTable:
         for (texture, srgb), struct in zip(self._indices, structs, strict=False):
             sampler = texture.sampler
             decoded = texels_of(texture.image)
-            texels, offsets, mips = decoded.rows, level_offsets(decoded.width, len(decoded.rows)), MIPS_NONE
-            if sampler.mipmaps and len(offsets) > 1:
-                texels = padded_mip_levels(texture.image, srgb)
+            texels, width, height = decoded.rows, decoded.width, len(decoded.rows)
+            last_level, mips = 0, MIPS_NONE
+            if sampler.mipmaps and max(width, height) > 1:
+                texels, last_level = mip_level_rows(texture.image, srgb), max(width, height).bit_length() - 1
                 mips = MIPS_LINEAR if sampler.mip_linear else MIPS_NEAREST
-            struct["texels"], struct["level_offsets"] = address_of(texels, np.uint8), address_of(offsets, np.int32)
-            struct["width"], struct["height"] = decoded.width, len(decoded.rows)
-            struct["last_level"] = len(offsets) - 1 if mips != MIPS_NONE else 0
+            struct["texels"], struct["stride"] = address_of(texels, np.uint8), texels.shape[1]
+            struct["width"], struct["height"], struct["last_level"] = width, height, last_level
             struct["wrap_s"], struct["wrap_t"] = _WRAPS[sampler.wrap_s], _WRAPS[sampler.wrap_t]
             struct["mag_linear"], struct["min_linear"], struct["mips"] = sampler.mag_linear, sampler.min_linear, mips
             struct["uv_set"], struct["srgb"] = texture.uv_set, srgb
             with np.errstate(over="ignore"):  # a transform beyond the range of float32 becomes infinite
                 struct["uv_transform"] = texture.uv_transform or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-            self.keep += [texels, offsets]
+            self.keep.append(texels)
         return structs
 
 

@@ -1,7 +1,14 @@
 """Decoded images of textures, cached, in the layout that kernels read.
 
-Rows of texels are padded to ``row_stride``. The first texel of the padding repeats the row's first texel: a kernel
-loads two neighbouring texels at once, also across the border of a repeated texture.
+All mip levels are in one array, so that a texel's index follows from its level, row and column. Level 0 is on the left,
+the others are below each other on its right::
+
+    +---------------+-+-------+-+---+
+    |               | |   1   | |   |     Each row of a level is followed by a copy of its first texel: a kernel loads
+    |       0       | |       | |   |     two neighbouring texels at once, also across the border of a repeated texture.
+    |               | +-------+-+   |
+    |               | | 2 | |       |
+    +---------------+-+---+-+-------+
 """
 
 from __future__ import annotations
@@ -17,7 +24,7 @@ from renderers.cache import WeakCache
 from renderers.drawlist import Image, ImageError
 from renderers.stop import check_stop
 
-MAX_CONFLICT_PADDING: Final = 16
+_MAX_CONFLICT_PADDING: Final = 16
 """Texels of padding, a cache line, that keep rows of 1024 texels and more from evicting each other from the cache.
 Frames that show such a texture rotated by 90 degrees would take twice as long. Shorter rows have a 64th of padding."""
 
@@ -27,7 +34,7 @@ class Texels:
     """A decoded image."""
 
     rows: NDArray[np.uint8]
-    """(H, row_stride(W), 4) uint8, C-contiguous, straight alpha, as stored (not linearised)."""
+    """``texel_rows`` of the image alone: straight alpha, as stored (not linearised)."""
     width: int
     """W, columns of the image without padding."""
     opaque: bool
@@ -63,28 +70,31 @@ def texels_of(image: Image) -> Texels:
     check_stop()
     translucent = not opaque and bool(alpha.any())
     check_stop()
-    height, width = pixels.shape[:2]
-    texels = Texels(padded_levels([pixels]).reshape(height, -1, 4), width, opaque, translucent)
+    width = pixels.shape[1]
+    texels = Texels(texel_rows([pixels]), width, opaque, translucent)
     _decoded.put(image, texels, texels.rows.nbytes)
     return texels
 
 
-def row_stride(width: int) -> int:
-    """Return the number of texels from one row to the next."""
-    return width + 1 + min(width // 64, MAX_CONFLICT_PADDING)
+def level_row(height: int, level: int) -> int:
+    """Return the first row of a mip level in ``texel_rows``, given the height of level 0.
+
+    Level k has max(height // 2^k, 1) rows, so that the levels 1 .. k - 1 have at most height - 2 height / 2^k + k - 1.
+    """
+    return max(height - (2 * height >> level) + level, 0)
 
 
-def padded_levels(levels: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Return the mip levels of a texture, each (H, W, 4) uint8, with padded rows one after the other, (n, 4) uint8."""
-    texels = np.zeros((sum(level.shape[0] * row_stride(level.shape[1]) for level in levels), 4), np.uint8)
-    begin = 0
-    for level in levels:
-        height, width = level.shape[:2]
-        end = begin + height * row_stride(width)
-        rows = texels[begin:end].reshape(height, -1, 4)
-        rows[:, :width], rows[:, width] = level, level[:, 0]
-        begin = end
-    return texels
+def texel_rows(levels: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Return the mip levels of a texture, each (H, W, 4) uint8, in one array, (rows, stride, 4) uint8, C-contiguous."""
+    height, width = levels[0].shape[:2]
+    side_by_side = sum(level.shape[1] + 1 for level in levels[:2])
+    row_count = max(level_row(height, k) + len(level) for k, level in enumerate(levels))
+    rows = np.zeros((row_count, side_by_side + min(side_by_side // 64, _MAX_CONFLICT_PADDING), 4), np.uint8)
+    for k, level in enumerate(levels):
+        first_row, first_column = level_row(height, k), width + 1 if k > 0 else 0
+        part = rows[first_row : first_row + len(level), first_column : first_column + level.shape[1] + 1]
+        part[:, :-1], part[:, -1] = level, level[:, 0]
+    return rows
 
 
 def is_decoded(image: Image) -> bool:

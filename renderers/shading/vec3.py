@@ -14,26 +14,31 @@ def saturate(c):
 
 @inlined
 def cross(a, b):
+    """Return a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inlined
 def minus(a, b):
+    """Return a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @inlined
 def times(a, scale):
+    """Return a times one factor."""
     return a[0] * scale, a[1] * scale, a[2] * scale
 
 
 @inlined
 def multiply3(a, b):
+    """Return the products of the components."""
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
 @inlined
 def dot(a, b):
+    """Return a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -46,7 +51,14 @@ def scale_to(v, length):
 
 @inlined
 def select3(mask, a, b):
+    """Return a where the m8 is set, else b."""
     return vec.select(mask, a[0], b[0]), vec.select(mask, a[1], b[1]), vec.select(mask, a[2], b[2])
+
+
+@inlined
+def to_f32x3(values):
+    """Return three f64x8 as f32x8."""
+    return vec.to_f32(values[0]), vec.to_f32(values[1]), vec.to_f32(values[2])
 
 
 @inlined

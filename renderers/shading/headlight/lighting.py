@@ -31,7 +31,7 @@ _colors = stack_array(I32, vec.LANES)
 
 @inlined
 def _base_color(material, pixels, has_rows, x):
-    """Return the base colour of eight pixels.
+    """Return the base colour of eight pixels, three f32x8.
 
     Args:
         has_rows: True if the rows ``base_color`` are filled, False if all pixels have the material's factor.
@@ -48,6 +48,8 @@ def _store_pixels(job, pixels, gamma, direct, packed_row, begin, x, rgb):
     Args:
         gamma: True: encode linear colours.
         direct: True: store packed pixels in ``packed_row`` instead.
+        begin: index in the row of the part's first pixel.
+        rgb: three f32x8.
     """
     if direct:
         write_pixels(job, gamma, packed_row, begin + x, rgb[0], rgb[1], rgb[2])
@@ -126,18 +128,19 @@ def is_uniform_lambert(job, segment):
 
 @device_function
 def fill_spans(segment, span, part_end_span, packed_row):
-    """Write spans of one colour each: ``is_uniform_lambert``, with a constant normal along each span.
+    """Write the spans ``span .. part_end_span - 1``, each of one colour.
 
-    Walls, floors and meshes without normals have such spans. ``set_up_spans`` has filled SPANS.
+    The segment is ``is_uniform_lambert`` and has constant normals along each span, as walls, floors and meshes without
+    normals have. ``set_up_spans`` has filled SPANS.
     """
-    base_color, normals, starts = broadcast3(segment.material.base_color, 0), segment.spans.normal, segment.starts
+    base_color, normals, span_starts = broadcast3(segment.material.base_color, 0), segment.spans.normal, segment.starts
     colors = _colors()
     for first in range(span, part_end_span, vec.LANES):
         r, g, b = times(base_color, _headlight_cosine(load3(normals, first - span, SPAN_STRIDE)))
         vec.store(colors, 0, packed(r, g, b))
         for k in range(min(part_end_span - first, vec.LANES)):
             color = vec.i32(np.int64(colors[k]))
-            for x in range(starts[first + k], starts[first + k + 1], vec.LANES):
+            for x in range(span_starts[first + k], span_starts[first + k + 1], vec.LANES):
                 vec.store(packed_row, x, color)
 
 

@@ -28,7 +28,7 @@ def packed(r, g, b):
 
 @inlined
 def write_pixels(job, gamma, packed_row, x, r, g, b):
-    """Store eight shaded pixels (f32x8 each) in a packed row; ``gamma``: encode linear colours."""
+    """Store eight shaded pixels, linear (``gamma``: they are encoded) or as stored, in a packed row from pixel x on."""
     if gamma:
         vec.store(packed_row, x, encoded_pixels(r, g, b, job.gamma_cells))
     else:
@@ -37,7 +37,7 @@ def write_pixels(job, gamma, packed_row, x, r, g, b):
 
 @inlined
 def _encoded(job, gamma, c):
-    """Return the value, 0 .. 1, that ``write_pixels`` would round to a byte, f32x8."""
+    """Return the value, 0 .. 1, f32x8, that ``write_pixels`` would round to a byte."""
     if gamma:
         return encode_gamma(c, job.gamma_from_linear)
     return saturate(c)
@@ -45,14 +45,17 @@ def _encoded(job, gamma, c):
 
 @inlined
 def _gathered_row(job, y):
-    """Return a pointer to a row of the gathered layers, and the number of values of a whole channel."""
+    """Return a pointer to row y of the gathered layers' first channel, and the number of values of a whole channel."""
     row_values = job.width + vec.LANES
     return advance(job.gathered, row_values * y), row_values * job.height
 
 
 @device_function
 def gather(job, segment, begin, end):
-    """Blend pixels behind the layers gathered so far, in the colour space of the stored image, as VTK does."""
+    """Blend the row's pixels ``begin .. end - 1`` behind the layers gathered so far, encoded as stored, as VTK does.
+
+    Their colour and alpha are in the rows ``base_color`` of PIXELS.
+    """
     gathered, channel_size = _gathered_row(job, segment.y)
     pixels, alpha_mode, cutoff = segment.pixels, segment.material.alpha_mode, segment.material.alpha_cutoff
     gamma = segment.material.gamma != 0
@@ -88,7 +91,7 @@ def _beneath(gathered, channel_size, x, r, g, b):
 
 @device_function
 def write_under(job, segment, begin, end, packed_row):
-    """Write shaded pixels, blended behind the gathered layers."""
+    """Write the row's pixels ``begin .. end - 1``, blended behind the gathered layers; see ``gather``."""
     gathered, channel_size = _gathered_row(job, segment.y)
     pixels, gamma = segment.pixels, segment.material.gamma != 0
     for x in range(begin, end, vec.LANES):

@@ -8,8 +8,7 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.pointers import address, advance, allocate, i32_at, release
-from renderers.primitive_ids import instance_of
-from renderers.shading.headlight.layout import DIRECT, GATHER, headlight_job_at
+from renderers.shading.headlight.layout import GATHER, UNDER, headlight_job_at
 from renderers.shading.headlight.lighting import fill_spans, is_uniform_lambert, shade
 from renderers.shading.headlight.output_merge import gather, write_background, write_under
 from renderers.shading.interpolation import interpolate
@@ -23,16 +22,18 @@ from renderers.shading.spans import (
     new_segment,
     new_spans,
     next_part,
-    segment_end,
-    select_instance,
+    next_segment,
 )
 
 
 @inlined
-def _shade_segment(job, segment, span, end_span, packed_row):
-    """Shade the spans ``span .. end_span - 1`` of the selected instance."""
-    starts, is_uniform = segment.starts, is_uniform_lambert(job, segment)
-    begin, end = np.int64(starts[span]), np.int64(starts[end_span])
+def _shade_segment(job, segment, first_span, end_span, packed_row):
+    """Shade the spans ``first_span .. end_span - 1``, of the selected instance.
+
+    It is done in parts of at most PART pixels, whose attributes stay in the first-level cache.
+    """
+    starts, is_uniform, span = segment.starts, is_uniform_lambert(job, segment), first_span
+    begin, end = np.int64(starts[first_span]), np.int64(starts[end_span])
     while begin < end:
         part_end, part_end_span = next_part(segment, span, begin, end)
         has_constant_normals = set_up_spans(segment, span, part_end_span, end_span)
@@ -43,14 +44,14 @@ def _shade_segment(job, segment, span, end_span, packed_row):
             shade(job, segment, begin, part_end, packed_row)
         if job.mode == GATHER:
             gather(job, segment, begin, part_end)
-        elif job.mode != DIRECT:
+        elif job.mode == UNDER:
             write_under(job, segment, begin, part_end, packed_row)
         begin, span = part_end, part_end_span
 
 
 @inlined
-def _row_columns(job, y):
-    """Return the number of primitive ids of a row, and SEGMENT's ``columns`` for them."""
+def _ids_of_row(job, y):
+    """Return the number of primitive ids of a row of the image, and SEGMENT's ``columns`` for them."""
     if job.columns == 0:
         return job.width, np.int64(0)
     row = y - job.first_row
@@ -59,36 +60,31 @@ def _row_columns(job, y):
 
 @kernel("void(int64, int64, int64, int64)")
 def shade_rows(job_address, ids_address, row_begin, row_end):
-    """Shade the rows ``row_begin .. row_end - 1``. Rows are independent of each other.
+    """Shade the rows ``row_begin .. row_end - 1`` of the image. Rows are independent of each other.
 
     Args:
-        job_address: address of a HEADLIGHT_JOB.
-        ids_address: address of the primitive ids of row ``row_begin``: int32 per pixel, -1 for none. The rows are
-            HEADLIGHT_JOB's ``stride`` values apart.
+        job_address: address of a HEADLIGHT_JOB. Its arrays of rows begin with its ``first_row``.
+        ids_address: address of the primitive ids of row ``row_begin``: int32 per pixel, NO_PRIMITIVE for none. The rows
+            are HEADLIGHT_JOB's ``stride`` values apart.
     """
     job = headlight_job_at(job_address)
-    packed_row = i32_at(allocate(4 * (job.width + 2 * vec.LANES)))
+    packed_row = i32_at(allocate(4 * (job.width + vec.LANES)))  # stores overrun it by up to seven pixels
     segment = new_segment()
     begin_rows(segment, job.shading, job.width, new_spans(), new_pixels())
-    starts, span_ids, first_ids = segment.starts, segment.ids, job.shading.first_ids
-    instance = np.int64(0)
+    span_starts, instance = segment.starts, np.int64(0)
     for y in range(row_begin, row_end):
-        count, columns = _row_columns(job, y)
+        id_count, columns = _ids_of_row(job, y)
         ids = advance(i32_at(ids_address), (y - row_begin) * job.stride)
-        span_count = find_spans(segment, y, columns, ids, count)
+        span_count = find_spans(segment, y, columns, ids, id_count)
         span = np.int64(0)
         while span < span_count:
-            primitive_id = np.int64(span_ids[span])
-            if primitive_id < 0:
-                end_span = segment_end(segment, span, span_count, np.int64(-1), np.int64(0))
-                write_background(job, y, np.int64(starts[span]), np.int64(starts[end_span]), packed_row)
+            end_span, instance, is_background = next_segment(segment, span, span_count, instance)
+            if is_background:
+                write_background(job, y, np.int64(span_starts[span]), np.int64(span_starts[end_span]), packed_row)
             else:
-                instance = instance_of(first_ids, job.shading.instance_count, primitive_id, instance)
-                end_span = segment_end(segment, span, span_count, first_ids[instance], first_ids[instance + 1])
-                select_instance(segment, instance)
                 _shade_segment(job, segment, span, end_span, packed_row)
             span = end_span
         if job.mode != GATHER:
-            write_packed_row(advance(job.color, 3 * (y - job.first_row) * job.width), packed_row, count)
+            write_packed_row(advance(job.color, 3 * (y - job.first_row) * job.width), packed_row, id_count)
     end_rows(segment)
     release(address(packed_row))

@@ -17,7 +17,6 @@ from renderers.compiler.kernel_calls import call_kernel, is_set
 from renderers.compiler.pointers import address, advance, allocate, f32_at, i32_at, release, stack_array
 from renderers.compiler.structs import F32, I32, I64, U8, Struct, pointer_to
 from renderers.msaa import sample_band_at
-from renderers.primitive_ids import instance_of
 from renderers.shading.interpolation import interpolate, pixel_columns
 from renderers.shading.layout import PART, STRIDE
 from renderers.shading.span_setup import set_up_spans
@@ -29,8 +28,7 @@ from renderers.shading.spans import (
     new_segment,
     new_spans,
     next_part,
-    segment_end,
-    select_instance,
+    next_segment,
 )
 from renderers.shading.studio.layout import EDGE_SHADER, OUTPUT, STUDIO_JOB, SURFACES, channel_values_in_kernel
 from renderers.shading.studio.lighting import light_surfaces
@@ -174,18 +172,12 @@ def _shade_row(job, segment, row, y, ids, columns, count, instance):
     Returns:
         Index of the last instance, as ``instance`` for the next row.
     """
-    first_ids, span_ids = job.shading.first_ids, segment.ids
     span_count = find_spans(segment, y, columns, ids, count)
     span = np.int64(0)
     while span < span_count:
-        primitive_id = np.int64(span_ids[span])
-        if primitive_id < 0:
-            span = segment_end(segment, span, span_count, np.int64(-1), np.int64(0))
-            continue
-        instance = instance_of(first_ids, job.shading.instance_count, primitive_id, instance)
-        end_span = segment_end(segment, span, span_count, first_ids[instance], first_ids[instance + 1])
-        select_instance(segment, instance)
-        _gather(job, segment, row, span, end_span)
+        end_span, instance, is_background = next_segment(segment, span, span_count, instance)
+        if not is_background:
+            _gather(job, segment, row, span, end_span)
         span = end_span
     _light_and_blend(job, row)
     return instance

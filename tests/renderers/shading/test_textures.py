@@ -18,7 +18,7 @@ from renderers.raster import CpuRenderer
 from renderers.raster.frame_threads import FrameThreads
 from renderers.shading.scene import prepare
 from renderers.shading.texture_table import TextureTable
-from renderers.shading.textures import texels_of
+from renderers.shading.textures import level_row, texel_rows, texels_of
 from tests.renderers.shading.reference import image_of
 from tests.renderers.shading.test_pixels import assert_within_a_level
 from tests.support.waiting import SECONDS
@@ -266,3 +266,17 @@ def test_an_image_of_several_textures_counts_once_for_the_cache() -> None:
     textures = [Texture(image, uv_transform=(1.0, 0.0, float(k), 0.0, 1.0, 0.0)) for k in range(8)]
     instances = [Instance(mesh, Material(base_color_texture=texture), np.eye(4)) for texture in textures]
     assert prepare(instances, "gltf").nbytes < 2 * prepare(instances[:1], "gltf").nbytes
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 37), (37, 1), (64, 64), (300, 173), (5, 2)])
+def test_mip_levels_of_one_array_do_not_overlap(size: tuple[int, int]) -> None:
+    height, width = size
+    last_level = max(size).bit_length() - 1
+    shapes = [(max(height >> k, 1), max(width >> k, 1)) for k in range(last_level + 1)]
+    levels = [np.full((*shape, 4), k + 1, np.uint8) for k, shape in enumerate(shapes)]
+    rows = texel_rows(levels)
+    for k, level in enumerate(levels):
+        first_row, first_column = level_row(height, k), 0 if k == 0 else width + 1
+        stored = rows[first_row:, first_column:][: len(level), : level.shape[1] + 1]  # and the repeated first texel
+        assert stored.shape == (len(level), level.shape[1] + 1, 4)
+        assert (stored == k + 1).all()
