@@ -76,7 +76,7 @@ def pool(*, busy: bool) -> WorkerPool:
     """A pool whose queue is full, or not."""
 
     class Pool(WorkerPool):
-        full = property(lambda self: busy)
+        busy = property(lambda self: busy)
 
     return Pool(1)
 
