@@ -114,20 +114,33 @@ def normal_error(sample: Sample, images: DepthImages) -> float:
 
 
 def reliability(pairs: list[tuple[Sample, DepthImages]]) -> list[tuple[float, float, int]]:
-    """Return mean confidence, share of right pixels and number of pixels, for each of ``BINS``."""
+    """Return the rows of ``reliability_of`` for all pixels with exact disparity."""
     confidence, is_right = [], []
     for sample, images in pairs:
         deviation = deviation_of(sample, images)
         known = np.isfinite(deviation)
         confidence.append(images.confidence[known] / 255.0)
         is_right.append(np.abs(deviation[known]) <= 3.0 * images.error[known] * images.error_scale + 1e-6)
-    values, right = np.concatenate(confidence), np.concatenate(is_right)
+    return reliability_of(np.concatenate(confidence), np.concatenate(is_right))
+
+
+def reliability_of(confidence: NDArray[np.float64], is_right: NDArray[np.bool_]) -> list[tuple[float, float, int]]:
+    """Return mean confidence, share of right pixels and number of pixels, for each of ``BINS``; arguments: (N,)."""
     rows = []
     for low, high in itertools.pairwise(BINS):
-        inside = (values >= low) & (values < high)
+        inside = (confidence >= low) & (confidence < high)
         count = int(inside.sum())
-        rows.append((float(values[inside].mean()), float(right[inside].mean()), count) if count else (0.0, 0.0, 0))
+        said, right = (float(values[inside].sum()) / max(count, 1) for values in (confidence, is_right))
+        rows.append((said, right, count))
     return rows
+
+
+def print_reliability(name: str, rows: list[tuple[float, float, int]]) -> None:
+    """Print the share of right pixels minus the confidence in each of ``BINS``, and its mean."""
+    total = max(sum(count for _, _, count in rows), 1)
+    cells = (f"{right - said:+.3f} ({100.0 * count / total:4.1f})" for said, right, count in rows)
+    mean = sum(count * abs(right - said) for said, right, count in rows) / total
+    print(f"  {name:15}" + "".join(f"{cell:>13}" for cell in cells) + f"  {mean:.3f}")
 
 
 def report_scenes(mode: str, pairs: list[tuple[Sample, DepthImages]]) -> None:
@@ -168,11 +181,7 @@ def report_confidence(mode: str, pairs: list[tuple[Sample, DepthImages]]) -> Non
         )
         print(f"  {'confidence from':15}" + "".join(f"{low:13.2f}" for low in BINS[:-1]) + "   mean")
         for name in ("all", *names) if len(names) > 1 else names:
-            rows = reliability([pair for pair in chosen if name in ("all", pair[0].name)])
-            total = max(sum(count for _, _, count in rows), 1)
-            cells = (f"{right - said:+.3f} ({100.0 * count / total:4.1f})" for said, right, count in rows)
-            mean = sum(count * abs(right - said) for said, right, count in rows) / total
-            print(f"  {name:15}" + "".join(f"{cell:>13}" for cell in cells) + f"  {mean:.3f}")
+            print_reliability(name, reliability([pair for pair in chosen if name in ("all", pair[0].name)]))
 
 
 def unfiltered(sample: Sample) -> Sample:

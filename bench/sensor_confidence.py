@@ -1,111 +1,239 @@
-"""Fit ``renderers/stereo/depth/match_confidence.json``: ``python -m bench.sensor_confidence``.
+"""Fit ``renderers/stereo/depth/match_confidence.json``: ``python -m bench.sensor_confidence [--cross-validate]``.
 
-Matches images of the scenes of ``sensor_scenes`` without and with realism, and compares the matches with the exact
-disparity. ``bench.sensor`` judges the result with other seeds and with the demo, which the fit never sees.
+Matches images of the scenes of ``sensor_scenes`` and ``sensor_plain_scenes`` without and with realism, and compares
+the matches with the exact disparity. ``bench.sensor`` judges the result with other seeds and with the demo, which the
+fit never sees; ``--cross-validate`` judges fits without a scene on that scene.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterable
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.sensor import print_reliability, reliability_of
 from bench.sensor_fit import all_samples
 from bench.sensor_images import Sample
+from bench.sensor_plain_scenes import PLAIN_SCENES
+from bench.sensor_scenes import SCENES
 from renderers.stereo.depth.match_confidence import (
-    BINS,
-    BORDERS,
-    ERROR_FEATURES,
+    ERROR_BORDERS,
     FEATURES,
     FILE,
+    TREE_DEPTH,
     WEIGHT_UNIT,
     match_features,
+    with_texture,
 )
 from renderers.stereo.depth.pixel_classes import MIN_NOISE_SIGMA
 from renderers.stereo.model import Quality
 
 SEEDS: Final = range(100, 103)
 """Seeds of the scenes."""
-PIXELS: Final = 20_000
+PIXELS: Final = 3_000
 """Maximum number of matches of an image that count."""
+WRONG_PIXELS: Final = 50
+"""Maximum number of matches of an image that count at a wrong disparity. Those of the matcher never contradict both
+images in strong texture, so the fit would not learn what that means."""
 PRIOR: Final = 200.0
 """Weight of the mean error of all matches in a cell, pixels."""
+TREES: Final = 12
+"""Number of trees."""
+RATE: Final = 0.35
+"""Share of its best step that a tree takes; the last tree takes all of it."""
 RIDGE: Final = 20.0
-"""Penalty of squared weights: those of rare bins stay small."""
-NEWTON_STEPS: Final = 12
-"""Steps of the logistic regression. Six more change no weight."""
+"""Penalty of squared weights: those of rare leaves stay small."""
+BORDERS: Final = 31
+"""Number of borders of a feature from which a tree chooses: quantiles of the matches."""
 
 
-def collect(
-    pairs: Iterable[tuple[Sample, NDArray[np.uint16]]],
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the features of matches, (6, N), and their deviations from the exact disparity, (N,) pixels."""
-    random = np.random.default_rng(0)
-    features, deviations = [], []
-    for sample, matches in pairs:
-        planes = match_features(sample.left, sample.right, matches, max(sample.noise_sigma, MIN_NOISE_SIGMA))
-        known = np.flatnonzero((matches > 0) & (sample.exact > 0))
-        picked = random.choice(known, min(len(known), PIXELS), replace=False)
-        features.append(planes.reshape(len(FEATURES), -1)[:, picked])
-        deviations.append((matches / np.float32(16.0) - sample.exact).reshape(-1)[picked])
-    return np.concatenate(features, axis=1), np.concatenate(deviations).astype(np.float32)
+@dataclass(frozen=True, slots=True, eq=False)
+class Matches:
+    """Some matches of a sample."""
+
+    name: str
+    """Name of the scene."""
+    projector: bool
+    """The projector is on."""
+    features: NDArray[np.float32]
+    """(9, N) float32, ``FEATURES``."""
+    deviations: NDArray[np.float32]
+    """(N,) float32, absolute differences from the exact disparity, pixels."""
 
 
-def fit_errors(first: NDArray[np.intp], second: NDArray[np.intp], deviations: NDArray[np.float32]) -> NDArray[np.int_]:
-    """Return the standard deviation of errors below a pixel by two bins, (``BINS``, ``BINS``), units of 1/16 pixel."""
-    small = np.abs(deviations) < 1.0
-    cells, squares = (first * BINS + second)[small], deviations[small].astype(float) ** 2
-    count, total = np.bincount(cells, minlength=BINS**2), np.bincount(cells, squares, BINS**2)
-    variance = (total + PRIOR * squares.mean()) / (count + PRIOR)
-    errors: NDArray[np.int_] = np.maximum(np.rint(np.sqrt(variance) * 16), 1).astype(int).reshape(BINS, BINS)
-    return errors
+@dataclass(frozen=True, slots=True, eq=False)
+class Tree:
+    """A decision tree."""
+
+    compare: list[tuple[int, float]]
+    """Numbers of the features and borders that it compares."""
+    weights: NDArray[np.int64]
+    """(2 ** ``TREE_DEPTH``,) int64, units of ``WEIGHT_UNIT``."""
+
+    def sums(self, features: NDArray[np.float32]) -> NDArray[np.int64]:
+        """Return the weight of each match, (N,) int64."""
+        leaf = np.zeros(features.shape[1], np.int64)
+        for number, border in self.compare:
+            leaf = leaf * 2 + (features[number] >= np.float32(border))
+        return self.weights[leaf]
 
 
-def fit_weights(bins: NDArray[np.intp], is_right: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the weights of a logistic regression by bin of each feature, (6, ``BINS``) float64.
+def collect(sample: Sample, matches: NDArray[np.uint16]) -> Iterator[Matches]:
+    """Yield matches of a sample that have texture and an exact disparity, and a few that are wrong on purpose.
 
     Args:
-        bins: (6, N), bin of each feature.
+        sample: images and exact disparity.
+        matches: (H, W) uint16, units of 1/16 pixel, 0: no match (``find_matches``).
+    """
+    random = np.random.default_rng(0)
+    shifted = np.where(matches > 0, matches + np.uint16(16 * random.integers(4, 24)), np.uint16(0))
+    for disparity, pixels in ((matches, PIXELS), (shifted, WRONG_PIXELS)):
+        features = match_features(sample.left, sample.right, disparity, max(sample.noise_sigma, MIN_NOISE_SIGMA))
+        known = np.flatnonzero((with_texture(disparity, features) > 0) & (sample.exact > 0))
+        picked = random.choice(known, min(len(known), pixels), replace=False)
+        deviation = np.abs(disparity / np.float32(16.0) - sample.exact).reshape(-1)[picked]
+        yield Matches(sample.name, sample.projector, features.reshape(len(FEATURES), -1)[:, picked], deviation)
+
+
+def error_bins(features: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the bins of the two features that give the error, (N,) each."""
+    first, second = (
+        np.searchsorted(borders, features[list(FEATURES).index(name)], side="right")
+        for name, borders in ERROR_BORDERS.items()
+    )
+    return first, second
+
+
+def fit_errors(features: NDArray[np.float32], deviations: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Return the standard deviation of errors below a pixel by two bins, (8, 8) int64, units of 1/16 pixel."""
+    rows, columns = (len(borders) + 1 for borders in ERROR_BORDERS.values())
+    first, second = error_bins(features)
+    small = deviations < 1.0
+    cells, squares = (first * columns + second)[small], deviations[small].astype(float) ** 2
+    count, total = np.bincount(cells, minlength=rows * columns), np.bincount(cells, squares, rows * columns)
+    variance = (total + PRIOR * squares.mean()) / (count + PRIOR)
+    errors: NDArray[np.int64] = np.maximum(np.rint(np.sqrt(variance) * 16), 1).astype(np.int64)
+    return errors.reshape(rows, columns)
+
+
+def fit_trees(features: NDArray[np.float32], is_right: NDArray[np.bool_]) -> list[Tree]:
+    """Return the trees of a gradient boosting with Newton's steps, of which all leaves of a level compare alike.
+
+    Args:
+        features: (9, N) float32.
         is_right: (N,).
     """
-    parameters = len(bins) * BINS
-    cells, place = np.unique(bins + np.arange(len(bins))[:, None] * BINS, axis=1, return_inverse=True)
-    count, right = np.bincount(place.ravel()), np.bincount(place.ravel(), is_right)
-    weights = np.zeros(parameters)
-    for _ in range(NEWTON_STEPS):
-        share = 1.0 / (1.0 + np.exp(-weights[cells].sum(axis=0)))
-        slope = np.zeros(parameters)
-        curvature = np.diag(np.full(parameters, RIDGE))
-        for row in cells:
-            slope += np.bincount(row, right - count * share, parameters)
-            for other in cells:
-                pairs = np.bincount(row * parameters + other, count * share * (1.0 - share), parameters**2)
-                curvature += pairs.reshape(parameters, parameters)
-        weights += np.linalg.solve(curvature, slope - RIDGE * weights)
-    return weights.reshape(len(bins), BINS)
+    shares = np.linspace(0.0, 1.0, BORDERS + 2)[1:-1]
+    borders = [np.unique([float(f"{each:.3g}") for each in np.quantile(values, shares)]) for values in features]
+    bins = [np.searchsorted(each, values, side="right") for each, values in zip(borders, features, strict=True)]
+    sums = np.zeros(len(is_right))
+    trees = []
+    for number in range(TREES):
+        share = 1.0 / (1.0 + np.exp(-sums * WEIGHT_UNIT))
+        slope, curvature = is_right - share, share * (1.0 - share)
+        leaf, compare = np.zeros(len(is_right), np.int64), []
+        for level in range(TREE_DEPTH):
+            gains = [
+                _gains(leaf, 1 << level, each, slope, curvature)[: len(own)]
+                for each, own in zip(bins, borders, strict=True)
+            ]
+            feature = int(np.argmax([each.max() for each in gains]))
+            border = float(borders[feature][gains[feature].argmax()])
+            leaf = leaf * 2 + (features[feature] >= np.float32(border))
+            compare.append((feature, border))
+        leaves = 1 << TREE_DEPTH
+        step = np.bincount(leaf, slope, leaves) / (np.bincount(leaf, curvature, leaves) + RIDGE)
+        rate = 1.0 if number == TREES - 1 else RATE
+        trees.append(Tree(compare, np.rint(rate * step / WEIGHT_UNIT).astype(np.int64)))
+        sums += trees[-1].sums(features)
+    return trees
 
 
-def fitted_text(features: NDArray[np.float32], deviations: NDArray[np.float32]) -> str:
-    """Return the text of ``match_confidence.json`` for the results of ``collect``."""
-    bins = np.stack(
-        [np.searchsorted(BORDERS[name], each, side="right") for name, each in zip(FEATURES, features, strict=True)]
+def _gains(
+    leaf: NDArray[np.int64],
+    leaves: int,
+    bins: NDArray[np.intp],
+    slope: NDArray[np.float64],
+    curvature: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return how much the likelihood gains if all leaves are divided at each of a feature's borders.
+
+    Args:
+        leaf: (N,), leaf of each match.
+        leaves: number of leaves.
+        bins: (N,), bin of the feature of each match.
+        slope: (N,), derivative of the likelihood by the sum of the weights.
+        curvature: (N,), its negative second derivative.
+    """
+    count = BORDERS + 1
+    slopes, curvatures = (
+        np.bincount(leaf * count + bins, values, leaves * count).reshape(leaves, count).cumsum(axis=1)
+        for values in (slope, curvature)
     )
-    first, second = (bins[list(FEATURES).index(name)] for name in ERROR_FEATURES)
-    errors = fit_errors(first, second, deviations)
-    is_right = np.abs(deviations) <= 3.0 / 16.0 * errors[first, second] + 1e-6
-    weights = np.rint(fit_weights(bins, is_right) / WEIGHT_UNIT).astype(int)
-    columns = {"error": errors, **dict(zip(FEATURES, weights, strict=True))}
-    return "{\n" + ",\n".join(f'"{name}": {json.dumps(values.tolist())}' for name, values in columns.items()) + "\n}\n"
+    below, above = slopes[:, :-1], slopes[:, -1:] - slopes[:, :-1]
+    weight_below, weight_above = curvatures[:, :-1], curvatures[:, -1:] - curvatures[:, :-1]
+    gains: NDArray[np.float64] = (below**2 / (weight_below + RIDGE) + above**2 / (weight_above + RIDGE)).sum(axis=0)
+    return gains
+
+
+def fit(matches: Sequence[Matches]) -> tuple[NDArray[np.int64], list[Tree]]:
+    """Return the errors of ``fit_errors`` and the trees of ``fit_trees``."""
+    features = np.concatenate([each.features for each in matches], axis=1)
+    deviations = np.concatenate([each.deviations for each in matches])
+    errors = fit_errors(features, deviations)
+    return errors, fit_trees(features, is_right(errors, features, deviations))
+
+
+def is_right(
+    errors: NDArray[np.int64], features: NDArray[np.float32], deviations: NDArray[np.float32]
+) -> NDArray[np.bool_]:
+    """Return which matches are within 3 disparity errors, (N,)."""
+    return deviations <= 3.0 / 16.0 * errors[error_bins(features)] + 1e-6
+
+
+def cross_validate(matches: Sequence[Matches]) -> None:
+    """Print the share of right matches minus their confidence by scene, of fits without the scene."""
+    for name in dict.fromkeys(each.name for each in matches):
+        errors, trees = fit([each for each in matches if each.name != name])
+        for projector in (False, True):
+            own = [each for each in matches if each.name == name and each.projector == projector]
+            features = np.concatenate([each.features for each in own], axis=1)
+            right = is_right(errors, features, np.concatenate([each.deviations for each in own]))
+            confidence = 1.0 / (1.0 + np.exp(-sum(tree.sums(features) for tree in trees) * WEIGHT_UNIT))
+            print_reliability(f"{name}, {'on' if projector else 'off'}", reliability_of(confidence, right))
+
+
+def text_of(errors: NDArray[np.int64], trees: Sequence[Tree]) -> str:
+    """Return the text of ``match_confidence.json``."""
+    names = list(FEATURES)
+    lines = [
+        json.dumps({"compare": [(names[number], border) for number, border in tree.compare],
+                    "weights": tree.weights.tolist()})
+        for tree in trees
+    ]  # fmt: skip
+    return f'{{\n"error": {json.dumps(errors.tolist())},\n"trees": [\n' + ",\n".join(lines) + "\n]\n}\n"
 
 
 def main() -> None:
-    argparse.ArgumentParser(description=__doc__.partition("\n")[0]).parse_args()
-    kinds = (all_samples((Quality.HIGH, Quality.MEDIUM), SEEDS, realism=realism) for realism in (False, True))
-    FILE.write_text(fitted_text(*collect(pair for kind in kinds for pair in kind)), encoding="utf-8")
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--cross-validate", action="store_true", help="judge fits without a scene on it; write no file")
+    options = parser.parse_args()
+    qualities = (Quality.HIGH, Quality.MEDIUM)
+    matches = [
+        each
+        for realism in (False, True)
+        for pair in all_samples(qualities, SEEDS, realism=realism, scenes=(*SCENES, *PLAIN_SCENES))
+        for each in collect(*pair)
+    ]
+    if options.cross_validate:
+        cross_validate(matches)
+        return
+    FILE.write_text(text_of(*fit(matches)), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.sensor_images import Sample, samples
+from bench.sensor_scenes import SCENES, Scene
 from renderers.stereo.depth.downscale import grey_levels
 from renderers.stereo.depth.matcher_statistics import FILE
 from renderers.stereo.depth.matching import find_matches
@@ -182,12 +183,12 @@ def fitted_table(pairs: list[tuple[Sample, NDArray[np.uint16]]]) -> tuple[Table,
 
 
 def all_samples(
-    qualities: tuple[Quality, ...], seeds: range, *, realism: bool
+    qualities: tuple[Quality, ...], seeds: range, *, realism: bool, scenes: Sequence[Scene] = SCENES
 ) -> Iterator[tuple[Sample, NDArray[np.uint16]]]:
     """Yield all samples with their matches, (H, W) uint16 each."""
     for quality in qualities:
         for seed in seeds:
-            for sample in samples(quality, seed, realism=realism):
+            for sample in samples(quality, seed, realism=realism, scenes=scenes):
                 yield sample, find_matches(sample.left, sample.right, sample.disparity_count, sample.noise_sigma)
 
 

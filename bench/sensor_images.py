@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.sensor_scenes import POSE, SCENES, make_scene
+from bench.sensor_scenes import POSE, SCENES, Scene, make_scene
 from gateway.demo import Demo
 from gateway.scene.flatten import flatten
 from gateway.scene.live import LiveTree
@@ -65,18 +65,21 @@ def renderer() -> CpuRenderer:
     return CpuRenderer()
 
 
-def samples(quality: Quality, seed: int, *, realism: bool = False) -> Iterator[Sample]:
+def samples(
+    quality: Quality, seed: int, *, realism: bool = False, scenes: Sequence[Scene] = SCENES
+) -> Iterator[Sample]:
     """Yield a sample of every scene without and with the projector.
 
     Args:
         quality: resolution of the depth images.
         seed: seed of scenes, noise and fixed pattern.
         realism: images with all parts of ``--stereo-realism``.
+        scenes: functions of the scenes.
     """
     config = StereoConfig(seed=seed, realism=frozenset(REALISM_PARTS if realism else ()))
     imaging, settings = Imaging(config, renderer()), replace(read_settings(Parameters()), quality=quality)
-    for scene in SCENES:
-        draw_list = make_scene(scene, seed)
+    for number, scene in enumerate(scenes):
+        draw_list = make_scene(scene, (seed, number))
         for projector in (False, True):
             yield make_sample(scene.__name__, imaging, settings, Capture(0, draw_list, 1, POSE, int(projector), seed))
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gateway.demo.meshes import textured_box, tile
 from gateway.scene.flatten import flatten
@@ -21,8 +22,17 @@ from scenegate.messages.geometry import Box, Cylinder, Sphere
 
 POSE: Final = look_at((-0.2, 0.0, 0.5), (1.7, 0.0, -0.25), (0.0, 0.0, 1.0))
 """X_world_left, (4, 4) float64."""
+Scene = Callable[[np.random.Generator], list[Part]]
+"""Function of a random generator that returns the parts of a scene."""
 _IMAGE_NUMBERS = iter(range(1 << 30))
 """Source of different names of images."""
+
+
+def image_of(colours: NDArray[np.float64]) -> Image:
+    """Return an opaque image of sRGB values from 0 to 1, (H, W, 3)."""
+    pixels = np.full((*colours.shape[:2], 4), 255, np.uint8)
+    pixels[:, :, :3] = np.clip(colours * 255.0, 0.0, 255.0)
+    return Image(f"scenegate bench {next(_IMAGE_NUMBERS)}".encode(), lambda: pixels)
 
 
 def noise_image(random: np.random.Generator, contrast: float, finest: int = 1, size: int = 256) -> Image:
@@ -41,9 +51,7 @@ def noise_image(random: np.random.Generator, contrast: float, finest: int = 1, s
         side *= 2
     field *= contrast / field.std()
     tint = random.uniform(0.4, 0.75, 3)
-    pixels = np.full((size, size, 4), 255, np.uint8)
-    pixels[:, :, :3] = np.clip((tint + field[:, :, None]) * 255.0, 0.0, 255.0)
-    return Image(f"scenegate bench {next(_IMAGE_NUMBERS)}".encode(), lambda: pixels)
+    return image_of(tint + field[:, :, None])
 
 
 def textured(random: np.random.Generator, contrast: float = 0.15, finest: int = 1) -> Material:
@@ -197,14 +205,14 @@ def faint(random: np.random.Generator) -> list[Part]:
     return parts
 
 
-SCENES: Final[tuple[Callable[[np.random.Generator], list[Part]], ...]] = (
+SCENES: Final[tuple[Scene, ...]] = (
     textured_table, plain_room, mixed_room, clutter, poles, spheres, shiny, clear, steep, far, faint,
 )  # fmt: skip
 """Functions that return the parts of a scene."""
 
 
-def make_scene(scene: Callable[[np.random.Generator], list[Part]], seed: int) -> DrawList:
-    """Return the draw list of one of ``SCENES``."""
+def make_scene(scene: Scene, seed: tuple[int, int]) -> DrawList:
+    """Return the draw list of a scene, whose generator has the given seed."""
     edit = TreeEdit(Node())
-    edit.set_parts(("scene",), tuple(scene(np.random.default_rng((seed, SCENES.index(scene))))))
+    edit.set_parts(("scene",), tuple(scene(np.random.default_rng(seed))))
     return flatten(edit.commit())

@@ -1,14 +1,15 @@
 """Error and confidence of matches, from the images around them.
 
-Each match has six ``FEATURES``. Two of them give its disparity error. Each has a weight for each of its bins; the
-logistic function of the sum of the weights is the share of matches that are right (within 3 disparity errors).
-Without ``MIN_TEXTURE``, it is at most ``MAX_CONFIDENCE_WITHOUT_TEXTURE``.
-``match_confidence.json`` has errors and weights. ``python -m bench.sensor_confidence`` writes it.
+Each match has the ``FEATURES``. Two of them give its disparity error. Small decision trees give its confidence, the
+probability that it is right (within 3 disparity errors): a tree compares five features with borders, the results are
+the bits of the index of a weight, and the confidence is the logistic function of the sum of all trees' weights.
+``match_confidence.json`` has errors and trees. ``python -m bench.sensor_confidence`` writes it.
 """
 
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -19,62 +20,86 @@ from numpy.typing import NDArray
 
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
-from renderers.stereo.depth.downscale import grey_levels
 
 FILE: Final = Path(__file__).with_suffix(".json")
-BORDERS: Final = {
-    "texture": (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0),
-    "wide_texture": (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0),
-    "residual": (0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5),
-    "distinctness": (0.05, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0),
-    "matched_share": (0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0),
-    "disparity_range": (0.3, 0.6, 1.0, 1.5, 3.0, 6.0, 16.0),
-}
-"""Borders between the bins of each of the ``FEATURES``."""
 FEATURES: Final = {
-    "texture": "standard deviation of the horizontal gradient in the window, relative to the image noise",
-    "wide_texture": "the same in the wide window: it guides semi-global matching where the window has no texture",
-    "residual": "difference of both images in the window at the match, relative to the texture",
-    "distinctness": "how much larger the difference is 3 pixels beside the match",
+    "min_texture": "least texture of the small windows nearby: an edge alone may be that of another surface",
+    "texture": "texture of the window",
+    "wide_texture": "texture of the wide window: it guides semi-global matching where the window has none",
+    "even_texture": "the same, without the excess of strong gradients: high where texture covers the window",
+    "residual": "difference of both images in the window at the match, relative to the gradients",
+    "distinctness": "how much more both images differ 2 pixels beside the match, relative to the difference at it",
     "matched_share": "share of pixels with a match in the medium window",
     "disparity_range": "range of the disparities in the window, pixels",
+    "step": "share of the gradients in the window that add up: 1 for one edge, as of a silhouette, 0 for texture",
 }
-"""Names of the features and their meanings, in the order of their planes."""
-BINS: Final = len(BORDERS["texture"]) + 1
-"""Number of bins of each feature."""
-_BORDERS: Final = np.array([BORDERS[name] for name in FEATURES], np.float32)
-"""(6, ``BINS`` - 1) float32."""
-ERROR_FEATURES: Final = ("texture", "disparity_range")
-"""Features that give the error."""
-_FIRST, _SECOND = (list(FEATURES).index(name) for name in ERROR_FEATURES)
+"""Names of the features and their meanings, in the order of their planes. Texture is the root mean square of the
+horizontal gradient beyond the image noise, relative to it."""
+ERROR_BORDERS: Final = {
+    "distinctness": (0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0),
+    "disparity_range": (0.3, 0.6, 1.0, 1.5, 3.0, 6.0, 16.0),
+}
+"""Borders between the bins of the features that give the error."""
+TREE_DEPTH: Final = 5
+"""Number of comparisons of a tree."""
 WEIGHT_UNIT: Final = 1.0 / 32.0
 """Unit of the weights. Sums of integers do not depend on the order, nor on the machine's rounding."""
-_WINDOW, _MEDIUM_WINDOW, _WIDE_WINDOW = 9, 21, 41
-"""Sides of the windows, pixels."""
-_STEP: Final = 3
-"""Distance from the match to the disparities with which it is compared, pixels."""
 MIN_TEXTURE: Final = {"texture": 1.0, "wide_texture": 2.0}
-"""Minimum texture of matches that can be right. With less, noise, or a surface beside it, may have made the match: dots
-return too little light from there, or a mirror none.
+"""Minimum texture of matches. With less, noise, or a surface beside it, may have made the match:
+dots return too little light from there, or a mirror none.
 """
-MAX_CONFIDENCE_WITHOUT_TEXTURE: Final = 0.45
-"""Maximum confidence of matches with less. A third of them is right on average, often a whole wall or none of it."""
-_TEXTURE, _WIDE_TEXTURE = (list(FEATURES).index(name) for name in MIN_TEXTURE)
-_MIN_TEXTURE, _MIN_WIDE_TEXTURE = MIN_TEXTURE.values()
+_SMALL_WINDOW, _WINDOW, _MEDIUM_WINDOW, _WIDE_WINDOW = 5, 9, 21, 41
+"""Sides of the windows, pixels."""
+_NEARBY: Final = 7
+"""Side of the window around a match in which the centres of the small windows of ``min_texture`` lie, pixels."""
+_MAX_SQUARE: Final = (2**31 - 1) // _WIDE_WINDOW**2
+"""Limit of squared gradients, squared units of 1/32 level: their sum over the wide window fits into 32 bits."""
+_EVEN_LIMIT: Final = 4.0
+"""Limit of squared gradients in ``even_texture``, relative to the variance of the image noise."""
+_STEP: Final = 2
+"""Distance from the match to the disparities with which it is compared, pixels."""
+_FIRST, _SECOND = (list(FEATURES).index(name) for name in ERROR_BORDERS)
+_ERROR_BORDERS: Final = np.array(list(ERROR_BORDERS.values()), np.float32)
+"""(2, 7) float32."""
 _MAX_SUM: Final = 255
 """Maximum absolute value of a sum of weights: confidences are between 0.0003 and 0.9997."""
-_MAX_SUM_WITHOUT_TEXTURE: Final = int(
-    np.log(MAX_CONFIDENCE_WITHOUT_TEXTURE / (1.0 - MAX_CONFIDENCE_WITHOUT_TEXTURE)) / WEIGHT_UNIT
-)
 _SUMS: Final = np.arange(-_MAX_SUM, _MAX_SUM + 1)
 _CONFIDENCES: Final = np.floor(255.0 / (1.0 + np.exp(-_SUMS * WEIGHT_UNIT))).astype(np.uint8)
 """(2 ``_MAX_SUM`` + 1,) uint8, confidence of each sum of weights, units of 1/255."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Tables:
+    """Content of ``match_confidence.json``."""
+
+    error: NDArray[np.uint8]
+    """(8, 8) uint8, disparity error by the bins of ``ERROR_BORDERS``, units of 1/16 pixel."""
+    features: NDArray[np.int64]
+    """(T, ``TREE_DEPTH``) int64, numbers of the features that a tree compares, first the one of the highest bit."""
+    borders: NDArray[np.float32]
+    """(T, ``TREE_DEPTH``) float32, borders with which they are compared. The bit of a feature from its border is 1."""
+    weights: NDArray[np.int32]
+    """(T, 2 ** ``TREE_DEPTH``) int32, units of ``WEIGHT_UNIT``."""
+
+
+@cache
+def tables() -> Tables:
+    """Return the content of ``match_confidence.json``."""
+    content: dict[str, Any] = json.loads(FILE.read_text("utf-8"))
+    numbers = {name: number for number, name in enumerate(FEATURES)}
+    comparisons = [[(numbers[name], border) for name, border in tree["compare"]] for tree in content["trees"]]
+    return Tables(
+        np.array(content["error"], np.uint8),
+        np.array([[number for number, _ in tree] for tree in comparisons], np.int64),
+        np.array([[border for _, border in tree] for tree in comparisons], np.float32),
+        np.array([tree["weights"] for tree in content["trees"]], np.int32),
+    )
+
+
 def match_features(
     left: NDArray[np.uint16], right: NDArray[np.uint16], disparity: NDArray[np.uint16], noise_sigma: float
 ) -> NDArray[np.float32]:
-    """Return the ``FEATURES`` of each pixel, (6, H, W) float32; undefined where there is no match.
+    """Return the ``FEATURES`` of each pixel, (9, H, W) float32; undefined where there is no match.
 
     Args:
         left: (H, W) uint16, rectified, units of 1/16 grey level.
@@ -82,22 +107,36 @@ def match_features(
         disparity: (H, W) uint16, units of 1/16 pixel, 0: no match.
         noise_sigma: standard deviation of the image noise, grey levels, above 0.
     """
-    gradient = np.asarray(cv2.Sobel(grey_levels(left), cv2.CV_16S, 1, 0, ksize=1))  # right minus left neighbour
-    squared_gradient = np.square(gradient, dtype=np.int32)
-    found = (disparity > 0).astype(np.uint8)
-    differences = np.empty((4, *left.shape), np.int32)
+    gradient, size = np.empty((2, *left.shape), np.int16)
+    squared, even = np.empty((2, *left.shape), np.int32)
+    _gradients(left, int(min(_EVEN_LIMIT * (32.0 * noise_sigma) ** 2, _MAX_SQUARE)), gradient, size, squared, even)
+    differences = np.empty((3, *left.shape), np.int32)
     _compare(left, right, disparity, differences)
     box = np.ones((_WINDOW, _WINDOW), np.uint8)
     nearest = cv2.dilate(disparity, box)
     farthest = cv2.erode(np.where(disparity > 0, disparity, np.uint16(65535)), box)
+    small_squares = _box_sum(squared, _SMALL_WINDOW).astype(np.float32)
     features = np.empty((len(FEATURES), *left.shape), np.float32)
     _write_features(
-        _box_sum(gradient, _WINDOW), _box_sum(squared_gradient, _WINDOW), _box_sum(gradient, _WIDE_WINDOW),
-        _box_sum(squared_gradient, _WIDE_WINDOW), _box_sum(found, _WINDOW), _box_sum(found, _MEDIUM_WINDOW),
+        np.asarray(cv2.erode(small_squares, np.ones((_NEARBY, _NEARBY), np.uint8)), np.float32),
+        _box_sum(squared, _WINDOW), _box_sum(squared, _WIDE_WINDOW),
+        _box_sum(even, _WIDE_WINDOW),
+        _box_sum((disparity > 0).astype(np.uint8), _MEDIUM_WINDOW),
         *(_box_sum(difference, _WINDOW) for difference in differences),
+        *(_box_sum(values, _WINDOW) for values in (gradient, size)),
         np.asarray(nearest, np.uint16), np.asarray(farthest, np.uint16), float(noise_sigma), features,
     )  # fmt: skip
     return features
+
+
+def with_texture(disparity: NDArray[np.uint16], features: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Return the matches that have texture around them, (H, W) uint16, 0 elsewhere.
+
+    Without texture, matches are those of the surfaces beside them, right on a whole wall or on none of it.
+    """
+    names = list(FEATURES)
+    has_texture = np.logical_and(*(features[names.index(name)] >= least for name, least in MIN_TEXTURE.items()))
+    return np.where(has_texture, disparity, np.uint16(0))
 
 
 def error_and_confidence(
@@ -106,25 +145,16 @@ def error_and_confidence(
     """Return error, units of 1/16 pixel, and confidence, units of 1/255, (H, W) uint8 each; 0 where there is no match.
 
     Args:
-        features: (6, H, W) float32, ``match_features``.
+        features: (9, H, W) float32, ``match_features``.
         disparity: (H, W) uint16, 0: no match.
     """
-    weights, errors = tables()
+    content = tables()
     error, confidence = np.empty(disparity.shape, np.uint8), np.empty(disparity.shape, np.uint8)
-    _judge(features, disparity, _BORDERS, weights, errors, _CONFIDENCES, error, confidence)
+    _write_error(features, disparity, _ERROR_BORDERS, content.error, error)
+    _write_confidence(
+        features, disparity, content.features, content.borders, content.weights, _CONFIDENCES, confidence
+    )  # fmt: skip
     return error, confidence
-
-
-@cache
-def tables() -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Return the tables of ``match_confidence.json``.
-
-    Returns:
-        (6, ``BINS``) int32, weights, units of ``WEIGHT_UNIT``; (``BINS``, ``BINS``) uint8, error by the bins of
-        ``ERROR_FEATURES``, units of 1/16 pixel.
-    """
-    content: dict[str, Any] = json.loads(FILE.read_text("utf-8"))
-    return np.array([content[name] for name in FEATURES], np.int32), np.array(content["error"], np.uint8)
 
 
 def _box_sum(values: NDArray[Any], side: int) -> NDArray[np.int32]:
@@ -141,16 +171,39 @@ def _difference(left, right, column, units, width):
     return np.int32(left[column]) - np.int32((level + 8) >> 4)
 
 
+@kernel("void(uint16[:,::1], int64, int16[:,::1], int16[:,::1], int32[:,::1], int32[:,::1])")
+def _gradients(left, even_limit, gradient, size, squared, even):
+    """Write the differences of each pixel's right and left neighbours, 0 in the first and the last column.
+
+    Args:
+        left: (H, W) uint16, units of 1/16 level.
+        even_limit: limit of ``even``.
+        gradient: (H, W) int16, output, units of 1/16 level.
+        size: (H, W) int16, output, absolute value.
+        squared: (H, W) int32, output, square, at most ``_MAX_SQUARE``.
+        even: (H, W) int32, output, square, at most ``even_limit``.
+    """
+    height, width = left.shape
+    for row in range(height):
+        levels = left[row]
+        for column in range(width):
+            inside = 0 < column < width - 1
+            value = np.int32(levels[column + 1]) - np.int32(levels[column - 1]) if inside else np.int32(0)
+            square = min(value * value, np.int32(_MAX_SQUARE))
+            gradient[row, column], size[row, column] = value, abs(value)
+            squared[row, column], even[row, column] = square, min(square, np.int32(even_limit))
+
+
 @kernel("void(uint16[:,::1], uint16[:,::1], uint16[:,::1], int32[:,:,::1])")
 def _compare(left, right, disparity, differences):
-    """Write how both images differ at each match and beside it.
+    """Write the squared differences of both images at each match and beside it.
 
     Args:
         left: (H, W) uint16, units of 1/16 level.
         right: (H, W) uint16, likewise.
         disparity: (H, W) uint16, units of 1/16 pixel, 0: no match.
-        differences: (4, H, W) int32, output: difference at the match, its square, and the squares at ``_STEP`` pixels
-            less and more; 0 where there is no match.
+        differences: (3, H, W) int32, output: at the match, and at ``_STEP`` pixels less and more; 0 where there is no
+            match.
     """
     height, width = left.shape
     for row in range(height):
@@ -162,73 +215,99 @@ def _compare(left, right, disparity, differences):
                 here = _difference(left_row, right_row, column, units, width)
                 farther = _difference(left_row, right_row, column, units - 16 * _STEP, width)
                 nearer = _difference(left_row, right_row, column, units + 16 * _STEP, width)
-            differences[0, row, column] = here
-            differences[1, row, column] = here * here
-            differences[2, row, column] = farther * farther
-            differences[3, row, column] = nearer * nearer
+            differences[0, row, column] = here * here
+            differences[1, row, column] = farther * farther
+            differences[2, row, column] = nearer * nearer
 
 
 @inlined
-def _texture(gradient_sum, square_sum, pixels, variance):
-    """Return the standard deviation of the gradient beyond the noise, relative to the noise, from sums of a window."""
-    mean = np.float32(gradient_sum) / pixels
+def _texture(square_sum, scale):
+    """Return the root mean square of the gradient beyond the noise, relative to the noise, from a sum of squares."""
     # The gradient is half the difference of two pixels: noise adds half its variance.
-    excess = np.float32(0.25) * (np.float32(square_sum) / pixels - mean * mean) - np.float32(0.5) * variance
-    return np.sqrt(max(excess, np.float32(0.0)) / variance)
+    return np.sqrt(max(np.float32(square_sum) * scale - np.float32(0.5), np.float32(0.0)))
 
 
 @kernel(
-    "void(int32[:,::1], int32[:,::1], int32[:,::1], int32[:,::1], int32[:,::1], int32[:,::1], int32[:,::1], "
+    "void(float32[:,::1], int32[:,::1], int32[:,::1], int32[:,::1], int32[:,::1], int32[:,::1], int32[:,::1], "
     "int32[:,::1], int32[:,::1], int32[:,::1], uint16[:,::1], uint16[:,::1], float64, float32[:,:,::1])"
 )
 def _write_features(
-    gradients, squares, wide_gradients, wide_squares, counts, medium_counts, differences, here, farther, nearer,
-    nearest, farthest, noise_sigma, features,
+    least_squares, squares, wide_squares, even_squares, medium_counts, here, farther, nearer, gradients, sizes, nearest,
+    farthest, noise_sigma, features,
 ):  # fmt: skip
-    """Write the ``FEATURES`` from sums over windows, (H, W) int32 each, and the range of their disparities."""
-    height, width = counts.shape
+    """Write the ``FEATURES`` from sums over windows, (H, W) each, and the range of their disparities."""
+    height, width = medium_counts.shape
     sigma = np.float32(noise_sigma)
-    variance, level = sigma * sigma, np.float32(1.0 / 16.0) / sigma  # 1/16 level relative to the noise
+    noise = np.float32(16 * _WINDOW) * sigma  # root of its sum of squares over a window, 1/16 level
+    window, medium_pixels = np.float32(2 * _WINDOW), np.float32(_MEDIUM_WINDOW**2)
+    # Squared gradients, in squared units of 1/32 level, relative to the variance of the noise.
+    scale = np.float32(1.0 / (32.0 * noise_sigma) ** 2)
+    small_scale, window_scale = scale / np.float32(_SMALL_WINDOW**2), scale / np.float32(_WINDOW**2)
+    wide_scale = scale / np.float32(_WIDE_WINDOW**2)
     for row in range(height):
         for column in range(width):
-            texture = _texture(gradients[row, column], squares[row, column], np.float32(_WINDOW**2), variance)
-            count = np.float32(max(counts[row, column], 1))
-            mean, square = np.float32(differences[row, column]) / count, np.float32(here[row, column]) / count
-            residual = level * np.sqrt(max(square - mean * mean, np.float32(0.0)))
-            beside = np.float32(min(nearer[row, column], farther[row, column])) / count
-            rise = level * (np.sqrt(beside) - np.sqrt(square))
-            features[0, row, column] = texture
-            features[1, row, column] = _texture(
-                wide_gradients[row, column], wide_squares[row, column], np.float32(_WIDE_WINDOW**2), variance
+            features[0, row, column] = _texture(least_squares[row, column], small_scale)
+            features[1, row, column] = _texture(squares[row, column], window_scale)
+            features[2, row, column] = _texture(wide_squares[row, column], wide_scale)
+            features[3, row, column] = _texture(even_squares[row, column], wide_scale)
+            difference, size = np.sqrt(np.float32(here[row, column])), np.float32(sizes[row, column])
+            beside = np.sqrt(np.float32(min(nearer[row, column], farther[row, column])))
+            # The mean gradient is size / (2 pixels), the root mean square difference is 2 difference / window.
+            features[4, row, column] = difference * window / (size + window * noise)
+            features[5, row, column] = (beside - difference) / (difference + noise)
+            features[6, row, column] = np.float32(medium_counts[row, column]) / medium_pixels
+            features[7, row, column] = np.float32(nearest[row, column] - farthest[row, column]) / np.float32(16.0)
+            features[8, row, column] = np.float32(abs(gradients[row, column])) / (
+                size + np.float32(0.3) * window * noise
             )
-            features[2, row, column] = (residual + np.float32(0.25)) / (texture + np.float32(1.0))
-            features[3, row, column] = rise / (residual + np.float32(1.0))
-            features[4, row, column] = np.float32(medium_counts[row, column]) / np.float32(_MEDIUM_WINDOW**2)
-            features[5, row, column] = np.float32(nearest[row, column] - farthest[row, column]) / np.float32(16.0)
 
 
-@kernel(
-    "void(float32[:,:,::1], uint16[:,::1], float32[:,::1], int32[:,::1], uint8[:,::1], uint8[::1], uint8[:,::1], "
-    "uint8[:,::1])"
-)
-def _judge(features, disparity, borders, weights, errors, confidences, error, confidence):
-    """Write error and confidence of each match; arguments as of ``error_and_confidence``, and ``tables``."""
+@kernel("void(float32[:,:,::1], uint16[:,::1], float32[:,::1], uint8[:,::1], uint8[:,::1])")
+def _write_error(features, disparity, borders, errors, error):
+    """Write the error of each match, 0 elsewhere.
+
+    Args:
+        features: (9, H, W) float32.
+        disparity: (H, W) uint16, 0: no match.
+        borders: (2, 7) float32, borders between the bins.
+        errors: (8, 8) uint8, error by the two bins.
+        error: (H, W) uint8, output.
+    """
     height, width = disparity.shape
-    bins = np.zeros(len(weights), np.int64)
     for row in range(height):
         for column in range(width):
-            if disparity[row, column] == 0:
-                error[row, column], confidence[row, column] = 0, 0
-                continue
-            total = np.int32(0)
-            for index in range(len(weights)):
-                value, bin_index = features[index, row, column], np.int64(0)
-                for border in range(BINS - 1):
-                    bin_index += np.int64(value >= borders[index, border])
-                bins[index] = bin_index
-                total += weights[index, bin_index]
-            error[row, column] = errors[bins[_FIRST], bins[_SECOND]]
-            texture, wide_texture = features[_TEXTURE, row, column], features[_WIDE_TEXTURE, row, column]
-            if texture < np.float32(_MIN_TEXTURE) or wide_texture < np.float32(_MIN_WIDE_TEXTURE):
-                total = min(total, np.int32(_MAX_SUM_WITHOUT_TEXTURE))
-            confidence[row, column] = confidences[min(max(total + np.int32(_MAX_SUM), 0), 2 * _MAX_SUM)]
+            first, second = np.int64(0), np.int64(0)
+            for border in range(borders.shape[1]):
+                first += np.int64(features[_FIRST, row, column] >= borders[0, border])
+                second += np.int64(features[_SECOND, row, column] >= borders[1, border])
+            error[row, column] = errors[first, second] if disparity[row, column] > 0 else np.uint8(0)
+
+
+@kernel("void(float32[:,:,::1], uint16[:,::1], int64[:,::1], float32[:,::1], int32[:,::1], uint8[::1], uint8[:,::1])")
+def _write_confidence(features, disparity, tree_features, tree_borders, weights, confidences, confidence):
+    """Write the confidence of each match, 0 elsewhere.
+
+    Args:
+        features: (9, H, W) float32.
+        disparity: (H, W) uint16, 0: no match.
+        tree_features: (T, ``TREE_DEPTH``) int64, ``Tables.features``.
+        tree_borders: (T, ``TREE_DEPTH``) float32, ``Tables.borders``.
+        weights: (T, 2 ** ``TREE_DEPTH``) int32, ``Tables.weights``.
+        confidences: (2 ``_MAX_SUM`` + 1,) uint8, confidence of each sum of weights.
+        confidence: (H, W) uint8, output.
+    """
+    height, width = disparity.shape
+    total, leaf = np.empty(width, np.int32), np.empty(width, np.int32)
+    for row in range(height):
+        total[:] = 0
+        for tree in range(len(weights)):
+            leaf[:] = 0
+            for level in range(TREE_DEPTH):
+                values, border = features[tree_features[tree, level], row], tree_borders[tree, level]
+                for column in range(width):
+                    leaf[column] = (leaf[column] << 1) | np.int32(values[column] >= border)
+            for column in range(width):
+                total[column] += weights[tree, leaf[column]]
+        for column in range(width):
+            value = confidences[min(max(total[column], -_MAX_SUM), _MAX_SUM) + _MAX_SUM]
+            confidence[row, column] = value if disparity[row, column] > 0 else np.uint8(0)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.downscale import grey_levels
-from renderers.stereo.depth.match_confidence import error_and_confidence, match_features
+from renderers.stereo.depth.match_confidence import error_and_confidence, match_features, with_texture
 from renderers.stereo.depth.pixel_classes import MIN_NOISE_SIGMA
 from renderers.stereo.depth.residual_shift import residual_shift
 from renderers.stereo.model import DISPARITY_SCALE
@@ -41,8 +41,9 @@ def match_pair(
         disparity_count: number of disparities to search, one per pixel from 0.
         noise_sigma: standard deviation of the image noise, grey levels.
     """
-    disparity = find_matches(left, right, disparity_count, noise_sigma)
-    features = match_features(left, right, disparity, max(noise_sigma, MIN_NOISE_SIGMA))
+    matches = find_matches(left, right, disparity_count, noise_sigma)
+    features = match_features(left, right, matches, max(noise_sigma, MIN_NOISE_SIGMA))
+    disparity = with_texture(matches, features)
     return DepthImages(disparity, *error_and_confidence(features, disparity))
 
 

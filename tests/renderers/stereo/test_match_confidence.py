@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.stereo.depth import match_confidence
 from renderers.stereo.depth.match_confidence import (
-    BINS,
-    BORDERS,
-    ERROR_FEATURES,
+    ERROR_BORDERS,
     FEATURES,
+    TREE_DEPTH,
     error_and_confidence,
     match_features,
     tables,
+    with_texture,
 )
 
 HEIGHT, WIDTH, SHIFT = 64, 96, 8
@@ -47,22 +46,49 @@ def test_matches_that_the_images_contradict_are_not() -> None:
     assert judged(left, right, SHIFT + 5)[1] < judged(left, right, SHIFT)[1] - 0.1
 
 
-def test_matches_without_texture_are_less_confident_and_less_precise() -> None:
-    plain, textured = texture(0.0), texture(20.0)
-    plain_error, plain_confidence = judged(plain, plain, SHIFT)
+def test_matches_of_faint_texture_are_less_confident_and_less_precise() -> None:
+    faint, textured = texture(0.4), texture(20.0)
+    faint_error, faint_confidence = judged(faint, np.roll(faint, -SHIFT, axis=1), SHIFT)
     error, confidence = judged(textured, np.roll(textured, -SHIFT, axis=1), SHIFT)
-    assert plain_confidence < confidence - 0.2
-    assert plain_error > error
+    assert faint_confidence < confidence
+    assert faint_error > error
+
+
+def features_of(image: NDArray[np.uint16]) -> dict[str, NDArray[np.float32]]:
+    """Return the features of right matches, by name."""
+    matches = np.full(image.shape, SHIFT * 16, np.uint16)
+    return dict(zip(FEATURES, match_features(image, np.roll(image, -SHIFT, 1), matches, SIGMA), strict=True))
 
 
 def test_texture_outside_the_window_counts() -> None:
     """A plain stripe between textures guides the matcher better than a plain wall."""
     striped = texture(20.0)
     striped[:, 40:56] = 128 * 16
-    matches = np.full(striped.shape, SHIFT * 16, np.uint16)
-    features = dict(zip(FEATURES, match_features(striped, np.roll(striped, -SHIFT, 1), matches, SIGMA), strict=True))
-    assert features["texture"][32, 48] < 1.0
+    features = features_of(striped)
+    assert features["min_texture"][32, 48] < 1.0
     assert features["wide_texture"][32, 48] > 10.0
+
+
+def test_a_single_edge_is_a_step_and_no_even_texture() -> None:
+    """Which side of an edge a match belongs to is unknown; beside a line, or in a texture, it is right."""
+    edge, line = texture(0.0), texture(0.0)
+    edge[:, 48:] += 40 * 16
+    line[:, 48:50] += 40 * 16
+    of_edge, of_line, of_texture = features_of(edge), features_of(line), features_of(texture(20.0))
+    assert of_edge["step"][32, 48] > 0.9
+    assert of_line["step"][32, 48] < 0.1
+    assert of_texture["step"][32, 48] < 0.5
+    assert of_edge["even_texture"][32, 48] < of_texture["even_texture"][32, 48]
+
+
+def test_matches_without_texture_around_them_are_no_matches() -> None:
+    """On a plain wall, noise or the things beside it would have made them."""
+    half = texture(20.0)
+    half[:, :60] = 128 * 16
+    matches = np.full(half.shape, SHIFT * 16, np.uint16)
+    kept = with_texture(matches, match_features(half, np.roll(half, -SHIFT, 1), matches, SIGMA))
+    assert (kept[:, :36] == 0).all()
+    assert (kept[:, 60:] == SHIFT * 16).all()
 
 
 def test_pixels_without_a_match_have_neither() -> None:
@@ -82,10 +108,9 @@ def test_disparities_beyond_the_image_are_compared_with_its_edge() -> None:
 
 
 def test_tables_fit_the_features() -> None:
-    weights, errors = tables()
-    assert list(BORDERS) == list(FEATURES)
-    assert set(ERROR_FEATURES) < set(FEATURES)
-    assert weights.shape == (len(FEATURES), BINS)
-    assert errors.shape == (BINS, BINS)
-    assert errors.min() >= 1
-    assert match_confidence.FILE.is_file()
+    content = tables()
+    assert set(ERROR_BORDERS) < set(FEATURES)
+    assert content.error.shape == tuple(len(borders) + 1 for borders in ERROR_BORDERS.values())
+    assert content.error.min() >= 1
+    assert content.features.shape == content.borders.shape == (len(content.weights), TREE_DEPTH)
+    assert content.weights.shape[1] == 2**TREE_DEPTH
