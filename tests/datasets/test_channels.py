@@ -198,7 +198,8 @@ def test_measured_depth_has_the_errors_of_a_profile(renderer: CpuRenderer, path:
     seen = first[first > 0]
     assert len(seen) > first.size / 4
     assert abs(np.median(seen) - 2000) < 50
-    assert 5 < seen.std() < 300
+    low, high = np.percentile(seen, (5, 95))  # wrong matches may be anywhere
+    assert 40 < (high - low) / 2 < 200
     np.testing.assert_array_equal(measured(1, plate_camera()), first)
     assert (measured(2, plate_camera()) != first).any()
     with pytest.raises(CameraError, match="the size and lens of --stereo-profile"):
