@@ -61,4 +61,6 @@ def _problem(fault: Mapping[str, Any]) -> str:
     """Return what is invalid; our own checks name parameter and value themselves."""
     if fault["type"] == "value_error":
         return str(fault["msg"]).removeprefix("Value error, ")
+    if fault["type"] == "extra_forbidden":
+        return f"{fault['loc'][-1]} is no parameter of this URL"[:_MAX_ECHO]
     return f"{fault['loc'][-1]}: {fault['msg']}, got {fault['input']!r}"[:_MAX_ECHO]

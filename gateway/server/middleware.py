@@ -133,10 +133,10 @@ class Protection:
         for name, value in scope["headers"]:
             if name == b"host":
                 hosts.append(value)
-            elif name == b"origin":
-                origin = value.decode("latin-1")
+            elif name == b"origin":  # several ones are joined as RFC 9110 has it, and then no origin of ours
+                origin = value.decode("latin-1") if origin is None else f"{origin}, {value.decode('latin-1')}"
             elif name == b"sec-fetch-site":
-                site = value.decode("latin-1")
+                site = value.decode("latin-1") if site is None else f"{site}, {value.decode('latin-1')}"
         host = hosts[0] if hosts else b""
         # With several Host headers, another reader may use the other one.
         trusted = len(hosts) < 2 and self._trusts(host, (scope.get("server") or ("",))[0])

@@ -121,6 +121,13 @@ async def test_cross_site_requests_with_side_effects_are_refused(headers: dict[s
             assert (await http.request(method, "/", headers=headers)).status_code != 403
 
 
+@pytest.mark.parametrize("second", ["http://here:8000", "http://evil.example"])
+async def test_several_origins_are_refused(second: str) -> None:
+    async with behind(Protection) as http:
+        answer = await http.post("/", headers=[("Origin", "http://here:8000"), ("Origin", second)])
+        assert answer.status_code == 403
+
+
 async def test_wildcard_origin_allows_cross_site_requests() -> None:
     async with behind(Protection, origins=("*",)) as http:
         for headers in ({"Origin": "null"}, {"Sec-Fetch-Site": "cross-site"}):
