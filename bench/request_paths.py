@@ -17,6 +17,7 @@ import socket
 import sys
 import tempfile
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
@@ -29,6 +30,8 @@ from websockets.sync.client import connect
 from bench.gateways import Gateway, post
 from bench.render_requests import corpus, recorded
 from bench.table import Row, show
+from renderers.compiler.jit import KERNELS
+from renderers.compiler.pending import any_pending
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.testing.publish import publish
 
@@ -54,13 +57,16 @@ class Profiler:
         sys.setprofile(self._on_event)
 
     def start(self) -> None:
-        """Begin to count."""
+        """Begin to count, once all kernels are loaded."""
+        while any_pending():  # calls of a background thread would count, too
+            time.sleep(0.1)
         self._calls = Counter()
 
     def stop(self) -> dict[str, int]:
         """Return the calls of our functions since ``start``, by ``file function``."""
         calls, self._calls = self._calls or Counter(), None
-        ours = ((code.co_filename, code.co_qualname, count) for code, count in calls.items())
+        kernels = {kernel.dispatcher.py_func.__code__ for kernel in KERNELS}  # Numba reports their calls
+        ours = ((code.co_filename, code.co_qualname, count) for code, count in calls.items() if code not in kernels)
         return {
             f"{Path(file).relative_to(ROOT)} {function}": count
             for file, function, count in ours

@@ -45,8 +45,8 @@ class CacheBudget:
         self.clock = count()
         """Logical clock: each use of a value takes the next number."""
         self._caches: WeakSet[Cache[Any, Any]] = WeakSet()
-        # Keys of collected objects whose entries are not dropped yet. Objects may be collected while the lock is held.
-        self._collected: deque[tuple[ref[Cache[Any, Any]], Hashable]] = deque()
+        self.collected: deque[tuple[ref[Cache[Any, Any]], Hashable]] = deque()
+        """Keys of objects that were collected while the lock was held. Their entries are dropped later."""
 
     def figures(self) -> dict[str, CacheFigures]:
         """Return the figures of the caches by their names, sorted."""
@@ -64,7 +64,7 @@ class CacheBudget:
 
     def drop_when_unlocked(self, cache: ref[Cache[Any, Any]], key: Hashable) -> None:
         """Drop the entry of a collected object: now, or at the next use of a cache if the lock is held."""
-        self._collected.append((cache, key))
+        self.collected.append((cache, key))
         if self.lock.acquire(blocking=False):
             try:
                 self.drop_collected()
@@ -73,8 +73,8 @@ class CacheBudget:
 
     def drop_collected(self) -> None:
         """Drop the entries of collected objects."""
-        while self._collected:
-            reference, key = self._collected.popleft()
+        while self.collected:
+            reference, key = self.collected.popleft()
             if (cache := reference()) is not None:
                 cache.drop(key)
 
@@ -151,7 +151,8 @@ class Cache(Generic[K, V]):
         """Return the value of a key and mark it as the most recently used; None if there is no value."""
         stored_key, budget = self._stored_key(key), self._budget
         with budget.lock:
-            budget.drop_collected()
+            if budget.collected:
+                budget.drop_collected()
             entry = self.entries.get(stored_key)
             if entry is None:
                 self.misses += 1
@@ -167,7 +168,8 @@ class Cache(Generic[K, V]):
         stored_key, budget = self._stored_key(key), self._budget
         references = self._references(key)
         with budget.lock:
-            budget.drop_collected()
+            if budget.collected:
+                budget.drop_collected()
             self.drop(stored_key)
             if nbytes > budget.max_bytes and not references:
                 return

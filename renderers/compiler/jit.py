@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler.cache_locator import cached_njit
 from renderers.compiler.numba_typing import argument_types
-from renderers.compiler.pending import wait_for_kernel
+from renderers.compiler.pending import PENDING, wait_for_kernel
 
 T = TypeVar("T", bound=np.generic)
 
@@ -28,7 +28,8 @@ class Kernel:
         self._signature = signature
 
     def __call__(self, *args: Any) -> Any:
-        wait_for_kernel(self.name)
+        if PENDING:
+            wait_for_kernel(self.name)
         return self.dispatcher(*args)
 
     def __getattr__(self, name: str) -> Any:

@@ -14,7 +14,8 @@ from typing import Final
 from renderers.stop import current_stop
 
 _changed: Final = threading.Condition()
-_pending: Final[dict[str, _Part]] = {}
+PENDING: Final[dict[str, _Part]] = {}
+"""Parts that are not loaded, by name; only this module changes it."""
 
 
 class KernelsPending(Exception):  # noqa: N818 - an expected outcome, not a fault
@@ -54,20 +55,20 @@ def announced(parts: Mapping[str, Callable[[str], bool]]) -> Iterator[None]:
         parts: for each part, a function that returns True for the full names of its kernels.
     """
     with _changed:
-        _pending.update({part: _Part(has_kernel) for part, has_kernel in parts.items()})
+        PENDING.update({part: _Part(has_kernel) for part, has_kernel in parts.items()})
     try:
         yield
     finally:
         with _changed:
             for part in parts:
-                _pending.pop(part, None)
+                PENDING.pop(part, None)
             _changed.notify_all()
 
 
 def finish(part: str) -> None:
     """Announce that a part is loaded."""
     with _changed:
-        del _pending[part]
+        del PENDING[part]
         _changed.notify_all()
 
 
@@ -78,24 +79,24 @@ def fail(retry_after: int | None) -> None:
         retry_after: seconds until loading is tried again; None: it is tried now, and calls wait.
     """
     with _changed:
-        for part in _pending.values():
+        for part in PENDING.values():
             part.retry_after = retry_after
         _changed.notify_all()
 
 
 def is_pending(part: str) -> bool:
     """Return True for a part that is not loaded yet."""
-    return part in _pending
+    return part in PENDING
 
 
 def any_pending() -> bool:
     """Return True while kernels of any part are not loaded: calls may wait, and must not be made on an event loop."""
-    return bool(_pending)
+    return bool(PENDING)
 
 
 def is_compiling(part: str) -> bool:
     """Return True for a part that is not loaded yet, unless loading it has failed."""
-    state = _pending.get(part)
+    state = PENDING.get(part)
     return state is not None and state.retry_after is None
 
 
@@ -109,12 +110,12 @@ def wait_for_kernel(name: str) -> None:
         KernelsPending: the current ``StopFlag`` does not wait.
         KernelsDelayed: the part could not be loaded.
     """
-    for part, state in tuple(_pending.items()):
+    for part, state in tuple(PENDING.items()):
         if state.has_kernel(name):
             if not current_stop().waits and state.retry_after is None:
                 raise KernelsPending(part)
             with _changed:
                 _changed.wait_for(lambda part=part: not is_compiling(part))  # type: ignore[misc]
-                failed = _pending.get(part)
+                failed = PENDING.get(part)
             if failed is not None and failed.retry_after is not None:
                 raise KernelsDelayed(failed.retry_after)

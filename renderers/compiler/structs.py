@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping
+from itertools import repeat
 from typing import Any, Final
 
 import numpy as np
@@ -99,7 +100,7 @@ class Struct:
         names = self.dtype.names or ()
         if unknown := fields.keys() - set(names):
             raise TypeError(f"{self.type.name} has no field {min(unknown)!r}")
-        return tuple([fields.get(name, 0) for name in names])
+        return tuple(map(fields.get, names, repeat(0)))
 
 
 def _layout(kind: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final
 
@@ -11,11 +12,9 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.compiler.kernel_calls import YIELD_ADDRESS, kernel_address
-from renderers.compiler.pointers import address_of
+from renderers.compiler.pointers import address_of, aligned_parts
 from renderers.compiler.simd import LANES
-from renderers.interface import Frame
 from renderers.msaa import SAMPLE_BAND, lane_lists, sample_offsets
-from renderers.raster.buffers import Buffers
 from renderers.raster.coverage import draw_band
 from renderers.raster.frame_phases import run_phases
 from renderers.raster.frame_setup import set_up_frame
@@ -44,6 +43,8 @@ class FrameJob:
         keep_back_faces: bool = False,
         opaque: bool = False,
         samples: int = 1,
+        outputs: Sequence[int] = (0, 0, 0, 0),
+        has_layer: bool = False,
     ) -> None:
         """
         Args:
@@ -52,22 +53,36 @@ class FrameJob:
             keep_back_faces: culled faces appear in the outputs, but not in what is shaded.
             opaque: only the nearest surface of every pixel is wanted, so that hidden back faces need not be drawn.
             samples: 1, 4 or 8 per pixel; several are for ``sampled_task``.
+            outputs: addresses of depth, label, instance and normal, written after a band is rasterized; 0: not wanted.
+                The images must outlive the job's tasks.
+            has_layer: ``layers`` will set a layer of the whole image. Without it, each thread has one of a band.
         """
         count, vertices, primitives = prepared.instances.counts
         self.stride = -(-camera.width // LANES) * LANES
         """Pixels from one row of the layer to the next."""
-        self.threads = threads
-        self.buffers = Buffers()
-        """Memory that lives as long as the job."""
-        # The task and what its kernels read must outlive them.
-        self._keep: list[object] = [prepared, camera]
-        poses, self.poses_address = self.buffers.allocate(16 * count, np.float64)
+        chunks = -(-primitives // CHUNK_SIZE)
+        band_bytes = 0 if has_layer or samples > 1 else 8 * BAND_ROWS * self.stride
+        work_memory, work_addresses = aligned_parts(
+            {
+                "X_camera_mesh": 128 * count,
+                "draws": (count + 1) * DRAW.size,
+                "vertices": 16 * vertices,
+                "primitives": chunks * CHUNK_SIZE * PRIMITIVE.size,
+                "chunks": chunks * CHUNK.size,
+                "chunk_memory": 4 * chunks * CHUNK_VALUES,
+                **({"band_memory": threads * band_bytes} if band_bytes else {}),
+            }
+        )
+        self.poses_address = work_addresses["X_camera_mesh"]
         """Address of ``X_camera_mesh``."""
-        self.X_camera_mesh: NDArray[np.float64] = poses.reshape(-1, 4, 4)
+        self.X_camera_mesh: NDArray[np.float64] = work_memory[: 128 * count].view(np.float64).reshape(-1, 4, 4)
         """(I, 4, 4) float64 as in ``Visibility``."""
-        # Not in ``buffers``: late helper threads read it after the job is gone.
+        # The task and what its kernels read must outlive them.
+        self._keep: list[object] = [prepared, work_memory]
+        # Not in ``work_memory``: late helper threads read it after the job is gone.
         memory = np.zeros(FRAME.size // 8, np.int64)
         self._frame, self._frame_address = memory.view(FRAME.dtype), address_of(memory, np.int64)
+        depth, label, instance, normal = outputs
         self._frame[0] = FRAME.record(
             stride=self.stride,
             samples=samples,
@@ -76,14 +91,31 @@ class FrameJob:
             cull_back=cull_back,
             skip_hidden_back_faces=opaque,
             keep_back_faces=keep_back_faces,
-            X_camera_mesh=self.poses_address,
+            width=camera.width,
+            height=camera.height,
+            fx=camera.fx,
+            fy=camera.fy,
+            cx=camera.cx,
+            cy=camera.cy,
+            near=camera.near,
+            inv_z_far=1.0 / camera.far,
+            X_world_camera=camera.X_world_camera.ravel(),
+            X_world_mesh=prepared.X_world_mesh_at,
+            instance_count=count,
+            depth=depth,
+            label=label,
+            instance=instance,
+            normal=normal,
+            band_memory_bytes=band_bytes,
             stop=current_stop().address,
             transform_kernel=_kernel_address(transform),
             setup_kernel=_kernel_address(setup),
+            draw_kernel=_kernel_address(draw_band) if samples == 1 else 0,
+            resolve_kernel=_kernel_address(resolve_band) if any(outputs) else 0,
+            normals_kernel=_kernel_address(resolve_normals) if normal else 0,
             yield_function=YIELD_ADDRESS,
-            **_camera_fields(camera),
-            **_table_fields(prepared),
-            **_work_buffers(self.buffers, count, vertices, -(-primitives // CHUNK_SIZE)),
+            **prepared.instances.tables,
+            **work_addresses,
             **(_sample_fields(samples)[0] if samples > 1 else {}),
         )
         useful_threads: int = set_up_frame(self._frame_address)
@@ -120,21 +152,6 @@ class FrameJob:
         self._keep.append(array)
         return address_of(array, dtype)
 
-    def outputs(self, images: Frame, addresses: Sequence[int]) -> None:
-        """Set the outputs that are written after a band is rasterized.
-
-        Args:
-            images: must outlive the job's tasks.
-            addresses: of depth, label, instance and normal; 0: not wanted.
-        """
-        frame = self._frame
-        frame["depth"], frame["label"], frame["instance"], frame["normal"] = addresses
-        if any(addresses):
-            frame["resolve_kernel"] = _kernel_address(resolve_band)
-        if addresses[3]:
-            frame["normals_kernel"] = _kernel_address(resolve_normals)
-        self._keep.append(images)
-
     def resolver(self, visible: Visibility) -> Callable[[int], None]:
         """Return a function that writes the outputs of a band, by its index, from a finished layer."""
         self.layers(visible)
@@ -153,74 +170,49 @@ class FrameJob:
             shade_job: address of a HEADLIGHT_JOB: every band is shaded while it is in the cache; 0: none.
         """
         frame = self._frame
-        frame["draw_kernel"] = _kernel_address(draw_band)
         if shade_job:
             frame["shade_kernel"], frame["shade_job"] = _kernel_address(shade_rows), shade_job
-        if frame["layer_ids"][0] == 0:
-            values = 2 * BAND_ROWS * self.stride
-            memory = self.buffers.allocate(self.threads * values, np.int32)[1]
-            frame["band_memory"], frame["band_memory_bytes"] = memory, 4 * values
         return Task(frame, self._frame_address, self._useful_threads)
 
-    def sampled_task(self, memory: int, shader: SampledShader) -> Task:
+    def sampled_task(self, bands: int, memory: object, shader: SampledShader) -> Task:
         """``task`` for several samples per pixel.
 
         Args:
-            memory: address of a SAMPLE_BAND for each thread; lives as long as the job.
+            bands: address of a SAMPLE_BAND for each thread.
+            memory: their memory.
         """
-        self._keep.append(shader)
+        self._keep += [memory, shader]
         frame = self._frame
         frame["draw_kernel"], frame["edges_kernel"] = _kernel_address(draw_samples), _kernel_address(find_edges)
         frame["shade_kernel"], frame["shade_job"] = shader.kernel, shader.job
-        frame["band_memory"], frame["band_memory_bytes"] = memory, SAMPLE_BAND.size
+        frame["band_memory"], frame["band_memory_bytes"] = bands, SAMPLE_BAND.size
         return Task(frame, self._frame_address, self._useful_threads)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Task:
     """A frame's work, for every thread that takes part.
 
     What it works on must live until the frame is finished. Threads that come later read the FRAME only.
     """
 
-    def __init__(self, frame: NDArray[np.void], address: int, threads: int) -> None:
-        """
-        Args:
-            frame: a FRAME, at ``address``.
-            threads: maximum number of threads that can share the work.
-        """
-        self._frame = frame
-        self._address = address
-        self.threads = threads
+    frame: NDArray[np.void]
+    """(1,) FRAME."""
+    address: int
+    """Address of ``frame``."""
+    threads: int
+    """Maximum number of threads that can share the work."""
 
     def __call__(self) -> None:
         """Take part until the frame is finished."""
-        run_phases(self._address, True)
+        run_phases(self.address, True)
 
     def help(self) -> None:
         """Take part until no unit of work is left to take."""
-        run_phases(self._address, False)
+        run_phases(self.address, False)
 
 
 _kernel_address: Final = cache(kernel_address)
-
-
-def _camera_fields(camera: Camera) -> dict[str, Any]:
-    """Return the fields of FRAME that are the camera's."""
-    fields = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy", "near")}
-    return {**fields, "inv_z_far": 1.0 / camera.far, "X_world_camera": camera.X_world_camera.ravel()}
-
-
-def _table_fields(prepared: PreparedScene) -> dict[str, int]:
-    """Return the fields of FRAME that are the scene's."""
-    instances = prepared.instances
-    return {
-        "instance_count": instances.counts[0],
-        "instances": instances.instances_at,
-        "first_ids": instances.first_ids_at,
-        "labels": instances.labels_at,
-        "instance_ids": instances.instance_ids_at,
-        "X_world_mesh": prepared.X_world_mesh_at,
-    }
 
 
 @cache
@@ -233,15 +225,3 @@ def _sample_fields(samples: int) -> tuple[dict[str, int], object]:
         "lane_lists": address_of(lanes, np.int32),
     }
     return fields, (offsets, lanes)
-
-
-def _work_buffers(buffers: Buffers, instances: int, vertices: int, chunks: int) -> dict[str, int]:
-    """Return the addresses of the memory that FRAME's kernels fill, by field."""
-    sizes: tuple[tuple[str, int, type[np.generic]], ...] = (
-        ("draws", (instances + 1) * DRAW.size // 8, np.int64),
-        ("vertices", 4 * vertices, np.float32),
-        ("primitives", chunks * CHUNK_SIZE * PRIMITIVE.size // 8, np.float64),
-        ("chunks", chunks * CHUNK.size // 8, np.int64),
-        ("chunk_memory", chunks * CHUNK_VALUES, np.int32),
-    )
-    return {name: buffers.allocate(count, dtype)[1] for name, count, dtype in sizes}

@@ -42,7 +42,7 @@ class _Job:
     """``work(0) .. work(units - 1)``. Every thread that calls ``run`` takes units until none are left."""
 
     def __init__(self, units: int, work: Work) -> None:
-        self._units = units
+        self.threads = units
         self._work = work
         # next() of itertools.count is atomic.
         self._taken = itertools.count()
@@ -51,9 +51,9 @@ class _Job:
         self.error: BaseException | None = None
         self._stop = current_stop()
 
-    def run(self) -> None:
+    def __call__(self) -> None:
         for unit in self._taken:
-            if unit >= self._units:
+            if unit >= self.threads:
                 break
             try:
                 if self.error is None:
@@ -62,10 +62,12 @@ class _Job:
             except BaseException as error:  # noqa: BLE001  raised again in the caller's thread
                 self.error = error
             finally:
-                if next(self._done) == self._units:
+                if next(self._done) == self.threads:
                     self._finished = True
         while not self._finished:
             time.sleep(0)  # other threads work on the last units
+
+    help = __call__
 
 
 class FrameThreads:
@@ -85,7 +87,7 @@ class FrameThreads:
         self.threads = threads
         self._spare = spare
         self._lock = threading.Lock()
-        self._callers = 0
+        self._callers = 0  # threads that are in ``share``
         self._jobs: SimpleQueue[Callable[[], object] | None] = SimpleQueue()
         self._helpers: list[threading.Thread] = []
         self._closed = False
@@ -93,22 +95,13 @@ class FrameThreads:
         # Without ``close``, helpers end when this object is collected.
         self._finalizer = weakref.finalize(self, _end, self._jobs, self._helpers)
 
-    def __enter__(self) -> None:
-        """Count the calling thread as one of the threads until ``__exit__``."""
-        with self._lock:
-            self._callers += 1
-
-    def __exit__(self, *exc: object) -> None:
-        with self._lock:
-            self._callers -= 1
-
     def run(self, units: int, work: Work) -> None:
         """Call ``work(0) .. work(units - 1)`` in parallel, in any order, under the caller's ``StopFlag``.
 
         The first error of a unit is raised after all calls have ended; units that have not begun are skipped.
         """
         job = _Job(units, work)
-        self._share(job.run, job.run, units)
+        self.share(job)
         if job.error is not None:
             raise job.error
 
@@ -118,12 +111,9 @@ class FrameThreads:
         Raises:
             Exception: the current ``StopFlag`` was set; the task's results are incomplete.
         """
-        self._share(task, task.help, task.threads)
-        current_stop().check()
-
-    def _share(self, work: Callable[[], object], help_work: Callable[[], object], threads: int) -> None:
-        """Call ``work`` here and ``help_work`` in up to ``threads - 1`` helpers, in which it must not raise."""
-        helpers = min(self.threads - max(1, self._callers), threads - 1)
+        with self._lock:
+            self._callers += 1
+            helpers = min(self.threads - self._callers, task.threads - 1)
         if helpers > 0 and self._spare is not None:
             helpers = min(helpers, self._spare())  # sharing costs more than it gains when all processors are busy
         try:
@@ -132,9 +122,14 @@ class FrameThreads:
                     self._start()
                 self._pin_helpers()
                 for _ in range(helpers):
-                    self._jobs.put(help_work)
+                    self._jobs.put(task.help)
         finally:  # also when interrupted: a helper's work must live until it is done
-            work()
+            try:
+                task()
+            finally:
+                with self._lock:
+                    self._callers -= 1
+        current_stop().check()
 
     def _start(self) -> None:
         with self._lock:

@@ -6,17 +6,16 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from renderers.cache import WeakCache
 from renderers.camera import Camera
-from renderers.compiler.pointers import address_of
+from renderers.compiler.pointers import address_of, aligned
 from renderers.drawlist import DrawList
 from renderers.interface import VTK_LOOKS, Frame, Look, LookName, Output
-from renderers.raster.buffers import aligned
 from renderers.raster.frame import FrameJob
 from renderers.raster.frame_threads import FrameThreads
 from renderers.raster.layout import MAX_SIDE
@@ -29,25 +28,26 @@ from renderers.shading.studio.passes import paint as paint_studio
 from renderers.stop import check_stop
 from renderers.visibility_buffer import SampledShader, SampledView, Visibility, band_count
 
-_OUTPUTS: Final[tuple[tuple[int, bool, type[np.generic]], ...]] = (
-    (Output.COLOR.value, True, np.uint8),
-    (Output.DEPTH.value, False, np.float32),
-    (Output.LABEL.value, False, np.uint32),
-    (Output.INSTANCE.value, False, np.int32),
-    (Output.NORMAL.value, True, np.float32),
+_OUTPUTS: Final[tuple[tuple[int, tuple[int, ...], type[np.generic]], ...]] = (
+    (Output.COLOR.value, (3,), np.uint8),
+    (Output.DEPTH.value, (), np.float32),
+    (Output.LABEL.value, (), np.uint32),
+    (Output.INSTANCE.value, (), np.int32),
+    (Output.NORMAL.value, (3,), np.float32),
 )
-"""A frame's outputs in their order: flag, whether values are vectors, dtype. All but colour show both sides of all
+"""A frame's outputs in their order: flag, shape of a value, dtype. All but colour show both sides of all
 surfaces. What is translucent is opaque there, or cut out: see ``Look.alpha_threshold``."""
 
 
 def _allocate(wanted: int, height: int, width: int) -> tuple[Frame, tuple[int, ...]]:
     """Return a frame with the wanted outputs, and for each of ``_OUTPUTS`` its address; 0: not wanted."""
-    images = [
-        aligned((height, width, 3) if is_vector else (height, width), dtype) if wanted & flag else None
-        for flag, is_vector, dtype in _OUTPUTS
-    ]
-    addresses = tuple([address_of(image, dtype) for image, (_, _, dtype) in zip(images, _OUTPUTS, strict=True)])
-    return Frame(*images), addresses
+    images: list[NDArray[Any] | None] = []
+    addresses = []
+    for flag, value_shape, dtype in _OUTPUTS:
+        image, address = aligned((height, width, *value_shape), dtype) if wanted & flag else (None, 0)
+        images.append(image)
+        addresses.append(address)
+    return Frame(*images), tuple(addresses)
 
 
 _shadings: WeakCache[Structure, dict[LookName, ShadingScene]] = WeakCache("shading")
@@ -77,15 +77,6 @@ class _Call:
     frame: Frame
     addresses: tuple[int, ...]
     """Of the frame's images, in the order of ``_OUTPUTS``; 0: not wanted."""
-
-    @property
-    def cut_out(self) -> NDArray[np.bool_] | None:
-        """(I,) bool: instances of which parts may be missing in the geometry outputs; None: there are none."""
-        if self.look.name in VTK_LOOKS:
-            return None
-        structure = self.prepared.instances.structure
-        selected = structure.masked | structure.blended if self.look.alpha_threshold > 0.0 else structure.masked
-        return selected if selected.any() else None
 
 
 class CpuRenderer:
@@ -124,11 +115,10 @@ class CpuRenderer:
         prepared = prepare(scene)
         frame, addresses = _allocate(outputs.value, camera.height, camera.width)
         call = _Call(scene, prepared, camera, look, frame, addresses)
-        with self._threads:
-            if frame.color is None:
-                self._draw_geometry(call)
-            else:
-                self._draw_color(call, frame.color)
+        if frame.color is None:
+            self._draw_geometry(call)
+        else:
+            self._draw_color(call, frame.color)
         if frame.depth is not None and camera.depth_origin != 0.0:
             np.subtract(frame.depth, np.float32(camera.depth_origin), out=frame.depth)
         return frame
@@ -153,11 +143,11 @@ class CpuRenderer:
             self._threads.threads,
             select=address_of(select, np.bool_),
             cull_back=address_of(cull_back, np.bool_),
+            has_layer=True,
         )
         shape = camera.height, job.stride
-        layer = Visibility(
-            aligned(shape, np.int32), aligned(shape, np.float32), prepared.instances.first_ids, job.X_camera_mesh
-        )
+        ids, inv_z = aligned(shape, np.int32)[0], aligned(shape, np.float32)[0]
+        layer = Visibility(ids, inv_z, prepared.instances.first_ids, job.X_camera_mesh)
         job.layers(layer, beyond, before, earlier, latest=latest)
         self._threads.share(job.task())
         if job.stride == camera.width:
@@ -180,9 +170,9 @@ class CpuRenderer:
         culled = address_of(cull_back, np.bool_)
         threads = self._threads.threads
         job = FrameJob(prepared, camera, threads, cull_back=culled, opaque=True, samples=samples)
-        memory = allocate_sample_bands(job.buffers, threads, camera, samples, job.stride)
         shader = make_shader(SampledView(prepared.instances.first_ids, job.X_camera_mesh, job.stride))
-        self._threads.share(job.sampled_task(memory, shader))
+        bands = allocate_sample_bands(threads, camera, samples, job.stride)
+        self._threads.share(job.sampled_task(*bands, shader))
 
     def parallel(self, units: int, work: Callable[[int], object]) -> None:
         """As ``Rasterizer.parallel``."""
@@ -190,12 +180,13 @@ class CpuRenderer:
 
     def _draw_geometry(self, call: _Call) -> None:
         """Fill the geometry outputs; the visibility layer itself is not kept."""
-        cut_out = call.cut_out
-        if cut_out is not None:
-            self._draw_cut_geometry(call, cut_out)
-            return
-        job = FrameJob(call.prepared, call.camera, self._threads.threads, opaque=True)
-        job.outputs(call.frame, call.addresses[1:])
+        if call.look.name not in VTK_LOOKS:
+            structure = call.prepared.instances.structure
+            cut_out = structure.masked | structure.blended if call.look.alpha_threshold > 0.0 else structure.masked
+            if cut_out.any():
+                self._draw_cut_geometry(call, cut_out)
+                return
+        job = FrameJob(call.prepared, call.camera, self._threads.threads, opaque=True, outputs=call.addresses[1:])
         self._threads.share(job.task())
 
     def _draw_cut_geometry(self, call: _Call, cut_out: NDArray[np.bool_]) -> None:
@@ -205,8 +196,7 @@ class CpuRenderer:
         solid = partial(solid_pixels, self, _shading(scene, call.prepared, look.name, self.parallel), look)
         visible = self.visibility(scene, camera, select=~cut_out)
         draw_cut_outs(self, scene, camera, cut_out, visible, solid)
-        job = FrameJob(call.prepared, camera, self._threads.threads)
-        job.outputs(call.frame, call.addresses[1:])
+        job = FrameJob(call.prepared, camera, self._threads.threads, outputs=call.addresses[1:], has_layer=True)
         self.parallel(band_count(camera.height), job.resolver(visible))
 
     def _draw_color(self, call: _Call, color: NDArray[np.uint8]) -> None:
@@ -239,15 +229,22 @@ class CpuRenderer:
         prepared, camera, look, threads = call.prepared, call.camera, call.look, self._threads.threads
         culled = address_of(shading.cull_back, np.bool_)
         if look.samples == 1:
-            job = FrameJob(prepared, camera, threads, cull_back=culled, keep_back_faces=has_geometry, opaque=True)
-            job.outputs(call.frame, call.addresses[1:])
+            job = FrameJob(
+                prepared,
+                camera,
+                threads,
+                cull_back=culled,
+                keep_back_faces=has_geometry,
+                opaque=True,
+                outputs=call.addresses[1:],
+            )
         else:
             job = FrameJob(prepared, camera, threads, cull_back=culled, opaque=True, samples=look.samples)
         shading_job = HeadlightJob(
             shading,
             camera,
             look,
-            first_ids=prepared.instances.first_ids_at,
+            first_ids=prepared.instances.tables["first_ids"],
             X_camera_mesh=job.poses_address,
             stride=job.stride,
             color=call.addresses[0],
@@ -256,6 +253,5 @@ class CpuRenderer:
         if look.samples == 1:
             self._threads.share(job.task(shading_job.address))
         else:
-            memory = allocate_sample_bands(job.buffers, threads, camera, look.samples, job.stride)
-            shader = mixed_bands(shading_job)
-            self._threads.share(job.sampled_task(memory, shader))
+            bands = allocate_sample_bands(threads, camera, look.samples, job.stride)
+            self._threads.share(job.sampled_task(*bands, mixed_bands(shading_job)))

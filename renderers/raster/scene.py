@@ -76,11 +76,8 @@ class PreparedInstances:
     structure: Structure
     counts: tuple[int, int, int]
     """Numbers of instances, vertices and primitives."""
-    instances_at: int
-    """Address of ``structure.instances``, as the following addresses for FRAME."""
-    first_ids_at: int
-    labels_at: int
-    instance_ids_at: int
+    tables: dict[str, int]
+    """The fields of FRAME that are addresses of tables."""
     keep: tuple[NDArray[np.uint32], NDArray[np.int32]]
     """Labels and instance ids."""
 
@@ -200,10 +197,12 @@ def _prepare_instances(instances: Sequence[Instance]) -> PreparedInstances:
     return PreparedInstances(
         structure,
         (len(instances), int(total["first_vertex"]), int(total["first_primitive"])),
-        instances_at=structure.instances.ctypes.data,
-        first_ids_at=address_of(structure.first_ids, np.int64),
-        labels_at=address_of(labels, np.uint32),
-        instance_ids_at=address_of(instance_ids, np.int32),
+        tables={
+            "instances": address_of(structure.instances, INSTANCE.dtype),
+            "first_ids": address_of(structure.first_ids, np.int64),
+            "labels": address_of(labels, np.uint32),
+            "instance_ids": address_of(instance_ids, np.int32),
+        },
         keep=(labels, instance_ids),
     )
 

@@ -16,6 +16,9 @@ from renderers.camera import Camera
 DISPARITY_SCALE: Final = 1.0 / 16.0
 """Pixels per unit of a disparity or disparity error image, as on the device."""
 
+_once: Final = lru_cache(maxsize=64)
+"""Decorator of a model's methods that every set calls several times. Models live as long as the process."""
+
 MAX_DISPARITIES: Final = 2032
 """Maximum number of disparities: the limit of OpenCV's matcher (signed 16 bits, steps of 16 pixels)."""
 
@@ -88,7 +91,7 @@ class StereoModel:
         if not (1e-4 <= self.baseline <= 100.0):
             raise ValueError(f"stereo baseline {self.baseline} m must be within 0.0001 and 100")
 
-    @lru_cache(maxsize=64)  # noqa: B019 - models live as long as the process, and a set asks for them 14 times
+    @_once
     def intrinsics(self, divisor: int = 1) -> Intrinsics:
         """Return the intrinsics of the image at 1/``divisor`` of the resolution.
 
@@ -105,10 +108,12 @@ class StereoModel:
             cy=cy / divisor,
         )
 
+    @_once
     def focal_times_baseline(self, divisor: int = 1) -> float:
         """Return disparity times depth at 1/``divisor`` of the resolution, pixels times metres."""
         return self.intrinsics(divisor).focal_length * self.baseline
 
+    @_once
     def nearest_depth(self, mindepth: float, maxdepth: float, divisor: int) -> float:
         """Return the nearest depth that can be measured, metres.
 

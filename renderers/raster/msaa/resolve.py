@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.compiler.kernel_calls import kernel_address
-from renderers.compiler.pointers import table
+from renderers.compiler.pointers import aligned, table
 from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList
 from renderers.interface import Look
 from renderers.msaa import SAMPLE_BAND, sample_cameras
-from renderers.raster.buffers import Buffers
 from renderers.raster.msaa.edges import shade_mixed
 from renderers.shading import HeadlightJob, ShadingScene, paint
 from renderers.shading.headlight.shade_rows import shade_rows
@@ -25,11 +24,10 @@ _GAP: Final = 64
 """Values between arrays of a band: vectors are read past an array's end."""
 
 
-def allocate_sample_bands(buffers: Buffers, threads: int, camera: Camera, samples: int, stride: int) -> int:
-    """Return the address of a SAMPLE_BAND for each thread.
+def allocate_sample_bands(threads: int, camera: Camera, samples: int, stride: int) -> tuple[int, object]:
+    """Return the address of a SAMPLE_BAND for each thread, and their memory.
 
     Args:
-        buffers: must live as long as bands are drawn.
         stride: pixels from one row of ids to the next.
     """
     max_entries = (samples - 1) * camera.width
@@ -50,14 +48,13 @@ def allocate_sample_bands(buffers: Buffers, threads: int, camera: Camera, sample
         "entry_colors": BAND_ROWS * max_entries * 3 // 4,
     }
     nbytes = 4 * (sum(counts.values()) + _GAP * len(counts))
-    first = buffers.allocate(threads * nbytes // 4, np.int32)[1]
-    memory, address = buffers.allocate(threads * SAMPLE_BAND.size // 8, np.int64)
-    bands = memory.view(SAMPLE_BAND.dtype)
+    memory, first = aligned((threads * nbytes,), np.uint8)
+    bands, address = aligned((threads,), SAMPLE_BAND.dtype)
     bands["max_entries"] = max_entries
     for field, count in counts.items():
         bands[field] = first + nbytes * np.arange(threads)
         first += 4 * (count + _GAP)
-    return address
+    return address, (memory, bands)
 
 
 @cache

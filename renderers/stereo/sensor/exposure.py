@@ -39,6 +39,8 @@ BRACKETS: Final = (0.25, 1.0, 4.0)
 are not published."""
 RESPONSE_STEPS: Final = 2048
 """Number of samples of ``Exposure.response_table``."""
+_SEARCH_STEPS: Final = 12
+"""Steps of the search for an exposure. Each quarters the range, to 2e-6 of the reference exposure at last."""
 _HISTOGRAM_BINS: Final = 2048
 """Bins of the light's histogram: a resolution of 1/2000 of the brightest value."""
 
@@ -166,19 +168,23 @@ def auto_exposure(light: NDArray[np.float32], limits: AutoExposure, manual: Expo
     """
     manual = manual or Exposure()
     max_time = max(limits.max_time, MIN_EXPOSURE)
-    # The searches below evaluate the mean brightness about 50 times, so they use a histogram instead of the image.
+    # The searches below evaluate the mean brightness at 36 factors each, so they use a histogram instead of the image.
     brightest = max(float(light.max()), 1e-6)
     bins = (light.reshape(-1) * np.float32((_HISTOGRAM_BINS - 1) / brightest) + np.float32(0.5)).astype(np.int32)
-    counts = np.bincount(bins, minlength=_HISTOGRAM_BINS)
-    levels = np.arange(_HISTOGRAM_BINS) * (brightest / (_HISTOGRAM_BINS - 1))
+    all_counts = np.bincount(bins)
+    occupied = np.flatnonzero(all_counts)
+    counts = all_counts[occupied].astype(np.float64)
+    levels = occupied * (brightest / (_HISTOGRAM_BINS - 1))
 
     def factor_for_mean(target: float) -> float:
-        """Return the ``Exposure.light`` at which the mean of the image is ``target``, by bisection."""
-        low, high = Exposure(MIN_EXPOSURE).light, Exposure(max_time, MAX_GAIN).light
-        for _ in range(24):
+        """Return the ``Exposure.light`` at which the mean of the image is ``target``."""
+        low, high = MIN_EXPOSURE / REFERENCE_EXPOSURE, Exposure(max_time, MAX_GAIN).light
+        for _ in range(_SEARCH_STEPS):
             middle = 0.5 * (low + high)
-            mean = float(np.dot(manual.response(levels * middle), counts)) / light.size
-            low, high = (middle, high) if mean < target else (low, middle)
+            edges = low, 0.5 * (low + middle), middle, 0.5 * (middle + high), high
+            means = manual.response(np.outer(edges[1:-1], levels)) @ counts / light.size
+            quarter = int(means.searchsorted(target))
+            low, high = edges[quarter : quarter + 2]
         return 0.5 * (low + high)
 
     factor = factor_for_mean(limits.average_max)

@@ -41,10 +41,9 @@ def test_helpers_work_at_the_same_time() -> None:
 def test_callers_count_as_threads() -> None:
     """With as many callers as threads, no helper runs."""
     frame_threads = FrameThreads(2)
-    with frame_threads, frame_threads:
-        seen: set[int] = set()
-        frame_threads.run(50, lambda _: seen.add(threading.get_ident()))
-        assert seen == {threading.get_ident()}
+    seen: set[int] = set()
+    frame_threads.run(1, lambda _: frame_threads.run(50, lambda _: seen.add(threading.get_ident())))
+    assert seen == {threading.get_ident()}
     frame_threads.close()
 
 
@@ -186,13 +185,11 @@ def test_helpers_run_on_another_processor_than_the_caller() -> None:
 
     try:
         os.sched_setaffinity(0, {processor})
-        with frame_threads:
-            frame_threads.run(2, note)
+        frame_threads.run(2, note)
         assert affinities.pop(threading.get_ident()) == {processor}
         os.sched_setaffinity(0, allowed)
         affinities.clear()
-        with frame_threads:
-            frame_threads.run(2, note)
+        frame_threads.run(2, note)
         assert affinities.pop(threading.get_ident()) == allowed
         (helper,) = affinities.values()
         assert len(helper) == len(allowed) - 1
