@@ -302,7 +302,7 @@ def test_matching_with_the_projector(quality: Quality) -> None:
     assert (error[sure] > 1).mean() < 0.01
     # The confidence is a promise: that share lies within three standard deviations.
     within = error <= 3 * measured.error / 16
-    assert within[sure].mean() == pytest.approx(measured.confidence[sure].mean() / 255, abs=0.03)
+    assert within[sure].mean() == pytest.approx(measured.confidence[sure].mean() / 255, abs=0.05)
 
 
 def test_matching_a_blank_wall_is_invalid() -> None:
