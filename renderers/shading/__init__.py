@@ -16,6 +16,9 @@ Each row of a visibility buffer goes through the same steps:
 4. ``headlight.lighting`` or ``studio.lighting``: light (``brdf``).
 5. ``headlight.output_merge`` or ``studio.tone_mapping``: translucent layers, background; ``packed_rows``: bytes.
 
+The kernels of the looks call ``span_setup.set_up_part`` and ``sampling.sample_texture`` by address, for each part:
+these two are compiled once for all looks.
+
 Tables: ``scene`` (draw list), ``materials``, ``texture_table``, ``mipmaps``, ``textures`` (decoded images) and
 ``mesh_buffers`` (with ``mikktspace`` tangents). Rows and bands are independent: any number of threads gives the same
 bytes.

@@ -124,6 +124,8 @@ SHADING_JOB: Final = Struct(
         "linear_from_byte": pointer_to(F32),  # color.LINEAR_FROM_BYTE
         "linear_from_gamma": pointer_to(F32),  # gamma.LINEAR_FROM_GAMMA
         "span_offsets": pointer_to(I32),  # spans.SPAN_OFFSETS
+        "span_setup_kernel": I64,  # address of span_setup.set_up_part
+        "sampling_kernel": I64,  # address of sampling.sample_texture
     },
 )
 """Inputs of the kernels for one image or layer. HEADLIGHT_JOB and STUDIO_JOB refer to it."""
@@ -206,6 +208,7 @@ SEGMENT: Final = Struct(
         # The part that is being shaded.
         "spans": SPANS,
         "pixels": PIXELS,
+        "has_constant_normals": I64,  # 1: the normal is constant along each of its spans
         # Set by spans.next_segment.
         "first_id": I64,  # primitive id of the instance's first primitive
         "instance": INSTANCE,

@@ -13,6 +13,7 @@ from renderers.camera import Camera
 from renderers.color import LINEAR_FROM_BYTE
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_calls import kernel_address
 from renderers.compiler.pointers import address_of, advance, f64_at
 from renderers.drawlist import AlphaMode, Instance, Material, Mesh, Topology
 from renderers.interface import VTK_LOOKS, LookName
@@ -20,6 +21,8 @@ from renderers.shading.gamma import LINEAR_FROM_GAMMA
 from renderers.shading.layout import INSTANCE, INSTANCE_MATRICES, MATERIAL, SHADING_JOB, TEXTURE
 from renderers.shading.materials import MaterialTable, drawn_material
 from renderers.shading.mesh_buffers import MeshBuffers, buffers_of
+from renderers.shading.sampling import sample_texture
+from renderers.shading.span_setup import set_up_part
 from renderers.shading.spans import SPAN_OFFSETS
 from renderers.shading.texture_table import Parallel, TextureTable
 from renderers.shading.textures import texels_of
@@ -179,6 +182,8 @@ class ShadingJob:
             cx=camera.cx,
             cy=camera.cy,
             area_filter=area_filter,
+            span_setup_kernel=kernel_address(set_up_part),
+            sampling_kernel=kernel_address(sample_texture),
             **shading.tables,
         )
         self.address = address_of(job, SHADING_JOB.dtype)

@@ -12,7 +12,9 @@ import numpy as np
 
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
-from renderers.compiler.pointers import i32_at
+from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_calls import call_kernel
+from renderers.compiler.pointers import address, i32_at
 from renderers.drawlist import Topology
 from renderers.shading.layout import (
     E_COLUMNS,
@@ -23,6 +25,7 @@ from renderers.shading.layout import (
     HAS_TANGENTS,
     HAS_UV0,
     HAS_UV1,
+    SEGMENT,
     SPAN_STRIDE,
     V_COLUMNS,
     V_NORMAL,
@@ -32,6 +35,7 @@ from renderers.shading.span_weights import TRIANGLES, rays_of, scaled_weights, w
 from renderers.shading.vec3 import cross, dot, minus, times, to_f32x3, transform_directions, transform_points
 
 _LINES: Final = int(Topology.LINES)
+_segment_at = SEGMENT.at
 _SIGN: Final = E_TANGENT + 3
 """Column of ``extras`` with the sign of the bitangent."""
 
@@ -283,11 +287,22 @@ def set_up_spans(segment, span, part_end_span, end_span):
     Returns:
         True if the normal is constant along each span.
     """
-    is_constant = True
+    call_kernel(segment.job.span_setup_kernel, (address(segment), span, part_end_span, end_span))
+    return segment.has_constant_normals != 0
+
+
+@kernel("void(int64, int64, int64, int64)")
+def set_up_part(segment_address, span, part_end_span, end_span):
+    """``set_up_spans``, compiled once for all looks. Its result is in SEGMENT's ``has_constant_normals``.
+
+    Args:
+        segment_address: address of a SEGMENT.
+    """
+    segment, is_constant = _segment_at(segment_address), True
     prefetches = segment.instance.topology == TRIANGLES and end_span - span > 4 * vec.LANES
     for batch in range(span, part_end_span, vec.LANES):
         if prefetches:
             _prefetch(segment, batch, end_span)
         count = min(part_end_span - batch, vec.LANES)
         is_constant = _set_up_eight(segment, batch, count, batch - span) and is_constant
-    return is_constant
+    segment.has_constant_normals = is_constant

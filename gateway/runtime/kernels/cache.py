@@ -23,8 +23,8 @@ from gateway.runtime.kernels.progress import KernelProgress
 from gateway.runtime.scheduling import usable_cpus
 from renderers.compiler import cache_folder
 
-_MAX_CHILDREN = 3
-"""Maximum number of children: the largest part takes a third of the time, and each child up to 0.6 GB."""
+_MAX_CHILDREN = 5
+"""Maximum number of children: the largest part takes a quarter of the time, and each child up to 0.6 GB."""
 _LOCK_SECONDS = 0.1
 """Interval between attempts to lock the cache folder, while another process compiles."""
 

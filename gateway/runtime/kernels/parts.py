@@ -57,6 +57,7 @@ class Part:
 _STUDIO: Final = ("renderers.shading.studio",)
 _ANTIALIASING: Final = ("renderers.raster.msaa",)
 _NORMALS: Final = ("renderers.raster.resolve.resolve_normals", "renderers.shading.mikktspace")
+_ATTRIBUTES: Final = ("renderers.shading.span_setup", "renderers.shading.sampling")
 _HEADLIGHT: Final = ("renderers.shading.headlight",)
 _SETUP: Final = ("renderers.raster.setup",)
 _COVERAGE: Final = ("renderers.raster.coverage",)
@@ -69,21 +70,25 @@ _FORMATS: Final = (
 )
 
 NEEDED: Final[Mapping[str, Part]] = {
-    "shading": Part(135, _HEADLIGHT),
-    "setup": Part(65, _SETUP),
-    "coverage": Part(57, _COVERAGE),
-    "frame": Part(43, ("renderers.raster",), excluding=(*_SETUP, *_COVERAGE, *_ANTIALIASING, *_NORMALS)),
+    "attributes": Part(71, _ATTRIBUTES),
+    "shading": Part(67, _HEADLIGHT),
+    "setup": Part(55, _SETUP),
+    "coverage": Part(49, _COVERAGE),
+    "frame": Part(34, ("renderers.raster",), excluding=(*_SETUP, *_COVERAGE, *_ANTIALIASING, *_NORMALS)),
     "images": Part(
-        20, ("renderers",), excluding=("renderers.raster", "renderers.stereo", *_HEADLIGHT, *_STUDIO, *_NORMALS)
+        10,
+        ("renderers",),
+        excluding=("renderers.raster", "renderers.stereo", *_HEADLIGHT, *_ATTRIBUTES, *_STUDIO, *_NORMALS),
     ),
 }
-"""Parts that the default settings need; the longest first, so that two children end at about the same time."""
+"""Parts that the default settings need, none above a quarter of the time; the longest first, so that the children end
+at about the same time."""
 BACKGROUND: Final[Mapping[str, Part]] = {
-    "formats": Part(35, _FORMATS, modules=_FORMATS),
-    "studio": Part(165, _STUDIO),
-    "stereo": Part(105, ("renderers.stereo",), modules=("renderers.stereo",)),
-    "normals": Part(35, _NORMALS),
-    "antialiasing": Part(65, _ANTIALIASING),
+    "formats": Part(43, _FORMATS, modules=_FORMATS),
+    "studio": Part(84, _STUDIO),
+    "stereo": Part(100, ("renderers.stereo",), modules=("renderers.stereo",)),
+    "normals": Part(31, _NORMALS),
+    "antialiasing": Part(63, _ANTIALIASING),
 }
 """Parts that are compiled after the server is ready: first what published meshes need, then the longest first."""
 PARTS: Final[Mapping[str, Part]] = {**NEEDED, **BACKGROUND}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import operator
 from typing import Any
 
@@ -11,6 +13,7 @@ from llvmlite import ir
 from numba import extending, njit, types
 from numba.core.errors import TypingError
 
+from gateway.runtime.kernels.cache import report_compiled_functions
 from renderers.compiler.numba_typing import argument_types, define_fields, define_operator, intrinsic
 
 _extending: Any = extending
@@ -91,6 +94,35 @@ def test_functions_of_our_own_convert_arguments_and_refuse_other_types() -> None
     assert hours(200) == hours(np.int32(200)) == 3
     with pytest.raises(TypingError):
         hours(200.0)
+
+
+@njit
+def extremes(a, b, c):
+    return min(a, b), max(a, b), min(a, b, c), max(a, b, c)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int32, np.int64, np.uint32])
+def test_minimum_and_maximum_are_those_of_python(dtype: Any) -> None:
+    numbers: tuple[float, ...] = (0, 1, 2, 2**31 - 1)
+    if dtype is not np.uint32:
+        numbers = (*numbers, -1)
+    if issubclass(dtype, np.floating):
+        numbers = (*numbers, math.nan, math.inf, -math.inf, -0.0)
+    for a, b, c in itertools.product(map(dtype, numbers), repeat=3):
+        results, expected = extremes(a, b, c), (min(a, b), max(a, b), min(a, b, c), max(a, b, c))
+        assert np.array(results, dtype).tobytes() == np.array(expected, dtype).tobytes(), (a, b, c)
+
+
+@njit
+def clamped(value):
+    return max(min(value, 10), 3)
+
+
+def test_minimum_and_maximum_are_not_compiled_as_functions() -> None:
+    compiled: list[None] = []
+    with report_compiled_functions(lambda: compiled.append(None)):
+        assert clamped(12) == 10
+    assert len(compiled) == 1
 
 
 def test_types_of_the_arguments_of_a_signature() -> None:
