@@ -139,7 +139,8 @@ class Pipeline:
     def _flat_backdrop(self) -> DrawList:
         """Return the draw list of the backdrop, which is flattened again only if it has changed."""
         assert self._backdrop is not None
-        root, cached = self._backdrop(), self._last_backdrop
+        root = self._backdrop()
+        cached = self._last_backdrop
         if cached is None or cached[0] is not root:
             cached = self._last_backdrop = root, flatten(root)
         return cached[1]
