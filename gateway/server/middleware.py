@@ -129,16 +129,14 @@ class Protection:
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] == "lifespan":
             return self._app(scope, receive, send)
-        hosts: list[bytes] = []
-        origin: str | None = None
-        site: str | None = None
+        hosts, origin, site = [], None, None
         for name, value in scope["headers"]:
             if name == b"host":
                 hosts.append(value)
             elif name == b"origin":
-                origin = _with_value(origin, value)
+                origin = value.decode("latin-1")
             elif name == b"sec-fetch-site":
-                site = _with_value(site, value)
+                site = value.decode("latin-1")
         host = hosts[0] if hosts else b""
         # With several Host headers, another reader may use the other one.
         trusted = len(hosts) < 2 and self._trusts(host, (scope.get("server") or ("",))[0])
@@ -252,9 +250,3 @@ class EarlyResponse:
             await send({"type": "http.response.body", "body": b"", "more_body": False})
 
         return self._app(scope, receive, send_last)
-
-
-def _with_value(values: str | None, value: bytes) -> str:
-    """Join a value of a header to those before it (RFC 9110, 5.3). Several are no trusted origin or site."""
-    text = value.decode("latin-1")
-    return text if values is None else f"{values}, {text}"

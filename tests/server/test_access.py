@@ -188,17 +188,6 @@ async def test_origins_may_embed_pages_and_refusals_have_the_headers_too() -> No
     assert refused.headers["content-security-policy"].endswith("https://a.example https://b.example")
 
 
-@pytest.mark.parametrize(
-    ("name", "own", "foreign"),
-    [("Origin", "http://here:8000", "http://evil.example"), ("Sec-Fetch-Site", "same-origin", "cross-site")],
-)
-async def test_a_foreign_origin_beside_the_own_one_is_refused(name: str, own: str, foreign: str) -> None:
-    async with behind(Protection) as http:
-        assert (await http.post("/", headers=[(name, own)])).status_code == 200
-        for values in ((own, foreign), (foreign, own)):
-            assert (await http.post("/", headers=[(name, value) for value in values])).status_code == 403
-
-
 async def test_two_host_headers_are_refused() -> None:
     async with client(LOOPBACK) as http:
         hosts = [("Host", "localhost"), ("Host", "localhost")]
