@@ -57,7 +57,7 @@ async def serve(port: int, path: Path | None) -> None:
     service = TreeViewerService(
         TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=port)),
         live,
-        durable=state.commits if state is not None else None,
+        store=state.commits if state is not None else None,
     )
     running = asyncio.create_task(service.run())
     await service.wait_ready()

@@ -101,7 +101,7 @@ class RenderOptions:
     background: Annotated[str, Option(metavar="R,G,B", help="Background colour, 0 to 255 each.")] = "204,229,255"
     antialias: Annotated[
         Literal["fxaa", "none"],
-        Option(help="Edge smoothing of colour images with one sample per pixel; not for studio."),
+        Option(help="Edge smoothing of colour images with one sample per pixel."),
     ] = "fxaa"
     samples: Annotated[
         int, Option(help="Samples per pixel of colour images: 1, 4 or 8; 0: 4 for the studio look, 1 for the others.")

@@ -188,7 +188,7 @@ def _finish(frame: Frame, scene: LoadedScene, camera: Camera, renderer: Renderer
         return
     # FXAA would blur points, which may be one pixel wide.
     has_points = any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances)
-    if style.antialias == "fxaa" and look.samples == 1 and look.name != "studio" and not has_points:
+    if style.applies_fxaa(look) and not has_points:
         fxaa(frame.color)
     if scene.scenario is not None:
         frame.color = scene.scenario.scenery.finish(frame.color, scene.draw_list, camera, renderer, look)

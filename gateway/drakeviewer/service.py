@@ -18,7 +18,7 @@ from gateway.drakeviewer.messages import MessageError
 from gateway.drakeviewer.viewer import DrakeViewer, Edit
 from gateway.runtime.pool_errors import UnavailableErrors
 from gateway.runtime.scheduling import BACKGROUND_NICENESS
-from gateway.runtime.tracing import lcm_message
+from gateway.runtime.tracing import lcm_message_span
 from gateway.runtime.warning_list import WarningList
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
@@ -130,7 +130,7 @@ class DrakeViewerService:
         self.viewer.counters.received += 1
         group = self.viewer.group(channel)
         if group not in self._tasks and not self._needs_thread(message):
-            with lcm_message(channel, nbytes):
+            with lcm_message_span(channel, nbytes):
                 self._show(message)
             return
         self._enqueue(group, message)
@@ -182,7 +182,7 @@ class DrakeViewerService:
                 self._waiting_bytes -= nbytes
                 if not self._admit(channel, nbytes):
                     continue
-                with lcm_message(channel, nbytes):
+                with lcm_message_span(channel, nbytes):
                     if self._needs_thread(message):
                         await self._read_in_thread(message)
                     else:

@@ -60,7 +60,7 @@ class TcpqHub:
         """Called with each connection that is lost."""
         self._server: asyncio.Server | None = None
         self.connections: set[HubConnection] = set()
-        self.subscribers: dict[str, list[HubConnection]] = {}
+        self.subscribers_by_channel: dict[str, list[HubConnection]] = {}
         """Cache of each channel's subscribers. Cleared when a subscription begins or ends."""
         self.is_local = False
         """True if the hub listens on loopback addresses only."""
@@ -136,14 +136,18 @@ class TcpqHub:
         }
 
     def reserve(self, size: int) -> bool:
-        """Add ``size``, which may be negative, to the bytes of big messages that are being read.
+        """Add ``size`` to the bytes of big messages that are being read.
 
         Returns False, and adds nothing, if the sum would exceed the limit.
         """
-        if size > 0 and self._arriving_bytes + size > self.config.queued_bytes:
+        if self._arriving_bytes + size > self.config.queued_bytes:
             return False
         self._arriving_bytes += size
         return True
+
+    def release(self, size: int) -> None:
+        """Subtract the size of a big message that was read, or whose client disconnected."""
+        self._arriving_bytes -= size
 
     def has_subscriber(self, channel: str) -> bool:
         """Return True if a client subscribes to a channel."""
@@ -164,12 +168,12 @@ class TcpqHub:
 
     def _relay(self, channel: str, data: bytes | memoryview) -> None:
         """Send a message to all subscribers of its channel."""
-        subscribers = self.subscribers.get(channel)
+        subscribers = self.subscribers_by_channel.get(channel)
         if subscribers is None:
-            if len(self.subscribers) >= MAX_CACHED_CHANNELS:
-                self.subscribers.clear()
+            if len(self.subscribers_by_channel) >= MAX_CACHED_CHANNELS:
+                self.subscribers_by_channel.clear()
             subscribers = [connection for connection in self.connections if connection.subscriptions.match(channel)]
-            self.subscribers[channel] = subscribers
+            self.subscribers_by_channel[channel] = subscribers
         for connection in subscribers:
             connection.send(channel, data)
         self.relayed += len(subscribers)
@@ -185,7 +189,7 @@ class HubConnection(asyncio.BufferedProtocol):
     def __init__(self, hub: TcpqHub) -> None:
         self._hub = hub
         self._parser = FrameParser(
-            MAGIC_CLIENT, hub.config.message_bytes + MAX_HEADER_BYTES, self._on_frame, hub.reserve
+            MAGIC_CLIENT, hub.config.message_bytes + MAX_HEADER_BYTES, self._on_frame, hub.reserve, hub.release
         )
         self._transport: asyncio.Transport | None = None
         self._socket: socket.socket | None = None
@@ -221,11 +225,9 @@ class HubConnection(asyncio.BufferedProtocol):
             self._socket.close()
             self._socket = None
         self._transport = None
-        if self._parser.reserved:
-            self._hub.reserve(-self._parser.reserved)
-            self._parser.reserved = 0
+        self._parser.close()
         self._hub.connections.discard(self)
-        self._hub.subscribers.clear()
+        self._hub.subscribers_by_channel.clear()
         self._hub.on_disconnect(self)
 
     def get_buffer(self, sizehint: int) -> memoryview:
@@ -286,7 +288,7 @@ class HubConnection(asyncio.BufferedProtocol):
                 self._subscribe(channel)
             case FrameType.UNSUBSCRIBE:
                 self.subscriptions.remove(channel)
-                self._hub.subscribers.clear()
+                self._hub.subscribers_by_channel.clear()
 
     def _subscribe(self, text: str) -> None:
         """Add a subscription; ignore it with a warning if it is not supported."""
@@ -296,7 +298,7 @@ class HubConnection(asyncio.BufferedProtocol):
             _log.warning("A hub client's subscription was ignored", client=self.name, reason=str(error))
             return
         if pattern is not None:
-            self._hub.subscribers.clear()
+            self._hub.subscribers_by_channel.clear()
             channel, message = self._hub.greeting
             if pattern.regex.fullmatch(channel):
                 self.send(channel, message)

@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping
 from functools import partial
 from io import BytesIO
-from typing import Final, cast, get_args
+from typing import Final, NamedTuple, cast, get_args
 
 from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import Field, File, FormParser, parse_options_header
@@ -29,23 +29,33 @@ LOOKS: Final = get_args(LookChoice)
 SCENE: Final = "scene"
 """Name of the part with the glTF file."""
 _REQUIRED: Final = ("image_type", "width", "height", "near", "far", "center_x", "center_y")
-_NUMBERS: Final[Mapping[str, tuple[float | None, float]]] = {
-    "near": (0.0, math.inf),
-    "far": (None, MAX_FAR),
-    "min_depth": (0.0, math.inf),
-    "max_depth": (None, math.inf),
-    "focal_x": (None, MAX_FOCAL),
-    "focal_y": (None, MAX_FOCAL),
-    "fov_x": (None, math.inf),
-    "fov_y": (None, math.inf),
-    "center_x": (None, math.inf),
-    "center_y": (None, math.inf),
+
+
+class _Bounds(NamedTuple):
+    """Bounds of a decimal field. None may be negative."""
+
+    maximum: float = math.inf
+    may_be_zero: bool = False
+
+
+_DECIMAL_BOUNDS: Final[Mapping[str, _Bounds]] = {
+    "near": _Bounds(may_be_zero=True),
+    "far": _Bounds(MAX_FAR),
+    "min_depth": _Bounds(may_be_zero=True),
+    "max_depth": _Bounds(),
+    "focal_x": _Bounds(MAX_FOCAL),
+    "focal_y": _Bounds(MAX_FOCAL),
+    "fov_x": _Bounds(),
+    "fov_y": _Bounds(),
+    "center_x": _Bounds(),
+    "center_y": _Bounds(),
 }
-"""Minimum and maximum of the decimal fields. Without a minimum, they must be positive."""
-_KNOWN: Final = frozenset((*_REQUIRED, *_NUMBERS, LOOK_FIELD, "scene_sha256", "submit"))
-_NUMBER: Final = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_IGNORED: Final = "submit"
+"""Field that Drake's client sends as ``Render``."""
+_KNOWN: Final = frozenset((*_REQUIRED, *_DECIMAL_BOUNDS, LOOK_FIELD, "scene_sha256", _IGNORED))
+_DECIMAL_SYNTAX: Final = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 """Syntax of decimal fields; float() alone would accept "1_000", "nan" and Arabic digits."""
-_INTEGER: Final = re.compile(r"\+?(\d{1,9})(\.0*)?", re.ASCII)
+_INTEGER_SYNTAX: Final = re.compile(r"\+?(\d{1,9})(\.0*)?", re.ASCII)
 """Syntax of integer fields; a decimal point with zeros may follow."""
 _SHA256: Final = re.compile(r"[0-9a-fA-F]{64}")
 
@@ -84,9 +94,15 @@ class FormReader:
             "MAX_HEADER_SIZE": config.max_header_bytes,
             "UPLOAD_ERROR_ON_BAD_CTE": True,
         }
-        add, end = self._new_parts.append, partial(self._new_parts.append, None)
         try:
-            self._parser = FormParser(kind.decode(), add, add, end, options[b"boundary"], config=limits)
+            self._parser = FormParser(
+                kind.decode(),
+                on_field=self._new_parts.append,
+                on_file=self._new_parts.append,
+                on_end=partial(self._new_parts.append, None),
+                boundary=options[b"boundary"],
+                config=limits,
+            )
         except FormParserError as error:
             raise RequestError(400, f"Content-Type has an unusable boundary: {error}") from None
 
@@ -101,34 +117,39 @@ class FormReader:
             number = self._part_count + len(self._new_parts) + 1
             raise RequestError(400, f"the multipart body is malformed in part {number} of the form: {error}") from None
         for part in self._new_parts:
-            if part is None:
+            if part is None:  # nothing follows the end
                 self._is_complete = True
-                break
-            self._part_count += 1
-            if self._part_count > self._config.max_parts:
-                raise RequestError(400, f"the form has more than {self._config.max_parts} parts")
-            name = self._last_name = (part.field_name or b"").decode("utf-8", "replace")
-            if not name:
-                text = f'part {self._part_count} of the form needs Content-Disposition: form-data; name="…"'
-                raise RequestError(400, text)
-            if name in self._fields or (name == SCENE and self._scene is not None):
-                raise RequestError(400, f"the field {quoted(name)} was sent twice")
-            if isinstance(part, File):
-                assert isinstance(part.file_object, BytesIO)
-                value, filename = part.file_object.getvalue(), part.file_name or b""
             else:
-                value, filename = part.value or b"", b""
-            if name == SCENE:
-                self._scene, self._scene_filename = value, filename.decode("utf-8", "replace")
-                continue
-            if len(value) > self._config.max_field_bytes:
-                limit = self._config.max_field_bytes
-                raise RequestError(400, f"the field {quoted(name)} is longer than {limit} bytes")
-            try:
-                self._fields[name] = value.decode().strip()
-            except UnicodeDecodeError:
-                raise RequestError(400, f"the field {quoted(name)} is not UTF-8 text: {quoted(value)}") from None
+                self._add(part)
         self._new_parts.clear()
+
+    def _add(self, part: Field | File) -> None:
+        """Check a complete part, and add its value to the fields, or take it as the scene."""
+        self._part_count += 1
+        if self._part_count > self._config.max_parts:
+            raise RequestError(400, f"the form has more than {self._config.max_parts} parts")
+        name = self._last_name = (part.field_name or b"").decode("utf-8", "replace")
+        if not name:
+            text = f'part {self._part_count} of the form needs Content-Disposition: form-data; name="…"'
+            raise RequestError(400, text)
+        if name in self._fields or (name == SCENE and self._scene is not None):
+            raise RequestError(400, f"the field {quoted(name)} was sent twice")
+        if isinstance(part, File):
+            assert isinstance(part.file_object, BytesIO)
+            value, filename = part.file_object.getvalue(), part.file_name or b""
+        else:
+            value, filename = part.value or b"", b""
+        if name == SCENE:
+            self._scene = value
+            self._scene_filename = filename.decode("utf-8", "replace")
+            return
+        if len(value) > self._config.max_field_bytes:
+            limit = self._config.max_field_bytes
+            raise RequestError(400, f"the field {quoted(name)} is longer than {limit} bytes")
+        try:
+            self._fields[name] = value.decode().strip()
+        except UnicodeDecodeError:
+            raise RequestError(400, f"the field {quoted(name)} is not UTF-8 text: {quoted(value)}") from None
 
     def close(self) -> None:
         """Break the reference cycle of the parser, which would keep the body until the next garbage collection."""
@@ -165,15 +186,13 @@ def read_fields(
     if not scene:
         problem = "(the glTF file) is missing" if scene is None else "is an empty file"
         raise RequestError(400, f"the field '{SCENE}' {problem}")
-    warnings = []
-    if not fields.keys() <= _KNOWN:
-        warnings = [f"the field {quoted(name)} is unknown and ignored" for name in fields if name not in _KNOWN]
+    warnings = [f"the field {quoted(name)} is unknown and ignored" for name in fields if name not in _KNOWN]
     is_depth = fields.get("image_type") == "depth"
-    _check_texts(fields, is_depth)
-    numbers = _numbers(fields)
+    _check_required_and_choices(fields, is_depth)  # below, every required key is there
+    numbers = _read_decimals(fields)
     size: dict[str, int] = {}
     for name in ("width", "height"):
-        match = _INTEGER.fullmatch(fields[name])
+        match = _INTEGER_SYNTAX.fullmatch(fields[name])
         size[name] = int(match[1]) if match else 0
         if not 1 <= size[name] <= config.max_side:
             got = quoted(fields[name])
@@ -211,14 +230,14 @@ def read_fields(
     )
 
 
-def _check_texts(fields: Mapping[str, str], is_depth: bool) -> None:
+def _check_required_and_choices(fields: Mapping[str, str], is_depth: bool) -> None:
     """Check that the fields of an image are there, and those with choices. Raises RequestError."""
     depth_range = ("min_depth", "max_depth") if is_depth else ()
     required = [*_REQUIRED, *depth_range]
     for name, alternative in (("focal_x", "fov_x"), ("focal_y", "fov_y")):
         if not fields.get(alternative):
             required.append(name)
-    if LOOK_FIELD in fields:
+    if LOOK_FIELD in fields:  # it may be left out, but not be empty
         required.append(LOOK_FIELD)
     for name in required:
         if not fields.get(name):
@@ -231,21 +250,20 @@ def _check_texts(fields: Mapping[str, str], is_depth: bool) -> None:
             raise RequestError(400, f"{name} must be {listed}, got {quoted(fields[name])}")
 
 
-def _numbers(fields: Mapping[str, str]) -> dict[str, float]:
+def _read_decimals(fields: Mapping[str, str]) -> dict[str, float]:
     """Return the decimal fields that are not empty. All of them must be valid, those that are not used, too."""
     numbers: dict[str, float] = {}
-    for name, (minimum, maximum) in _NUMBERS.items():
+    for name, bounds in _DECIMAL_BOUNDS.items():
         if not (text := fields.get(name)):
             continue
-        value = numbers[name] = float(text) if _NUMBER.fullmatch(text) else math.nan
+        value = numbers[name] = float(text) if _DECIMAL_SYNTAX.fullmatch(text) else math.nan
         if not math.isfinite(value):
             raise RequestError(400, f"{name} must be a finite decimal number, got {quoted(text)}")
-        if value > maximum:
-            raise RequestError(400, f"{name} must be at most {maximum:g}, got {quoted(text)}")
-        if minimum is None and not value > 0.0:
-            raise RequestError(400, f"{name} must be positive, got {quoted(text)}")
-        if minimum is not None and not value >= minimum:
-            raise RequestError(400, f"{name} must be at least {minimum:g}, got {quoted(text)}")
+        if value > bounds.maximum:
+            raise RequestError(400, f"{name} must be at most {bounds.maximum:g}, got {quoted(text)}")
+        if value < 0.0 or (value == 0.0 and not bounds.may_be_zero):
+            minimum = "at least 0" if bounds.may_be_zero else "positive"
+            raise RequestError(400, f"{name} must be {minimum}, got {quoted(text)}")
     return numbers
 
 
@@ -257,10 +275,13 @@ def _intrinsics(fields: Mapping[str, str], numbers: Mapping[str, float], size: M
     values: dict[str, float] = {}
     for axis, side in (("x", "width"), ("y", "height")):
         focal, fov, center = f"focal_{axis}", f"fov_{axis}", f"center_{axis}"
-        angle, pixels = numbers.get(fov), size[side]
-        if angle is not None and not angle < math.pi:
+        pixels = size[side]
+        if numbers.get(fov, 0.0) >= math.pi:
             raise RequestError(400, f"{fov} must be less than pi (radians), got {quoted(fields[fov])}")
-        value = numbers[focal] if angle is None or focal in numbers else pixels / (2.0 * math.tan(angle / 2.0))
+        if focal in numbers:
+            value = numbers[focal]
+        else:  # one of the two is required
+            value = pixels / (2.0 * math.tan(numbers[fov] / 2.0))
         if not 1.0 / MAX_FOCAL <= value <= MAX_FOCAL:
             raise RequestError(400, f"{focal} = {value:g} pixels is not from {1.0 / MAX_FOCAL:g} to {MAX_FOCAL:g}")
         if not numbers[center] < pixels:

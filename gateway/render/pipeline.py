@@ -23,7 +23,7 @@ from renderers.depth_range import depth_in_millimetres, limit_depth
 from renderers.drawlist import DrawList, ImageError
 from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
-from renderers.interface import Frame, LookName, Output, Renderer
+from renderers.interface import Frame, Look, LookName, Output, Renderer
 from scenegate.warning_text import strict_refusal
 
 Backdrop = Callable[[], Node]
@@ -120,7 +120,7 @@ class Pipeline:
             frame = self._renderer.render(draw_list, camera, _OUTPUTS[request.image_type], look)
         rendered_time = time.perf_counter()
         with span("encode"):
-            body, media_type = self._encode(frame, request)
+            body, media_type = self._encode(frame, request, look)
         encoded_time = time.perf_counter()
         return EncodedImage(
             body=body,
@@ -139,15 +139,16 @@ class Pipeline:
     def _flat_backdrop(self) -> DrawList:
         """Return the draw list of the backdrop, which is flattened again only if it has changed."""
         assert self._backdrop is not None
-        root, cached = self._backdrop(), self._last_backdrop
+        root = self._backdrop()
+        cached = self._last_backdrop
         if cached is None or cached[0] is not root:
             cached = self._last_backdrop = root, flatten(root)
         return cached[1]
 
-    def _encode(self, frame: Frame, request: RenderRequest) -> tuple[bytes, str]:
+    def _encode(self, frame: Frame, request: RenderRequest, look: Look) -> tuple[bytes, str]:
         if request.image_type == "color":
             assert frame.color is not None
-            if self._config.style.antialias == "fxaa" and self._config.style.samples == 1:
+            if self._config.style.applies_fxaa(look):
                 fxaa(frame.color)
             return png_rgb(frame.color), "image/png"
         if request.image_type == "label":

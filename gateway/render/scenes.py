@@ -162,7 +162,8 @@ def _topology_of(scene: GltfScene, drawable: NDArray[np.bool_]) -> SceneTopology
             continue
         for part in scene.parts[node] or ():
             assert isinstance(part.shape, Surface)  # glTF has no other shapes
-            material, root = part.material, root_of_node[node]
+            material = part.material
+            root = root_of_node[node]
             if material is not DEFAULT_MATERIAL:
                 label = label_from_material(material)
             else:

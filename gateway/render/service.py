@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import structlog
 from fastapi import Request, Response
@@ -33,17 +33,19 @@ _log = structlog.get_logger("gateway.render")
 
 _MEMORY_RETRY_SECONDS: Final = 5
 """Retry-After in seconds if ``max_inflight_bytes`` is reached."""
-_OUTCOMES: Final = {200: "ok", CLIENT_GONE: "gone", 500: "failed", 503: "busy"}
-"""Outcome of a request by status, for metrics; all other statuses are ``rejected``."""
-_NOT_STORED: Final = frozenset((CLIENT_GONE, 503))
-"""Statuses of requests that could succeed at another time: they are not stored for replay."""
+_Outcome = Literal["ok", "rejected", "busy", "slow", "gone", "failed"]
+"""Outcome of a request, for metrics."""
+_STORED_OUTCOMES: Final = frozenset({"rejected", "slow", "failed"})
+"""Outcomes of requests that are stored for replay. Those with other errors could succeed at another time."""
+_MAX_DIGITS: Final = 20
+"""Maximum number of digits of Content-Length that is converted; int() is slow for thousands of digits."""
 
 
 @dataclass(slots=True, eq=False)
 class _Call:
     """A request in progress."""
 
-    http: Request
+    http_request: Request
     pieces: list[bytes] | None
     """Body as received, for the store of failed requests; None if there is no such store."""
     start_time: float = field(default_factory=time.perf_counter)
@@ -89,40 +91,45 @@ class RenderService:
         self._last_warnings: tuple[str, ...] = ()
         """Warnings about the last image that was rendered."""
 
-    async def respond(self, http: Request) -> Response:
+    async def respond(self, http_request: Request) -> Response:
         """Return the response: the image, or an error message. Never raises."""
-        call = _Call(http, [] if self._failures is not None else None)
+        call = _Call(http_request, [] if self._failures is not None else None)
         loop = asyncio.get_running_loop()
-        place = loop.call_later(self.config.arrival_seconds, self._arriving.discard, call)
+        # a slow upload loses its place in the queue
+        place_timer = loop.call_later(self.config.arrival_seconds, self._arriving.discard, call)
         headers: dict[str, str] = {}
-        is_slow = False
+        outcome: _Outcome
         try:
             self._workers.check_capacity(len(self._arriving))
             self._arriving.add(call)
             request = call.request = await self._receive_form(call)
             self._arriving.discard(call)
-            work = self._workers.run(self._pipeline.render, request, time.perf_counter(), nbytes=len(request.scene))
-            image = await while_connected(http, work)
+            work = self._workers.run(
+                self._pipeline.render, request, submitted_time=time.perf_counter(), nbytes=len(request.scene)
+            )
+            image = await while_connected(http_request, work)
         except RequestError as error:
-            status, sentence = error.status, error.sentence
+            status, outcome, sentence = error.status, "rejected", error.sentence
         except UnavailableErrors as error:
-            status, sentence, headers = 503, unavailable_message(error), retry_after(error)
-            is_slow = isinstance(error, DeadlineExceeded)
+            status, outcome = 503, "slow" if isinstance(error, DeadlineExceeded) else "busy"
+            sentence, headers = unavailable_message(error), retry_after(error)
         except asyncio.CancelledError:  # the grace period at shutdown is over
-            status, sentence, headers = 503, "the server shut down before the image was ready", {"Retry-After": "1"}
+            status, outcome, headers = 503, "busy", {"Retry-After": "1"}
+            sentence = "the server shut down before the image was ready"
         except ClientDisconnect:
-            status, sentence = CLIENT_GONE, f"the client disconnected after {call.received_bytes} bytes"
+            status, outcome = CLIENT_GONE, "gone"
+            sentence = f"the client disconnected after {call.received_bytes} bytes"
         except Exception:  # noqa: BLE001 - the client gets a sentence, the log the traceback
             _log.exception("render request failed")
-            status = 500
+            status, outcome = 500, "failed"
             sentence = f"internal error while rendering; the server's log has the details under {_request_id()}"
         else:
             return self._image_response(call, request, image)
         finally:
-            place.cancel()
+            place_timer.cancel()
             self._arriving.discard(call)
             self.inflight_bytes -= call.received_bytes
-        return await self._error_response(call, status, sentence, headers, is_slow)
+        return await self._error_response(call, status, outcome, sentence, headers)
 
     async def _receive_form(self, call: _Call) -> RenderRequest:
         """Receive the body and parse it piece by piece.
@@ -132,15 +139,20 @@ class RenderService:
             QueueFull: all bodies together are too large.
             ClientDisconnect: the client disconnected.
         """
-        config, headers = self.config, call.http.headers
+        config = self.config
+        headers = call.http_request.headers
         content_length = headers.get("content-length", "")
-        if content_length.isdecimal() and len(content_length) < 20 and int(content_length) > config.max_body_bytes:
+        if (
+            content_length.isdecimal()
+            and len(content_length) < _MAX_DIGITS
+            and int(content_length) > config.max_body_bytes
+        ):
             raise body_too_large(int(content_length), config)
         reader = FormReader(headers.get("content-type", ""), config)
         loop = asyncio.get_running_loop()
         try:
             async with asyncio.timeout(config.receive_timeout) as timeout:
-                async for piece in call.http.stream():
+                async for piece in call.http_request.stream():
                     timeout.reschedule(loop.time() + config.receive_timeout)
                     if self.inflight_bytes + len(piece) > config.max_inflight_bytes:
                         raise QueueFull(
@@ -162,8 +174,8 @@ class RenderService:
             reader.close()
 
     def _image_response(self, call: _Call, request: RenderRequest, image: EncodedImage) -> Response:
-        self._last_warnings = (*request.warnings, *image.warnings)
-        for warning in self._last_warnings:
+        self._last_warnings = warnings = (*request.warnings, *image.warnings)
+        for warning in warnings:
             _log.warning("render request has a problem", warning=warning)
         if logging.getLogger("gateway.render").isEnabledFor(logging.DEBUG):
             _log.debug(
@@ -174,19 +186,19 @@ class RenderService:
                 generator=image.generator,
                 **{f"{name}_ms": round(seconds * 1e3, 2) for name, seconds in image.stage_seconds},
             )
-        self._finish(call, 200, "ok", image=image)
+        self._finish(call, 200, "ok", image=image, warnings=warnings)
         timing = ", ".join([f"{name};dur={seconds * 1e3:.2f}" for name, seconds in image.stage_seconds])
         return Response(image.body, headers={"Server-Timing": timing}, media_type=image.media_type)
 
     async def _error_response(
-        self, call: _Call, status: int, sentence: str, headers: dict[str, str], is_slow: bool
+        self, call: _Call, status: int, outcome: _Outcome, sentence: str, headers: dict[str, str]
     ) -> Response:
         """Return an error response. Store the request for replay if the error is reproducible and there is a store."""
-        log = _log.info if status == CLIENT_GONE else _log.warning
+        log = _log.info if outcome == "gone" else _log.warning
         log("render request without an image", status=status, reason=sentence)
-        self._finish(call, status, "slow" if is_slow else _OUTCOMES.get(status, "rejected"), error=sentence)
-        if self._failures is not None and call.pieces is not None and (is_slow or status not in _NOT_STORED):
-            content_type = call.http.headers.get("content-type", "")
+        self._finish(call, status, outcome, error=sentence)
+        if self._failures is not None and call.pieces is not None and outcome in _STORED_OUTCOMES:
+            content_type = call.http_request.headers.get("content-type", "")
             try:
                 path = await asyncio.to_thread(
                     self._failures.store, call.pieces, content_type, status, sentence, _request_id()
@@ -197,37 +209,23 @@ class RenderService:
         return Response(message_bytes(sentence), status, headers, media_type="text/plain; charset=utf-8")
 
     def _finish(
-        self, call: _Call, status: int, outcome: str, *, image: EncodedImage | None = None, error: str = ""
+        self,
+        call: _Call,
+        status: int,
+        outcome: _Outcome,
+        *,
+        image: EncodedImage | None = None,
+        warnings: tuple[str, ...] = (),
+        error: str = "",
     ) -> None:
         """Count a finished request and notify the observers."""
         self._responses_by_status[status] += 1
-        request = call.request
-        stage_seconds = image.stage_seconds if image is not None else ()
         if self._metrics is not None:
-            kind = request.image_type if request is not None else "unknown"
+            kind = call.request.image_type if call.request is not None else "unknown"
             self._metrics.renders.labels(kind, outcome).inc()
-            for stage, seconds in stage_seconds:
+            for stage, seconds in image.stage_seconds if image is not None else ():
                 self._metrics.stage_seconds.labels(stage).observe(seconds)
-        image_text, scene_text = "not understood", ""
-        if request is not None:
-            image_text = f"{request.image_type}, {request.width} × {request.height}"
-            size = len(request.scene)
-            scene_text = f"scene of {size / 1e6:.1f} MB" if size >= 1e6 else f"scene of {size / 1e3:.1f} kB"
-        if image is not None:
-            by = f" by {image.generator}" if image.generator else ""
-            scene_text = f"{scene_text}{by[:80]}, {image.element_count} primitives"
-        record = RenderRecord(
-            status=status,
-            seconds=time.perf_counter() - call.start_time,
-            queue_seconds=dict(stage_seconds).get("queue", 0.0),
-            image_text=image_text,
-            scene_text=scene_text,
-            kind=request.image_type if request is not None else "",
-            body=image.body if image is not None else b"",
-            media_type=image.media_type if image is not None else "",
-            error=error,
-            warnings=image.warnings if image is not None else (),
-        )
+        record = _record(call, status, image, warnings, error)
         for observer in self._observers:
             try:
                 observer(record)
@@ -246,6 +244,33 @@ class RenderService:
             "scene_cache": {"hits": self.scenes.scenes.hits, "misses": self.scenes.scenes.misses},
             **({"warnings": warnings} if warnings else {}),
         }
+
+
+def _record(
+    call: _Call, status: int, image: EncodedImage | None, warnings: tuple[str, ...], error: str
+) -> RenderRecord:
+    """Return the record of a finished request for the observers."""
+    request = call.request
+    image_text, scene_text = "not understood", ""
+    if request is not None:
+        image_text = f"{request.image_type}, {request.width} × {request.height}"
+        size = len(request.scene)
+        scene_text = f"scene of {size / 1e6:.1f} MB" if size >= 1e6 else f"scene of {size / 1e3:.1f} kB"
+    if image is not None:
+        by = f" by {image.generator}" if image.generator else ""
+        scene_text = f"{scene_text}{by[:80]}, {image.element_count} primitives"
+    return RenderRecord(
+        status=status,
+        seconds=time.perf_counter() - call.start_time,
+        queue_seconds=dict(image.stage_seconds).get("queue", 0.0) if image is not None else 0.0,
+        image_text=image_text,
+        scene_text=scene_text,
+        kind=request.image_type if request is not None else "",
+        body=image.body if image is not None else b"",
+        media_type=image.media_type if image is not None else "",
+        error=error,
+        warnings=warnings,
+    )
 
 
 def _request_id() -> str:

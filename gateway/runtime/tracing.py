@@ -48,7 +48,7 @@ def span(
     return _tracer.start_as_current_span(name, kind=kind, attributes=attributes, record_exception=False)
 
 
-def lcm_message(channel: str, size: int) -> AbstractContextManager[object]:
+def lcm_message_span(channel: str, size: int) -> AbstractContextManager[object]:
     """Return the span of a received LCM message of ``size`` bytes, from reading it to showing it."""
     if _tracer is None:
         return _NOTHING

@@ -31,14 +31,20 @@ class Style:
     alpha_threshold: float = 0.0
     """Alpha below which blended surfaces are cut out; see ``Look``."""
 
-    def look_for(self, automatic: LookName, choice: LookChoice | None = None) -> Look:
+    def look_for(self, scene_look: LookName, requested: LookChoice | None = None) -> Look:
         """Return the look of an image.
 
         Args:
-            automatic: name for ``auto``.
-            choice: name that replaces ``look``; None: none.
+            scene_look: look of the scene, for ``auto``.
+            requested: look of one request, instead of ``look``.
         """
-        chosen = choice or self.look
-        name = automatic if chosen == "auto" else chosen
+        choice = requested or self.look
+        name = scene_look if choice == "auto" else choice
         samples = self.samples or (STUDIO_SAMPLES if name == "studio" else 1)
-        return Look(name, self.background, samples, self.rig, self.alpha_threshold)
+        return Look(
+            name, background=self.background, samples=samples, rig=self.rig, alpha_threshold=self.alpha_threshold
+        )
+
+    def applies_fxaa(self, look: Look) -> bool:
+        """Return True if colour images with a look of this style are smoothed by FXAA."""
+        return self.antialias == "fxaa" and look.samples == 1

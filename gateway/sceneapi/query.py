@@ -11,7 +11,7 @@ from gateway.scene.cameras import DEFAULT_FOVY, MAX_COORDINATE, MIN_FOVY, MIN_PL
 from gateway.scene.style import STUDIO_SAMPLES
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.server.openapi import example
-from gateway.server.scene_query import TIME, ColorQuery, ShownQuery, side
+from gateway.server.scene_query import TIME_PARAMETER, ColorQuery, ViewQuery, side_parameter
 from renderers.interface import LookName, SampleCount
 
 _DEFAULTS = SceneApiConfig()
@@ -27,16 +27,20 @@ class SceneQuery(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    time: float | None = TIME
+    time: float | None = TIME_PARAMETER
 
 
-class FileQuery(SceneQuery, ShownQuery):
+class FileQuery(SceneQuery, ViewQuery):
     """Parameters of ``GET /scene.glb``: the camera in the file. Without any but ``time`` the file has none."""
 
     model_config = ConfigDict(extra="forbid")
 
-    width: int | None = side(_DEFAULTS.width, _DEFAULTS.max_side, "--max-pixels", 640)
-    height: int | None = side(_DEFAULTS.height, _DEFAULTS.max_side, "--max-pixels", 480)
+    width: int | None = side_parameter(
+        _DEFAULTS.width, max_side=_DEFAULTS.max_side, max_pixels_text="--max-pixels", example_value=640
+    )
+    height: int | None = side_parameter(
+        _DEFAULTS.height, max_side=_DEFAULTS.max_side, max_pixels_text="--max-pixels", example_value=480
+    )
     fovy: float = Query(
         DEFAULT_FOVY,
         ge=MIN_FOVY,
@@ -66,7 +70,8 @@ class ImageQuery(FileQuery, ColorQuery):
     samples: SampleCount | None = Query(
         None,
         description=(
-            f"Samples per pixel of colour images; default {STUDIO_SAMPLES} for studio, 1 and FXAA for other looks."
+            f"Samples per pixel of colour images; default {STUDIO_SAMPLES} for studio, 1 for other looks. With 1, FXAA "
+            "smooths edges."
         ),
         openapi_examples=example(4),
     )

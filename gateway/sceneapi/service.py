@@ -154,7 +154,7 @@ class SceneApi:
         style = self.config.style
         style = replace(style, background=query.background_rgb or style.background, samples=query.samples or 0)
         look = style.look_for(query.look)
-        apply_fxaa = look.name != "studio" and look.samples == 1
+        apply_fxaa = style.applies_fxaa(look)
         is_point, outputs = None, _OUTPUTS[query.type]
         if query.type == "color" and query.look == "plain" and apply_fxaa:
             is_point = _point_instances(draw_list)

@@ -17,7 +17,7 @@ from gateway.scene.timeline import MAX_SECONDS, TIME_DESCRIPTION
 from gateway.scene.tree import Path
 from gateway.server.openapi import example
 
-TIME: Final[Any] = Query(
+TIME_PARAMETER: Final[Any] = Query(
     None,
     ge=-MAX_SECONDS,
     le=MAX_SECONDS,
@@ -26,19 +26,22 @@ TIME: Final[Any] = Query(
 )
 
 
-def side(default: int, max_side: int, max_pixels: str, shown: int) -> Any:
-    """Return the parameter of a width or height, whose limits ``ShownQuery.size`` checks."""
+def side_parameter(default: int, *, max_side: int, max_pixels_text: str, example_value: int) -> Any:
+    """Return the parameter of a width or height."""
     return Query(
         None,
         ge=1,
-        description=f"Pixels; width x height is at most {max_pixels}. Default: {default}.",
-        json_schema_extra={"maximum": max_side},
-        openapi_examples=example(shown),
+        description=f"Pixels; width x height is at most {max_pixels_text}. Default: {default}.",
+        json_schema_extra={"maximum": max_side},  # not le=: ``ViewQuery.size`` words the error
+        openapi_examples=example(example_value),
     )
 
 
-class ShownQuery(BaseModel):
-    """Camera and visible nodes of an image. Subclasses describe its size, as they have other limits."""
+class ViewQuery(BaseModel):
+    """Camera, visible nodes and size of an image. Subclasses describe the size, as they have other limits.
+
+    OpenAPI has the patterns of texts, whose parsers word the errors.
+    """
 
     model_config = ConfigDict(frozen=True)
 
@@ -80,7 +83,7 @@ class ShownQuery(BaseModel):
 
     @property
     def camera_spec(self) -> CameraSpec:
-        """Camera that is not in a scene yet."""
+        """The camera as asked for; a scene resolves it."""
         return parse_camera(self.camera)
 
     @property
@@ -107,7 +110,7 @@ class ShownQuery(BaseModel):
         return width, height
 
 
-class ColorQuery(ShownQuery):
+class ColorQuery(ViewQuery):
     """Parameters of colour images."""
 
     background: str | None = Query(

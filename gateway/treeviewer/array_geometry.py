@@ -21,6 +21,10 @@ from renderers.drawlist import Mesh
 from scenegate.messages.field_kinds import MAX_CHANNEL_COLUMNS, MAX_DISTANCE, CommandError, show
 
 MAX_DISTANCE_F32: Final = np.float32(MAX_DISTANCE)
+_COLUMNS: Final = {"rgb": (3, 4), "intensity": (1,)}
+"""Possible numbers of values per point of the channels that the protocol defines."""
+_ANY_COLUMNS: Final = tuple(range(1, MAX_CHANNEL_COLUMNS + 1))
+"""The same of other channels."""
 
 
 def line(
@@ -110,14 +114,14 @@ def _channels(value: Any, count: int, context: ReadContext) -> dict[str, NDArray
         raise CommandError(f"channels has {len(value)} entries, the limit is {context.limits.channels}")
     channels: dict[str, NDArray[np.float32]] = {}
     for name, values in value.items():
-        if values is None or (not isinstance(values, PackedArray) and values in ([], {})):
+        is_empty = not isinstance(values, PackedArray) and values in (None, [], {})
+        if is_empty:
             continue
         if not isinstance(name, str):
             context.warnings.append(f"channel {show(name)} has no text as its name; it is ignored")
             continue
-        columns = (3, 4) if name == "rgb" else (1,) if name == "intensity" else tuple(range(1, MAX_CHANNEL_COLUMNS + 1))
         try:
-            array = context.arrays.floats(values, columns, context.limits.points)
+            array = context.arrays.floats(values, _COLUMNS.get(name, _ANY_COLUMNS), context.limits.points)
         except ArrayError as error:
             context.warnings.append(f"channel {show(name)} {error}; it is ignored")
             continue

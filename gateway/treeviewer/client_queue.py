@@ -9,6 +9,7 @@ from typing import Final
 
 from gateway.lcm.tcpq_hub import HubConnection
 from scenegate.lcm.transport import LcmMessage
+from scenegate.messages import wire
 from scenegate.messages.wire import Comms
 
 Publish = Callable[[str, bytes], None]
@@ -26,6 +27,11 @@ class Received:
     """The decoded message."""
     publish: Publish
     """Publishes the response; raises OSError or ValueError if it cannot be sent."""
+
+    @property
+    def is_binary(self) -> bool:
+        """True for MessagePack, False for JSON; the response has the same format."""
+        return self.comms.format == wire.BINARY
 
     @property
     def memory(self) -> int:

@@ -58,3 +58,8 @@ def read_list(
             results.append(result)
         request.warnings.extend(Finding(name, index, path, text) for text in context.warnings)
         context.warnings.clear()
+
+
+def read_path(_index: int, path: Path, _command: dict[str, Any]) -> Path:
+    """Return the path of a command that has no other fields; for ``read_list``."""
+    return path

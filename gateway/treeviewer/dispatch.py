@@ -9,14 +9,14 @@ import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Final, Protocol, cast
+from typing import Final, NamedTuple, Protocol
 
 import structlog
 
 from gateway.lcm.listener import ChannelListener
 from gateway.lcm.tcpq_hub import HubConnection, TcpqHub
 from gateway.runtime.pool_errors import UnavailableErrors
-from gateway.runtime.tracing import lcm_message
+from gateway.runtime.tracing import lcm_message_span
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.treeviewer import responses
 from gateway.treeviewer.apply import RequestApplier
@@ -31,12 +31,12 @@ from scenegate.messages import wire
 
 _log = structlog.get_logger("gateway.treeviewer")
 
-MESSAGEPACK_COMPACTNESS: Final = 4
+_MESSAGEPACK_SLOWNESS: Final = 4
 """Ratio of the time to read a MessagePack request to that of a JSON request of the same size; see ``offload_bytes``."""
-PATH_BYTES: Final = 100
+_PATH_BYTES: Final = 100
 """Memory of one path in a response that waits for the store."""
-TOO_MANY: Final = "too many messages are waiting; send slower"
-SHUTTING_DOWN: Final = "the viewer is shutting down"
+_TOO_MANY: Final = "too many messages are waiting; send slower"
+_SHUTTING_DOWN: Final = "the viewer is shutting down"
 MAX_LOGGED: Final = 10
 """Number of undecodable messages that are all logged. Of later ones every thousandth is logged."""
 
@@ -65,7 +65,7 @@ class Counters:
     control_messages: int = 0
     """Messages with values of controls sent to clients."""
     internal_errors: int = 0
-    """Requests that raised an unexpected exception, which is in the log."""
+    """Requests and responses that raised an unexpected exception, which is in the log."""
 
 
 class DurableStore(Protocol):
@@ -84,6 +84,22 @@ class DurableStore(Protocol):
         """
 
 
+class _QueueKey(NamedTuple):
+    """Identifies a client's queue."""
+
+    sender: HubConnection | None
+    channel: str
+    is_local: bool
+
+
+class _ClientKey(NamedTuple):
+    """Identifies a client that receives messages of the page."""
+
+    publish: Publish
+    channel: str
+    """Channel of its requests."""
+
+
 class Dispatcher:
     """Handles requests, publishes responses, and passes other messages to their listeners.
 
@@ -95,7 +111,7 @@ class Dispatcher:
         protocol: TreeViewerProtocol,
         config: TreeViewerConfig,
         pool: WorkerPool,
-        durable: DurableStore | None = None,
+        store: DurableStore | None = None,
         listeners: Sequence[ChannelListener] = (),
     ) -> None:
         """Create a dispatcher without requests.
@@ -104,15 +120,15 @@ class Dispatcher:
             protocol: reads and applies requests.
             config: limits and sizes.
             pool: its threads read big requests and those that ``read_at_once`` leaves to them.
-            durable: storage of the tree; None: responses do not wait for storage.
+            store: storage of the tree; None: responses do not wait for storage.
             listeners: receive the messages of other channels.
         """
         self._protocol = protocol
         self._config = config
         self._pool = pool
-        self._durable = durable
+        self._store = store
         self._listeners = tuple(listeners)
-        self._queues: dict[object, ClientQueue] = {}
+        self._queues: dict[_QueueKey, ClientQueue] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._apply_lock = asyncio.Lock()
         """Held while a big request is applied: merging two of them would block the event loop."""
@@ -133,9 +149,7 @@ class Dispatcher:
             sender: connection that is paused while many of its requests wait; None: the network cannot pause clients.
         """
         if not message.channel.startswith(REQUEST):
-            for listener in self._listeners:
-                if message.channel.startswith(listener.prefixes):
-                    listener.on_message(message)
+            self._pass_to_listeners(message)
             return
         nbytes = len(message.data)
         self.counters.received += 1
@@ -146,17 +160,17 @@ class Dispatcher:
             self._count_undecodable(message.channel, error)
             return
         if self._closing:
-            self._refuse(request, SHUTTING_DOWN)
+            self._refuse(request, _SHUTTING_DOWN)
             return
-        key = (sender, message.channel, message.is_local)
+        key = _QueueKey(sender, message.channel, message.is_local)
         queue = self._queues.get(key)
-        storage_full = self._durable is not None and self._durable.full
+        storage_full = self._store is not None and self._store.full
         if queue is None and not storage_full and self._handle_at_once(request):
             return
         if storage_full or self.waiting_bytes + request.memory > self._config.waiting_bytes:
             self.counters.dropped += 1
             self.counters.dropped_bytes += nbytes
-            self._refuse(request, TOO_MANY)
+            self._refuse(request, _TOO_MANY)
             return
         if queue is None:
             queue = self._queues[key] = ClientQueue(sender)
@@ -176,10 +190,11 @@ class Dispatcher:
         """Remove clickable paths and controls of programs that received their responses by a lost connection."""
 
         def is_gone(key: object) -> bool:
-            publish, channel = cast("tuple[Publish, str]", key)
-            responses_to = response_channel(channel)
+            if not isinstance(key, _ClientKey):
+                return False
+            responses_to = response_channel(key.channel)
             return (
-                publish == hub.publish
+                key.publish == hub.publish
                 and lost.subscriptions.match(responses_to)
                 and not hub.has_subscriber(responses_to)
             )
@@ -204,65 +219,65 @@ class Dispatcher:
         await asyncio.gather(*tasks, return_exceptions=True)
         for queue in self._queues.values():
             while len(queue):
-                self._refuse(queue.first(), SHUTTING_DOWN)
+                self._refuse(queue.first(), _SHUTTING_DOWN)
                 self.waiting_bytes -= queue.pop()
         self._queues.clear()
         self._delayed.flush()
 
-    async def _handle_queue(self, key: object, queue: ClientQueue) -> None:
-        """Handle the requests in a client's queue, in order, until it is empty."""
-        try:
-            while len(queue):
-                request = queue.first()
-                if not self._handle_at_once(request):
-                    await self._handle_in_thread(request)
-                self.waiting_bytes -= queue.pop()
-                if queue.sender is not None and queue.size < self._config.client_waiting_bytes // 2:
-                    queue.sender.resume_reading()
-        finally:
-            if not self._closing:  # otherwise ``close`` refuses the rest
-                self.waiting_bytes -= queue.size
-                del self._queues[key]
+    def _pass_to_listeners(self, message: LcmMessage) -> None:
+        for listener in self._listeners:
+            if message.channel.startswith(listener.prefixes):
+                listener.on_message(message)
+
+    async def _handle_queue(self, key: _QueueKey, queue: ClientQueue) -> None:
+        """Handle the requests in a client's queue, in order, until it is empty, or ``close`` refuses the rest."""
+        while len(queue):
+            request = queue.first()
+            if not self._handle_at_once(request):
+                await self._handle_in_thread(request)
+            self.waiting_bytes -= queue.pop()
+            if queue.sender is not None and queue.size < self._config.client_waiting_bytes // 2:
+                queue.sender.resume_reading()
+        del self._queues[key]
 
     def _handle_at_once(self, request: Received) -> bool:
         """Read and apply a small request on the event loop, and respond; return False if a thread must read it."""
-        compactness = MESSAGEPACK_COMPACTNESS if request.comms.format == wire.BINARY else 1
-        if len(request.message.data) > self._config.offload_bytes // compactness:
+        slowness = _MESSAGEPACK_SLOWNESS if request.is_binary else 1
+        if len(request.message.data) > self._config.offload_bytes // slowness:
             return False
         try:
             applier = self._protocol.read_at_once(request.comms)
             if applier is None:
                 return False
-            with lcm_message(request.message.channel, len(request.message.data)):
+            with lcm_message_span(request.message.channel, len(request.message.data)):
                 applier.apply(request.message.arrival)
-                response = self._response(request, applier)
+                response = self._finish_applied(request, applier)
         except Exception as error:  # one request must not end the transport  # noqa: BLE001
             response = self._failure(request, error)
-        self._respond(request, response)
+        self._send_when_stored(request, response)
         return True
 
     async def _handle_in_thread(self, request: Received) -> None:
         """Read a request in a worker thread, apply it in slices on the event loop, and respond."""
         try:
             message = request.message
-            with lcm_message(message.channel, len(message.data)):
+            with lcm_message_span(message.channel, len(message.data)):
                 applier = await self._pool.run(self._protocol.read, request.comms, message.is_local)
                 async with self._apply_lock:
                     for _ in applier.slices(self._config.slice_commands, message.arrival):
                         await asyncio.sleep(0)
-                response = self._response(request, applier)
+                response = self._finish_applied(request, applier)
         except Exception as error:  # noqa: BLE001 - as in _handle_at_once
             response = self._failure(request, error)
-        self._respond(request, response)
+        self._send_when_stored(request, response)
 
-    def _response(self, request: Received, applier: RequestApplier) -> AnyResponse:
+    def _finish_applied(self, request: Received, applier: RequestApplier) -> AnyResponse:
         """Execute the commands for the page, and return the response to a request that was applied."""
         utime = request.comms.utime
         if applier.request.newer_commands:
-            binary = request.comms.format == wire.BINARY
             channel = request.message.channel
-            send = partial(self._send, channel, request.publish, binary)
-            key = (request.publish, channel) if client_of(channel) else None
+            send = partial(self._send, channel, request.publish, request.is_binary)
+            key = _ClientKey(request.publish, channel) if client_of(channel) else None
             update_page(self._protocol.page, applier.request, PageClient(key, send), utime)
         return applier.response(utime)
 
@@ -278,18 +293,23 @@ class Dispatcher:
 
     def _refuse(self, request: Received, reason: str) -> None:
         """Respond to a request that is not handled."""
-        self._publish(request, responses.failed(request.comms.utime, reason))
+        self._send_in_order(request, responses.failed(request.comms.utime, reason))
 
-    def _respond(self, request: Received, response: AnyResponse) -> None:
-        """Send a response as soon as the tree is stored."""
-        if self._durable is None:
-            self._publish(request, response)
+    def _send_when_stored(self, request: Received, response: AnyResponse) -> None:
+        """Send a response as soon as the tree is stored. Never raises."""
+        if self._store is None:
+            self._send_in_order(request, response)
             return
         path_count = 0
         if isinstance(response, Response):
             path_count = len(response.deleted_paths) + len(response.added_geometries) + len(response.set_transforms)
         on_stored = partial(self._on_stored, request, response)
-        self._durable.call_when_stored(on_stored, OVERHEAD_BYTES + PATH_BYTES * path_count)
+        try:
+            self._store.call_when_stored(on_stored, OVERHEAD_BYTES + _PATH_BYTES * path_count)
+        except Exception:  # later requests must be answered  # noqa: BLE001
+            self.counters.internal_errors += 1
+            _log.exception("A response could not wait for the store", channel=request.message.channel)
+            on_stored("internal error; the viewer's log says more")
 
     def _on_stored(self, request: Received, response: AnyResponse, failure: str) -> None:
         """Send a response, with status -3 if the tree could not be stored. ``failure`` is the reason, or empty."""
@@ -297,26 +317,26 @@ class Dispatcher:
             reason = f"the tree has been changed, but the change could not be stored: {failure}"
             response.error = f"{response.error}; {reason}" if response.error else reason
             response.status = responses.ERROR_HANDLING_REQUEST
-        self._publish(request, response)
+        self._send_in_order(request, response)
 
-    def _publish(self, request: Received, response: AnyResponse) -> None:
-        """Publish a response: now, or later if it, or one before it on its channel, is delayed."""
-        channel, binary = request.message.channel, request.comms.format == wire.BINARY
-        is_missing = response.status == responses.MISSING_PATHS
-        if is_missing or channel in self._delayed.queues:
-            send = partial(self._send, channel, request.publish, binary, response)
-            self._delayed.add(channel, send, has_missing_paths=is_missing)
-        else:
-            self._send(channel, request.publish, binary, response)
+    def _send_in_order(self, request: Received, response: AnyResponse) -> None:
+        """Send a response: now, or later if it, or one before it on its channel, is delayed."""
+        channel = request.message.channel
+        send = partial(self._send, channel, request.publish, request.is_binary, response)
+        self._delayed.send(channel, send, has_missing_paths=response.status == responses.MISSING_PATHS)
 
     def _send(self, channel: str, publish: Publish, binary: bool, message: AnyResponse | PageMessage) -> None:
-        """Encode and publish a message to the client of a channel of requests, and count it."""
+        """Encode and publish a message to the client of a channel of requests, and count it. Never raises."""
         counters = self.counters
         try:
             publish(response_channel(channel), responses.encode(message, binary=binary))
         except (OSError, ValueError) as error:
             counters.unanswerable += isinstance(message, AnyResponse)
             _log.warning("A message to a client could not be sent", channel=channel, reason=str(error))
+            return
+        except Exception:  # later requests must be answered  # noqa: BLE001
+            counters.internal_errors += 1
+            _log.exception("A message to a client could not be sent", channel=channel)
             return
         if isinstance(message, ClickMessage):
             counters.clicks += 1

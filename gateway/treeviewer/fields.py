@@ -62,11 +62,8 @@ def path(command: Mapping[str, Any], context: ReadContext) -> Path:
         raise CommandError(f"path must be a list of strings, not {show(value)}")
     if len(value) > limits.path_elements:
         raise CommandError(f"path has {len(value)} elements, the limit is {limits.path_elements}")
-    if (
-        _STRING_TYPE.issuperset(map(type, value))
-        and sum(map(len, value)) <= limits.element_chars
-        and all(map(str.isascii, value))
-    ):
+    is_ascii_text = _STRING_TYPE.issuperset(map(type, value)) and all(map(str.isascii, value))
+    if is_ascii_text and sum(map(len, value)) <= limits.element_chars:  # then no element is too long
         return tuple(value)
     return tuple(_path_element(element, index, limits.element_chars) for index, element in enumerate(value))
 

@@ -40,7 +40,8 @@ def mesh(
 ) -> tuple[Part, ...]:
     """Return a triangle mesh with vertex colours, a texture, or both. Each of them multiplies ``rgba``."""
     triangle_indices = triangles(vertices, faces, context)
-    linear_colors, coordinates = vertex_colors(colors, len(vertices)), None
+    linear_colors = vertex_colors(colors, len(vertices))
+    coordinates = None
     if image is not None:
         if uv is None:
             raise CommandError("uv is missing, which an image needs")

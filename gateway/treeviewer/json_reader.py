@@ -25,7 +25,7 @@ class JsonReader(RequestReader):
         limits = limits or Limits()
         super().__init__(msgspec.json.Decoder, min(SMALL_BYTES, limits.json_bytes), limits)
 
-    def prepare(self, data: memoryview, context: ReadContext) -> bytes:
+    def prepare_big(self, data: memoryview, context: ReadContext) -> bytes:
         """Return the JSON text without its long arrays."""
         json_text = context.arrays.extract(data)
         if len(json_text) > self.limits.json_bytes:

@@ -45,10 +45,10 @@ class MsgpackReader(RequestReader):
 
     def __init__(self, limits: Limits | None = None) -> None:
         limits = limits or Limits()
-        decoder = partial(msgspec.msgpack.Decoder, ext_hook=_decode_extension)
-        super().__init__(decoder, limits.binary_objects, limits)  # each object takes at least a byte
+        make_decoder = partial(msgspec.msgpack.Decoder, ext_hook=_decode_extension)
+        super().__init__(make_decoder, limits.binary_objects, limits)  # each object takes at least a byte
 
-    def prepare(self, data: memoryview, context: ReadContext) -> memoryview:
+    def prepare_big(self, data: memoryview, context: ReadContext) -> memoryview:
         """Return the data, unless decoding would create more Python objects than the limit."""
         limit = self.limits.binary_objects
         count = msgpack_kernels.count_values(np.frombuffer(data, np.uint8), limit)
@@ -61,6 +61,6 @@ class MsgpackReader(RequestReader):
     def decode_plain(self, data: bytes | memoryview) -> Any:
         """Decode maps of any keys, and lists."""
         try:
-            return self.plain.decode(data)
+            return self.any_decoder.decode(data)
         except DECODE_ERRORS as error:
             raise RequestError(f"the request is not valid MessagePack ({error})") from None

@@ -12,7 +12,7 @@ import numpy as np
 
 from gateway.scene.cameras import LookAtCamera
 from gateway.scene.tree import Path
-from gateway.treeviewer.command_lists import read_list
+from gateway.treeviewer.command_lists import read_list, read_path
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.control_commands import read_controls, read_values
 from gateway.treeviewer.requests import Finding, Request
@@ -72,7 +72,8 @@ def _home(value: Any) -> LookAtCamera:
         raise CommandError(f"home must be an object with eye, target and up, not {show(value)}")
     eye, target, up = (_home_vector(value, name) for name in ("eye", "target", "up"))
     line_of_sight = np.subtract(target, eye)
-    distance, up_length = float(np.linalg.norm(line_of_sight)), float(np.linalg.norm(up))
+    distance = float(np.linalg.norm(line_of_sight))
+    up_length = float(np.linalg.norm(up))
     if not distance > 0.0:
         raise CommandError("home.eye and home.target are the same point")
     if not float(np.linalg.norm(np.cross(line_of_sight, up))) > 1e-6 * distance * up_length:
@@ -95,7 +96,7 @@ def _read_clicks(value: Any, request: Request, context: ReadContext) -> None:
     """Read ``setclicks``: set ``request.click_paths``. One invalid path fails the whole command."""
     paths: list[Path] = []
     failures_before = len(request.failures)
-    read_list("setclicks", value, request, context, lambda _, path, __: path, paths)
+    read_list("setclicks", value, request, context, read_path, paths)
     if len(request.failures) == failures_before:
         request.click_paths = paths
 

@@ -76,7 +76,8 @@ class TreeViewerProtocol:
         self.quota = TreeQuota(self.limits, clock)
         self.quota.count_existing(live.snapshot.root)
         self._strict = strict
-        self._meshes, self._local_meshes = meshes, local_meshes or meshes
+        self._meshes = meshes
+        self._local_meshes = local_meshes or meshes
         self.page = page or LivePage()
         """State of the pages that show the tree."""
         self.warnings = WarningList()

@@ -108,7 +108,8 @@ class TreeQuota:
             path: path of the geometries. Nodes on it that do not exist count as well.
             parts: number of geometries.
         """
-        nodes, max_nodes = nodes + self.unpublished_nodes, self._limits.nodes
+        nodes += self.unpublished_nodes
+        max_nodes = self._limits.nodes
         if nodes + len(path) > max_nodes:
             created = _missing_nodes(root, path)
             if created and nodes + created > max_nodes:
@@ -130,10 +131,12 @@ class TreeQuota:
         Returns:
             The reason why they exceed a limit, and are not counted; or an empty string.
         """
-        labels, max_labels = _labels(parts), self._limits.text_labels
+        labels = _labels(parts)
+        max_labels = self._limits.text_labels
         if labels and (count := self._labels.add(labels, max_labels)) > max_labels:
             return f"{count} different text labels would be in use, the limit is {max_labels}"
-        objects, max_bytes = _large_objects(parts), self._limits.geometry_bytes
+        objects = _large_objects(parts)
+        max_bytes = self._limits.geometry_bytes
         before = self.array_bytes
         if objects and (nbytes := self._arrays.add(objects, max_bytes)) > max_bytes:
             return (

@@ -17,7 +17,7 @@ import msgspec
 from gateway.scene.geometry import Part
 from gateway.scene.tree import Path, Pose
 from gateway.treeviewer import fields
-from gateway.treeviewer.command_lists import read_list
+from gateway.treeviewer.command_lists import read_list, read_path
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.geometry import read_parts
@@ -41,20 +41,27 @@ class RequestReader:
     type_text = "an object"
     """Description of a request's outermost value, for error texts."""
 
-    def __init__(self, decoder: Callable[[Any], Any], small_bytes: int, limits: Limits) -> None:
+    def __init__(self, make_decoder: Callable[[Any], Any], small_bytes: int, limits: Limits) -> None:
         """
         Args:
-            decoder: returns msgspec's decoder of the format for a type.
-            small_bytes: size up to which requests are decoded without ``prepare``.
+            make_decoder: returns msgspec's decoder of the format for a type.
+            small_bytes: size up to which requests are decoded without ``prepare_big``.
             limits: limits of a request.
         """
         self.limits = limits
         self._small_bytes = small_bytes
-        self._envelope = decoder(_ENVELOPE)
-        geometries, transforms = map(decoder, list_types(self.limits))
-        self._regular = {"setgeometry": geometries, "load": geometries, "settransform": transforms, "draw": transforms}
+        self._envelope_decoder = make_decoder(_ENVELOPE)
+        geometries_type, transforms_type = list_types(self.limits)
+        geometries = make_decoder(geometries_type)
+        transforms = make_decoder(transforms_type)
+        self._list_decoders = {
+            "setgeometry": geometries,
+            "load": geometries,
+            "settransform": transforms,
+            "draw": transforms,
+        }
         """Decoders of lists of regular commands."""
-        self.plain = decoder(Any)
+        self.any_decoder = make_decoder(Any)
 
     def read(self, data: memoryview, context: ReadContext) -> Request:
         """Return the commands of a request.
@@ -63,15 +70,15 @@ class RequestReader:
             ThreadRequired: see ``ReadContext.at_once``.
             RequestError: the data cannot be decoded, is not an object, or exceeds a limit.
         """
-        prepared = data if len(data) <= self._small_bytes else self.prepare(data, context)
+        prepared = data if len(data) <= self._small_bytes else self.prepare_big(data, context)
         try:
             message: Any = self._decode(prepared)
-        except DECODE_ERRORS:
+        except DECODE_ERRORS:  # NaN in JSON, keys that are no text in MessagePack: slower, but accepted
             message = self.decode_plain(prepared)
         return self._read_commands(message, context)
 
-    def prepare(self, data: memoryview, context: ReadContext) -> bytes | memoryview:
-        """Return what is decoded of a big request.
+    def prepare_big(self, data: memoryview, context: ReadContext) -> bytes | memoryview:
+        """Check a big request; return the part of it that is decoded.
 
         Raises:
             RequestError: the data exceeds a limit, or has errors.
@@ -92,15 +99,15 @@ class RequestReader:
         Raises:
             DECODE_ERRORS: the data cannot be decoded, or is not an object.
         """
-        envelope = self._envelope.decode(data)
+        envelope = self._envelope_decoder.decode(data)
         lists: dict[str, Any] = {}
         for name in _COMMANDS:
             raw = getattr(envelope, name)
             if raw is not _ABSENT:
                 try:
-                    lists[name] = self._regular.get(name, self.plain).decode(raw)
+                    lists[name] = self._list_decoders.get(name, self.any_decoder).decode(raw)
                 except msgspec.ValidationError:
-                    lists[name] = self.plain.decode(raw)
+                    lists[name] = self.any_decoder.decode(raw)
         return lists
 
     def _read_commands(self, message: Any, context: ReadContext) -> Request:
@@ -114,14 +121,10 @@ class RequestReader:
             return request
         if not isinstance(message, dict):
             raise RequestError(f"the request must be {self.type_text}, not {show(message)}")
-        for read, value in (
-            (_read_deletes, message.get("delete")),
-            # as in Director, its older names override the newer ones
-            (_read_geometries, message["load"] if "load" in message else message.get("setgeometry")),
-            (_read_transforms, message["draw"] if "draw" in message else message.get("settransform")),
-        ):
-            if value is not None and value != []:
-                read(value, request, context)
+        _read_deletes(message.get("delete"), request, context)
+        # as in Director, its older names override the newer ones
+        _read_geometries(message["load"] if "load" in message else message.get("setgeometry"), request, context)
+        _read_transforms(message["draw"] if "draw" in message else message.get("settransform"), request, context)
         for name, read_newer in NEWER_COMMANDS.items():
             if (value := message.get(name)) is not None:
                 request.newer_commands.append(name)
@@ -131,12 +134,12 @@ class RequestReader:
 
 def _read_deletes(value: Any, request: Request, context: ReadContext) -> None:
     """Add the delete commands of a decoded list to the request."""
-    read_list("delete", value, request, context, lambda _, path, __: path, request.deletes)
+    read_list("delete", value, request, context, read_path, request.deletes)
 
 
 def _read_geometries(value: Any, request: Request, context: ReadContext) -> None:
     """Add the setgeometry commands of a decoded list to the request, with warnings."""
-    if _is_regular(value):
+    if _is_regular(value):  # msgspec has checked paths and limits, and nothing was tolerated
         for index, command in enumerate(value):
             parts = parts_of(command)
             if parts is None:
@@ -145,7 +148,7 @@ def _read_geometries(value: Any, request: Request, context: ReadContext) -> None
                 request.geometries.append((command.path, parts))
         return
 
-    def read(_: int, path: Path, command: dict[str, Any]) -> tuple[Path, tuple[Part, ...]]:
+    def read(_index: int, path: Path, command: dict[str, Any]) -> tuple[Path, tuple[Part, ...]]:
         return path, read_parts(command, context)
 
     read_list("setgeometry", value, request, context, read, request.geometries)
@@ -154,10 +157,12 @@ def _read_geometries(value: Any, request: Request, context: ReadContext) -> None
 def _read_transforms(value: Any, request: Request, context: ReadContext) -> None:
     """Add the settransform commands of a decoded list to the request, with warnings."""
     if _is_regular(value):
-        request.transforms = [(each.path, each.transform.translation + each.transform.quaternion) for each in value]
+        request.transforms += [
+            (command.path, command.transform.translation + command.transform.quaternion) for command in value
+        ]
         return
 
-    def read(_: int, path: Path, command: dict[str, Any]) -> tuple[Path, Pose]:
+    def read(_index: int, path: Path, command: dict[str, Any]) -> tuple[Path, Pose]:
         if "transform" not in command:
             raise CommandError("transform is missing")
         pose = fields.pose(command["transform"])

@@ -41,7 +41,7 @@ class TreeViewerService:
         live: LiveTree,
         meshfiles: MeshLoader | None = None,
         clock: Callable[[], float] = time.monotonic,
-        durable: DurableStore | None = None,
+        store: DurableStore | None = None,
         listeners: Sequence[ChannelListener] = (),
         page: LivePage | None = None,
         local_meshfiles: MeshLoader | None = None,
@@ -53,7 +53,7 @@ class TreeViewerService:
             live: tree that requests edit.
             meshfiles: loader of mesh files; None: requests cannot load files.
             clock: monotonic time in seconds.
-            durable: storage of the tree; None: responses do not wait for storage.
+            store: storage of the tree; None: responses do not wait for storage.
             listeners: receive other channels of the transport and the hub.
             page: state of the pages that show the tree.
             local_meshfiles: loader of mesh files for programs on this machine; None: ``meshfiles``.
@@ -65,7 +65,7 @@ class TreeViewerService:
         self._pool = WorkerPool(
             config.threads, config.waiting_requests, name="treeviewer", niceness=BACKGROUND_NICENESS
         )
-        self._dispatcher = Dispatcher(self.protocol, config, self._pool, durable, listeners)
+        self._dispatcher = Dispatcher(self.protocol, config, self._pool, store, listeners)
         self._transport: Transport | None = None
         self.hub: TcpqHub | None = None
         self._prefixes = (REQUEST, *(prefix for listener in listeners for prefix in listener.prefixes))

@@ -18,7 +18,7 @@ from gateway.scene.timeline import TimeError
 from gateway.server.disconnect import while_connected
 from gateway.server.openapi import error_responses, example, file_response
 from gateway.server.plain_error_route import PlainErrorRoute
-from gateway.server.scene_query import TIME, ColorQuery, side
+from gateway.server.scene_query import TIME_PARAMETER, ColorQuery, side_parameter
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.messages import StereoCapture
 from gateway.viewer.recent_renders import RecentRenders, encode_preview
@@ -42,8 +42,12 @@ def _quality(default: int) -> Any:
 class JpegQuery(ColorQuery):
     """Parameters of JPEG images of the scene."""
 
-    width: int | None = side(_DEFAULTS.width, _DEFAULTS.max_side, str(_DEFAULTS.max_pixels), 640)
-    height: int | None = side(_DEFAULTS.height, _DEFAULTS.max_side, str(_DEFAULTS.max_pixels), 480)
+    width: int | None = side_parameter(
+        _DEFAULTS.width, max_side=_DEFAULTS.max_side, max_pixels_text=str(_DEFAULTS.max_pixels), example_value=640
+    )
+    height: int | None = side_parameter(
+        _DEFAULTS.height, max_side=_DEFAULTS.max_side, max_pixels_text=str(_DEFAULTS.max_pixels), example_value=480
+    )
     quality: int = _quality(85)
     look: LookName | None = Query(
         None,
@@ -73,7 +77,7 @@ class JpegQuery(ColorQuery):
 class FrameQuery(JpegQuery):
     """Parameters of ``/view/frame.jpg``."""
 
-    time: float | None = TIME
+    time: float | None = TIME_PARAMETER
 
 
 class StreamQuery(JpegQuery):

@@ -13,12 +13,12 @@ async def setup(context: Context) -> None:
     """Run the tree viewer's service."""
     settings = context.settings
     lcm = LcmConfig(url=settings.lcm_url, tcpq_host=context.security.tcpq_host, tcpq_port=settings.tcpq_port)
-    durable = context.state.commits if context.state is not None else None
+    store = context.state.commits if context.state is not None else None
     service = TreeViewerService(
         TreeViewerConfig(lcm=lcm, strict=settings.strict),
         context.tree,
         context.mesh_files,
-        durable=durable,
+        store=store,
         listeners=context.lcm_listeners,
         page=context.page,
         local_meshfiles=context.local_mesh_files,

@@ -73,14 +73,12 @@ def test_style_of_settings(tmp_path: Path) -> None:
 
 
 def test_samples_and_antialiasing_by_look(renderer: CpuRenderer, robot: LoadedScene) -> None:
-    """The studio look has 4 samples and no FXAA; the others have one sample, with FXAA."""
+    """The studio look has 4 samples, the others have one. Every look has FXAA with one sample."""
     studio = color(renderer, robot, Style())
     np.testing.assert_array_equal(studio, color(renderer, robot, Style("studio", antialias="none", samples=4)))
-    np.testing.assert_array_equal(
-        color(renderer, robot, Style("studio", samples=1)),
-        color(renderer, robot, Style("studio", antialias="none", samples=1)),
-    )
-    assert (studio != color(renderer, robot, Style("studio", samples=1))).any()
+    smooth = color(renderer, robot, Style("studio", samples=1))
+    assert (smooth != color(renderer, robot, Style("studio", antialias="none", samples=1))).any()
+    assert (studio != smooth).any()
     smooth = color(renderer, robot, Style("phong"))
     np.testing.assert_array_equal(smooth, color(renderer, robot, Style("phong", samples=1)))
     assert (smooth != color(renderer, robot, Style("phong", antialias="none"))).any()

@@ -27,9 +27,7 @@ from scenegate.lcm.udpm_assembler import MAX_PARTIAL, MIN_FRAGMENT_BYTES, Assemb
 def parse(stream: bytes, max_message: int = 100) -> list[tuple[FrameType, str, bytes]]:
     """Frames of a stream that follows the hello."""
     frames: list[tuple[FrameType, str, bytes]] = []
-    parser = FrameParser(
-        MAGIC_CLIENT, max_message, lambda kind, name, data: frames.append((kind, name, bytes(data))), lambda _: True
-    )
+    parser = FrameParser(MAGIC_CLIENT, max_message, lambda kind, name, data: frames.append((kind, name, bytes(data))))
     stream = CLIENT_HELLO + stream
     while stream:
         buffer = parser.buffer()

@@ -250,7 +250,7 @@ class FakeTransport:
 
 @pytest.mark.parametrize(("closing", "calls"), [(False, ["pause", "resume", "pause"]), (True, [])])
 def test_a_client_is_paused_and_resumed_once(closing: bool, calls: list[str]) -> None:
-    hub: Any = SimpleNamespace(config=LcmConfig(), reserve=lambda size: True)
+    hub: Any = SimpleNamespace(config=LcmConfig(), reserve=lambda size: True, release=lambda size: None)
     connection: Any = tcpq_hub.HubConnection(hub)
     connection.pause_reading()
     connection.resume_reading()

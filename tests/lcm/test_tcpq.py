@@ -35,7 +35,6 @@ def test_parses_frames_from_any_chunks(frames: list[tuple[FrameType, str, int]],
         MAGIC_CLIENT,
         1_000_000,
         lambda kind, name, data: frames_received.append((kind, name, bytes(data))),
-        lambda _: True,
     )
     stream = CLIENT_HELLO
     expected = []
@@ -57,7 +56,7 @@ def test_parses_frames_from_any_chunks(frames: list[tuple[FrameType, str, int]],
 @settings(deadline=None, max_examples=100)
 @given(st.binary(max_size=400))
 def test_survives_any_bytes(data: bytes) -> None:
-    parser = FrameParser(MAGIC_CLIENT, 1000, lambda *_: None, lambda _: True)
+    parser = FrameParser(MAGIC_CLIENT, 1000, lambda *_: None)
     for chunk in (CLIENT_HELLO, data):
         buffer = parser.buffer()
         buffer[: len(chunk)] = chunk

@@ -266,7 +266,8 @@ async def test_a_record_describes_request_image_and_scene(start: Start, watched:
     by_vtk = gltf(extensionsUsed=["ACME_x"])
     by_vtk["asset"]["generator"] = "g" * 90
     async with start(watched) as server:
-        for form in (body(large, drake_fields("depth")), body(by_vtk), body(SCENE, drake_fields(width="0")), b"x"):
+        with_tint = body(by_vtk, drake_fields(tint="red"))
+        for form in (body(large, drake_fields("depth")), with_tint, body(SCENE, drake_fields(width="0")), b"x"):
             await server.post(form, CONTENT_TYPE)
         warnings = server.service.status()["warnings"]
     depth, color, invalid, _ = server.records
@@ -275,6 +276,7 @@ async def test_a_record_describes_request_image_and_scene(start: Start, watched:
     assert color.scene_text.startswith("scene of 0.")
     assert f" kB by {'g' * 76}, " in color.scene_text
     assert color.scene_text.endswith(" primitives")
-    assert color.warnings == tuple(warnings) == ("extensionsUsed: ACME_x ignored",)
+    about_request = "the field 'tint' is unknown and ignored"
+    assert color.warnings == tuple(warnings) == (about_request, "extensionsUsed: ACME_x ignored")
     assert (invalid.status, invalid.image_text, invalid.scene_text, invalid.kind) == (400, "not understood", "", "")
     assert (invalid.body, invalid.media_type, invalid.queue_seconds) == (b"", "", 0.0)

@@ -27,7 +27,7 @@ async def serve(path: Path) -> None:
     state = PersistentState(StateConfig(path, checkpoint_bytes=1 << 18))
     state.restore_tree(live)
     state.start()
-    service = TreeViewerService(TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0)), live, durable=state.commits)
+    service = TreeViewerService(TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0)), live, store=state.commits)
     running = asyncio.create_task(service.run())
     await service.wait_ready()
     print("server", os.getpid(), service.tcpq_port, flush=True)

@@ -463,3 +463,37 @@ async def test_a_sent_mesh_file_is_read_off_the_event_loop() -> None:
     data = message({"setgeometry": [{"path": ["a"], "geometry": geometry}]})
     assert world.receive(data) == size_of(len(data))
     await until(lambda: world.statuses)
+
+
+@pytest.mark.parametrize("step", ["encode", "call_when_stored"])
+async def test_later_requests_are_answered_after_an_unexpected_error_of_a_response(step: str) -> None:
+    size = size_of(len(ONE_BOX))
+    store = Store()
+    world = World(store, offload_bytes=0, client_waiting_bytes=size)
+    resumed: list[int] = []
+
+    class Sender:
+        def pause_reading(self) -> None:
+            pass
+
+        def resume_reading(self) -> None:
+            resumed.append(world.dispatcher.waiting_bytes)
+
+    def fail_once(*_: Any, **__: Any) -> Any:
+        patch.undo()
+        raise RuntimeError("bug")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(responses if step == "encode" else store, step, fail_once)
+        sender = Sender()
+        for _ in range(3):
+            world.receive(ONE_BOX, sender=sender)
+        await until(lambda: world.dispatcher.waiting_bytes == 0)
+        for done, _ in store.waiting:
+            done("")
+    # the response that cannot be encoded is lost, that of a broken store says that nothing was stored
+    assert world.statuses == ([0, 0] if step == "encode" else [-3, 0, 0])
+    assert world.dispatcher.counters.internal_errors == 1
+    assert resumed == [0], "the sender is not paused any more"
+    world.receive(ONE_BOX, sender=sender)
+    await until(lambda: world.dispatcher.waiting_bytes == 0)

@@ -38,9 +38,7 @@ class Talk:
     def __init__(self) -> None:
         self.live = LiveTree()
         self.held = Held()
-        self.dispatcher = Dispatcher(
-            TreeViewerProtocol(self.live), TreeViewerConfig(), WorkerPool(1), durable=self.held
-        )
+        self.dispatcher = Dispatcher(TreeViewerProtocol(self.live), TreeViewerConfig(), WorkerPool(1), store=self.held)
         self.answers: list[dict[str, object]] = []
 
     def send(self, utime: int, request: object) -> None:

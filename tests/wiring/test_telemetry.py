@@ -209,7 +209,7 @@ def test_without_a_collector_nothing_is_traced(use: Callable[[None], None]) -> N
     ):
         assert telemetry.start(environment) is None
         assert telemetry.config() is telemetry.NO_TELEMETRY
-    with tracing.span("nothing"), tracing.lcm_message("CHANNEL", 3):
+    with tracing.span("nothing"), tracing.lcm_message_span("CHANNEL", 3):
         assert trace.get_current_span() is trace.INVALID_SPAN
     assert tracing.after_queue(list) is list
 

@@ -69,7 +69,8 @@ class FrameParser:
         magic: int,
         max_message: int,
         on_frame: Callable[[FrameType, str, memoryview | bytes], None],
-        reserve: Callable[[int], bool],
+        reserve: Callable[[int], bool] = lambda size: True,
+        release: Callable[[int], None] = lambda size: None,
     ) -> None:
         """Create a parser for one connection.
 
@@ -78,14 +79,14 @@ class FrameParser:
             max_message: maximum bytes of one message.
             on_frame: called with type, channel or pattern, and data. The parser does not reuse the memory of the data.
             reserve: called with the size of a big message before its data is read; returns False to refuse the
-                message. Called again with the negative size when the message is complete.
+                message.
+            release: called with this size when the message is complete, or by ``close``.
         """
         self._magic = magic
         self._max_message = max_message
         self._on_frame = on_frame
         self._reserve = reserve
-        self.reserved = 0
-        """Size of the big message that is being read; 0 if there is none."""
+        self._release = release
         self._scratch = bytearray(SCRATCH_BYTES)
         self._scratch_view = memoryview(self._scratch)
         self._parsed_end = 0
@@ -118,14 +119,19 @@ class FrameParser:
         if self._big_message is not None:
             self._big_received += count
             if self._big_received == len(self._big_message):
-                data, self._big_message, self._big_received = self._big_message, None, 0
-                self._reserve(-self.reserved)
-                self.reserved = 0
+                data = self._big_message
+                self.close()
                 self._on_frame(FrameType.PUBLISH, self._big_channel, data)
             return
         self._received_end += count
         while self._parse_frame():
             pass
+
+    def close(self) -> None:
+        """Release the memory of a big message that is being read, if there is one."""
+        if self._big_message is not None:
+            self._release(len(self._big_message))
+            self._big_message = None
 
     def _parse_frame(self) -> bool:
         """Parse the hello or one frame; return False if more bytes are needed."""
@@ -175,7 +181,6 @@ class FrameParser:
         """Read a message of ``size`` bytes, whose data begins at ``position``, into memory of its own."""
         if not self._reserve(size):
             raise FrameError("too much is on its way already")
-        self.reserved = size
         # the kernel allocates pages when they are written, so a false size costs no memory
         self._big_message = np.empty(size, np.uint8).data
         self._big_received = self._received_end - position

@@ -156,7 +156,7 @@ class _Connection(asyncio.BufferedProtocol):
         self._pattern = pattern
         self._on_message = on_message
         self._on_made = on_made
-        self._parser = FrameParser(MAGIC_HUB, max_message, self._on_frame, lambda _: True)
+        self._parser = FrameParser(MAGIC_HUB, max_message, self._on_frame)
         self._transport: asyncio.Transport | None = None
         self.lost: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         """Completed when the connection is lost, with the reason."""

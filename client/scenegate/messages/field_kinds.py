@@ -351,9 +351,9 @@ Image = Annotated[
 ]
 LabelText = Annotated[str, FieldKind(lambda value, name, reader: reader.text(value, name), _write_text)]
 FileName = Annotated[str, FieldKind(_read_name, _write_text)]
-AS_IT_IS: Final = FieldKind(_as_it_is, lambda _, value: value)
+UNCONVERTED: Final = FieldKind(_as_it_is, lambda _, value: value)
 """Kind of a field that is read with others of its geometry."""
-LateColor = Annotated[ArrayLike, FieldKind(_as_it_is, lambda _, value: rgba(value))]
+ColorOnUse = Annotated[ArrayLike, FieldKind(_as_it_is, lambda _, value: rgba(value))]
 """A colour that is read with other fields of its geometry."""
 Faces = Annotated[ArrayLike, FieldKind(_as_it_is, _write_faces)]
 """Vertex indices, which are checked with the vertices."""

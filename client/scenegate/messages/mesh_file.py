@@ -12,7 +12,7 @@ from urllib.parse import unquote
 
 import msgspec
 
-from scenegate.messages.field_kinds import AS_IT_IS, FileName, LateColor, Scale
+from scenegate.messages.field_kinds import UNCONVERTED, ColorOnUse, FileName, Scale
 from scenegate.messages.geometry import Geometry
 from scenegate.regular_files import read_regular
 
@@ -37,19 +37,18 @@ class MeshFile(Geometry, frozen=True):
 
     kind = "mesh_file"
     filename: FileName
-    """Path on the viewer's machine, below a folder that the viewer's settings allow, or a ``package://`` URL. With
-    ``data``: name of the file, whose suffix is its format."""
+    """Path on the viewer's machine, below a folder that the viewer's settings allow, or a ``package://`` URL."""
     scale: Scale = 1.0
     """Scale factor, or one each for x, y, z."""
-    data: Annotated[bytes, AS_IT_IS] | None = None
-    """Content of the file; None: the viewer opens the file."""
-    files: Annotated[Mapping[str, bytes], AS_IT_IS] = msgspec.field(default_factory=dict)
+    data: Annotated[bytes, UNCONVERTED] | None = None
+    """Content of the file, whose format is the suffix of ``filename``; None: the viewer opens the file."""
+    files: Annotated[Mapping[str, bytes], UNCONVERTED] = msgspec.field(default_factory=dict)
     """Content of the files that ``data`` refers to, by name as in ``data``: materials, buffers, images."""
-    up: Annotated[Literal["z"], AS_IT_IS] | None = None
+    up: Annotated[Literal["z"], UNCONVERTED] | None = None
     """``z``: coordinates are used as they are in the file; None: as its format and content define the up axis."""
-    default_color: LateColor | None = None
+    default_color: ColorOnUse | None = None
     """Colour of meshes without a material of their own, in any form of ``color``; None: the viewer's."""
-    default_texture: Annotated[bytes, AS_IT_IS] | None = None
+    default_texture: Annotated[bytes, UNCONVERTED] | None = None
     """PNG or JPEG file for meshes with texture coordinates, but without a material of their own."""
 
     @classmethod
@@ -74,6 +73,7 @@ class MeshFile(Geometry, frozen=True):
         return cls(source.name, data=data, files=files, **options)
 
     def _fields(self) -> dict[str, Any]:
+        """Return the fields; without ``data`` those that every viewer has."""
         fields = Geometry._fields(self)
         if self.data is None:
             if not (self.up is self.default_color is self.default_texture is None):
@@ -90,19 +90,19 @@ def referenced_files(data: bytes, suffix: str, read: Callable[[str], bytes]) -> 
         suffix: One of ``MESH_SUFFIXES``.
         read: Returns the bytes of a file by its name; may raise OSError or ValueError.
     """
-    found: dict[str, bytes] = {}
-    names = list(_referenced_names(data, suffix))  # material files add to it
-    while names and len(found) < MAX_FILES:
+    files_by_name: dict[str, bytes] = {}
+    names = list(_referenced_names(data, suffix))  # a stack: material files add the names of their images
+    while names and len(files_by_name) < MAX_FILES:
         name = names.pop()
-        if name in found:
+        if name in files_by_name:
             continue
         try:
-            found[name] = read(name)
+            files_by_name[name] = read(name)
         except (OSError, ValueError):
             continue
         if suffix == ".obj" and name.lower().endswith(".mtl"):
-            names += _matched_names(_MATERIAL_IMAGE, found[name])
-    return found
+            names += _matched_names(_MATERIAL_IMAGE, files_by_name[name])
+    return files_by_name
 
 
 def _referenced_names(data: bytes, suffix: str) -> Iterator[str]:
@@ -125,7 +125,7 @@ def _referenced_names(data: bytes, suffix: str) -> Iterator[str]:
 
 
 def _matched_names(pattern: re.Pattern[bytes], data: bytes) -> Iterator[str]:
-    """Yield what a pattern finds and, as names may follow options, its last word."""
+    """Yield the rest of the line, as names may have spaces, and its last word, as options may stand before a name."""
     for match in pattern.finditer(data):
         name = match[1].strip().decode("utf-8", "replace")
         words = name.split()

@@ -126,7 +126,8 @@ def node_geometry(
     primitives: list[Primitive] = []
     clouds: list[Cloud] = []
     for draw in draws:
-        mesh, X_node_mesh = meshes.get(draw["mesh"]), _draw_matrix(draw)
+        mesh = meshes.get(draw["mesh"])
+        X_node_mesh = _draw_matrix(draw)
         if mesh is None or X_node_mesh is None or not len(mesh.positions):
             continue
         linear, offset = stretch @ X_node_mesh[:3, :3], stretch @ X_node_mesh[:3, 3]
@@ -138,7 +139,8 @@ def node_geometry(
             continue
         colors = None if mesh.colors is None else (mesh.colors * (np.asarray(color) / 255.0)).astype(np.float32)
         if mesh.indices is not None:
-            points, colors = points[mesh.indices], None if colors is None else colors[mesh.indices]
+            points = points[mesh.indices]
+            colors = None if colors is None else colors[mesh.indices]
         primitives.append(Primitive(points, color, colors, is_lines=mesh.topology == LINES))
     return NodeGeometry(tuple(primitives), _merge(clouds))
 

@@ -49,7 +49,8 @@ class Profile:
 
     def scene(self, change: SceneChange, wanted: Wanted = every_topic) -> Messages:
         """Yield the messages of a change of the scene."""
-        messages, time_ns = self._messages, change.time_ns
+        messages = self._messages
+        time_ns = change.time_ns
         if change.transforms and wanted(TF_TOPIC):
             yield messages.encode(TF_TOPIC, messages.transforms(change.transforms, time_ns))
         if change.entities and wanted(SCENE_TOPIC):
@@ -63,7 +64,8 @@ class Profile:
 
     def camera(self, images: CameraSet, wanted: Wanted = every_topic) -> Messages:
         """Yield the messages of a camera's images."""
-        messages, time_ns = self._messages, images.time_ns
+        messages = self._messages
+        time_ns = images.time_ns
         for name, image in images.images.items():
             image_topic, info_topic = IMAGE_TOPICS[name]
             if wanted(info_topic):

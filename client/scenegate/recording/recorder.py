@@ -90,7 +90,8 @@ class SceneWriter:
             self.files.next_file()
         change = self._mirror.apply(value, log_time_ns) if isinstance(value, ViewFrame) else None
         due_ns = self._whole_scene_ns
-        if due_ns is not None and (is_new_file or (change is not None and log_time_ns >= due_ns)):
+        is_due = change is not None and due_ns is not None and log_time_ns >= due_ns
+        if is_due or (is_new_file and due_ns is not None):
             self._write_whole(log_time_ns, change)
         elif change is not None:
             size = self._write_all(self._profile.scene(change), log_time_ns, change.time_ns)

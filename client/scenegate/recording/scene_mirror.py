@@ -63,9 +63,9 @@ class _Node:
     """Rotation of ``X_parent_frame``, [w, x, y, z]."""
     stretch: NDArray[np.float64] = field(default_factory=lambda: IDENTITY)
     """S, (3, 3): from the node to its coordinate frame."""
-    hidden: bool = False
+    is_hidden: bool = False
     """True if the node or an ancestor is not visible."""
-    alpha: float = 1.0
+    total_opacity: float = 1.0
     """Product of the opacities of the node and its ancestors."""
     geometry: NodeGeometry = NO_GEOMETRY
     """Geometry of the last change."""
@@ -119,7 +119,8 @@ class SceneMirror:
                     for mesh_id in header["meshes"]:
                         self._meshes.pop(mesh_id, None)
                 case "rig":
-                    self._rig, self._rig_changed = header if header["pose"] is not None else None, True
+                    self._rig = header if header["pose"] is not None else None
+                    self._rig_changed = True
                 case "controls":
                     if self._joints.apply(header):
                         return SceneChange(now_ns, joints=self._joints.values)
@@ -134,34 +135,35 @@ class SceneMirror:
     def whole(self) -> SceneChange:
         """Return the whole scene, with the time of its newest update: a later one would hide the next change."""
         nodes = list(self._root.walk())
-        shapes = [(node.frame_id, node.geometry.primitives) for node in nodes]
+        shapes = [(node.frame_id, node.geometry.primitives) for node in nodes if node.geometry.primitives]
+        # As many primitives as before: readers that have the scene already delete nothing.
         return SceneChange(
             self._time_ns,
             [*map(_transform_of, nodes), *self._rig_transforms()],
-            [Entity(frame_id, primitives, len(primitives)) for frame_id, primitives in shapes if primitives],
+            [Entity(frame_id, primitives, earlier_count=len(primitives)) for frame_id, primitives in shapes],
             [node.geometry.cloud for node in nodes if node.geometry.cloud is not None],
             self._joints.values,
         )
 
     def _update(self, view_frame: ViewFrame, now_ns: int) -> SceneChange:
         header = view_frame.header
-        removed: list[_Node] = []
-        if header["from"] == 0:  # the whole scene
-            removed += self._remove_all()
+        is_whole_scene = header["from"] == 0
+        removed = self._remove_all() if is_whole_scene else []
         for node_id in header.get("removed", ()):
             removed += self._remove(node_id)
-        moved = {self._root: None} if header["from"] == 0 else {}
+        # Ordered sets of nodes whose transforms and whose geometry must be sent.
+        moved: dict[_Node, None] = {self._root: None} if is_whole_scene else {}
         redrawn: dict[_Node, None] = {}
         for fields in header.get("nodes", ()):
             redrawn[self._edit_node(fields)] = None
         for node_id, matrix, quaternion in read_transforms(view_frame):
             node = self._nodes[node_id]
-            node.matrix, node.quaternion = matrix, quaternion
+            node.matrix = matrix
+            node.quaternion = quaternion
             moved[node] = None
-        for node in {**redrawn, **moved}:
-            self._propagate(node, moved, redrawn)
-        earlier = {node.frame_id: node for node in removed}
-        entities, clouds = self._changed_geometry(redrawn, earlier)
+        for node in {**redrawn, **moved}:  # a copy: _update_subtree adds to both
+            self._update_subtree(node, moved, redrawn)
+        entities, clouds = self._changed_geometry(redrawn, {node.frame_id: node for node in removed})
         transforms = [_transform_of(node) for node in moved]
         if self._rig_changed:
             transforms += self._rig_transforms()
@@ -170,14 +172,12 @@ class SceneMirror:
         return SceneChange(self._time_ns, transforms, entities, clouds)
 
     def _edit_node(self, fields: dict[str, Any]) -> _Node:
-        """Add or change a node."""
+        """Add or change a node. The id of a node is that of its path, so that its parent never changes."""
         node_id = fields["id"]
-        if "name" in fields and node_id != 0:
-            old = self._nodes.get(node_id)
+        if node_id not in self._nodes:
             parent = self._nodes[fields["parent"]]
-            if old is None or old.parent is not parent:
-                node = _Node(f"{parent.frame_id}/{_frame_element(fields['name'])}", parent)
-                self._nodes[node_id] = parent.children[node_id] = node
+            node = _Node(f"{parent.frame_id}/{_frame_element(fields['name'])}", parent)
+            self._nodes[node_id] = parent.children[node_id] = node
         node = self._nodes[node_id]
         node.visible = fields.get("visible", node.visible)
         node.opacity = fields.get("opacity", node.opacity)
@@ -206,47 +206,55 @@ class SceneMirror:
         self._nodes = {0: self._root}
         return removed
 
-    def _propagate(self, top: _Node, moved: dict[_Node, None], redrawn: dict[_Node, None]) -> None:
-        """Compute X_parent_frame, stretch, visibility and opacity of a node, and of its descendants if these change."""
+    def _update_subtree(self, top: _Node, moved: dict[_Node, None], redrawn: dict[_Node, None]) -> None:
+        """Compute X_parent_frame, stretch, visibility and opacity of a node, and of its descendants if these change.
+
+        Adds each of these nodes to ``moved``, and those with another stretch, visibility or opacity to ``redrawn``.
+        """
         stack = [top]
         while stack:
             node = stack.pop()
             parent = node.parent
             parent_stretch = IDENTITY if parent is None else parent.stretch
-            if parent_stretch is IDENTITY and node.quaternion is not None:  # five times as fast
-                stretch, node.X_parent_frame, node.frame_quaternion = IDENTITY, node.matrix, node.quaternion
+            if parent_stretch is IDENTITY and node.quaternion is not None:  # five times as fast as split_rigid
+                stretch = IDENTITY
+                node.X_parent_frame = node.matrix
+                node.frame_quaternion = node.quaternion
             else:
                 node.X_parent_frame, stretch = split_rigid(parent_stretch, node.matrix)
                 node.frame_quaternion = quaternion_of(node.X_parent_frame)
-            hidden = not node.visible or (parent is not None and parent.hidden)
-            alpha = node.opacity * (1.0 if parent is None else parent.alpha)
-            same_stretch = stretch is node.stretch or np.array_equal(stretch, node.stretch)
-            changed = hidden != node.hidden or alpha != node.alpha or not same_stretch
+            is_hidden = not node.visible or (parent is not None and parent.is_hidden)
+            total_opacity = node.opacity * (1.0 if parent is None else parent.total_opacity)
+            is_same_look = is_hidden == node.is_hidden and total_opacity == node.total_opacity
+            is_same_stretch = stretch is node.stretch or np.array_equal(stretch, node.stretch)
             moved[node] = None
-            node.stretch, node.hidden, node.alpha = stretch, hidden, alpha
-            if changed:
+            node.stretch = stretch
+            node.is_hidden = is_hidden
+            node.total_opacity = total_opacity
+            if not (is_same_look and is_same_stretch):
                 redrawn[node] = None
                 stack.extend(node.children.values())
 
     def _changed_geometry(
-        self, redrawn: dict[_Node, None], earlier: dict[str, _Node]
+        self, redrawn: dict[_Node, None], removed_by_frame: dict[str, _Node]
     ) -> tuple[list[Entity], list[Cloud]]:
         """Return the geometry of nodes that has changed.
 
         Args:
-            earlier: removed nodes by ``frame_id``; some have been added again.
+            removed_by_frame: removed nodes by ``frame_id``; those that have been added again are taken out.
         """
         entities: list[Entity] = []
         clouds: list[Cloud] = []
         changes: list[tuple[str, NodeGeometry, NodeGeometry]] = []
         for node in redrawn:
-            old = earlier.pop(node.frame_id, node).geometry
+            before = removed_by_frame.pop(node.frame_id, node)  # a removed node of this frame, or itself
+            old = before.geometry
             node.geometry = self._geometry(node)
             changes.append((node.frame_id, old, node.geometry))
-        changes += [(frame_id, node.geometry, NO_GEOMETRY) for frame_id, node in earlier.items()]
+        changes += [(frame_id, node.geometry, NO_GEOMETRY) for frame_id, node in removed_by_frame.items()]
         for frame_id, old, new in changes:
             if old.primitives or new.primitives:
-                entities.append(Entity(frame_id, new.primitives, len(old.primitives)))
+                entities.append(Entity(frame_id, new.primitives, earlier_count=len(old.primitives)))
             if old.cloud is not None or new.cloud is not None:
                 clouds.append(new.cloud or empty_cloud(frame_id))
         return entities, clouds
@@ -254,15 +262,15 @@ class SceneMirror:
     def _geometry(self, node: _Node) -> NodeGeometry:
         """Return the geometry of a node; none if it is hidden or too large."""
         self.warnings.pop(node.frame_id, None)
-        if node.hidden:
+        if node.is_hidden:
             return NO_GEOMETRY
-        geometry = node_geometry(node.frame_id, node.draws, self._meshes, node.stretch, node.alpha)
+        geometry = node_geometry(node.frame_id, node.draws, self._meshes, node.stretch, node.total_opacity)
         count = sum(len(each.points) for each in geometry.primitives)
         if count <= MAX_NODE_POINTS:
             return geometry
         if len(self.warnings) < MAX_WARNINGS:
-            text = f"{node.frame_id} is left out: its triangles and lines have {count} points, the limit is"
-            self.warnings[node.frame_id] = f"{text} {MAX_NODE_POINTS}"
+            points = f"{count} points, the limit is {MAX_NODE_POINTS}"
+            self.warnings[node.frame_id] = f"{node.frame_id} is left out: its triangles and lines have {points}"
         return NodeGeometry(cloud=geometry.cloud)
 
     def _rig_transforms(self) -> list[FrameTransform]:

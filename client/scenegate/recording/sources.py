@@ -57,7 +57,8 @@ class Source:
         while True:
             try:
                 for value in self._receive():
-                    has_begun, is_lost = True, False
+                    has_begun = True
+                    is_lost = False
                     self._received.put(Received(value, time.time_ns()))
             except Exception as error:  # noqa: BLE001 - the recorder raises the first one
                 if not has_begun:

@@ -26,11 +26,12 @@ class ViewFrame:
         Raises:
             ViewFrameError: it has no valid prefix or header, or ends within its header.
         """
-        if len(data) < _PREFIX.size or _PREFIX.unpack_from(data)[0] != MAGIC:
+        magic, header_bytes = _PREFIX.unpack_from(data) if len(data) >= _PREFIX.size else (None, 0)
+        if magic != MAGIC:
             raise ViewFrameError("not a frame of Scenegate's view: it does not start with SGV1")
-        end = _PREFIX.size + _PREFIX.unpack_from(data)[1]
+        end = _PREFIX.size + header_bytes
         if end > len(data):
-            raise ViewFrameError(f"a frame of {len(data)} bytes ends within its header of {end - _PREFIX.size} bytes")
+            raise ViewFrameError(f"a frame of {len(data)} bytes ends within its header of {header_bytes} bytes")
         try:
             self.header: dict[str, Any] = msgspec.json.decode(data[_PREFIX.size : end], type=dict[str, Any])
         except msgspec.DecodeError as error:

@@ -17,13 +17,14 @@ from gateway.datasets.scenario.tables import (
     Color,
     Factor,
     Fovy,
+    Fraction,
     Gain,
     Intensity,
+    JointValue,
     Length,
-    Number,
-    Unit,
 )
 
+_Radians = Annotated[float, Meta(ge=-1e6, le=1e6)]
 _Coordinate = Annotated[float, Meta(ge=-1e9, le=1e9)]
 _Row = tuple[_Coordinate, _Coordinate, _Coordinate, _Coordinate]
 Coordinates = tuple[_Row, _Row, _Row, _Row]
@@ -40,8 +41,8 @@ class MaterialChoice(Choice, frozen=True, kw_only=True):
     texture: str = ""
     texture_size: Length
     color: Color
-    metallic: Unit
-    roughness: Unit
+    metallic: Fraction
+    roughness: Fraction
 
 
 class SurfaceChoice(Choice, frozen=True, kw_only=True):
@@ -63,7 +64,7 @@ class ObjectChoice(Choice, frozen=True, kw_only=True):
     X_world_object: Coordinates
     """Rigid pose of the model's frame."""
     scale: Factor = 1.0
-    joints: dict[str, tuple[Number, ...]] = {}
+    joints: dict[str, tuple[JointValue, ...]] = {}
     material: MaterialChoice | None = None
     """None: the materials of the file."""
 
@@ -84,8 +85,7 @@ class LampChoice(Choice, frozen=True, kw_only=True):
 class LightChoice(Choice, frozen=True, kw_only=True):
     rig: str = ""
     environment: str = ""
-    turn: Number
-    """Radians."""
+    turn: _Radians
     intensity: Factor
     lamps: Annotated[tuple[LampChoice, ...], Meta(max_length=8)] = ()
 

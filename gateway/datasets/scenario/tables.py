@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final, Literal, TypeAlias, TypeVar
+from typing import Annotated, ClassVar, Final, Literal, TypeAlias, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -14,9 +14,6 @@ MAX_VIEWS: Final = 100_000
 MAX_METRES: Final = 1000
 """Maximum coordinate of positions, in both directions, and maximum length."""
 
-# msgspec 0.22 reads the constraints of `Annotated[float, …] | tuple[float, float]` from wrong addresses; a tuple of any
-# length with limits on its length is safe.
-_PAIR: Final = Meta(min_length=2, max_length=2)
 Intensity = Annotated[float, Meta(ge=0, le=1e6)]
 Blur = Annotated[float, Meta(ge=0, le=0.7)]
 Gain = Annotated[float, Meta(ge=0, le=40)]
@@ -24,17 +21,19 @@ Metres = Annotated[float, Meta(ge=-MAX_METRES, le=MAX_METRES)]
 Length = Annotated[float, Meta(gt=0, le=MAX_METRES)]
 Degrees = Annotated[float, Meta(ge=-360, le=360)]
 Elevation = Annotated[float, Meta(ge=-89, le=89)]
-Unit = Annotated[float, Meta(ge=0, le=1)]
+Fraction = Annotated[float, Meta(ge=0, le=1)]
 Factor = Annotated[float, Meta(gt=0, le=1000)]
 Fovy = Annotated[float, Meta(ge=1, le=170)]
 Count = Annotated[int, Meta(ge=0, le=MAX_OBJECTS)]
-Number = Annotated[float, Meta(ge=-1e6, le=1e6)]
+JointValue = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Frames = Annotated[int, Meta(ge=1, le=MAX_VIEWS)]
-Color = tuple[Unit, Unit, Unit]
+Color = tuple[Fraction, Fraction, Fraction]
 """Red, green and blue, sRGB."""
 
-_Number = TypeVar("_Number", float, int)
-Range: TypeAlias = _Number | Annotated[tuple[_Number, ...], _PAIR]
+_T = TypeVar("_T", float, int)
+# msgspec 0.22 reads the constraints of `Annotated[float, …] | tuple[float, float]` from wrong addresses; a tuple of any
+# length with limits on its length is safe.
+Range: TypeAlias = _T | Annotated[tuple[_T, ...], Meta(min_length=2, max_length=2)]
 """A number, or [low, high], between which numbers are drawn uniformly."""
 ColorRange = Annotated[tuple[Color, ...], Meta(min_length=1, max_length=2)]
 """One colour, or the two ends of a range of each channel."""
@@ -51,7 +50,7 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
 class Materials(Table, frozen=True):
     """Materials that replace those of models, or that surfaces have."""
 
-    share: Unit = 1.0
+    share: Fraction = 1.0
     """Probability that an object gets a drawn material."""
     textures: str = ""
     """Images: a file, a folder or a pattern. Empty: none."""
@@ -59,8 +58,8 @@ class Materials(Table, frozen=True):
     """Side of a texture on a model without texture coordinates and on surfaces, metres."""
     color: ColorRange = ((1.0, 1.0, 1.0),)
     """Colour; multiplies the texture."""
-    metallic: Range[Unit] = 0.0
-    roughness: Range[Unit] = 0.8
+    metallic: Range[Fraction] = 0.0
+    roughness: Range[Fraction] = 0.8
 
 
 class Model(Table, frozen=True):
@@ -81,7 +80,7 @@ class Model(Table, frozen=True):
     """Position in the world instead of a place on a surface."""
     rotation: tuple[Range[Degrees], Range[Degrees], Range[Degrees]] = (0.0, 0.0, (-180.0, 180.0))
     """Roll, pitch and yaw about the world's x, y and z axes, in this order."""
-    joints: dict[str, Range[Number]] | Literal["limits"] = {}
+    joints: dict[str, Range[JointValue]] | Literal["limits"] = {}
     """Values of a robot's joints, radians or metres; ``limits``: drawn between the limits of its file."""
     animation: str | Annotated[int, Meta(ge=0)] | None = None
     """Animation of a glTF file, by name or index, that plays over the frames."""
@@ -152,6 +151,7 @@ class Handheld(Shell, frozen=True, tag_field="kind", tag="handheld"):
 class Fixed(Table, frozen=True, tag_field="kind", tag="fixed"):
     """A camera at a place."""
 
+    count: ClassVar[int] = 1
     eye: tuple[Metres, Metres, Metres]
     target: tuple[Metres, Metres, Metres]
     up: tuple[Metres, Metres, Metres] = (0.0, 0.0, 1.0)
@@ -237,7 +237,7 @@ class Scenario(Table, frozen=True):
     @property
     def camera_count(self) -> int:
         """Number of cameras of each scene."""
-        return sum(1 if isinstance(camera, Fixed) else camera.count for camera in self.cameras)
+        return sum(camera.count for camera in self.cameras)
 
     @property
     def frame_count(self) -> int | None:

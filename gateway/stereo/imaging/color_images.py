@@ -55,7 +55,8 @@ def expose_color_camera(
 
 def _rolling_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera, capture: Capture) -> NDArray[np.uint8]:
     """Return the rendered image, (H, W, 3) uint8. With a rolling shutter, strips are rendered at their own times."""
-    motion, earlier = None, capture.earlier
+    motion = None
+    earlier = capture.earlier
     if color_camera.readout > 0.0 and earlier is not None:
         X_world_before = earlier.X_world_left @ color_camera.X_left_color
         motion = motion_since(earlier, capture.timestamp, capture.scene, X_world_before, camera.X_world_camera)

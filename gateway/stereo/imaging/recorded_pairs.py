@@ -26,7 +26,7 @@ from scenegate.regular_files import read_regular
 _TEST_MODEL_NAME: Final = "rc_test"
 """Model name of the device in its test mode."""
 MAX_FOCAL_FACTOR: Final = 20.0
-"""Below it, a focal length is a factor of the image's width, as the vendor's test mode takes it; otherwise pixels."""
+"""A smaller focal length is a factor of the image's width, as the vendor's test mode takes it; others are pixels."""
 _CACHED_IMAGES: Final = 8
 """Number of decoded images in the cache: two pairs, each with Out1 low and high."""
 
@@ -58,7 +58,7 @@ class PairSequence:
         self._pairs = pairs
         self._max_pixels = max_pixels
         self._lock = threading.Lock()
-        # A decorator of the method would keep all objects alive.
+        # An lru_cache on the method would keep every PairSequence alive.
         self._decode: Callable[[int, bool, bool], NDArray[np.uint8]] = lru_cache(_CACHED_IMAGES)(self._decode_uncached)
 
     def __len__(self) -> int:
@@ -70,11 +70,14 @@ class PairSequence:
         Raises:
             ImageError: the image is unreadable, undecodable, or of another size than the first.
         """
-        return self._decode(index % len(self._pairs), high, right)
+        position = index % len(self._pairs)
+        has_high = self._pairs[position].high is not None
+        return self._decode(position, high and has_high, right)
 
     def _decode_uncached(self, position: int, high: bool, right: bool) -> NDArray[np.uint8]:
         pair = self._pairs[position]
-        left_and_right = pair.high if high and pair.high is not None else pair.low
+        left_and_right = pair.high if high else pair.low
+        assert left_and_right is not None
         source = left_and_right[1 if right else 0]
         name = f"the {'right' if right else 'left'} image of pair {position + 1}"
         if isinstance(source, Path):
@@ -96,8 +99,9 @@ class PairSequence:
 class PairImaging(Imaging):
     """Source of recorded images. Depth is matched.
 
-    Exposure, noise and the projector's light are as recorded: the settings do not change them. All that reads the scene
-    for image sets is overridden; the other methods of ``Imaging`` that render are not called.
+    Exposure, noise and the projector's light are as recorded: the settings do not change them. Of the methods that
+    ``stream.frame`` calls, ``measure`` and ``mesh`` are inherited: they read only images that were made. The colour
+    camera and raw images, which render by other methods, do not exist for recorded pairs.
     """
 
     pairs: PairSequence
@@ -121,7 +125,7 @@ class PairImaging(Imaging):
         rgb = self.pairs.image(capture.frame_number, high=capture.out1_high, right=request.stream.is_right)
         images = {}
         for color in request.colors:
-            image = rgb if color is COLOR else _grey(rgb)
+            image = rgb if color == COLOR else _grey(rgb)
             images[color] = SensorImage(image, float(image.mean()) / 255.0)
         return images
 
@@ -136,7 +140,7 @@ def pair_imaging(imaging: Imaging, pairs: PairSequence, focal: float, baseline: 
     Args:
         imaging: source of the scene; its configuration applies, but for the camera model and the depth mode.
         pairs: recorded pairs.
-        focal: focal length in pixels, or divided by the image width if below ``MAX_FOCAL_FACTOR``.
+        focal: focal length; see ``MAX_FOCAL_FACTOR``.
         baseline: metres.
 
     Raises:

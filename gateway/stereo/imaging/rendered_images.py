@@ -89,8 +89,9 @@ class Capture:
 
 
 GREY: Final = False
+"""An image of a camera with one channel."""
 COLOR: Final = True
-"""An image of a camera in RGB; ``GREY``: one channel."""
+"""An image of a camera in RGB."""
 DOT_ALPHA: Final = 0.5
 """Alpha below which a matcher and the projector's dots reach what is behind a blended surface."""
 
@@ -213,7 +214,8 @@ class Imaging:
         right = request.stream.is_right
         offset = config.model.baseline if right else 0.0
         key = frame_key(config.seed, capture.frame_number, request.stream)
-        k, pattern = config.model.intrinsics(), None
+        k = config.model.intrinsics()
+        pattern = None
         if "fixed-pattern" in config.realism and config.noise_factor > 0.0:
             pattern = fixed_pattern(config.seed, right=right, height=k.height, width=k.width)
         noise_factor = config.noise_factor / request.averaged_images**0.5
@@ -249,7 +251,8 @@ class Imaging:
             pair: images of the same exposure, to match or for modelled errors; None: no errors.
             dark_pair: see ``matched_depth``.
         """
-        config, divisor = self.config, settings.quality.divisor
+        config = self.config
+        divisor = settings.quality.divisor
         if pair is not None and config.depth_mode == "matched":
             return matched_depth(config, pair, settings, dark_pair)
         render = self.render_lit if config.models_errors else self.render
@@ -292,7 +295,8 @@ class Imaging:
             dots: (h, w) uint16, light of all projectors; None: all are off.
             manual: exposure whose white balance applies.
         """
-        rendered, k = frame.color, self.config.model.intrinsics(METERING_DIVISOR)
+        rendered = frame.color
+        k = self.config.model.intrinsics(METERING_DIVISOR)
         assert rendered is not None
         lens = Lens(vignetting=self.lens.vignetting)
         half = partial(self.camera, capture, 0.0, 2 * METERING_DIVISOR)
@@ -339,7 +343,8 @@ class Imaging:
         self, capture: Capture, offset: float, divisor: int
     ) -> tuple[Frame, NDArray[np.uint16] | None]:
         """Return the rendered colour image, and the light of the projectors on it; see ``_projected_dots``."""
-        outputs, has_own = Output.COLOR, capture.has_projection(self.config)
+        outputs = Output.COLOR
+        has_own = capture.has_projection(self.config)
         if capture.projectors:
             outputs |= Output.DEPTH | Output.INSTANCE | Output.NORMAL
         if has_own:
@@ -362,8 +367,10 @@ class Imaging:
         assert frame.depth is not None
         assert frame.instance is not None
         returned = frame.instance, returned_shares(capture.scene.instances)
-        model, soft = self.config.model, "projector" in self.config.realism
-        k, projector_offset = model.intrinsics(divisor), model.baseline / 2
+        model = self.config.model
+        soft = "projector" in self.config.realism
+        k = model.intrinsics(divisor)
+        projector_offset = model.baseline / 2
         right = offset > projector_offset
         dots = np.zeros(frame.depth.shape, np.uint16)
         if has_own:

@@ -50,7 +50,8 @@ class SceneView:
 
     def state_in(self, snapshot: Snapshot, flattener: Flattener, timestamp: int | None = None) -> SceneState:
         """Return scene and pose in a snapshot, as the state at a time; None: that of the snapshot."""
-        changed, scene = snapshot.timestamp, flattener.flatten(snapshot)
+        changed = snapshot.timestamp
+        scene = flattener.flatten(snapshot)
         projectors = tuple([project(snapshot) for view, project in self._projectors.items() if view is not self])
         timestamp = changed if timestamp is None else timestamp
         return SceneState(timestamp, scene, self.pose_in(snapshot), snapshot.revision, changed, projectors)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gateway.scene.timeline import TimeError
 from gateway.server.openapi import Responses, example, file_response, json_example
-from gateway.server.scene_query import TIME
+from gateway.server.scene_query import TIME_PARAMETER
 from gateway.stereo.device.clock import timestamp_text
 from gateway.stereo.imaging.recorded_pairs import PairImaging
 from gateway.stereo.routes.rest_common import RestError, error_responses, new_router
@@ -91,7 +91,7 @@ def camera_router(*services: StereoService) -> APIRouter:
         response_class=Response,
         responses=_responses("application/zip"),
     )
-    async def rgbd(name: str = camera_name, aligned: Aligned = False, time: float | None = TIME) -> Response:
+    async def rgbd(name: str = camera_name, aligned: Aligned = False, time: float | None = TIME_PARAMETER) -> Response:
         service = _find_with_color(services, name)
         frame = await _capture(service, _RGBD, time)
         data = await _compute(rgbd_npz(frame, service.config, service.workers, aligned=aligned))
@@ -115,7 +115,7 @@ def camera_router(*services: StereoService) -> APIRouter:
         ],
         name: str = camera_name,
         aligned: Aligned = False,
-        time: float | None = TIME,
+        time: float | None = TIME_PARAMETER,
     ) -> Response:
         service = _find_with_color(services, name) if image == "color" else _find(services, name)[1]
         if image in ("raw_left", "raw_right") and isinstance(service.imaging, PairImaging):
