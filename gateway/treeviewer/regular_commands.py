@@ -20,7 +20,7 @@ from scenegate.messages.field_kinds import MAX_DISTANCE
 from scenegate.messages.geometry import Solid, fields_of
 
 _Coordinate = Annotated[float, msgspec.Meta(ge=-MAX_DISTANCE, le=MAX_DISTANCE)]
-_Fraction = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+_Fraction = Annotated[float, msgspec.Meta(ge=0, le=1)]
 
 
 class _Transform(msgspec.Struct, gc=False):

@@ -319,7 +319,7 @@ def _rows(limit: str, *columns: int) -> FieldKind:
     return FieldKind(read, lambda name, values: number_rows(name, values, *columns))
 
 
-_DISTANCE: Final = Annotated[float, Meta(ge=0.0, le=MAX_DISTANCE)]
+_DISTANCE: Final = Annotated[float, Meta(ge=0, le=MAX_DISTANCE)]
 _TRIPLE: Final = tuple[_DISTANCE, _DISTANCE, _DISTANCE]  # type: ignore[valid-type]
 
 Number = Annotated[float, FieldKind(_read_number, _write_float)]
