@@ -194,7 +194,8 @@ def draw_band(frame_address, first_row, end_row, band_memory, back_faces):
     frame = frame_at(frame_address)
     layer, target = _new_layer(), _new_target()
     set_band_layer(frame, layer, first_row, band_memory)
-    target.layer, target.prepared, target.depth_rule = layer, _new_prepared(), _depth_rule(frame, back_faces)
+    target.layer, target.prepared = layer, _new_prepared()
+    target.depth_rule = _depth_rule(frame, back_faces)
     if back_faces == 0:
         _clear_rows(frame, layer, first_row, end_row)
     band = first_row // BAND_ROWS

@@ -41,8 +41,8 @@ PIXEL_ROOM: Final = MAX_TINY_PIXELS + 8
 CHUNK_VALUES: Final = CHUNK_SIZE + 3 * PIXEL_ROOM
 MAX_SMALL_WIDTH: Final = 64
 MAX_SMALL_HEIGHT: Final = 128
-"""Triangles of at most this many pixel centres across and down have edge functions that fit int32:
-2 x 256^2 x (64 + 8) x 128 < 2^31."""
+"""Triangles of at most this many pixel centres across and down, less than 65 x 129 pixels, have edge functions that fit
+int32, also a vector of columns beside their box: 2 x 256^2 x (65 + 8) x 129 < 2^31."""
 MAX_SMALL_DEPTH_RATIO: Final = 4.0
 """Maximum depth of a small triangle's farthest vertex over that of its nearest. Beyond, float32 would lose digits of
 1/z at the far end, and float64 is used."""
