@@ -56,11 +56,11 @@ def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y
     is_covered = start < stop
     start = vec.select(is_covered, start, vec.i32(_NO_COLUMN))
     stop = vec.select(is_covered, stop, vec.i32(-_NO_COLUMN))
-    # Columns in which any sample is covered, and all are.
+    # Columns in which any sample is covered, and in which all are.
     touched_start, touched_stop = vec.minimum_of(start), vec.maximum_of(stop)
-    full_start, full_stop = vec.i32(vec.maximum_of(start)), vec.i32(vec.minimum_of(stop))
     if touched_start >= touched_stop:
         return
+    full_start, full_stop = vec.i32(vec.maximum_of(start)), vec.i32(vec.minimum_of(stop))
     inv_z_dx, inv_z_dy = primitive.inv_z_dx, primitive.inv_z_dy
     row_inv_z = primitive.inv_z_base + inv_z_dy * np.float64(row - base_y)
     inv_z_offsets = sample_inv_z_offsets(frame, inv_z_dx, inv_z_dy)

@@ -35,6 +35,7 @@ SCRATCH: Final = Struct(
 """Working memory of a thread for a band."""
 
 
+_LANE_BITS: Final = vec.LANES.bit_length() - 1
 _ROW_SHIFT: Final = 8
 _PACKED_ROW: Final = 1 << _ROW_SHIFT
 """What one row adds to a value of ``edge_pixels``. Columns from -8 to MAX_SMALL_WIDTH + 8 fit below."""
@@ -43,7 +44,7 @@ _PACKED_ROW: Final = 1 << _ROW_SHIFT
 @inlined
 def _packed_in_box(row, column):
     """Return a pixel in ``edge_pixels``; row and column are counted from the box's first, columns from -8 on."""
-    return row * _PACKED_ROW + column + vec.LANES
+    return (row << _ROW_SHIFT) + column + vec.LANES
 
 
 @inlined
@@ -287,9 +288,9 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
     begin = left - (left & (vec.LANES - 1) if is_wide else 0)
     count = 0
     for group in range(begin, right, vec.LANES * vec.LANES):
-        columns = vec.i32(group - box_x) + vec.iota() * vec.i32(vec.LANES)
+        columns = vec.i32(group - box_x) + (vec.iota() << vec.i32(_LANE_BITS))
         _limit_block_rows(edges, columns, rows, is_wide, scratch)
-        for block in range(min((right - group + vec.LANES - 1) // vec.LANES, vec.LANES)):
+        for block in range(min((right - group + vec.LANES - 1) >> _LANE_BITS, vec.LANES)):
             start = group + vec.LANES * block
             count = _draw_block(frame, band, triangle, owner, edges, max_offset, top, start, block, scratch, count)
     _draw_edge_pixels(frame, band, triangle, edges, count, scratch)
