@@ -35,9 +35,8 @@ from renderers.raster.msaa.storage import max_inv_z_offset, merge_samples, merge
 from renderers.visibility_buffer import BAND_ROWS
 
 _NO_COLUMN: Final = 1 << 30
-"""Start of the empty span of a sample that is not covered, and with the other sign its stop: right of all columns."""
 _TARGET: Final = Struct("SampleTarget", {"band": SAMPLE_BAND, "owner": I64, "scratch": SCRATCH})
-"""The band that a primitive is drawn into, and the index of the primitive in FRAME.primitives."""
+"""The band that a primitive is drawn into, and the index of the primitive."""
 _new_target = _TARGET.local
 _new_scratch = SCRATCH.local
 
@@ -56,11 +55,11 @@ def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y
     is_covered = start < stop
     start = vec.select(is_covered, start, vec.i32(_NO_COLUMN))
     stop = vec.select(is_covered, stop, vec.i32(-_NO_COLUMN))
-    # Columns in which any sample is covered, and in which all are.
-    touched_start, touched_stop = vec.minimum_of(start), vec.maximum_of(stop)
-    if touched_start >= touched_stop:
+    begin, end = vec.minimum_of(start), vec.maximum_of(stop)
+    if begin >= end:
         return
-    full_start, full_stop = vec.i32(vec.maximum_of(start)), vec.i32(vec.minimum_of(stop))
+    # Between these columns all samples are covered.
+    full_begin, full_end = vec.i32(vec.maximum_of(start)), vec.i32(vec.minimum_of(stop))
     inv_z_dx, inv_z_dy = primitive.inv_z_dx, primitive.inv_z_dy
     row_inv_z = primitive.inv_z_base + inv_z_dy * np.float64(row - base_y)
     inv_z_offsets = sample_inv_z_offsets(frame, inv_z_dx, inv_z_dy)
@@ -70,10 +69,10 @@ def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y
     band, slot_count = target.band, target.scratch.slot_count
     row_pixel = (row - band.first_row) * frame.stride
     lane = vec.iota()
-    for column in range(touched_start & ~np.int64(vec.LANES - 1), touched_stop, vec.LANES):
+    for column in range(begin & ~np.int64(vec.LANES - 1), end, vec.LANES):
         columns = vec.i32(column) + lane
-        full = (columns >= full_start) & (columns < full_stop)
-        touched = (columns >= vec.i32(touched_start)) & (columns < vec.i32(touched_stop))
+        full = (columns >= full_begin) & (columns < full_end)
+        touched = (columns >= vec.i32(begin)) & (columns < vec.i32(end))
         inv_z = vec.to_f32(vec.f64(row_inv_z) + vec.f64(inv_z_dx) * vec.to_f64(columns - vec.i32(base_x)))
         edge_pixels = merge_whole_pixels(band, row_pixel + column, inv_z, max_offset, primitive, owner, full, touched)
         while edge_pixels != 0:
@@ -88,14 +87,14 @@ def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y
 
 @inlined
 def _draw_point(frame, target, primitive, first_row, end_row):
-    """Draw a KIND_POINT: the samples in a square on the grid."""
+    """Draw a KIND_POINT: the samples in a square of grid units."""
     values, reach = primitive.values, frame.sample_reach
     x0, y0, x1, y1 = np.int64(values[0]), np.int64(values[1]), np.int64(values[2]), np.int64(values[3])
     top = max(first_center(y0 - reach), first_row)
     bottom = min(first_center(y1 + reach), end_row)
     offsets = frame.sample_offsets
     sample_x, sample_y = vec.load(offsets, 0), vec.load(offsets, vec.LANES)
-    # first_center, for samples that lie sample_x beside the pixel's centre.
+    # first_center() of each sample.
     round_up, bits = vec.i32(SUBPIXEL - 1 - HALF_PIXEL) - sample_x, vec.i32(SUBPIXEL_BITS)
     start = vec.maximum((vec.i32(x0) + round_up) >> bits, vec.i32(0))
     stop = vec.minimum((vec.i32(x1) + round_up) >> bits, vec.i32(frame.width))
@@ -106,19 +105,18 @@ def _draw_point(frame, target, primitive, first_row, end_row):
         _draw_span(frame, target, primitive, row, 1, start, row_stop, np.int64(0), np.int64(0))
 
 
-# Draws large primitives: calls _draw_span for one row at a time.
 _fill = make_fill(1, _sample_points, _draw_span, _draw_point)
 
 
 @device_function
-def _draw_primitive(frame, target, owner, first_row, end_row):
-    """Draw some rows of a primitive; ``owner`` is its index in FRAME.primitives."""
-    primitive = frame.primitives[owner]
+def _draw_primitive(frame, target, index, first_row, end_row):
+    """Draw some rows of a primitive; ``index``: that in FRAME.primitives."""
+    primitive = frame.primitives[index]
     if primitive.kind == KIND_SMALL:
         triangle = small_triangle_at(address(primitive))
-        draw_small_samples(frame, target.band, triangle, owner, first_row, end_row, target.scratch)
+        draw_small_samples(frame, target.band, triangle, index, first_row, end_row, target.scratch)
     else:
-        target.owner = owner
+        target.owner = index
         _fill(frame, target, primitive, first_row, end_row)
 
 
@@ -155,6 +153,6 @@ def draw_sample_rows(frame, band, first_row, end_row):
         for k in range(0, chunk.count, vec.LANES):
             pending = primitives_in_bin(chunk, k, band_index)
             while pending != 0:
-                owner = chunk_index * CHUNK_SIZE + k + vec.lowest_bit(pending)
+                index = chunk_index * CHUNK_SIZE + k + vec.lowest_bit(pending)
                 pending &= pending - 1
-                _draw_primitive(frame, target, owner, first_row, end_row)
+                _draw_primitive(frame, target, index, first_row, end_row)

@@ -142,14 +142,12 @@ def _find_entries(frame, band, row_count, columns):
         mixed, mixed_count = advance(band.mixed, first_pixel), np.int64(0)
         band.counts[row_in_band] = 0
         for k in range(_find_mixed(frame, advance(band.owners, first_pixel), ids, columns)):
-            column = np.int64(columns[k])
-            seen_ids = vec.load(band.sample_ids, vec.LANES * np.int64(slots[column]))
-            shown_id, own_samples, background_samples = _mix_pixel(
-                frame, band, row_in_band, seen_ids, column, groups, cache
-            )
-            ids[column] = shown_id
-            mixed[mixed_count] = (column << 8) | (own_samples << 4) | background_samples  # unpacked in _mix_colors
-            mixed_count += own_samples < vec.LANES
+            x = np.int64(columns[k])
+            seen_ids = vec.load(band.sample_ids, vec.LANES * np.int64(slots[x]))
+            shown_id, own, background = _mix_pixel(frame, band, row_in_band, seen_ids, x, groups, cache)
+            ids[x] = shown_id
+            mixed[mixed_count] = (x << 8) | (own << 4) | background  # unpacked in _mix_colors
+            mixed_count += own < vec.LANES
         band.mixed_counts[row_in_band] = mixed_count
 
 
@@ -201,30 +199,29 @@ def _mix_colors(band, stride, width, first_row, end_row, background, color, colo
         background: red, green, blue, lowest byte first.
         color: pointer to (H, W, 3) uint8, which has the colours of the band's ids.
     """
+    room = band.max_entries
     heap = allocate(12 * width)
     sums = i32_at(heap)
-    for row in range(first_row, end_row):
-        row_in_band = row - first_row
-        image, mixed = advance(color, 3 * row * width), advance(band.mixed, row_in_band * stride)
-        mixed_count = np.int64(band.mixed_counts[row_in_band])
+    for y in range(first_row, end_row):
+        row = y - first_row
+        image, mixed = advance(color, 3 * y * width), advance(band.mixed, row * stride)
+        mixed_count = np.int64(band.mixed_counts[row])
         for k in range(mixed_count):
-            packed = np.int64(mixed[k])  # by _find_entries
-            column, own_samples, background_samples = packed >> 8, (packed >> 4) & 15, packed & 15
+            mark = np.int64(mixed[k])
+            x, own, background_samples = mark >> 8, (mark >> 4) & 15, mark & 15
             for channel in range(3):
                 background_value = (background >> (8 * channel)) & 255
-                shown = own_samples * image[3 * column + channel]
-                sums[3 * column + channel] = shown + background_samples * background_value
-        first_entry = row_in_band * band.max_entries
-        columns, weights = advance(band.entry_columns, first_entry), advance(band.entry_weights, first_entry)
-        colors = advance(band.entry_colors, 3 * row_in_band * color_stride)
-        for k in range(band.counts[row_in_band]):
-            column, weight = np.int64(columns[k]), np.int64(weights[k])
+                sums[3 * x + channel] = own * image[3 * x + channel] + background_samples * background_value
+        columns, weights = advance(band.entry_columns, row * room), advance(band.entry_weights, row * room)
+        colors = advance(band.entry_colors, 3 * row * color_stride)
+        for k in range(band.counts[row]):
+            x, weight = np.int64(columns[k]), np.int64(weights[k])
             for channel in range(3):
-                sums[3 * column + channel] += weight * colors[3 * k + channel]
+                sums[3 * x + channel] += weight * colors[3 * k + channel]
         for k in range(mixed_count):
-            column = np.int64(mixed[k]) >> 8
+            x = np.int64(mixed[k]) >> 8
             for channel in range(3):
-                image[3 * column + channel] = (sums[3 * column + channel] + vec.LANES // 2) // vec.LANES
+                image[3 * x + channel] = (sums[3 * x + channel] + vec.LANES // 2) // vec.LANES
     release(heap)
 
 

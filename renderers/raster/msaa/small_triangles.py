@@ -35,22 +35,16 @@ SCRATCH: Final = Struct(
 """Working memory of a thread for a band."""
 
 
-_LANE_BITS: Final = vec.LANES.bit_length() - 1
-_ROW_SHIFT: Final = 8
-_PACKED_ROW: Final = 1 << _ROW_SHIFT
-"""What one row adds to a value of ``edge_pixels``. Columns from -8 to MAX_SMALL_WIDTH + 8 fit below."""
-
-
 @inlined
 def _packed_in_box(row, column):
     """Return a pixel in ``edge_pixels``; row and column are counted from the box's first, columns from -8 on."""
-    return (row << _ROW_SHIFT) + column + vec.LANES
+    return (row << 8) + column + vec.LANES
 
 
 @inlined
 def _rows_and_columns(edge_pixels):
     """Return the rows and columns in the box of eight ``edge_pixels``; all i32x8."""
-    return edge_pixels >> vec.i32(_ROW_SHIFT), (edge_pixels & vec.i32(_PACKED_ROW - 1)) - vec.i32(vec.LANES)
+    return edge_pixels >> vec.i32(8), (edge_pixels & vec.i32(255)) - vec.i32(vec.LANES)
 
 
 @inlined
@@ -62,9 +56,7 @@ def _limit_rows(edge, edge_dx, edge_dy, columns, min_row, max_row):
         columns: i32x8, the first column of each block column.
         min_row, max_row: f32x8: the rows before the edge limits them.
     """
-    # An edge function is greatest in a block's first or last column.
-    block_max = vec.i32(edge + max((vec.LANES - 1) * edge_dx, 0)) + columns * vec.i32(edge_dx)
-    # The slack is far above the rounding of crossings in the band: three times 2^-24 of at most 32 rows.
+    block_max = vec.i32(edge + max(7 * edge_dx, 0)) + columns * vec.i32(edge_dx)
     zero, slack = vec.f32(0.0), vec.f32(0.01)
     dy = np.float32(edge_dy)
     scale = np.float32(1.0) / dy if edge_dy != 0 else np.float32(0.0)
@@ -79,8 +71,8 @@ def _is_hidden(far, stride, left, right, top, bottom, inv_z_max):
 
     Args:
         far: pointer to SAMPLE_BAND.far.
-        left, right: range of the box's columns.
-        top, bottom: range of its rows, counted from the band's first.
+        left, right: columns of the box, half-open.
+        top, bottom: its rows, half-open, counted from the band's first.
         inv_z_max: float32.
     """
     limit, lane = vec.f32(inv_z_max), vec.iota()
@@ -93,8 +85,7 @@ def _is_hidden(far, stride, left, right, top, bottom, inv_z_max):
         return False
     last = bottom - top - 1
     for start in range(left, right, 2 * vec.LANES):
-        # Two vectors and four rows at a time; those at the margins are tested twice. Columns left of the box are tested
-        # too: that may only make a hidden triangle visible, which costs time.
+        # Two vectors and four rows at a time; those at the margins are tested twice.
         first, second = min(start, stride - vec.LANES), min(start + vec.LANES, stride - vec.LANES)
         first_far, second_far = vec.f32(np.inf), vec.f32(np.inf)
         for row in range(0, last + 1, 4):
@@ -113,7 +104,7 @@ def _is_hidden(far, stride, left, right, top, bottom, inv_z_max):
 class SampleEdges(NamedTuple):
     """Edge functions of a SMALL_TRIANGLE's three edges, and how they vary among the samples of a pixel."""
 
-    base: Any
+    first: Any
     """At the first pixel centre of the box, three int64."""
     dx: Any
     """Change per column, three int64."""
@@ -121,16 +112,16 @@ class SampleEdges(NamedTuple):
     """Change per row, three int64."""
     offsets: Any
     """At the samples minus at the centre, of the first two edges, i32x8 each."""
-    top_max: Any
+    top: Any
     """Maximum over the samples of a pixel in the first row that is drawn and the box's first column, three int64."""
-    spread: Any
-    """Greatest minus least of a pixel's samples, in all lanes; three i32x8."""
+    range: Any
+    """From the least to the greatest of the samples, in all lanes; three i32x8."""
 
 
 @inlined
 def _sample_edges(frame, triangle, skipped_rows):
     """Return the SampleEdges of a SMALL_TRIANGLE, of whose box ``skipped_rows`` rows are not drawn."""
-    base = np.int64(triangle.edges[0]), np.int64(triangle.edges[1]), np.int64(triangle.edges[2])
+    first = np.int64(triangle.edges[0]), np.int64(triangle.edges[1]), np.int64(triangle.edges[2])
     e0_dx, e1_dx = np.int64(triangle.edge_dx[0]), np.int64(triangle.edge_dx[1])
     e0_dy, e1_dy = np.int64(triangle.edge0_dy), np.int64(triangle.edge1_dy)
     e2_dx, e2_dy = -e0_dx - e1_dx, -e0_dy - e1_dy
@@ -141,16 +132,16 @@ def _sample_edges(frame, triangle, skipped_rows):
     offsets2 = vec.i32(e2_dx >> SUBPIXEL_BITS) * x + vec.i32(e2_dy >> SUBPIXEL_BITS) * y
     max0, max1, max2 = vec.maximum_of(offsets0), vec.maximum_of(offsets1), vec.maximum_of(offsets2)
     return SampleEdges(
-        base=base,
+        first=first,
         dx=(e0_dx, e1_dx, e2_dx),
         dy=(e0_dy, e1_dy, e2_dy),
         offsets=(offsets0, offsets1),
-        top_max=(
-            base[0] + max0 + skipped_rows * e0_dy,
-            base[1] + max1 + skipped_rows * e1_dy,
-            base[2] + max2 + skipped_rows * e2_dy,
+        top=(
+            first[0] + max0 + skipped_rows * e0_dy,
+            first[1] + max1 + skipped_rows * e1_dy,
+            first[2] + max2 + skipped_rows * e2_dy,
         ),
-        spread=(
+        range=(
             vec.i32(max0 - vec.minimum_of(offsets0)),
             vec.i32(max1 - vec.minimum_of(offsets1)),
             vec.i32(max2 - vec.minimum_of(offsets2)),
@@ -173,9 +164,9 @@ def _limit_block_rows(edges, columns, rows, is_wide, scratch):
     """
     min_row, max_row = vec.f32(0.0), vec.f32(rows - 1)
     if is_wide:
-        min_row, max_row = _limit_rows(edges.top_max[0], edges.dx[0], edges.dy[0], columns, min_row, max_row)
-        min_row, max_row = _limit_rows(edges.top_max[1], edges.dx[1], edges.dy[1], columns, min_row, max_row)
-        min_row, max_row = _limit_rows(edges.top_max[2], edges.dx[2], edges.dy[2], columns, min_row, max_row)
+        min_row, max_row = _limit_rows(edges.top[0], edges.dx[0], edges.dy[0], columns, min_row, max_row)
+        min_row, max_row = _limit_rows(edges.top[1], edges.dx[1], edges.dy[1], columns, min_row, max_row)
+        min_row, max_row = _limit_rows(edges.top[2], edges.dx[2], edges.dy[2], columns, min_row, max_row)
     first, last = vec.ceil(vec.minimum(min_row, vec.f32(rows))), vec.floor(vec.maximum(max_row, vec.f32(-1.0)))
     vec.store(scratch.first_rows, 0, vec.to_i32(first))
     vec.store(scratch.last_rows, 0, vec.to_i32(last))
@@ -186,7 +177,7 @@ def _draw_block(frame, band, triangle, owner, edges, max_offset, top, start, blo
     """Draw the whole pixels of a block column, and append its other pixels to ``edge_pixels`` of a SCRATCH.
 
     Args:
-        top: first row that is drawn, to which ``edges.top_max`` belongs.
+        top: first row that is drawn, to which ``edges.top`` belongs.
         start: first column of the block, which is a vector wide.
         owner: index in FRAME.primitives.
         edges: SampleEdges.
@@ -205,16 +196,15 @@ def _draw_block(frame, band, triangle, owner, edges, max_offset, top, start, blo
     valid = np.int64(255) << (start - column)
     columns = vec.i32(column - box_x) + vec.iota()
     first_row, end_row = np.int64(scratch.first_rows[block]), np.int64(scratch.last_rows[block]) + 1
-    e0 = vec.i32(edges.top_max[0] + first_row * edges.dy[0]) + columns * vec.i32(edges.dx[0])
-    e1 = vec.i32(edges.top_max[1] + first_row * edges.dy[1]) + columns * vec.i32(edges.dx[1])
-    e2 = vec.i32(edges.top_max[2] + first_row * edges.dy[2]) + columns * vec.i32(edges.dx[2])
+    e0 = vec.i32(edges.top[0] + first_row * edges.dy[0]) + columns * vec.i32(edges.dx[0])
+    e1 = vec.i32(edges.top[1] + first_row * edges.dy[1]) + columns * vec.i32(edges.dx[1])
+    e2 = vec.i32(edges.top[2] + first_row * edges.dy[2]) + columns * vec.i32(edges.dx[2])
     column_inv_z = vec.f32(triangle.inv_z_dx) * vec.to_f32(columns)
     pixel = (top + first_row - band.first_row) * stride + column
     edge_pixel = _packed_in_box(top - box_y + first_row, column - box_x)
     for row in range(first_row, end_row):
-        # Maxima over a pixel's samples: some sample may be inside, and minima: all are.
         touched = (e0 | e1 | e2) >= zero
-        full = (e0 >= edges.spread[0]) & (e1 >= edges.spread[1]) & (e2 >= edges.spread[2])
+        full = (e0 >= edges.range[0]) & (e1 >= edges.range[1]) & (e2 >= edges.range[2])
         e0, e1, e2 = e0 + vec.i32(edges.dy[0]), e1 + vec.i32(edges.dy[1]), e2 + vec.i32(edges.dy[2])
         inv_z = vec.f32(scratch.row_inv_z[row]) + column_inv_z
         mask = valid & merge_whole_pixels(band, pixel, inv_z, max_offset, triangle, owner, full, touched)
@@ -222,7 +212,7 @@ def _draw_block(frame, band, triangle, owner, edges, max_offset, top, start, blo
         vec.store(scratch.edge_pixels, count, lanes + vec.i32(edge_pixel))
         count += vec.count_bits(mask)
         pixel += stride
-        edge_pixel += _PACKED_ROW
+        edge_pixel += _packed_in_box(1, -vec.LANES)
     return count
 
 
@@ -237,8 +227,8 @@ def _load_edge_pixels(frame, band, triangle, edges, batch, scratch):
     """
     box_x, box_y, _, _ = box_of(triangle)
     rows, columns = _rows_and_columns(vec.load(scratch.edge_pixels, batch))
-    e0 = vec.i32(edges.base[0]) + rows * vec.i32(edges.dy[0]) + columns * vec.i32(edges.dx[0])
-    e1 = vec.i32(edges.base[1]) + rows * vec.i32(edges.dy[1]) + columns * vec.i32(edges.dx[1])
+    e0 = vec.i32(edges.first[0]) + rows * vec.i32(edges.dy[0]) + columns * vec.i32(edges.dx[0])
+    e1 = vec.i32(edges.first[1]) + rows * vec.i32(edges.dy[1]) + columns * vec.i32(edges.dx[1])
     vec.store(scratch.batch_e0, 0, e0)
     vec.store(scratch.batch_e1, 0, e1)
     pixels = (rows + vec.i32(box_y - band.first_row)) * vec.i32(frame.stride) + (columns + vec.i32(box_x))
@@ -252,7 +242,7 @@ def _draw_edge_pixels(frame, band, triangle, edges, count, scratch):
     """Draw the samples of the first ``count`` edge pixels in ``scratch``, a SCRATCH; ``edges``: SampleEdges."""
     inv_z_min, inv_z_max = vec.f32(triangle.inv_z_min), vec.f32(triangle.inv_z_max)
     inv_z_offsets = sample_inv_z_offsets(frame, triangle.inv_z_dx, triangle.inv_z_dy)
-    edge_sum = vec.i32(edges.base[0] + edges.base[1] + edges.base[2])  # the same at all points
+    edge_sum = vec.i32(edges.first[0] + edges.first[1] + edges.first[2])  # the same at all points
     slot_count, ids, zero = scratch.slot_count, vec.i32(triangle.id), vec.i32(0)
     for batch in range(0, count, vec.LANES):
         _load_edge_pixels(frame, band, triangle, edges, batch, scratch)
@@ -288,9 +278,9 @@ def draw_small_samples(frame, band, triangle, owner, first_row, end_row, scratch
     begin = left - (left & (vec.LANES - 1) if is_wide else 0)
     count = 0
     for group in range(begin, right, vec.LANES * vec.LANES):
-        columns = vec.i32(group - box_x) + (vec.iota() << vec.i32(_LANE_BITS))
+        columns = vec.i32(group - box_x) + (vec.iota() << vec.i32(3))
         _limit_block_rows(edges, columns, rows, is_wide, scratch)
-        for block in range(min((right - group + vec.LANES - 1) >> _LANE_BITS, vec.LANES)):
+        for block in range(min((right - group + vec.LANES - 1) >> 3, vec.LANES)):
             start = group + vec.LANES * block
             count = _draw_block(frame, band, triangle, owner, edges, max_offset, top, start, block, scratch, count)
     _draw_edge_pixels(frame, band, triangle, edges, count, scratch)

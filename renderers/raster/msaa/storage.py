@@ -57,7 +57,7 @@ def merge_whole_pixels(band, pixel, inv_z, max_offset, primitive, owner, full, t
         inv_z: f32x8: 1/z at the centres before it is clamped to the primitive's range.
         max_offset: f32x8: as from ``max_inv_z_offset``.
         primitive: a PRIMITIVE or SMALL_TRIANGLE.
-        owner: index of the primitive in FRAME.primitives.
+        owner: index of the primitive.
         full, touched: m8: pixels of which all samples are covered, and some may be.
 
     Returns:
@@ -84,7 +84,7 @@ def _write_owner_samples(frame, band, pixel, first_sample, owner):
     Args:
         pixel: index of the pixel in the band.
         first_sample: index of its first sample.
-        owner: index in FRAME.primitives of the primitive that all its samples see.
+        owner: index of the primitive that all its samples see.
     """
     row = pixel // frame.stride
     x, y = pixel - row * frame.stride, band.first_row + row
@@ -148,15 +148,15 @@ def merge_samples(frame, band, slot_count, pixel, inv_z, covered, ids):
     Returns:
         The new ``slot_count``.
     """
-    first_sample, owner, slot_count = _open_slot(frame, band, slot_count, pixel)
+    first, owner, slot_count = _open_slot(frame, band, slot_count, pixel)
     # An empty pixel's far limit is its 1/z.
     is_empty = vec.i32(owner) == vec.i32(-1)
-    old_inv_z = vec.select(is_empty, vec.f32(band.far[pixel]), vec.load_volatile(band.sample_inv_z, first_sample))
-    old_ids = vec.select(is_empty, vec.i32(-1), vec.load_volatile(band.sample_ids, first_sample))
+    old_inv_z = vec.select(is_empty, vec.f32(band.far[pixel]), vec.load_volatile(band.sample_inv_z, first))
+    old_ids = vec.select(is_empty, vec.i32(-1), vec.load_volatile(band.sample_ids, first))
     passed = covered & _depth_test(inv_z, old_inv_z, ids, old_ids)
     inv_z = vec.select(passed, inv_z, old_inv_z)
-    vec.store(band.sample_inv_z, first_sample, inv_z)
-    vec.store(band.sample_ids, first_sample, vec.select(passed, ids, old_ids))
+    vec.store(band.sample_inv_z, first, inv_z)
+    vec.store(band.sample_ids, first, vec.select(passed, ids, old_ids))
     # Bits are ordered as the values are: none is negative.
     as_i32(band.far)[pixel] = vec.minimum_of(vec.float_bits(inv_z))
     return slot_count
