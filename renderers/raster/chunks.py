@@ -13,17 +13,17 @@ from renderers.visibility_buffer import BAND_ROWS
 
 
 @device_function
-def bin_range(first_row, end_row, band_0_bin):
+def bin_range(first_row, end_row, base_bin):
     """Return the first and last bin of some rows.
 
     Args:
-        band_0_bin: bin of the image's first band, as from ``band_0_bin``.
+        base_bin: bin of the image's first band, as from ``base_bin_of``.
     """
-    return band_0_bin + first_row // BAND_ROWS, band_0_bin + (end_row - 1) // BAND_ROWS
+    return base_bin + first_row // BAND_ROWS, base_bin + (end_row - 1) // BAND_ROWS
 
 
 @inlined
-def band_0_bin(frame, is_culled):
+def base_bin_of(frame, is_culled):
     """Return the bin of the image's first band for a primitive; -1: nothing, since it is culled and not kept.
 
     Args:
@@ -35,8 +35,11 @@ def band_0_bin(frame, is_culled):
 
 
 @inlined
-def append_bins(chunk, first_bin, last_bin):
-    """Count the primitive behind the last one of a CHUNK, unless ``last_bin < first_bin``: it touches none."""
+def append_primitive(chunk, first_bin, last_bin):
+    """Keep the primitive that was written to ``primitives[count]`` of a CHUNK, with its bins.
+
+    If ``last_bin < first_bin`` it touches none, and the next primitive is written over it.
+    """
     if first_bin <= last_bin:
         chunk.bins[chunk.count] = last_bin << 16 | first_bin
         chunk.count += 1

@@ -10,7 +10,7 @@ from numba import types
 from renderers.compiler.device_function import device_function
 from renderers.compiler.pointers import stack_array
 from renderers.raster.grid import snap_to_grid
-from renderers.raster.layout import GUARD_BAND
+from renderers.raster.layout import GUARD_BAND, vertex_of
 
 PLANES: Final = 5
 MAX_VERTICES: Final = 24
@@ -164,8 +164,8 @@ def clip_triangle(frame, draw, mesh_index, corners, polygon):
         return 0
     for k in range(count):
         if sources[k] >= 0:  # exactly the coordinates that neighbouring triangles use
-            vertex = 4 * (draw.first_vertex + sources[k])
-            x, y = frame.vertices[vertex], frame.vertices[vertex + 1]
+            vertex = vertex_of(frame, draw, sources[k])
+            x, y = vertex[0], vertex[1]
         else:
             x, y = project_to_pixels(frame, points, k)
         polygon[2 * k] = snap_to_grid(x)

@@ -40,31 +40,33 @@ _span_array = stack_array(types.int32, 2 * vec.LANES)
 
 @inlined
 def _sample_points(frame, row):
-    """Return the sample points of eight rows, for ``make_fill``: 0, their offset across from the pixel's centre, and
-    their position down, f64x8, grid units."""
+    """Return x, y of the sample points of eight rows, f64x8, grid units, as ``make_fill`` wants them.
+
+    x, the offset from the pixel's centre, is 0; y counts from the image's top.
+    """
     lane = vec.to_f64(vec.iota())
     return vec.f64(0.0), (vec.f64(row) + lane) * vec.f64(float(SUBPIXEL)) + vec.f64(float(HALF_PIXEL))
 
 
 @inlined
 def _draw_span_with_rule(frame, layer, depth_rule, primitive, row, start, stop, base_x, base_y):
-    """``_draw_span`` of ``start .. stop`` with a depth rule; a constant one makes faster code."""
+    """Draw the pixels ``start .. stop`` of a row with a depth rule, best a constant; as ``_draw_span``."""
     dx = primitive.inv_z_dx
     row_inv_z = primitive.inv_z_base + primitive.inv_z_dy * np.float64(row - base_y)
     inv_z_min, inv_z_max = vec.f32(primitive.inv_z_min), vec.f32(primitive.inv_z_max)
     ids, lane = vec.i32(primitive.id), vec.iota()
-    # Two steps: 1/z at the first pixels of eight vectors, in float64; then along each vector, in float32.
-    inv_z_of_vectors = _inv_z_array()
-    first_columns = vec.to_f64(lane * vec.i32(vec.LANES))
+    # Blocks of eight vectors: 1/z at the first pixel of each vector in float64, then along each vector in float32.
+    vector_inv_z = _inv_z_array()
+    vector_offsets = vec.to_f64(lane * vec.i32(vec.LANES))
     lane_inv_z = vec.f32(dx) * vec.to_f32(lane)
     aligned_start = start & ~np.int64(vec.LANES - 1)
     pixel = (row - layer.first_row) * frame.stride + aligned_start
-    for first_column in range(aligned_start, stop, vec.LANES * vec.LANES):
-        from_base = vec.f64(first_column - base_x) + first_columns
-        vec.store(inv_z_of_vectors, 0, vec.to_f32(vec.f64(row_inv_z) + vec.f64(dx) * from_base))
-        columns = vec.i32(first_column) + lane
-        for k in range(min((stop - first_column + vec.LANES - 1) // vec.LANES, vec.LANES)):
-            inv_z = vec.minimum(vec.maximum(vec.f32(inv_z_of_vectors[k]) + lane_inv_z, inv_z_min), inv_z_max)
+    for block_column in range(aligned_start, stop, vec.LANES * vec.LANES):
+        from_base = vec.f64(block_column - base_x) + vector_offsets
+        vec.store(vector_inv_z, 0, vec.to_f32(vec.f64(row_inv_z) + vec.f64(dx) * from_base))
+        columns = vec.i32(block_column) + lane
+        for k in range(min((stop - block_column + vec.LANES - 1) // vec.LANES, vec.LANES)):
+            inv_z = vec.minimum(vec.maximum(vec.f32(vector_inv_z[k]) + lane_inv_z, inv_z_min), inv_z_max)
             covered = (columns >= vec.i32(start)) & (columns < vec.i32(stop))
             depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids)
             columns = columns + vec.i32(vec.LANES)
@@ -91,20 +93,21 @@ def _draw_spans(frame, target, primitive, row, count, start, stop, base_x, base_
     vec.store(spans, 0, start)
     vec.store(spans, vec.LANES, stop)
     for k in range(count):
-        first, end = np.int64(spans[k]), np.int64(spans[vec.LANES + k])
-        if first < end:
-            _draw_span(frame, target, primitive, row + k, first, end, base_x, base_y)
+        row_start, row_stop = np.int64(spans[k]), np.int64(spans[vec.LANES + k])
+        if row_start < row_stop:
+            _draw_span(frame, target, primitive, row + k, row_start, row_stop, base_x, base_y)
 
 
 @inlined
 def _draw_point(frame, target, primitive, first_row, end_row):
     """Draw a KIND_POINT."""
-    xy = primitive.xy
-    left, top, right, bottom = np.int64(xy[0]), np.int64(xy[1]), np.int64(xy[2]), np.int64(xy[3])
+    values = primitive.values
+    left, top, right, bottom = np.int64(values[0]), np.int64(values[1]), np.int64(values[2]), np.int64(values[3])
     for row in range(max(top, first_row), min(bottom, end_row)):
         _draw_span(frame, target, primitive, row, left, right, left, top)
 
 
+# Draws large primitives: calls _draw_spans for eight rows at a time.
 _fill = make_fill(vec.LANES, _sample_points, _draw_spans, _draw_point)
 
 
@@ -117,7 +120,7 @@ def _draw_primitive(frame, target, primitive, first_row, end_row):
             draw_small(frame, target.layer, IN_ORDER, target.prepared)
         else:
             draw_small(frame, target.layer, target.depth_rule, target.prepared)
-    elif not is_set(frame.stop):  # a large one may take longer than hundreds of small ones
+    elif not is_set(frame.stop):  # before each large one: it may take longer than hundreds of small ones
         _fill(frame, target, primitive, first_row, end_row)
 
 
@@ -142,13 +145,13 @@ def _draw_pixels(frame, target, chunk, begin, end):
         begin, end: range of values as in CHUNK.pixels; those of kept back faces have BACK_BIT, and are negative.
     """
     layer, depth_rule = target.layer, target.depth_rule
-    first_pixel = layer.first_row * frame.stride
+    layer_begin = layer.first_row * frame.stride
     for k in range(0, chunk.pixel_count, vec.LANES):
         pending = pixels_between(chunk, k, begin, end)
         while pending != 0:
             j = k + vec.lowest_bit(pending)
             pending &= pending - 1
-            pixel = np.int64(chunk.pixels[j] & ~BACK_BIT) - first_pixel
+            pixel = np.int64(chunk.pixels[j] & ~BACK_BIT) - layer_begin
             depth_test_pixel(frame, layer, depth_rule, pixel, chunk.pixel_inv_z[j], chunk.pixel_ids[j])
 
 
@@ -156,7 +159,8 @@ def _draw_pixels(frame, target, chunk, begin, end):
 def _depth_rule(frame, back_faces):
     """Return the rule of ``depth_test``; ``back_faces`` as for ``draw_band``."""
     if back_faces != 0:
-        return ANY_ORDER  # drawn after the front faces, some of which have higher ids
+        # Drawn after the front faces, some of which have higher ids. Never PEELED: only opaque frames keep back faces.
+        return ANY_ORDER
     is_bounded = frame.beyond_ids != 0 or frame.before_ids != 0 or frame.earlier_ids != 0
     return PEELED if is_bounded or frame.takes_latest != 0 else IN_ORDER
 
@@ -190,7 +194,8 @@ def draw_band(frame_address, first_row, end_row, band_memory, back_faces):
     frame = frame_at(frame_address)
     layer, target = _new_layer(), _new_target()
     set_band_layer(frame, layer, first_row, band_memory)
-    target.layer, target.prepared, target.depth_rule = layer, _new_prepared(), _depth_rule(frame, back_faces)
+    target.layer, target.prepared = layer, _new_prepared()
+    target.depth_rule = _depth_rule(frame, back_faces)
     if back_faces == 0:
         _clear_rows(frame, layer, first_row, end_row)
     band = first_row // BAND_ROWS

@@ -67,7 +67,7 @@ def depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids):
 
 @device_function
 def depth_test_pixel(frame, layer, depth_rule, pixel, inv_z, primitive_id):
-    """``depth_test`` of one covered pixel, in any order of primitives whatever the rule.
+    """Write one covered pixel if it is not behind the layer, as ``depth_test``, in any order of primitives.
 
     Args:
         inv_z: float32.
@@ -88,7 +88,10 @@ def depth_test_pixel(frame, layer, depth_rule, pixel, inv_z, primitive_id):
 
 @device_function
 def _is_pixel_between(frame, pixel, inv_z, primitive_id):
-    """``_is_between`` of one pixel. The layers are read from the start of its eight pixels, so not past the image."""
+    """Return m8: the lane of one pixel, if it passes ``_is_between``.
+
+    The layers are read from the start of the pixel's vector, so not past the image.
+    """
     start = pixel & ~np.int64(vec.LANES - 1)
     lane = vec.iota() == vec.i32(pixel - start)
     return lane & _is_between(frame, start, vec.f32(inv_z), vec.i32(primitive_id))

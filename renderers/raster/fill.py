@@ -38,13 +38,13 @@ def _first_column_right_of(xa, ya, xb, yb, x, y):
 @device_function
 def inv_z_origin(primitive):
     """Return the column and row, int64, of the pixel at whose centre 1/z is ``inv_z_base``."""
-    xy, kind = primitive.xy, primitive.kind
-    x0, y0 = np.int64(xy[0]), np.int64(xy[1])
+    values, kind = primitive.values, primitive.kind
+    x0, y0 = np.int64(values[0]), np.int64(values[1])
     if kind == KIND_TRIANGLE:
-        x1, y1, x2, y2 = np.int64(xy[2]), np.int64(xy[3]), np.int64(xy[4]), np.int64(xy[5])
+        x1, y1, x2, y2 = np.int64(values[2]), np.int64(values[3]), np.int64(values[4]), np.int64(values[5])
         return first_center(min(x0, x1, x2)), first_center(min(y0, y1, y2))
     if kind == KIND_LINE:
-        corner = np.int64(xy[5])
+        corner = np.int64(values[5])
         return corner & 0xFFFF, corner >> 16
     if kind == KIND_CLIPPED:
         return x0, y0
@@ -58,21 +58,21 @@ def _polygon_of(frame, primitive, polygon):
     Args:
         polygon: ``polygon_array``.
     """
-    xy, kind = primitive.xy, primitive.kind
+    values, kind = primitive.values, primitive.kind
     if kind == KIND_TRIANGLE:
         for k in range(6):
-            polygon[k] = xy[k]
+            polygon[k] = values[k]
         return 3
     if kind == KIND_LINE:
-        x0, y0, x1, y1 = np.int64(xy[0]), np.int64(xy[1]), np.int64(xy[2]), np.int64(xy[3])
-        half_width = np.int64(xy[4])
+        x0, y0, x1, y1 = np.int64(values[0]), np.int64(values[1]), np.int64(values[2]), np.int64(values[3])
+        half_width = np.int64(values[4])
         # As GL's aliased lines: widened along the minor axis, so that a width of 1 is one pixel per step.
         is_steep = abs(x1 - x0) < abs(y1 - y0)
         dx, dy = half_width * is_steep, half_width * (not is_steep)
         polygon[0], polygon[1], polygon[2], polygon[3] = x0 - dx, y0 - dy, x1 - dx, y1 - dy
         polygon[4], polygon[5], polygon[6], polygon[7] = x1 + dx, y1 + dy, x0 + dx, y0 + dy
         return 4
-    draw = frame.draws[xy[2]]
+    draw = frame.draws[values[2]]
     return clip_triangle(frame, draw, np.int64(primitive.id) - draw.first_id, corner_array(), polygon)
 
 

@@ -15,6 +15,7 @@ def _is_unclipped_convex(frame, m, instance):
         m: pointer to the instance's ``X_camera_mesh``, (4, 4) float64.
     """
     center, half = instance.box_center, instance.box_half
+    # Over the box, in the camera's frame: limits of |x| and |y|, and the least z.
     max_x, max_y, min_z = abs(m[3]), abs(m[7]), m[11]
     max_z_terms = abs(m[11])
     for axis in range(3):
@@ -24,7 +25,7 @@ def _is_unclipped_convex(frame, m, instance):
         min_z += m[8 + axis] * center[axis] - abs(m[8 + axis]) * half[axis]
         max_z_terms += abs(m[8 + axis]) * extent
     min_z -= 1e-9 * max_z_terms  # rounding
-    limit = GUARD_BAND - 1.0
+    limit = GUARD_BAND - 1.0  # a pixel for rounding
     return (
         half[0] >= 0.0
         and min_z > frame.near

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler.device_function import inlined
+from renderers.compiler.pointers import advance
 from renderers.compiler.structs import F32, F64, I32, I64, U32, Struct, array_of, pointer_to
 
 SUBPIXEL_BITS: Final = 8
@@ -20,7 +21,7 @@ edge functions stay below 2^50, exact in float64 and int64, and snapped coordina
 BEHIND: Final = -2.0
 """In place of 1/z of a vertex that is nearer than the near plane, or not a number."""
 OUTSIDE: Final = -1.0
-"""In place of 1/z of a vertex that is outside the guard band."""
+"""In place of 1/z of a vertex that is outside the guard band. The order is BEHIND < OUTSIDE < 0 < 1/z."""
 MAX_SIDE: Final = 16384
 """Maximum image width and height, pixels, for which the guard band leaves room."""
 MAX_POINT_SIZE: Final = 1024
@@ -40,8 +41,8 @@ PIXEL_ROOM: Final = MAX_TINY_PIXELS + 8
 CHUNK_VALUES: Final = CHUNK_SIZE + 3 * PIXEL_ROOM
 MAX_SMALL_WIDTH: Final = 64
 MAX_SMALL_HEIGHT: Final = 128
-"""Triangles of at most this many pixel centres across and down have edge functions that fit int32:
-2 x 256^2 x (64 + 8) x 128 < 2^31."""
+"""Triangles of at most this many pixel centres across and down, less than 65 x 129 pixels, have edge functions that fit
+int32, also a vector of columns beside their box: 2 x 256^2 x (65 + 8) x 129 < 2^31."""
 MAX_SMALL_DEPTH_RATIO: Final = 4.0
 """Maximum depth of a small triangle's farthest vertex over that of its nearest. Beyond, float32 would lose digits of
 1/z at the far end, and float64 is used."""
@@ -53,7 +54,7 @@ TOPOLOGY_TRIANGLES: Final = 3
 PRIMITIVE: Final = Struct(
     "Primitive",
     {
-        "xy": array_of(I32, 6),  # x0 y0 x1 y1 x2 y2, grid units; see the kinds
+        "values": array_of(I32, 6),  # corners x0 y0 x1 y1 x2 y2, grid units, or others: see the kinds
         "id": I32,  # primitive id
         "kind": I32,
         "inv_z_dx": F64,  # change of 1/z per column
@@ -63,18 +64,18 @@ PRIMITIVE: Final = Struct(
         "inv_z_max": F32,
     },
 )
-# The kinds of primitives: what ``xy`` has, and the pixel that ``inv_z_base`` belongs to.
+# The kinds of primitives: what ``values`` has, and the pixel that ``inv_z_base`` belongs to.
 KIND_TRIANGLE: Final = 0
-"""xy: corners, clockwise on screen. inv_z_base: first pixel of their box, which may be off the image."""
+"""values: corners, clockwise on screen. inv_z_base: first pixel of their box, which may be off the image."""
 KIND_CLIPPED: Final = 1
-"""Crosses the near plane or leaves the guard band. xy: first column and row of its box in the image, index of the draw.
-inv_z_base: this first pixel."""
+"""Crosses the near plane or leaves the guard band. values: first column and row of its box in the image, index of the
+draw. inv_z_base: this first pixel."""
 KIND_LINE: Final = 2
-"""xy: both ends, half the width, then first column and row of its box in the image in 16 bits each. inv_z_base: this
-first pixel."""
+"""values: both ends, half the width, then first column and row of its box in the image in 16 bits each. inv_z_base:
+this first pixel."""
 KIND_POINT: Final = 3
-"""xy: first column and row, and those after the last; with several samples per pixel these are grid units. inv_z_base:
-any pixel."""
+"""values: first column and row, and those after the last; with several samples per pixel these are grid units.
+inv_z_base: any pixel."""
 KIND_SMALL: Final = 4
 """The struct is a SMALL_TRIANGLE, which has the same size, and ``id`` and ``kind`` at the same place."""
 
@@ -123,7 +124,7 @@ DRAW: Final = Struct(
         "topology": I64,
         "size": F64,
         "first_vertex": I64,  # among the drawn vertices
-        "first_primitive": I64,  # among the drawn primitives
+        "first_primitive": I64,  # drawn index of its first primitive, not an id
         "first_id": I64,  # primitive id of its first primitive
         "culled_sign": I64,  # +1, -1: sign of the screen area of faces that are culled or kept for later; 0: none
         "hidden_sign": I64,  # +1, -1: sign of the screen area of faces hidden by others of their mesh; 0: none
@@ -237,6 +238,12 @@ LAYER: Final = Struct("Layer", {"ids": pointer_to(I32), "inv_z": pointer_to(F32)
 
 frame_at: Final = FRAME.at
 small_triangle_at: Final = SMALL_TRIANGLE.at
+
+
+@inlined
+def vertex_of(frame, draw, index):
+    """Return a pointer to the values in FRAME.vertices of a vertex; ``index`` is that in its mesh, int64."""
+    return advance(frame.vertices, 4 * (draw.first_vertex + index))
 
 
 @inlined

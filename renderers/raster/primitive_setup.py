@@ -13,7 +13,7 @@ from numba import types
 
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import stack_array
-from renderers.raster.chunks import band_0_bin, bin_range
+from renderers.raster.chunks import base_bin_of, bin_range
 from renderers.raster.clip import (
     camera_vertex,
     clip_line,
@@ -32,6 +32,7 @@ from renderers.raster.layout import (
     KIND_TRIANGLE,
     MAX_POINT_SIZE,
     SUBPIXEL,
+    vertex_of,
 )
 
 NOT_VISIBLE: Final = (0, -1)
@@ -42,12 +43,11 @@ _ends_array = stack_array(types.float64, 6)
 @device_function
 def set_up_triangle(frame, draw_index, mesh_index, primitive):
     """Set up a triangle in float64: of any size, clipped or not."""
-    draw, vertices = frame.draws[draw_index], frame.vertices
-    # Offsets of the three vertices' first values.
-    at0 = 4 * (draw.first_vertex + np.int64(draw.indices[3 * mesh_index]))
-    at1 = 4 * (draw.first_vertex + np.int64(draw.indices[3 * mesh_index + 1]))
-    at2 = 4 * (draw.first_vertex + np.int64(draw.indices[3 * mesh_index + 2]))
-    w0, w1, w2 = vertices[at0 + 2], vertices[at1 + 2], vertices[at2 + 2]
+    draw = frame.draws[draw_index]
+    v0 = vertex_of(frame, draw, np.int64(draw.indices[3 * mesh_index]))
+    v1 = vertex_of(frame, draw, np.int64(draw.indices[3 * mesh_index + 1]))
+    v2 = vertex_of(frame, draw, np.int64(draw.indices[3 * mesh_index + 2]))
+    w0, w1, w2 = v0[2], v1[2], v2[2]
     w_min, w_max = min(min(w0, w1), w2), max(max(w0, w1), w2)
     if w_max == BEHIND:
         return NOT_VISIBLE
@@ -55,42 +55,42 @@ def set_up_triangle(frame, draw_index, mesh_index, primitive):
         return _set_up_clipped_triangle(frame, draw_index, mesh_index, primitive)
     if w_max < frame.inv_z_far:  # saves time only: the depth test rejects what is beyond the far plane
         return NOT_VISIBLE
-    x0, x1, x2 = snap_to_grid(vertices[at0]), snap_to_grid(vertices[at1]), snap_to_grid(vertices[at2])
-    y0, y1, y2 = snap_to_grid(vertices[at0 + 1]), snap_to_grid(vertices[at1 + 1]), snap_to_grid(vertices[at2 + 1])
+    x0, x1, x2 = snap_to_grid(v0[0]), snap_to_grid(v1[0]), snap_to_grid(v2[0])
+    y0, y1, y2 = snap_to_grid(v0[1]), snap_to_grid(v1[1]), snap_to_grid(v2[1])
     min_x, max_x = min(min(x0, x1), x2), max(max(x0, x1), x2)
     min_y, max_y = min(min(y0, y1), y2), max(max(y0, y1), y2)
     box = pixel_box(frame, min_x, min_y, max_x, max_y, frame.sample_reach)
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+    # hidden_sign and culled_sign are those of the screen area of such back faces, see DRAW.
     if is_empty(box) or area == 0 or area * draw.hidden_sign > 0:
         return NOT_VISIBLE
-    first_bin = band_0_bin(frame, area * draw.culled_sign > 0)
-    if first_bin < 0:
+    base_bin = base_bin_of(frame, area * draw.culled_sign > 0)
+    if base_bin < 0:  # culled and not kept
         return NOT_VISIBLE
     if area < 0:  # to clockwise, so that edge functions are positive inside
-        at1, at2, x1, x2, y1, y2 = at2, at1, x2, x1, y2, y1
-    xy = primitive.xy
-    xy[0], xy[1], xy[2], xy[3], xy[4], xy[5] = x0, y0, x1, y1, x2, y2
+        x1, x2, y1, y2 = x2, x1, y2, y1
+    values = primitive.values
+    values[0], values[1], values[2], values[3], values[4], values[5] = x0, y0, x1, y1, x2, y2
     primitive.kind = KIND_TRIANGLE
-    _set_inv_z_plane(primitive, vertices, at0, at1, at2, first_center(min_x), first_center(min_y))
+    _set_inv_z_plane(primitive, v0, v1, v2, first_center(min_x), first_center(min_y))
     primitive.inv_z_min, primitive.inv_z_max = w_min, w_max
-    return bin_range(box.top, box.bottom, first_bin)
+    return bin_range(box.top, box.bottom, base_bin)
 
 
 @inlined
-def _set_inv_z_plane(primitive, vertices, at0, at1, at2, base_x, base_y):
-    """Set the plane of 1/z. It goes through the vertices before snapping, since 1/z is linear on screen.
+def _set_inv_z_plane(primitive, v0, v1, v2, base_x, base_y):
+    """Set the plane of 1/z through the vertices before snapping; the same for both windings.
 
-    As ``triangle_geometry.inv_z_plane`` of eight triangles.
+    1/z is linear on screen. Snapping moves a vertex by up to half a grid unit, which would tilt the plane, the more the
+    smaller the triangle. As ``triangle_geometry.inv_z_plane`` of eight triangles.
 
     Args:
-        vertices: as in FRAME.
-        at0, at1, at2: offsets of the corners' first values.
+        v0, v1, v2: the corners, as from ``vertex_of``.
         base_x, base_y: pixel to whose centre ``inv_z_base`` belongs.
     """
-    ax, ay, aw = np.float64(vertices[at0]), np.float64(vertices[at0 + 1]), np.float64(vertices[at0 + 2])
-    ux, uy = np.float64(vertices[at1]) - ax, np.float64(vertices[at1 + 1]) - ay
-    vx, vy = np.float64(vertices[at2]) - ax, np.float64(vertices[at2 + 1]) - ay
-    uw, vw = np.float64(vertices[at1 + 2]) - aw, np.float64(vertices[at2 + 2]) - aw
+    ax, ay, aw = np.float64(v0[0]), np.float64(v0[1]), np.float64(v0[2])
+    ux, uy, uw = np.float64(v1[0]) - ax, np.float64(v1[1]) - ay, np.float64(v1[2]) - aw
+    vx, vy, vw = np.float64(v2[0]) - ax, np.float64(v2[1]) - ay, np.float64(v2[2]) - aw
     determinant = ux * vy - vx * uy
     dx = 0.0
     dy = 0.0
@@ -106,12 +106,12 @@ def _set_up_clipped_triangle(frame, draw_index, mesh_index, primitive):
     """Set up a triangle that needs clipping. It is clipped again in every band that it touches."""
     draw = frame.draws[draw_index]
     corners, polygon = corner_array(), polygon_array()
-    count = clip_triangle(frame, draw, mesh_index, corners, polygon)
-    if count == 0:
+    corner_count = clip_triangle(frame, draw, mesh_index, corners, polygon)
+    if corner_count == 0:
         return NOT_VISIBLE
-    min_x, min_y = polygon[0], polygon[1]
+    min_x, min_y = polygon[0], polygon[1]  # x and y in turn
     max_x, max_y = min_x, min_y
-    for k in range(1, count):
+    for k in range(1, corner_count):
         min_x, max_x = min(min_x, polygon[2 * k]), max(max_x, polygon[2 * k])
         min_y, max_y = min(min_y, polygon[2 * k + 1]), max(max_y, polygon[2 * k + 1])
     box = pixel_box(frame, min_x, min_y, max_x, max_y, frame.sample_reach)
@@ -123,11 +123,12 @@ def _set_up_clipped_triangle(frame, draw_index, mesh_index, primitive):
     offset = nx * corners[0] + ny * corners[1] + nz * corners[2]
     if is_empty(box) or offset == 0.0:
         return NOT_VISIBLE
-    first_bin = band_0_bin(frame, offset * draw.culled_sign > 0.0)  # hidden_sign is 0 in draws that are clipped
-    if first_bin < 0:
+    # hidden_sign is 0 in draws that are clipped: see instance_transforms._is_unclipped_convex.
+    base_bin = base_bin_of(frame, offset * draw.culled_sign > 0.0)
+    if base_bin < 0:  # culled and not kept
         return NOT_VISIBLE
-    xy = primitive.xy
-    xy[0], xy[1], xy[2] = box.left, box.top, draw_index
+    values = primitive.values  # as KIND_CLIPPED says
+    values[0], values[1], values[2] = box.left, box.top, draw_index
     primitive.kind = KIND_CLIPPED
     primitive.inv_z_dx = nx / (frame.fx * offset)
     primitive.inv_z_dy = ny / (frame.fy * offset)
@@ -136,37 +137,37 @@ def _set_up_clipped_triangle(frame, draw_index, mesh_index, primitive):
     primitive.inv_z_base = (nx * ray_x + ny * ray_y + nz) / offset
     primitive.inv_z_min = 1.0 / max(max(corners[2], corners[5]), corners[8])
     primitive.inv_z_max = 1.0 / frame.near
-    return bin_range(box.top, box.bottom, first_bin)
+    return bin_range(box.top, box.bottom, base_bin)
 
 
 @device_function
 def set_up_line(frame, draw, mesh_index, primitive):
     """Set up a line, clipped. Lines of length 0 draw nothing."""
-    vertex0, vertex1 = np.int64(draw.indices[2 * mesh_index]), np.int64(draw.indices[2 * mesh_index + 1])
-    vertices = frame.vertices
-    at0, at1 = 4 * (draw.first_vertex + vertex0), 4 * (draw.first_vertex + vertex1)
-    w0, w1 = vertices[at0 + 2], vertices[at1 + 2]
+    index0, index1 = np.int64(draw.indices[2 * mesh_index]), np.int64(draw.indices[2 * mesh_index + 1])
+    v0, v1 = vertex_of(frame, draw, index0), vertex_of(frame, draw, index1)
+    w0, w1 = v0[2], v1[2]
     if w0 == BEHIND and w1 == BEHIND:
         return NOT_VISIBLE
     if w0 < 0.0 or w1 < 0.0:
         ends = _ends_array()
-        camera_vertex(draw, vertex0, ends, 0)
-        camera_vertex(draw, vertex1, ends, 1)
+        camera_vertex(draw, index0, ends, 0)
+        camera_vertex(draw, index1, ends, 1)
         if not clip_line(frame, ends):
             return NOT_VISIBLE
         pixel_x0, pixel_y0 = project_to_pixels(frame, ends, 0)
         pixel_x1, pixel_y1 = project_to_pixels(frame, ends, 1)
         w0, w1 = np.float32(1.0 / ends[2]), np.float32(1.0 / ends[5])
     else:
-        pixel_x0, pixel_y0, pixel_x1, pixel_y1 = vertices[at0], vertices[at0 + 1], vertices[at1], vertices[at1 + 1]
+        pixel_x0, pixel_y0, pixel_x1, pixel_y1 = v0[0], v0[1], v1[0], v1[1]
     x0, y0, x1, y1 = snap_to_grid(pixel_x0), snap_to_grid(pixel_y0), snap_to_grid(pixel_x1), snap_to_grid(pixel_y1)
     half_width = np.int64(np.rint(min(max(draw.size, 1.0), float(MAX_POINT_SIZE)) * HALF_PIXEL))
     reach = half_width + frame.sample_reach
     box = pixel_box(frame, min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1), reach)
     if is_empty(box) or (x0 == x1 and y0 == y1):
         return NOT_VISIBLE
-    xy = primitive.xy
-    xy[0], xy[1], xy[2], xy[3], xy[4], xy[5] = x0, y0, x1, y1, half_width, box.left | (box.top << 16)
+    values = primitive.values  # as KIND_LINE says
+    values[0], values[1], values[2], values[3] = x0, y0, x1, y1
+    values[4], values[5] = half_width, box.left | (box.top << 16)
     primitive.kind = KIND_LINE
     # 1/z is constant across the line and linear along it.
     ax, ay, aw = np.float64(pixel_x0), np.float64(pixel_y0), np.float64(w0)
@@ -182,21 +183,21 @@ def set_up_line(frame, draw, mesh_index, primitive):
 @device_function
 def set_up_point(frame, draw, mesh_index, primitive):
     """Set up a point: the size x size pixels whose centres are nearest to it."""
-    vertices, at0 = frame.vertices, 4 * (draw.first_vertex + np.int64(draw.indices[mesh_index]))
-    w = vertices[at0 + 2]
+    vertex = vertex_of(frame, draw, np.int64(draw.indices[mesh_index]))
+    w = vertex[2]
     if w < 0.0:
         return NOT_VISIBLE
     size = np.int64(np.rint(min(max(draw.size, 1.0), float(MAX_POINT_SIZE))))
-    x0, y0 = snap_to_grid(vertices[at0]) - size * HALF_PIXEL, snap_to_grid(vertices[at0 + 1]) - size * HALF_PIXEL
+    x0, y0 = snap_to_grid(vertex[0]) - size * HALF_PIXEL, snap_to_grid(vertex[1]) - size * HALF_PIXEL
     x1, y1 = x0 + size * SUBPIXEL, y0 + size * SUBPIXEL
     box = pixel_box(frame, x0, y0, x1, y1, frame.sample_reach)
     if is_empty(box):
         return NOT_VISIBLE
-    xy = primitive.xy
+    values = primitive.values  # as KIND_POINT says
     if frame.samples == 1:
-        xy[0], xy[1], xy[2], xy[3] = box.left, box.top, box.right, box.bottom
+        values[0], values[1], values[2], values[3] = box.left, box.top, box.right, box.bottom
     else:
-        xy[0], xy[1], xy[2], xy[3] = x0, y0, x1, y1
+        values[0], values[1], values[2], values[3] = x0, y0, x1, y1
     primitive.kind = KIND_POINT
     primitive.inv_z_dx = primitive.inv_z_dy = 0.0
     primitive.inv_z_base = primitive.inv_z_min = primitive.inv_z_max = w

@@ -21,10 +21,22 @@ _new_layer = LAYER.local
 _corner_array = stack_array(types.float64, 9)
 _adjugate_array = stack_array(types.float64, 9)
 _normal_array = stack_array(types.float64, 9)
+_BACKGROUND_LABEL: Final = int(np.uint32(LABEL_NONE).astype(np.int32))
+_BACKGROUND_ID: Final = -1
+_PREFETCH_DISTANCE: Final = 1024
+"""Pixels from the one that is written to the one that is prefetched."""
+_TOWARDS_CAMERA: Final = (0.0, 0.0, -1.0)
+_NO_NORMAL: Final = (0.0, 0.0, 0.0)
 
 
 @inlined
-def _load_corners(X_camera_mesh, positions, indices, first_index, corners):
+def _cross(a, b):
+    """Return a x b; pointers to three float64 each."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inlined
+def _camera_corners(X_camera_mesh, positions, indices, first_index, corners):
     """Write the corners of a triangle in the camera's frame, metres: corner k to ``corners[3 k .. 3 k + 3]``.
 
     Args:
@@ -41,8 +53,8 @@ def _load_corners(X_camera_mesh, positions, indices, first_index, corners):
 
 
 @inlined
-def _load_normals(X_camera_mesh, normals, indices, first_index, corner_normals):
-    """Write the normals of a triangle's corners in the camera's frame, of any length; otherwise as ``_load_corners``.
+def _camera_normals(X_camera_mesh, normals, indices, first_index, corner_normals):
+    """Write the normals of a triangle's corners in the camera's frame, of any length; otherwise as ``_camera_corners``.
 
     Args:
         normals: pointer to (N, 3) float32, in the mesh's frame.
@@ -51,10 +63,7 @@ def _load_normals(X_camera_mesh, normals, indices, first_index, corner_normals):
     m = X_camera_mesh
     for axis in range(3):
         # Normals transform by the cofactors: the inverse transpose times the determinant.
-        i, j = 4 * ((axis + 1) % 3), 4 * ((axis + 2) % 3)
-        cx = m[i + 1] * m[j + 2] - m[i + 2] * m[j + 1]
-        cy = m[i + 2] * m[j] - m[i] * m[j + 2]
-        cz = m[i] * m[j + 1] - m[i + 1] * m[j]
+        cx, cy, cz = _cross(advance(m, 4 * ((axis + 1) % 3)), advance(m, 4 * ((axis + 2) % 3)))
         for k in range(3):
             v = 3 * np.int64(indices[first_index + k])
             x, y, z = np.float64(normals[v]), np.float64(normals[v + 1]), np.float64(normals[v + 2])
@@ -66,19 +75,16 @@ def _adjugate(corners, out):
     """Write the adjugate of [p0 p1 p2], its inverse times its determinant: rows p1 x p2, p2 x p0 and p0 x p1.
 
     Args:
-        corners: as from ``_load_corners``.
+        corners: as from ``_camera_corners``.
         out: pointer to 9 float64: row k goes to ``out[3 k .. 3 k + 3]``.
 
     Returns:
         The determinant, float64.
     """
-    p = corners
     for k in range(3):
-        i, j = 3 * ((k + 1) % 3), 3 * ((k + 2) % 3)
-        out[3 * k] = p[i + 1] * p[j + 2] - p[i + 2] * p[j + 1]
-        out[3 * k + 1] = p[i + 2] * p[j] - p[i] * p[j + 2]
-        out[3 * k + 2] = p[i] * p[j + 1] - p[i + 1] * p[j]
-    return out[0] * p[0] + out[1] * p[1] + out[2] * p[2]
+        a, b = advance(corners, 3 * ((k + 1) % 3)), advance(corners, 3 * ((k + 2) % 3))
+        out[3 * k], out[3 * k + 1], out[3 * k + 2] = _cross(a, b)
+    return out[0] * corners[0] + out[1] * corners[1] + out[2] * corners[2]
 
 
 @inlined
@@ -93,7 +99,7 @@ def _geometric_normal(adjugate, determinant):
     x, y, z = a[0] + a[3] + a[6], a[1] + a[4] + a[7], a[2] + a[5] + a[8]
     length = np.sqrt(x * x + y * y + z * z)
     if not length > 0.0:
-        return 0.0, 0.0, -1.0  # towards the camera
+        return _TOWARDS_CAMERA
     scale = 1.0 / length if determinant <= 0.0 else -1.0 / length
     return x * scale, y * scale, z * scale
 
@@ -103,7 +109,7 @@ def _smooth_normal(adjugate, corner_normals, ray_x, ray_y, flat_normal):
     """Return the interpolated unit normal where a ray (ray_x, ray_y, 1) meets a triangle; ``flat_normal`` if none.
 
     Args:
-        adjugate, corner_normals: as from ``_adjugate`` and ``_load_normals``.
+        adjugate, corner_normals: as from ``_adjugate`` and ``_camera_normals``.
     """
     a, n = adjugate, corner_normals
     # The product of the rows and the ray is proportional to the barycentric coordinates.
@@ -122,6 +128,19 @@ def _smooth_normal(adjugate, corner_normals, ray_x, ray_y, flat_normal):
     return x * scale, y * scale, z * scale
 
 
+@inlined
+def _fill_normals(out, start, stop, normal):
+    """Write one normal to the pixels ``start .. stop`` of a row.
+
+    Args:
+        out: pointer to the row, (width, 3) float32.
+        normal: three float64.
+    """
+    for column in range(start, stop):
+        for axis in range(3):
+            out[3 * column + axis] = normal[axis]
+
+
 @device_function
 def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
     """Write the normals, unit vectors in the camera's frame, of the pixels ``start .. stop`` that see one primitive.
@@ -132,28 +151,24 @@ def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
     out = advance(f32_at(frame.normal), 3 * row * frame.width)
     instance = frame.instances[instance_index]
     if instance.topology != TOPOLOGY_TRIANGLES:
-        for column in range(start, stop):  # towards the camera
-            out[3 * column] = 0.0
-            out[3 * column + 1] = 0.0
-            out[3 * column + 2] = -1.0
+        _fill_normals(out, start, stop, _TOWARDS_CAMERA)
         return
     X_camera_mesh = advance(frame.X_camera_mesh, 16 * instance_index)
     first_index = 3 * (primitive_id - instance.first_primitive)
     corners, adjugate, corner_normals = _corner_array(), _adjugate_array(), _normal_array()
-    _load_corners(X_camera_mesh, instance.mesh_positions, instance.mesh_indices, first_index, corners)
-    flat_normal = _geometric_normal(adjugate, _adjugate(corners, adjugate))
-    is_smooth = instance.mesh_normals != 0
-    if is_smooth:
-        mesh_normals = f32_at(instance.mesh_normals)
-        _load_normals(X_camera_mesh, mesh_normals, instance.mesh_indices, first_index, corner_normals)
+    _camera_corners(X_camera_mesh, instance.mesh_positions, instance.mesh_indices, first_index, corners)
+    determinant = _adjugate(corners, adjugate)
+    flat_normal = _geometric_normal(adjugate, determinant)
+    if instance.mesh_normals == 0:
+        _fill_normals(out, start, stop, flat_normal)
+        return
+    mesh_normals = f32_at(instance.mesh_normals)
+    _camera_normals(X_camera_mesh, mesh_normals, instance.mesh_indices, first_index, corner_normals)
     ray_y = (row + 0.5 - frame.cy) / frame.fy
     for column in range(start, stop):
-        normal = flat_normal
-        if is_smooth:
-            ray_x = (column + 0.5 - frame.cx) / frame.fx
-            normal = _smooth_normal(adjugate, corner_normals, ray_x, ray_y, flat_normal)
-        for axis in range(3):
-            out[3 * column + axis] = normal[axis]
+        ray_x = (column + 0.5 - frame.cx) / frame.fx
+        normal = _smooth_normal(adjugate, corner_normals, ray_x, ray_y, flat_normal)
+        _fill_normals(out, column, column + 1, normal)
 
 
 @kernel("void(int64, int64, int64, int64)")
@@ -165,7 +180,7 @@ def resolve_normals(frame_address, first_row, end_row, band_memory):
     frame, layer = frame_at(frame_address), _new_layer()
     set_band_layer(frame, layer, first_row, band_memory)
     width = frame.width
-    instance = np.int64(0)
+    instance_index = np.int64(0)
     for row in range(first_row, end_row):
         ids = advance(layer.ids, (row - layer.first_row) * frame.stride)
         start = 0
@@ -175,24 +190,17 @@ def resolve_normals(frame_address, first_row, end_row, band_memory):
             while stop < width and ids[stop] == primitive_id:
                 stop += 1
             if primitive_id >= 0:
-                instance = instance_of(frame.first_ids, frame.instance_count, primitive_id, instance)
-                _resolve_normal_span(frame, instance, primitive_id, row, start, stop)
+                # The last one found is tried first.
+                instance_index = instance_of(frame.first_ids, frame.instance_count, primitive_id, instance_index)
+                _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop)
             else:
-                normals = advance(f32_at(frame.normal), 3 * row * width)
-                for value in range(3 * start, 3 * stop):
-                    normals[value] = 0.0
+                _fill_normals(advance(f32_at(frame.normal), 3 * row * width), start, stop, _NO_NORMAL)
             start = stop
-
-
-_BACKGROUND_LABEL: Final = int(np.uint32(LABEL_NONE).astype(np.int32))
-_BACKGROUND_ID: Final = -1
-_PREFETCH_DISTANCE: Final = 1024
-"""Pixels from the one that is written to the one that is prefetched."""
 
 
 @device_function
 def _resolve_depth_row(inv_z, ids, out, width):
-    """Write the depth of one row. Labels are written later, since consecutive stores to a cache line are combined.
+    """Write the depth of one row.
 
     Args:
         inv_z, ids: pointers to the row's 1/z, float32, and primitive ids, int32, whole vectors of them.
@@ -232,19 +240,19 @@ def _resolve_instance_row(frame, ids, table, background, out):
     """
     first_ids, width = frame.first_ids, frame.width
     # The instance that was seen last, its value, and the range of its primitive ids.
-    last_instance, last_value, first_id, end_id = np.int64(0), np.int32(0), np.int64(0), np.int64(0)
+    last_index, last_value, first_id, end_id = np.int64(0), np.int32(0), np.int64(0), np.int64(0)
     for column in range(0, width, vec.LANES):
         eight_ids = vec.load(ids, column)
-        is_same = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
-        values = vec.select(is_same, vec.i32(last_value), vec.i32(background))
-        pending = vec.movemask((eight_ids >= vec.i32(0)) & ~is_same)
+        sees_last = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
+        values = vec.select(sees_last, vec.i32(last_value), vec.i32(background))
+        pending = vec.movemask((eight_ids >= vec.i32(0)) & ~sees_last)
         while pending != 0:
             primitive_id = np.int64(ids[column + vec.lowest_bit(pending)])
-            last_instance = instance_of(first_ids, frame.instance_count, primitive_id, last_instance)
-            last_value, first_id, end_id = table[last_instance], first_ids[last_instance], first_ids[last_instance + 1]
-            is_same = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
-            values = vec.select(is_same, vec.i32(last_value), values)
-            pending &= ~vec.movemask(is_same)
+            last_index = instance_of(first_ids, frame.instance_count, primitive_id, last_index)
+            last_value, first_id, end_id = table[last_index], first_ids[last_index], first_ids[last_index + 1]
+            sees_last = (eight_ids >= vec.i32(first_id)) & (eight_ids < vec.i32(end_id))
+            values = vec.select(sees_last, vec.i32(last_value), values)
+            pending &= ~vec.movemask(sees_last)
         _store_columns(out, column, width, values)
 
 
@@ -260,6 +268,7 @@ def resolve_band(frame_address, first_row, end_row, band_memory):
     for row in range(first_row, end_row):
         layer_pixel, pixel = (row - layer.first_row) * frame.stride, row * frame.width
         ids, inv_z = advance(layer.ids, layer_pixel), advance(layer.inv_z, layer_pixel)
+        # One output after the other: consecutive stores to a cache line are combined.
         if frame.depth != 0:
             _resolve_depth_row(inv_z, ids, advance(f32_at(frame.depth), pixel), frame.width)
         if frame.label != 0:

@@ -8,7 +8,7 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pointers import advance, as_f32
-from renderers.raster.chunks import append_bins, bins_of
+from renderers.raster.chunks import append_primitive, bins_of
 from renderers.raster.layout import (
     BACK_BIT,
     CHUNK_SIZE,
@@ -30,19 +30,15 @@ def _begin_chunk(frame, index):
     chunk.primitives = frame.primitives[index * CHUNK_SIZE]
     chunk.bins = advance(frame.chunk_memory, index * CHUNK_VALUES)
     chunk.pixels = advance(chunk.bins, CHUNK_SIZE)
-    chunk.pixel_inv_z = as_f32(advance(chunk.pixels, PIXEL_ROOM))
-    chunk.pixel_ids = advance(chunk.pixels, 2 * PIXEL_ROOM)
+    pixel_inv_z = advance(chunk.pixels, PIXEL_ROOM)
+    chunk.pixel_inv_z, chunk.pixel_ids = as_f32(pixel_inv_z), advance(pixel_inv_z, PIXEL_ROOM)
     chunk.count = chunk.pixel_count = 0
     return chunk
 
 
 @device_function
 def _draw_of_primitive(frame, drawn_index):
-    """Return the index of the draw with a primitive: the last one whose first primitive is not behind it.
-
-    Args:
-        drawn_index: index of the primitive among those of all draws.
-    """
+    """Return the index of a primitive's draw: the last one with ``first_primitive <= drawn_index``."""
     low = 0
     high = frame.draw_count
     while high - low > 1:
@@ -57,13 +53,13 @@ def _draw_of_primitive(frame, drawn_index):
 @device_function
 def _set_up_line_or_point(frame, draw, mesh_index, chunk):
     """Set up a line or a point, and append it to a CHUNK if it may be visible."""
-    primitive = chunk.primitives[chunk.count]
+    primitive = chunk.primitives[chunk.count]  # the first free place
     if draw.topology == TOPOLOGY_LINES:
         first_bin, last_bin = set_up_line(frame, draw, mesh_index, primitive)
     else:  # a point
         first_bin, last_bin = set_up_point(frame, draw, mesh_index, primitive)
     primitive.id = draw.first_id + mesh_index
-    append_bins(chunk, first_bin, last_bin)
+    append_primitive(chunk, first_bin, last_bin)
 
 
 @inlined
@@ -71,19 +67,20 @@ def _set_up_primitives(frame, chunk, begin, end):
     """Set up primitives, and append what may be visible to a CHUNK.
 
     Args:
-        begin, end: range of indices among the primitives of all draws.
+        begin, end: range of drawn indices.
     """
     draw_index = _draw_of_primitive(frame, begin)
-    while begin < end:
+    draw_begin = begin
+    while draw_begin < end:
         draw = frame.draws[draw_index]
         draw_end = min(end, frame.draws[draw_index + 1].first_primitive)
         first_of_draw = draw.first_primitive
         if draw.topology == TOPOLOGY_TRIANGLES:
-            set_up_triangles(frame, draw_index, begin - first_of_draw, draw_end - first_of_draw, chunk)
+            set_up_triangles(frame, draw_index, draw_begin - first_of_draw, draw_end - first_of_draw, chunk)
         else:
-            for drawn_index in range(begin, draw_end):
+            for drawn_index in range(draw_begin, draw_end):
                 _set_up_line_or_point(frame, draw, drawn_index - first_of_draw, chunk)
-        begin = draw_end
+        draw_begin = draw_end
         draw_index += 1
 
 
@@ -93,10 +90,10 @@ def _find_bands(frame, chunk):
     first_band, last_band = frame.band_count, np.int64(-1)
     for k in range(chunk.count):
         first_bin, last_bin = bins_of(chunk, k)
-        # A primitive is in front or in back bins only; back bins follow those of all bands.
-        skipped_bins = frame.band_count if first_bin >= frame.band_count else 0
-        first_band = min(first_band, first_bin - skipped_bins)
-        last_band = max(last_band, last_bin - skipped_bins)
+        # A primitive is in front bins or in back bins only. If back faces are kept, first_back_bin is band_count.
+        base_bin = frame.band_count if first_bin >= frame.band_count else 0
+        first_band = min(first_band, first_bin - base_bin)
+        last_band = max(last_band, last_bin - base_bin)
     if chunk.pixel_count != 0:
         first_pixel = last_pixel = chunk.pixels[0] & ~BACK_BIT
         for k in range(1, chunk.pixel_count):
@@ -108,17 +105,13 @@ def _find_bands(frame, chunk):
 
 
 @kernel("void(int64, int64, int64)")
-def setup(frame_address, begin, end):
-    """Set up some chunks of the drawn primitives.
-
-    Args:
-        frame_address: address of a FRAME.
-        begin, end: range of indices of chunks.
-    """
+def setup(frame_address, begin_chunk, end_chunk):
+    """Set up the chunks ``begin_chunk .. end_chunk`` of the drawn primitives of the FRAME at an address."""
     frame = frame_at(frame_address)
-    for index in range(begin, end):
+    for index in range(begin_chunk, end_chunk):
         if is_set(frame.stop):
             break
-        chunk, first = _begin_chunk(frame, index), index * CHUNK_SIZE
+        chunk = _begin_chunk(frame, index)
+        first = index * CHUNK_SIZE
         _set_up_primitives(frame, chunk, first, min(first + CHUNK_SIZE, frame.primitive_count))
         _find_bands(frame, chunk)

@@ -4,12 +4,16 @@ A block has eight columns and four rows. It is drawn if any of its pixels is cov
 
 Spans are quotients in float32, yet exact, in these steps:
 
-1. Edge functions change by multiples of 256 per column and row, so that e >> 8 has the sign of e. It is an integer
-   below 2^23, and its changes are integers of at most 2^15: exact in float32.
+1. e >> 8 has the sign of e. Edge functions change by multiples of 256 per column and row, so that e >> 8 changes by
+   exactly change >> 8. It is an integer below 2^23, and its changes are at most 129 x 256 (128 rows of centres lie in
+   fewer than 129 pixels): exact in float32.
 2. With a half added, value = (e >> 8) + 1/2 is never 0. Column c is inside where value + c dx > 0.
-3. The limit is the quotient q = -value / dx. It differs from every integer by at least (1/2) / |dx| >= 2^-16.
-4. Computed as value * (-1 / dx), within MAX_SMALL_WIDTH, q has an error of at most 72 x 2^-23 < 2^-16, and so is on the
-   right side of every column.
+3. The limit is the quotient q = -value / dx. It differs from every integer by at least (1/2) / |dx| > 15.1e-6.
+4. It is computed as value * (-1 / dx), with two roundings of 2^-24 each. Within the box, where |q| <= MAX_SMALL_WIDTH =
+   64, the error is at most 64 x 2^-23 < 7.7e-6: q is on the right side of every column. Farther out it stays beyond
+   the box.
+5. The first column inside a lower limit is floor(q + 1), the end at an upper one too. The computed q is more than
+   7.4e-6 away from integers, and the sum, below 128, is rounded by at most 2^-18 < 3.9e-6: floor does not change.
 
 The trip count of a loop over columns could not be predicted for small triangles. Therefore one loop goes over the set
 bits of a mask of blocks. About half of a box is never tested.
@@ -27,7 +31,7 @@ from renderers.compiler.device_function import inlined
 from renderers.compiler.pointers import address, f32_at, i32_at
 from renderers.compiler.structs import F32, I32, I64, Struct, array_of
 from renderers.raster.depth_test import depth_test
-from renderers.raster.layout import MAX_SMALL_WIDTH, SUBPIXEL_BITS, box_of
+from renderers.raster.layout import MAX_SMALL_WIDTH, SMALL_TRIANGLE, SUBPIXEL_BITS, box_of
 from renderers.visibility_buffer import BAND_ROWS
 
 _BLOCK_ROWS: Final = 4
@@ -38,38 +42,46 @@ PREPARED: Final = Struct(
         "row_inv_z": array_of(F32, BAND_ROWS),  # of each row: 1/z at the box's first column
         "row_begin_in_box": array_of(I32, BAND_ROWS),  # first covered column, counted from the box's first
         "row_column_count": array_of(I32, BAND_ROWS),  # number of covered columns
-        "blocks_to_7": I64,  # mask of blocks with any covered column: for each four rows, the first eight blocks
-        "blocks_from_8": I64,  # the same of the next eight blocks
+        # Masks of the blocks with any covered column. Bit 8 r + b: block b of block row r, which is four rows; of the
+        # second mask: block 8 + b. A box that is not aligned has up to nine blocks in a row.
+        "blocks": array_of(I64, 2),
         "first_row": I64,  # row of the image
         "row_count": I64,  # within the band
         "first_column": I64,  # of the first block; column of the image
         "first_column_in_box": I64,  # the same, counted from the box's first column
         "id": I64,
-        "tail": array_of(F32, vec.LANES),  # the last eight values of the SMALL_TRIANGLE
+        "last_fields": array_of(F32, vec.LANES),  # the last eight fields of the SMALL_TRIANGLE
     },
 )
 """A small triangle within a band, from ``prepare_small`` for ``draw_small``."""
-# Lanes of the first eight values of a SMALL_TRIANGLE.
-_EDGES: Final = 0
-_EDGE_DX: Final = 3
-_EDGE0_DY: Final = 5
-# Lanes of its last eight values.
-_EDGE1_DY: Final = 0
-_INV_Z_BASE: Final = 3
-_INV_Z_DX: Final = 4
-_INV_Z_DY: Final = 5
-_INV_Z_MIN: Final = 6
-_INV_Z_MAX: Final = 7
+
+
+def _lane_of(field: str) -> int:
+    """Return the lane of a field of a SMALL_TRIANGLE, whose 16 values are loaded as two vectors."""
+    return int(SMALL_TRIANGLE.type.offsets[field]) // 4 % vec.LANES
+
+
+_EDGES: Final = _lane_of("edges")
+_EDGE_DX: Final = _lane_of("edge_dx")
+_EDGE0_DY: Final = _lane_of("edge0_dy")
+_EDGE1_DY: Final = _lane_of("edge1_dy")
+_INV_Z_BASE: Final = _lane_of("inv_z_base")
+_INV_Z_DX: Final = _lane_of("inv_z_dx")
+_INV_Z_DY: Final = _lane_of("inv_z_dy")
+_INV_Z_MIN: Final = _lane_of("inv_z_min")
+_INV_Z_MAX: Final = _lane_of("inv_z_max")
 _GROUP_SHIFT: Final = 2 * vec.LANES
-"""Bits of a mask of blocks for eight rows, which are two rows of blocks. Four groups of rows are a band."""
-assert MAX_SMALL_WIDTH // vec.LANES < 2 * vec.LANES
+"""Bits of a mask of blocks for a group of eight rows, which is two rows of blocks. Four groups are a band."""
+_BLOCK_SHIFT: Final = vec.LANES.bit_length() - 1
+"""``column >> _BLOCK_SHIFT`` is the block of a column."""
+assert MAX_SMALL_WIDTH // vec.LANES < 2 * vec.LANES  # the masks have 16 blocks in a row
 assert BAND_ROWS == 4 * vec.LANES
 
 
 class _RowEdges(NamedTuple):
     """Three edge functions, and how they limit the columns of a row; three f32x8 each, the same in all lanes."""
 
-    first: Any
+    base: Any
     """At row and column 0 of the box, plus a half."""
     dy: Any
     """Change per row."""
@@ -87,27 +99,27 @@ def _broadcast_lane(vector, k):
 @inlined
 def _load_edges(triangle):
     """Return the _RowEdges of a SMALL_TRIANGLE."""
-    # All fields by two loads: a third of the instructions of one for each.
-    values, bits = i32_at(address(triangle)), vec.i32(SUBPIXEL_BITS)
-    fields, tail = vec.to_f32(vec.load(values, 0) >> bits), vec.to_f32(vec.load(values, vec.LANES) >> bits)
+    # All fields by two loads: a third of the instructions of one for each. Lanes of other fields are not used.
+    fields, bits = i32_at(address(triangle)), vec.i32(SUBPIXEL_BITS)
+    first, last = vec.to_f32(vec.load(fields, 0) >> bits), vec.to_f32(vec.load(fields, vec.LANES) >> bits)
     e0, e1, e2 = (
-        _broadcast_lane(fields, _EDGES),
-        _broadcast_lane(fields, _EDGES + 1),
-        _broadcast_lane(fields, _EDGES + 2),
+        _broadcast_lane(first, _EDGES),
+        _broadcast_lane(first, _EDGES + 1),
+        _broadcast_lane(first, _EDGES + 2),
     )
-    e0_dx, e1_dx = _broadcast_lane(fields, _EDGE_DX), _broadcast_lane(fields, _EDGE_DX + 1)
-    e0_dy, e1_dy = _broadcast_lane(fields, _EDGE0_DY), _broadcast_lane(tail, _EDGE1_DY)
+    e0_dx, e1_dx = _broadcast_lane(first, _EDGE_DX), _broadcast_lane(first, _EDGE_DX + 1)
+    e0_dy, e1_dy = _broadcast_lane(first, _EDGE0_DY), _broadcast_lane(last, _EDGE1_DY)
     half, zero, no_limit = vec.f32(0.5), vec.f32(0.0), vec.f32(math.nan)
     e2_dx, e2_dy = zero - e0_dx - e1_dx, zero - e0_dy - e1_dy
     # One division for all three edges, in lanes 0 to 2.
     lane = vec.iota()
     edge_dx = vec.select(lane == vec.i32(0), e0_dx, vec.select(lane == vec.i32(1), e1_dx, e2_dx))
     scale = vec.f32(-1.0) / edge_dx
-    # A horizontal edge holds for all of a row or for nothing: an infinite lower limit.
+    # The scale of a horizontal edge is -inf: its lower limit is -inf where value > 0, and +inf, no column, elsewhere.
     lower = vec.select(edge_dx >= zero, scale, no_limit)
     upper = vec.select(edge_dx >= zero, no_limit, scale)
     return _RowEdges(
-        first=(e0 + half, e1 + half, e2 + half),
+        base=(e0 + half, e1 + half, e2 + half),
         dy=(e0_dy, e1_dy, e2_dy),
         lower_scale=(_broadcast_lane(lower, 0), _broadcast_lane(lower, 1), _broadcast_lane(lower, 2)),
         upper_scale=(_broadcast_lane(upper, 0), _broadcast_lane(upper, 1), _broadcast_lane(upper, 2)),
@@ -118,8 +130,7 @@ def _load_edges(triangle):
 def _covered_columns(edges, row_in_box, lower, upper):
     """Return the first covered column, counted from the box's first, and their number in each of eight rows, i32x8.
 
-    Column c is covered if lower < c < upper. No limit is an integer, nor nearer to one than 6e-6 where it counts, and
-    sums below 128 are at most 4e-6 off. So the first column is floor(lower + 1), and the end floor(upper + 1).
+    Column c is covered if lower < c < upper. So the first one is floor(lower + 1), the end floor(upper + 1): step 5.
 
     Args:
         edges: a _RowEdges.
@@ -130,7 +141,8 @@ def _covered_columns(edges, row_in_box, lower, upper):
     lower, upper = _limit_by_edge(lower, upper, edges, 0, row_in_box)
     lower, upper = _limit_by_edge(lower, upper, edges, 1, row_in_box)
     lower, upper = _limit_by_edge(lower, upper, edges, 2, row_in_box)
-    # A nearly horizontal edge may limit a row anywhere, also outside of int32. to_i32 is floor of what is not negative.
+    # A nearly horizontal edge may limit a row anywhere: minimum and maximum keep its limits within int32. to_i32 is
+    # floor of what is not negative.
     begin = vec.to_i32(vec.minimum(lower, box_upper) + one)
     end = vec.to_i32(vec.maximum(upper + one, vec.f32(0.0)))
     return begin, vec.maximum(end - begin, vec.i32(0))
@@ -139,26 +151,38 @@ def _covered_columns(edges, row_in_box, lower, upper):
 @inlined
 def _limit_by_edge(lower, upper, edges, k, row_in_box):
     """Return the column limits of eight rows, narrowed to the inner side of edge ``k``; arguments as above."""
-    value = edges.first[k] + edges.dy[k] * row_in_box
+    value = edges.base[k] + edges.dy[k] * row_in_box
     # NaN limits nothing: minimum and maximum return their second argument.
     return vec.maximum(value * edges.lower_scale[k], lower), vec.minimum(value * edges.upper_scale[k], upper)
 
 
 @inlined
-def _block_masks(begin_in_blocks, column_count):
-    """Return the masks of the blocks of eight rows in which any column is covered, as PREPARED's, int64.
+def _block_masks(begin, column_count):
+    """Return the two masks, as PREPARED.blocks, of the blocks of eight rows in which any column is covered, int64.
 
     Args:
-        begin_in_blocks, column_count: i32x8: the rows' first covered columns, counted from the first block's, and their
+        begin, column_count: i32x8: the rows' first covered columns, counted from the first block's first, and their
             number.
     """
-    bits, none = vec.i32(3), vec.i32(0)  # of a column within a block
-    end = begin_in_blocks + column_count + vec.i32(vec.LANES - 1)
-    blocks = (vec.i32(1) << (end >> bits)) - (vec.i32(1) << (begin_in_blocks >> bits))
+    bits, none = vec.i32(_BLOCK_SHIFT), vec.i32(0)
+    end = begin + column_count + vec.i32(vec.LANES - 1)
+    blocks = (vec.i32(1) << (end >> bits)) - (vec.i32(1) << (begin >> bits))
     blocks = vec.select(column_count > none, blocks, none)
+    # The eight rows are two rows of blocks of 16 bits each. A mask has the low bytes of both, the other the high bytes.
     is_top = vec.iota() < vec.i32(_BLOCK_ROWS)
     top, bottom = vec.or_of(vec.select(is_top, blocks, none)), vec.or_of(vec.select(is_top, none, blocks))
     return (top & 255) | ((bottom & 255) << vec.LANES), (top >> vec.LANES) | ((bottom >> vec.LANES) << vec.LANES)
+
+
+@inlined
+def _first_row_of_groups(top, end_row, group_count, first_row):
+    """Return the row of the image with which the groups of eight rows begin, of a triangle from row ``top`` on.
+
+    The last group may end below the band, where the triangle may go on: blocks of those rows would cost time. So the
+    groups start as many rows higher, where nothing is covered, but not above the band. In a band of fewer rows than the
+    groups, ``draw_small`` skips the rest.
+    """
+    return max(min(top, end_row - vec.LANES * group_count), first_row)
 
 
 @inlined
@@ -169,74 +193,71 @@ def prepare_small(frame, triangle, first_row, end_row, prepared):
         first_row, end_row: rows of the image, at most BAND_ROWS.
         prepared: a PREPARED.
     """
-    box_x, box_y, column_count, box_row_count = box_of(triangle)
-    top = max(box_y, first_row)
-    row_count = min(box_y + box_row_count, end_row) - top
-    left, right = max(box_x, np.int64(0)), min(box_x + column_count, frame.width)
-    # Blocks begin where vectors do: a load gets all of what a neighbour has just stored, from one cache line.
+    box_x, box_y, box_column_count, box_row_count = box_of(triangle)
+    top, bottom = max(box_y, first_row), min(box_y + box_row_count, end_row)
+    left, right = max(box_x, np.int64(0)), min(box_x + box_column_count, frame.width)
+    # Blocks begin where vectors do: a load gets all of what the triangle before has just stored, from one cache line.
     block_x = left & ~np.int64(vec.LANES - 1)
     block_x_in_box = block_x - box_x
-    group_count = (row_count + vec.LANES - 1) // vec.LANES
-    # The last group would reach beyond the band where rows may be covered. Above the box none is: move all groups up,
-    # but not out of the band.
-    prepared_top = max(min(top, end_row - vec.LANES * group_count), first_row)
+    group_count = (bottom - top + vec.LANES - 1) // vec.LANES
+    groups_top = _first_row_of_groups(top, end_row, group_count, first_row)
 
-    edges, tail = _load_edges(triangle), vec.load(f32_at(address(triangle)), vec.LANES)
-    inv_z_base, inv_z_dy = _broadcast_lane(tail, _INV_Z_BASE), _broadcast_lane(tail, _INV_Z_DY)
-    row_in_box = vec.to_f32(vec.i32(prepared_top - box_y) + vec.iota())
+    edges, last_fields = _load_edges(triangle), vec.load(f32_at(address(triangle)), vec.LANES)
+    inv_z_base, inv_z_dy = _broadcast_lane(last_fields, _INV_Z_BASE), _broadcast_lane(last_fields, _INV_Z_DY)
+    row_in_box = vec.to_f32(vec.i32(groups_top - box_y) + vec.iota())
     box_lower, box_upper = vec.f32(left - box_x) - vec.f32(0.5), vec.f32(right - box_x) - vec.f32(0.5)
-    blocks_to_7, blocks_from_8 = np.int64(0), np.int64(0)
+    low_blocks, high_blocks = np.int64(0), np.int64(0)
     for group in range(group_count):
-        begin_in_box, covered_count = _covered_columns(edges, row_in_box, box_lower, box_upper)
+        begin_in_box, column_count = _covered_columns(edges, row_in_box, box_lower, box_upper)
         vec.store(prepared.row_begin_in_box, vec.LANES * group, begin_in_box)
-        vec.store(prepared.row_column_count, vec.LANES * group, covered_count)
-        to_7, from_8 = _block_masks(begin_in_box - vec.i32(block_x_in_box), covered_count)
-        blocks_to_7 |= to_7 << (_GROUP_SHIFT * group)
-        blocks_from_8 |= from_8 << (_GROUP_SHIFT * group)
+        vec.store(prepared.row_column_count, vec.LANES * group, column_count)
+        low, high = _block_masks(begin_in_box - vec.i32(block_x_in_box), column_count)
+        low_blocks |= low << (_GROUP_SHIFT * group)
+        high_blocks |= high << (_GROUP_SHIFT * group)
         vec.store(prepared.row_inv_z, vec.LANES * group, inv_z_base + inv_z_dy * row_in_box)
         row_in_box = row_in_box + vec.f32(float(vec.LANES))
 
-    prepared.blocks_to_7, prepared.blocks_from_8 = blocks_to_7, blocks_from_8
-    prepared.first_row = prepared_top
-    prepared.row_count = min(end_row - prepared_top, vec.LANES * group_count)
+    prepared.blocks[0], prepared.blocks[1] = low_blocks, high_blocks
+    prepared.first_row = groups_top
+    prepared.row_count = min(end_row - groups_top, vec.LANES * group_count)
     prepared.first_column, prepared.first_column_in_box = block_x, block_x_in_box
     prepared.id = triangle.id
-    vec.store(prepared.tail, 0, tail)
+    vec.store(prepared.last_fields, 0, last_fields)
 
 
 @inlined
-def _draw_block(frame, layer, depth_rule, prepared, first, row_count, x_in_blocks):
+def _draw_block(frame, layer, depth_rule, prepared, block_row, row_count, column_offset):
     """Draw the first ``row_count`` rows of a block of a PREPARED.
 
     Args:
-        first: the block's first row, counted from PREPARED.first_row.
-        x_in_blocks: the block's first column, counted from that of the first block.
+        block_row: the block's first row, counted from PREPARED.first_row.
+        column_offset: the block's first column, counted from PREPARED.first_column.
     """
-    tail, ids = prepared.tail, vec.i32(prepared.id)
-    inv_z_min, inv_z_max = vec.f32(tail[_INV_Z_MIN]), vec.f32(tail[_INV_Z_MAX])
-    columns_in_box = vec.i32(prepared.first_column_in_box + x_in_blocks) + vec.iota()
-    column_inv_z = vec.f32(tail[_INV_Z_DX]) * vec.to_f32(columns_in_box)
-    row_in_layer = prepared.first_row + first - layer.first_row
-    pixel = row_in_layer * frame.stride + prepared.first_column + x_in_blocks
+    last_fields, ids = prepared.last_fields, vec.i32(prepared.id)
+    inv_z_min, inv_z_max = vec.f32(last_fields[_INV_Z_MIN]), vec.f32(last_fields[_INV_Z_MAX])
+    columns_in_box = vec.i32(prepared.first_column_in_box + column_offset) + vec.iota()
+    column_inv_z = vec.f32(last_fields[_INV_Z_DX]) * vec.to_f32(columns_in_box)
+    row_in_layer = prepared.first_row + block_row - layer.first_row
+    pixel = row_in_layer * frame.stride + prepared.first_column + column_offset
     for k in range(row_count):
-        row = first + k
-        inv_z = vec.f32(prepared.row_inv_z[row]) + column_inv_z
+        prepared_row = block_row + k
+        inv_z = vec.f32(prepared.row_inv_z[prepared_row]) + column_inv_z
         inv_z = vec.minimum(vec.maximum(inv_z, inv_z_min), inv_z_max)
         # One comparison of unsigned numbers tells whether a column is in the span.
-        column_in_span = columns_in_box - vec.i32(prepared.row_begin_in_box[row])
-        covered = vec.less_unsigned(column_in_span, vec.i32(prepared.row_column_count[row]))
+        column_in_span = columns_in_box - vec.i32(prepared.row_begin_in_box[prepared_row])
+        covered = vec.less_unsigned(column_in_span, vec.i32(prepared.row_column_count[prepared_row]))
         depth_test(frame, layer, depth_rule, pixel + k * frame.stride, inv_z, covered, ids)
 
 
 @inlined
 def draw_small(frame, layer, depth_rule, prepared):
     """Draw a triangle that ``prepare_small`` has prepared; ``depth_rule`` as for ``depth_test``."""
-    blocks, x_in_blocks = prepared.blocks_to_7, 0
-    for _ in range(1 if prepared.blocks_from_8 == 0 else 2):  # a loop: inlined twice, draw_band would compile longer
+    for half in range(1 if prepared.blocks[1] == 0 else 2):  # a loop: inlined twice, draw_band would compile longer
+        blocks = prepared.blocks[half]
         while blocks != 0:
             bit = vec.lowest_bit(blocks)
             blocks &= blocks - 1
             row = bit // vec.LANES * _BLOCK_ROWS
-            x = x_in_blocks + bit % vec.LANES * vec.LANES
-            _draw_block(frame, layer, depth_rule, prepared, row, min(prepared.row_count - row, _BLOCK_ROWS), x)
-        blocks, x_in_blocks = prepared.blocks_from_8, vec.LANES * vec.LANES
+            column_offset = (half * vec.LANES + bit % vec.LANES) * vec.LANES
+            row_count = min(prepared.row_count - row, _BLOCK_ROWS)
+            _draw_block(frame, layer, depth_rule, prepared, row, row_count, column_offset)

@@ -23,10 +23,10 @@ _vertex_array = stack_array(types.float32, 4 * vec.LANES)
 
 @device_function
 def _draw_of_vertex(frame, vertex):
-    """Return the index of the draw with a vertex: the last one whose first vertex is not behind it.
+    """Return the index of the draw that a vertex belongs to: the last one with ``first_vertex <= vertex``.
 
     Args:
-        vertex: its index among the vertices of all draws.
+        vertex: index among the vertices of all draws.
     """
     low = 0
     high = frame.draw_count
@@ -94,12 +94,13 @@ def transform(frame_address, begin, end):
     """
     frame = frame_at(frame_address)
     draw_index = _draw_of_vertex(frame, begin)
-    while begin < end and not is_set(frame.stop):
+    first = begin
+    while first < end and not is_set(frame.stop):
         draw = frame.draws[draw_index]
         draw_end = frame.draws[draw_index + 1].first_vertex
-        stop = min(end, draw_end, begin + _BLOCK)
-        offset = begin - draw.first_vertex
-        positions, out = advance(draw.positions, 3 * offset), advance(frame.vertices, 4 * begin)
-        _transform(frame, draw.X_camera_mesh, positions, stop - begin, out)
-        begin = max(begin, stop)
-        draw_index += begin >= draw_end
+        stop = min(end, draw_end, first + _BLOCK)
+        offset = first - draw.first_vertex
+        positions, out = advance(draw.positions, 3 * offset), advance(frame.vertices, 4 * first)
+        _transform(frame, draw.X_camera_mesh, positions, stop - first, out)
+        first = max(first, stop)
+        draw_index += first >= draw_end

@@ -1,4 +1,4 @@
-"""Eight triangles, one per lane: corners, boxes, edge functions and planes of 1/z."""
+"""Eight triangles, one per lane: corners, boxes, edge functions and planes of 1/z. In them, ``w`` is 1/z, 1/m."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ _index_array = stack_array(types.int32, _CORNERS * vec.LANES)
 class Edges(NamedTuple):
     """Edge functions of a triangle's three edges, three i32x8 each. A point is covered where all are at least 0.
 
-    They are the cross product of two vectors in grid units.
+    That of the edge a -> b at p is (b - a) x (p - a), square grid units. It is lowered by one on open edges: so the
+    comparison is the top-left rule.
     """
 
-    first: Any
+    base: Any
     """At the first pixel centre of the box."""
     dx: Any
     """Change per column."""
@@ -33,7 +34,7 @@ class Edges(NamedTuple):
 class InvZPlane(NamedTuple):
     """1/z of eight triangles as a function of the pixel, 1/m, f32x8 each. It is linear on the screen."""
 
-    first: Any
+    base: Any
     """At the first pixel centre of the box."""
     dx: Any
     """Change per column."""
@@ -67,12 +68,6 @@ def load_triangles(draw, first, count, vertices):
 
 
 @inlined
-def select_3(mask, a, b):
-    """Return each of three vectors of ``a`` where the mask, m8, is set, else that of ``b``."""
-    return vec.select(mask, a[0], b[0]), vec.select(mask, a[1], b[1]), vec.select(mask, a[2], b[2])
-
-
-@inlined
 def minimum_of_3(a):
     """Return the minimum of three vectors, lane by lane."""
     return vec.minimum(vec.minimum(a[0], a[1]), a[2])
@@ -93,13 +88,15 @@ def snap_to_grid_3(a):
 
 @inlined
 def bounding_box(gx, gy, reach):
-    """Return the Box, i32x8 each, of corners on the grid; as ``grid.first_center``, perhaps off the image.
+    """Return the Box, i32x8 each, of corners on the grid; perhaps off the image.
 
     Args:
         gx, gy: three i32x8 each.
         reach: as FRAME.sample_reach.
     """
     bits = vec.i32(SUBPIXEL_BITS)
+    # first_center of the coordinate -+ reach. Right and bottom edges are open, so the first centre at or after them is
+    # one past the last pixel.
     low_bias, high_bias = vec.i32(SUBPIXEL - 1 - HALF_PIXEL - reach), vec.i32(SUBPIXEL - 1 - HALF_PIXEL + reach)
     return Box(
         left=(minimum_of_3(gx) + low_bias) >> bits,
@@ -110,7 +107,7 @@ def bounding_box(gx, gy, reach):
 
 
 @inlined
-def is_in_image(frame, box):
+def overlaps_image(frame, box):
     """Return m8: Boxes, i32x8 each, with any pixel in the image."""
     zero = vec.i32(0)
     has_columns = vec.maximum(box.left, zero) < vec.minimum(box.right, vec.i32(frame.width))
@@ -121,10 +118,8 @@ def is_in_image(frame, box):
 def _edge_function(xa, ya, xb, yb, px, py):
     """Return the edge function of (xa, ya) -> (xb, yb) at the grid point (px, py), and its changes per column and row.
 
-    All are i32x8, in grid units and their squares.
-
-    The function is lowered by one where the edge is open, neither left nor top (top-left rule). Of clockwise triangles,
-    left edges run upwards and top edges to the right.
+    All are i32x8, in grid units and their squares. Edges that are neither left nor top are open. Of clockwise
+    triangles, left edges run upwards and top edges to the right.
     """
     zero, one, bits = vec.i32(0), vec.i32(1), vec.i32(SUBPIXEL_BITS)
     edge_x = xb - xa
@@ -136,13 +131,16 @@ def _edge_function(xa, ya, xb, yb, px, py):
 
 @inlined
 def edge_functions(gx, gy, box):
-    """Return the Edges of clockwise triangles with corners on the grid, three i32x8 each."""
+    """Return the Edges of clockwise triangles with corners on the grid, three i32x8 each.
+
+    Valid for boxes of at most MAX_SMALL_WIDTH x MAX_SMALL_HEIGHT. Of others they have wrapped around.
+    """
     bits, half = vec.i32(SUBPIXEL_BITS), vec.i32(HALF_PIXEL)
     px, py = (box.left << bits) + half, (box.top << bits) + half
     e0, dx0, dy0 = _edge_function(gx[0], gy[0], gx[1], gy[1], px, py)
     e1, dx1, dy1 = _edge_function(gx[1], gy[1], gx[2], gy[2], px, py)
     e2, dx2, dy2 = _edge_function(gx[2], gy[2], gx[0], gy[0], px, py)
-    return Edges(first=(e0, e1, e2), dx=(dx0, dx1, dx2), dy=(dy0, dy1, dy2))
+    return Edges(base=(e0, e1, e2), dx=(dx0, dx1, dx2), dy=(dy0, dy1, dy2))
 
 
 @inlined
@@ -161,7 +159,7 @@ def inv_z_plane(x, y, w, box):
     inverse = vec.f64(1.0) / vec.select(is_flat, vec.f64(1.0), determinant)
     dx = vec.select(is_flat, zero, (uw * vy - vw * uy) * inverse)
     dy = vec.select(is_flat, zero, (vw * ux - uw * vx) * inverse)
-    first = aw + (dx * (vec.to_f64(box.left) + half - ax) + dy * (vec.to_f64(box.top) + half - ay))
+    base = aw + (dx * (vec.to_f64(box.left) + half - ax) + dy * (vec.to_f64(box.top) + half - ay))
     return InvZPlane(
-        first=vec.to_f32(first), dx=vec.to_f32(dx), dy=vec.to_f32(dy), min=minimum_of_3(w), max=maximum_of_3(w)
+        base=vec.to_f32(base), dx=vec.to_f32(dx), dy=vec.to_f32(dy), min=minimum_of_3(w), max=maximum_of_3(w)
     )

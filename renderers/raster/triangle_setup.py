@@ -15,7 +15,7 @@ from numba import types
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import address, advance, i32_at, stack_array
-from renderers.raster.chunks import append_bins, bin_range
+from renderers.raster.chunks import append_primitive, bin_range
 from renderers.raster.layout import (
     BEHIND,
     KIND_SMALL,
@@ -27,18 +27,18 @@ from renderers.raster.layout import (
     small_triangle_at,
 )
 from renderers.raster.primitive_setup import set_up_triangle
-from renderers.raster.tiny_triangles import is_tiny, rasterize_tiny, takes_tiny
+from renderers.raster.tiny_triangles import has_room_for_tiny, is_tiny, rasterize_tiny
 from renderers.raster.triangle_geometry import (
     bounding_box,
     edge_functions,
     inv_z_plane,
-    is_in_image,
     load_triangles,
     maximum_of_3,
     minimum_of_3,
-    select_3,
+    overlaps_image,
     snap_to_grid_3,
 )
+from renderers.shading.vec3 import select3
 
 _SMALL_FIELDS: Final = SMALL_TRIANGLE.size // 4
 """Fields of a SMALL_TRIANGLE, of four bytes each."""
@@ -73,10 +73,10 @@ def _set_up_eight(frame, draw_index, vertices, first, count, chunk):
     if vec.movemask(in_front) == 0 and clipped_bits == 0:
         return
     zeros = vec.f32(0.0), vec.f32(0.0), vec.f32(0.0)
-    x, y = select_3(in_front, x, zeros), select_3(in_front, y, zeros)  # those of the other lanes may be infinite
+    x, y = select3(in_front, x, zeros), select3(in_front, y, zeros)  # those of the other lanes may be infinite
     gx, gy = snap_to_grid_3(x), snap_to_grid_3(y)
     box = bounding_box(gx, gy, frame.sample_reach)
-    in_image = in_front & is_in_image(frame, box)
+    in_image = in_front & overlaps_image(frame, box)
     fits = _fits_small(box, w)
     large_bits = vec.movemask(in_image & ~fits) | clipped_bits
     # In lanes that do not fit, the area has wrapped around: only small triangles may use its sign.
@@ -93,9 +93,10 @@ def _set_up_eight(frame, draw_index, vertices, first, count, chunk):
     plane = inv_z_plane(x, y, w, box)
     ids = vec.i32(draw.first_id + first) + vec.iota()
     small_bits = vec.movemask(small)
-    if takes_tiny(frame, chunk):
+    if has_room_for_tiny(frame, chunk):
         tiny = small & is_tiny(frame, box)
         if vec.movemask(tiny) != 0:
+            # Culled ones that are left are kept back faces.
             rasterize_tiny(frame, tiny, is_culled, ids, box, edges, plane, chunk)
             small_bits &= ~vec.movemask(tiny)
     if small_bits | large_bits != 0:
@@ -135,7 +136,7 @@ def _fits_small(box, w):
 @inlined
 def _swap_last_two(swapped, corners):
     """Return a coordinate of the three corners, the last two exchanged in the lanes of ``swapped``, m8."""
-    return select_3(swapped, (corners[0], corners[2], corners[1]), corners)
+    return select3(swapped, (corners[0], corners[2], corners[1]), corners)
 
 
 @inlined
@@ -148,7 +149,7 @@ def _store_field_rows(field_rows, ids, box, edges, plane):
     """
     low_half = vec.i32(0xFFFF)
     fields = (
-        *edges.first,  # edges
+        *edges.base,  # edges
         edges.dx[0],  # edge_dx
         edges.dx[1],
         edges.dy[0],  # edge0_dy
@@ -157,7 +158,7 @@ def _store_field_rows(field_rows, ids, box, edges, plane):
         edges.dy[1],  # edge1_dy
         (box.top << vec.i32(16)) | (box.left & low_half),  # box_corner
         ((box.bottom - box.top) << vec.i32(16)) | (box.right - box.left),  # box_size
-        vec.float_bits(plane.first),  # inv_z_base
+        vec.float_bits(plane.base),  # inv_z_base
         vec.float_bits(plane.dx),  # inv_z_dx
         vec.float_bits(plane.dy),  # inv_z_dy
         vec.float_bits(plane.min),  # inv_z_min
@@ -189,9 +190,9 @@ def _append_primitives(frame, draw_index, first, small_bits, large_bits, culled_
             for field in range(_SMALL_FIELDS):
                 values[field] = field_rows[vec.LANES * field + k]
             _, top, _, row_count = box_of(small_triangle_at(address(primitive)))
-            first_bin = frame.first_back_bin if bit & culled_bits else 0
-            first_bin, last_bin = bin_range(max(top, 0), min(top + row_count, frame.height), first_bin)
+            base_bin = frame.first_back_bin if bit & culled_bits else 0
+            first_bin, last_bin = bin_range(max(top, 0), min(top + row_count, frame.height), base_bin)
         else:
             first_bin, last_bin = set_up_triangle(frame, draw_index, first + k, primitive)
             primitive.id = frame.draws[draw_index].first_id + first + k
-        append_bins(chunk, first_bin, last_bin)
+        append_primitive(chunk, first_bin, last_bin)

@@ -36,7 +36,8 @@ Parameters of device functions that mean the same everywhere have no line of the
 - ``alpha``: bool, False: the fourth channel is not needed.
 
 Values of eight pixels are f32x8 if nothing is said, points and directions three of them in the optical frame (metres);
-colours are RGB, 0 .. 1. Ranges are ``begin .. end - 1`` in code, and ``0 .. n`` includes n for values.
+colours are RGB, 0 .. 1. Ranges ``begin .. end`` are half-open, as in ``docs/rasterizer.md``; a range of values in
+numbers, as 0 .. 255, includes both.
 
 To add a material property: a field of MATERIAL, set in ``materials``; rows of PIXELS if it varies between pixels; and
 its use in the lighting. A value per image is a field of the look's job, set by its ``passes``. Kernels that shade

@@ -21,7 +21,7 @@ _WEIGHTED: Final = HAS_UV0 | HAS_UV1 | HAS_COLORS | HAS_TANGENTS
 
 @inlined
 def _starts_after(masks, x):
-    """Return int64, a bit for each of the pixels x + 1 .. x + 8 of a row, set where a span begins.
+    """Return int64, a bit for each of the pixels x + 1 .. x + 9 of a row, set where a span begins.
 
     Args:
         masks: as in SEGMENT.
@@ -33,7 +33,7 @@ def _starts_after(masks, x):
 
 @inlined
 def pixel_columns(columns, x):
-    """Return the image columns of the pixels x .. x + 7 of a row, i32x8; ``columns`` as in SEGMENT."""
+    """Return the image columns of the pixels x .. x + 8 of a row, i32x8; ``columns`` as in SEGMENT."""
     if columns != 0:
         return vec.load(i32_at(columns), x)
     return vec.i32(x) + vec.iota()
@@ -73,7 +73,7 @@ def _clear(rows, row, count, pixel_count):
 
 @inlined
 def interpolate(segment, begin, end):
-    """Fill PIXELS with the attributes of the row's pixels ``begin .. end - 1``; ``set_up_spans`` has filled SPANS.
+    """Fill PIXELS with the attributes of the row's pixels ``begin .. end``; ``set_up_spans`` has filled SPANS.
 
     Up to seven further values per row are overwritten. Texture coordinates that the material reads and the mesh lacks
     become 0, as do their gradients.

@@ -75,7 +75,7 @@ def _weighted_sum3(weights, a, b, c, k):
 
 @inlined
 def _store_weighted_sums(rows, row, count, at, weights, weight_steps, a, b, c, k):
-    """Store weighted sums of the values ``k .. k + count - 1`` of three vertices in ``count`` rows from ``row`` on.
+    """Store weighted sums of the values ``k .. k + count`` of three vertices in ``count`` rows from ``row`` on.
 
     The sums with ``weight_steps`` are stored in the ``count`` rows after them.
 
@@ -279,7 +279,7 @@ def _prefetch(segment, span, end_span):
 
 @device_function
 def set_up_spans(segment, span, part_end_span, end_span):
-    """Fill SPANS with the spans ``span .. part_end_span - 1``, at most PART.
+    """Fill SPANS with the spans ``span .. part_end_span``, at most PART.
 
     Args:
         end_span: end of the segment.

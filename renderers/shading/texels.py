@@ -110,7 +110,7 @@ def wrapped(coordinate, wrap):
 
 @inlined
 def _clamped(index, size):
-    """Return texel indices, i32x8, clamped to 0 .. size - 1."""
+    """Return texel indices, i32x8, clamped to 0 <= texel < size."""
     return vec.minimum(vec.maximum(index, vec.i32(0)), size - vec.i32(1))
 
 
@@ -124,7 +124,7 @@ def _texel_columns(s, wrap, width, is_linear):
         width: i32x8, of the mip level.
 
     Returns:
-        column: i32x8, 0 .. width - 1.
+        column: i32x8, 0 <= column < width.
         weight: f32x8, of the column after it.
     """
     left, zero = vec.floor(s), vec.f32(0.0)
@@ -145,7 +145,7 @@ def _texel_columns(s, wrap, width, is_linear):
 
 @inlined
 def _texel_rows(t, wrap, height, is_linear):
-    """Return which two rows a pixel reads, i32x8, 0 .. height - 1, and the weight of the second, f32x8.
+    """Return which two rows a pixel reads, i32x8, 0 <= row < height, and the weight of the second, f32x8.
 
     Args:
         t, wrap, height, is_linear: as in ``_texel_columns``.
@@ -165,7 +165,7 @@ def _texel_rows(t, wrap, height, is_linear):
 
 @inlined
 def locate(view, offsets, weights, x, level, is_linear, u, v):
-    """Store which texels the pixels x .. x + 7 of a part read, and the weights of the right and the lower ones.
+    """Store which texels the pixels x .. x + 8 of a part read, and the weights of the right and the lower ones.
 
     Args:
         view: a TextureView.
@@ -227,7 +227,7 @@ def _decoded_channel(linear_from_byte, a, b, c, d, tx, ty, k):
 
 @inlined
 def read_texels(view, offsets, weights, x, alpha):
-    """Return RGBA, 0 .. 1, f32x8 each, of the pixels x .. x + 7 of a part from the texels that ``locate`` has stored.
+    """Return RGBA, 0 .. 1, f32x8 each, of the pixels x .. x + 8 of a part from the texels that ``locate`` has stored.
 
     Args:
         view, offsets, weights: as in ``locate``.

@@ -79,7 +79,7 @@ def texels_of(image: Image) -> Texels:
 def level_row(height: int, level: int) -> int:
     """Return the first row of a mip level in ``texel_rows``, given the height of level 0.
 
-    Level k has max(height // 2^k, 1) rows, so that the levels 1 .. k - 1 have at most height - 2 height / 2^k + k - 1.
+    Level k has max(height // 2^k, 1) rows, so that levels 1 to k - 1 have at most height - 2 height / 2^k + k - 1.
     """
     return max(height - (2 * height >> level) + level, 0)
 

@@ -90,13 +90,13 @@ def broadcast3(values, k):
 
 @inlined
 def load3(rows, k, stride):
-    """Return the values k .. k + 7 of three rows, which are ``stride`` values apart."""
+    """Return the values k .. k + 8 of three rows, which are ``stride`` values apart."""
     return vec.load(rows, k), vec.load(rows, k + stride), vec.load(rows, k + 2 * stride)
 
 
 @inlined
 def store3(rows, k, stride, values):
-    """Store the values k .. k + 7 of three rows, which are ``stride`` values apart."""
+    """Store the values k .. k + 8 of three rows, which are ``stride`` values apart."""
     vec.store(rows, k, values[0])
     vec.store(rows, k + stride, values[1])
     vec.store(rows, k + 2 * stride, values[2])

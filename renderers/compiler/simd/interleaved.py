@@ -144,7 +144,7 @@ def load_pairs(typing_context: Any, values: Any, offsets: Any, index: Any) -> An
 
     Args:
         values: pointer to int32.
-        offsets: pointer to int32, at least 0; the offsets ``index .. index + 7`` are read.
+        offsets: pointer to int32, at least 0; the offsets ``index .. index + 8`` are read.
     """
     result: Any = types.UniTuple(i32x8, 2)
 
@@ -182,7 +182,7 @@ def _emit_third(builder: Any, sig: Any, pointer: Any, index: Any, k: Any) -> Any
 load_third = define(
     lambda pointer, index, k: vector_behind(pointer) if isinstance(k, types.Integer) else None, _emit_third
 )
-"""``load_third(pointer, i, k)``: every third of the 24 values i .. i + 23, beginning with value i + k (k: 0, 1, 2)."""
+"""``load_third(pointer, i, k)``: every third of the 24 values i .. i + 24, beginning with value i + k (k: 0, 1, 2)."""
 
 
 @intrinsic

@@ -71,7 +71,7 @@ def _emit_volatile_load(builder: Any, sig: Any, pointer: Any, index: Any) -> Any
 
 
 load = define(lambda pointer, index: vector_behind(pointer), _emit_load)
-"""``load(pointer, i)``: the values i .. i + 7, unaligned."""
+"""``load(pointer, i)``: the values i .. i + 8, unaligned."""
 load_volatile = define(lambda pointer, index: vector_behind(pointer), _emit_volatile_load)
 """``load`` for values that are blended and stored back; the package's notes say why."""
 
@@ -86,12 +86,12 @@ store = define(
     lambda pointer, index, value: types.int32 if vector_behind(pointer) is value else None,
     _emit_store,
 )
-"""``store(pointer, i, v)``: write the values i .. i + 7, unaligned."""
+"""``store(pointer, i, v)``: write the values i .. i + 8, unaligned."""
 
 
 @intrinsic
 def store_where(typing_context: Any, pointer: Any, index: Any, mask: Any, value: Any) -> Any:
-    """``store_where(pointer, i, mask, v)``: write the lanes in the mask to the values i .. i + 7.
+    """``store_where(pointer, i, mask, v)``: write the lanes in the mask to the values i .. i + 8.
 
     A masked store with AVX-512; elsewhere all lanes are stored, those outside of the mask with their old values. Values
     that are loaded again soon are better blended by the caller: a masked store does not forward to a load.

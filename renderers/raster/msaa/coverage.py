@@ -35,8 +35,9 @@ from renderers.raster.msaa.storage import max_inv_z_offset, merge_samples, merge
 from renderers.visibility_buffer import BAND_ROWS
 
 _NO_COLUMN: Final = 1 << 30
+"""Start of the empty span of a sample that is not covered, and with the other sign its stop: right of all columns."""
 _TARGET: Final = Struct("SampleTarget", {"band": SAMPLE_BAND, "owner": I64, "scratch": SCRATCH})
-"""The band that a primitive is drawn into, and the index of the primitive."""
+"""The band that a primitive is drawn into, and the index of the primitive in FRAME.primitives."""
 _new_target = _TARGET.local
 _new_scratch = SCRATCH.local
 
@@ -88,13 +89,13 @@ def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y
 @inlined
 def _draw_point(frame, target, primitive, first_row, end_row):
     """Draw a KIND_POINT: the samples in a square of grid units."""
-    xy, reach = primitive.xy, frame.sample_reach
-    x0, y0, x1, y1 = np.int64(xy[0]), np.int64(xy[1]), np.int64(xy[2]), np.int64(xy[3])
+    values, reach = primitive.values, frame.sample_reach
+    x0, y0, x1, y1 = np.int64(values[0]), np.int64(values[1]), np.int64(values[2]), np.int64(values[3])
     top = max(first_center(y0 - reach), first_row)
     bottom = min(first_center(y1 + reach), end_row)
     offsets = frame.sample_offsets
     sample_x, sample_y = vec.load(offsets, 0), vec.load(offsets, vec.LANES)
-    # first_center() of each sample.
+    # first_center, for samples that lie sample_x beside the pixel's centre.
     round_up, bits = vec.i32(SUBPIXEL - 1 - HALF_PIXEL) - sample_x, vec.i32(SUBPIXEL_BITS)
     start = vec.maximum((vec.i32(x0) + round_up) >> bits, vec.i32(0))
     stop = vec.minimum((vec.i32(x1) + round_up) >> bits, vec.i32(frame.width))
@@ -105,6 +106,7 @@ def _draw_point(frame, target, primitive, first_row, end_row):
         _draw_span(frame, target, primitive, row, 1, start, row_stop, np.int64(0), np.int64(0))
 
 
+# Draws large primitives: calls _draw_span for one row at a time.
 _fill = make_fill(1, _sample_points, _draw_span, _draw_point)
 
 

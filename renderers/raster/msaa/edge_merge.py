@@ -57,6 +57,7 @@ def share_smooth_edge(frame, a, b, cache):
         for i in range(3):
             shared += (p[i] == q[0]) | (p[i] == q[1]) | (p[i] == q[2])
         return shared >= 2
-    corners = vec.load(indices, 3 * high - 5)  # and the five before them
+    # Eight values that end with q's corners: eight from q on may lie beyond the array.
+    corners = vec.load(indices, 3 * high - 5)
     is_shared = (corners == vec.i32(p[0])) | (corners == vec.i32(p[1])) | (corners == vec.i32(p[2]))
     return vec.count_bits(vec.movemask(is_shared) >> 5) >= 2

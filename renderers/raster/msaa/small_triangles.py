@@ -56,7 +56,9 @@ def _limit_rows(edge, edge_dx, edge_dy, columns, min_row, max_row):
         columns: i32x8, the first column of each block column.
         min_row, max_row: f32x8: the rows before the edge limits them.
     """
+    # An edge function is greatest in a block's first or last column.
     block_max = vec.i32(edge + max(7 * edge_dx, 0)) + columns * vec.i32(edge_dx)
+    # The slack is far above the rounding of crossings in the band: three times 2^-24 of at most 32 rows.
     zero, slack = vec.f32(0.0), vec.f32(0.01)
     dy = np.float32(edge_dy)
     scale = np.float32(1.0) / dy if edge_dy != 0 else np.float32(0.0)
@@ -71,8 +73,8 @@ def _is_hidden(far, stride, left, right, top, bottom, inv_z_max):
 
     Args:
         far: pointer to SAMPLE_BAND.far.
-        left, right: columns of the box, half-open.
-        top, bottom: its rows, half-open, counted from the band's first.
+        left, right: range of the box's columns.
+        top, bottom: range of its rows, counted from the band's first.
         inv_z_max: float32.
     """
     limit, lane = vec.f32(inv_z_max), vec.iota()
@@ -85,7 +87,8 @@ def _is_hidden(far, stride, left, right, top, bottom, inv_z_max):
         return False
     last = bottom - top - 1
     for start in range(left, right, 2 * vec.LANES):
-        # Two vectors and four rows at a time; those at the margins are tested twice.
+        # Two vectors and four rows at a time; those at the margins are tested twice. Columns left of the box are tested
+        # too: that may only make a hidden triangle visible, which costs time.
         first, second = min(start, stride - vec.LANES), min(start + vec.LANES, stride - vec.LANES)
         first_far, second_far = vec.f32(np.inf), vec.f32(np.inf)
         for row in range(0, last + 1, 4):
@@ -115,7 +118,7 @@ class SampleEdges(NamedTuple):
     top: Any
     """Maximum over the samples of a pixel in the first row that is drawn and the box's first column, three int64."""
     range: Any
-    """From the least to the greatest of the samples, in all lanes; three i32x8."""
+    """Greatest minus least of a pixel's samples, in all lanes; three i32x8."""
 
 
 @inlined
@@ -203,6 +206,7 @@ def _draw_block(frame, band, triangle, owner, edges, max_offset, top, start, blo
     pixel = (top + first_row - band.first_row) * stride + column
     edge_pixel = _packed_in_box(top - box_y + first_row, column - box_x)
     for row in range(first_row, end_row):
+        # Maxima over a pixel's samples: some sample may be inside, and minima: all are.
         touched = (e0 | e1 | e2) >= zero
         full = (e0 >= edges.range[0]) & (e1 >= edges.range[1]) & (e2 >= edges.range[2])
         e0, e1, e2 = e0 + vec.i32(edges.dy[0]), e1 + vec.i32(edges.dy[1]), e2 + vec.i32(edges.dy[2])
@@ -212,7 +216,7 @@ def _draw_block(frame, band, triangle, owner, edges, max_offset, top, start, blo
         vec.store(scratch.edge_pixels, count, lanes + vec.i32(edge_pixel))
         count += vec.count_bits(mask)
         pixel += stride
-        edge_pixel += _packed_in_box(1, -vec.LANES)
+        edge_pixel += _packed_in_box(1, -vec.LANES)  # to the same column of the next row
     return count
 
 

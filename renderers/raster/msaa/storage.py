@@ -57,7 +57,7 @@ def merge_whole_pixels(band, pixel, inv_z, max_offset, primitive, owner, full, t
         inv_z: f32x8: 1/z at the centres before it is clamped to the primitive's range.
         max_offset: f32x8: as from ``max_inv_z_offset``.
         primitive: a PRIMITIVE or SMALL_TRIANGLE.
-        owner: index of the primitive.
+        owner: index of the primitive in FRAME.primitives.
         full, touched: m8: pixels of which all samples are covered, and some may be.
 
     Returns:
@@ -84,7 +84,7 @@ def _write_owner_samples(frame, band, pixel, first_sample, owner):
     Args:
         pixel: index of the pixel in the band.
         first_sample: index of its first sample.
-        owner: index of the primitive that all its samples see.
+        owner: index in FRAME.primitives of the primitive that all its samples see.
     """
     row = pixel // frame.stride
     x, y = pixel - row * frame.stride, band.first_row + row

@@ -128,7 +128,7 @@ def is_uniform_lambert(job, segment):
 
 @device_function
 def fill_spans(segment, span, part_end_span, packed_row):
-    """Write the spans ``span .. part_end_span - 1``, each of one colour.
+    """Write the spans ``span .. part_end_span``, each of one colour.
 
     The segment is ``is_uniform_lambert`` and has constant normals along each span, as walls, floors and meshes without
     normals have. ``set_up_spans`` has filled SPANS.
@@ -146,7 +146,7 @@ def fill_spans(segment, span, part_end_span, packed_row):
 
 @inlined
 def shade(job, segment, begin, end, packed_row):
-    """Shade the pixels ``begin .. end - 1``, at most PART, whose attributes are the first values of PIXELS.
+    """Shade the pixels ``begin .. end``, at most PART, whose attributes are the first values of PIXELS.
 
     In the mode ``DIRECT`` they are stored in ``packed_row``, with up to seven further ones. In the other modes, colour
     and alpha are stored in the rows ``base_color``.

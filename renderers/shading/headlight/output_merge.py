@@ -52,7 +52,7 @@ def _gathered_row(job, y):
 
 @device_function
 def gather(job, segment, begin, end):
-    """Blend the row's pixels ``begin .. end - 1`` behind the layers gathered so far, encoded as stored, as VTK does.
+    """Blend the row's pixels ``begin .. end`` behind the layers gathered so far, encoded as stored, as VTK does.
 
     Their colour and alpha are in the rows ``base_color`` of PIXELS.
     """
@@ -91,7 +91,7 @@ def _beneath(gathered, channel_size, x, r, g, b):
 
 @device_function
 def write_under(job, segment, begin, end, packed_row):
-    """Write the row's pixels ``begin .. end - 1``, blended behind the gathered layers; see ``gather``."""
+    """Write the row's pixels ``begin .. end``, blended behind the gathered layers; see ``gather``."""
     gathered, channel_size = _gathered_row(job, segment.y)
     pixels, gamma = segment.pixels, segment.material.gamma != 0
     for x in range(begin, end, vec.LANES):
@@ -108,7 +108,7 @@ def _background_channel(background, k):
 
 @device_function
 def write_background(job, y, begin, end, packed_row):
-    """Write the background to the pixels ``begin .. end - 1``, blended behind the gathered layers if there are any."""
+    """Write the background to the pixels ``begin .. end``, blended behind the gathered layers if there are any."""
     background = job.background
     if job.mode == DIRECT:
         color = vec.i32(background)

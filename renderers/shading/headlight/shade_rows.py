@@ -28,7 +28,7 @@ from renderers.shading.spans import (
 
 @inlined
 def _shade_segment(job, segment, first_span, end_span, packed_row):
-    """Shade the spans ``first_span .. end_span - 1``, of the selected instance.
+    """Shade the spans ``first_span .. end_span``, of the selected instance.
 
     It is done in parts of at most PART pixels, whose attributes stay in the first-level cache.
     """
@@ -60,7 +60,7 @@ def _ids_of_row(job, y):
 
 @kernel("void(int64, int64, int64, int64)")
 def shade_rows(job_address, ids_address, row_begin, row_end):
-    """Shade the rows ``row_begin .. row_end - 1`` of the image. Rows are independent of each other.
+    """Shade the rows ``row_begin .. row_end`` of the image. Rows are independent of each other.
 
     Args:
         job_address: address of a HEADLIGHT_JOB. Its arrays of rows begin with its ``first_row``.

@@ -76,7 +76,7 @@ def _blend_one(mode, accumulated, channel_size, x, surfaces, color, k):
 
 @device_function
 def _blend(row, color, begin, end):
-    """Blend the gathered surfaces ``begin .. end - 1`` into their columns.
+    """Blend the gathered surfaces ``begin .. end`` into their columns.
 
     Args:
         color: pointer to the three rows of SURFACES that are the surfaces' colour.
@@ -113,7 +113,7 @@ def _light_and_blend(job, row):
 
 @device_function
 def _fill_columns(segment, row, begin, end):
-    """Append the columns and ``alpha`` of the segment's pixels ``begin .. end - 1`` to those of the gathered surfaces.
+    """Append the columns and ``alpha`` of the segment's pixels ``begin .. end`` to those of the gathered surfaces.
 
     Alpha is 1. If the segment has columns, it is the share of the samples that see the surface.
     """
@@ -129,7 +129,7 @@ def _fill_columns(segment, row, begin, end):
 
 @device_function
 def _gather(job, segment, row, span, end_span):
-    """Gather the surfaces of the spans ``span .. end_span - 1`` of the selected instance.
+    """Gather the surfaces of the spans ``span .. end_span`` of the selected instance.
 
     If there is not enough memory for them, the surfaces gathered before are lit first.
     """
@@ -208,7 +208,7 @@ def _clear(values, count):
 def shade_rows(
     mode, job_address, ids_address, band_address, stride, width, row_begin, row_end, target_address, output_address
 ):  # fmt: skip
-    """Shade the rows ``row_begin .. row_end - 1`` of a layer. Rows are independent of each other.
+    """Shade the rows ``row_begin .. row_end`` of a layer. Rows are independent of each other.
 
     Args:
         mode: ``ADD``, ``BENEATH``, ``EDGES`` or ``WRITE_ALPHA``.

@@ -15,7 +15,7 @@ DEPTH_BIAS: Final = np.float32(1.0 + 1e-6)
 
 @inlined
 def _transform_row(m, k, x, y, z):
-    """Return the product of (x, y, z) with the three values ``k .. k + 2`` of a matrix (a pointer to float64)."""
+    """Return the product of (x, y, z) with the three values ``k .. k + 3`` of a matrix (a pointer to float64)."""
     return vec.f64(m[k]) * x + vec.f64(m[k + 1]) * y + vec.f64(m[k + 2]) * z
 
 

@@ -128,7 +128,7 @@ def write_image_row(accumulated, output, y, width, packed_row):
 
 @kernel("void(int64, int64, int64, int64, int64)")
 def write_image_rows(accumulated_address, output_address, width, row_begin, row_end):
-    """Call ``write_image_row`` for the rows ``row_begin .. row_end - 1``.
+    """Call ``write_image_row`` for the rows ``row_begin .. row_end``.
 
     Args:
         accumulated_address: address of (H, 4, channel_values(width)) float32, the accumulated rows of the image.
