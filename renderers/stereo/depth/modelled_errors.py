@@ -7,7 +7,7 @@ the left image has a class: its texture, the agreement of both images at the exa
 matches among these. A match is right if it is within 3 disparity errors. The outcome of each pixel follows from them:
 
 * Hole: no match, as on surfaces without texture, in highlights, on translucent surfaces and in repeated patterns.
-* Right: with the error that the two steps of ``matching`` would leave in these images (``residual_shift``), scaled so
+* Right: with the error that the steps of ``matching`` would leave in these images (``residual_shift``), scaled so
   that its standard deviation is the disparity error times the relative error of the class.
 * Wrong, at an edge: the disparity of the other side, which makes outlines ragged. Pixels beside a nearer surface that
   the right camera does not see may get the disparity of that surface. Foreground objects are therefore too wide by a
@@ -55,9 +55,12 @@ ERROR_TOLERANCE: Final = 0.05
 """Maximum relative difference between a pixel's error and the value in the error image."""
 ERROR_RADIUS: Final = 5
 """Radius of the windows of ``residual_shift``, pixels. With smaller ones, errors of normals grow."""
-ERROR_COLUMN: Final = 21
-"""Height of the columns over which errors are averaged, pixels. The configured errors are three times those of
-``matching``. This keeps the errors of normals, and a matcher's errors are much alike along columns, too."""
+SECOND_STEP: Final = 0.2
+"""Share of the second step of ``matching`` in the errors. With more, neighbours in a row differ more, and only columns
+so high that streaks are seen keep the errors of normals. With less, errors stay when dots move over a surface."""
+ERROR_COLUMN: Final = 11
+"""Height of the columns over which errors are averaged, pixels. Lower ones make errors of normals worse: the configured
+errors are three times those of ``matching``."""
 WEAK_SHIFT: Final = 0.025
 """Standard deviation of the shift that ``residual_shift`` expects in windows without texture, pixels. It belongs to the
 surroundings, which guide semi-global matching, and makes such errors less noisy."""
@@ -157,7 +160,7 @@ def measured_images(
     shift = residual_shift(left, right, true_disparity, ERROR_RADIUS, model.noise_sigma, expected)
     # A second step from the result of the first one adds the shift again, less its mean in the window.
     mean_shift = cv2.blur(shift, (2 * ERROR_RADIUS + 1,) * 2)
-    both_steps = cv2.addWeighted(shift, 2.0, mean_shift, -1.0, 0.0)
+    both_steps = cv2.addWeighted(shift, 1.0 + SECOND_STEP, mean_shift, -SECOND_STEP, 0.0)
     noise = np.asarray(cv2.blur(both_steps, (1, ERROR_COLUMN)), np.float32)
     _standardise(noise, classes)
     _standardise(noise, phases)

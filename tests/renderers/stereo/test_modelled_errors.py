@@ -93,10 +93,11 @@ def test_errors_of_neighbours_are_alike() -> None:
         one, other = pairs[:, np.isfinite(pairs).all(axis=0)]
         return float((one * other).mean() / (one.std() * other.std()))
 
-    assert 0.6 < correlation(0, 1) < 0.8
+    assert 0.6 < correlation(0, 1) < 0.85
     assert correlation(1, 0) > 0.9
     assert 0.1 < correlation(0, 8) < 0.7
     assert abs(correlation(0, 120)) < 0.1
+    assert correlation(8, 0) < 0.5  # otherwise there are streaks
     assert 0.01 < np.nanstd(np.diff(deviation, axis=0)) / 2**0.5 < 0.05
 
 
