@@ -60,19 +60,11 @@ class FrameJob:
         count, vertices, primitives = prepared.instances.counts
         self.stride = -(-camera.width // LANES) * LANES
         """Pixels from one row of the layer to the next."""
-        chunks = -(-primitives // CHUNK_SIZE)
         band_bytes = 0 if has_layer or samples > 1 else 8 * BAND_ROWS * self.stride
-        work_memory, work_addresses = aligned_parts(
-            {
-                "X_camera_mesh": 128 * count,
-                "draws": (count + 1) * DRAW.size,
-                "vertices": 16 * vertices,
-                "primitives": chunks * CHUNK_SIZE * PRIMITIVE.size,
-                "chunks": chunks * CHUNK.size,
-                "chunk_memory": 4 * chunks * CHUNK_VALUES,
-                **({"band_memory": threads * band_bytes} if band_bytes else {}),
-            }
-        )
+        sizes = _work_sizes(count, vertices, primitives)
+        if band_bytes:
+            sizes["band_memory"] = threads * band_bytes
+        work_memory, work_addresses = aligned_parts(sizes)
         self.poses_address = work_addresses["X_camera_mesh"]
         """Address of ``X_camera_mesh``."""
         self.X_camera_mesh: NDArray[np.float64] = work_memory[: 128 * count].view(np.float64).reshape(-1, 4, 4)
@@ -118,13 +110,17 @@ class FrameJob:
             **work_addresses,
             **(_sample_fields(samples)[0] if samples > 1 else {}),
         )
+        self._useful_threads = self._set_up(camera, prepared)
+
+    def _set_up(self, camera: Camera, prepared: PreparedScene) -> int:
+        """Set up the frame and return the number of threads that can share its work."""
         useful_threads: int = set_up_frame(self._frame_address)
         if useful_threads == 0:
             with np.errstate(all="ignore"):  # poses that are not finite draw nothing
                 self.X_camera_mesh[:] = np.matmul(camera.X_camera_world, prepared.X_world_mesh)
             self._frame["poses_ready"] = 1
             useful_threads = set_up_frame(self._frame_address)
-        self._useful_threads = useful_threads
+        return useful_threads
 
     def layers(
         self,
@@ -187,6 +183,19 @@ class FrameJob:
         frame["shade_kernel"], frame["shade_job"] = shader.kernel, shader.job
         frame["band_memory"], frame["band_memory_bytes"] = bands, SAMPLE_BAND.size
         return Task(frame, self._frame_address, self._useful_threads)
+
+
+def _work_sizes(instances: int, vertices: int, primitives: int) -> dict[str, int]:
+    """Return the bytes of the frame's arrays, by field of FRAME."""
+    chunks = -(-primitives // CHUNK_SIZE)
+    return {
+        "X_camera_mesh": 128 * instances,
+        "draws": (instances + 1) * DRAW.size,
+        "vertices": 16 * vertices,
+        "primitives": chunks * CHUNK_SIZE * PRIMITIVE.size,
+        "chunks": chunks * CHUNK.size,
+        "chunk_memory": 4 * chunks * CHUNK_VALUES,
+    }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
