@@ -13,18 +13,18 @@ from renderers.raster.grid import snap_to_grid
 from renderers.raster.layout import GUARD_BAND, vertex_of
 
 PLANES: Final = 5
-MAX_VERTICES: Final = 24
+MAX_POLYGON_VERTICES: Final = 24
 """Maximum vertices of a clipped triangle. A convex polygon has at most 3 + PLANES; each plane adds at most half of the
 vertices where rounding has bent it: 3 * 1.5^5 < 24."""
 
 corner_array: Final = stack_array(types.float64, 9)
 """``corner_array()``: room for the three corners of a triangle in the camera's frame."""
-polygon_array: Final = stack_array(types.int64, 2 * MAX_VERTICES)
+polygon_array: Final = stack_array(types.int64, 2 * MAX_POLYGON_VERTICES)
 """``polygon_array()``: room for a polygon's corners in grid units, x and y in turn."""
-_points_array: Final = stack_array(types.float64, 3 * MAX_VERTICES)
-_clipped_array: Final = stack_array(types.float64, 3 * MAX_VERTICES)
-_sources_array: Final = stack_array(types.int64, MAX_VERTICES)
-_clipped_sources_array: Final = stack_array(types.int64, MAX_VERTICES)
+_points_array: Final = stack_array(types.float64, 3 * MAX_POLYGON_VERTICES)
+_clipped_array: Final = stack_array(types.float64, 3 * MAX_POLYGON_VERTICES)
+_vertex_indices_array: Final = stack_array(types.int64, MAX_POLYGON_VERTICES)
+_clipped_vertex_indices_array: Final = stack_array(types.int64, MAX_POLYGON_VERTICES)
 
 
 @device_function
@@ -42,7 +42,7 @@ def camera_vertex(draw, index, out, k):
 
 
 @device_function
-def plane_distance(frame, plane, points, k):
+def _plane_distance(frame, plane, points, k):
     """Return how far a point lies inside the near plane (0) or a side of the guard band (1 to 4), float64.
 
     Args:
@@ -51,6 +51,7 @@ def plane_distance(frame, plane, points, k):
         k: index of the point.
     """
     x, y, z = points[3 * k], points[3 * k + 1], points[3 * k + 2]
+    # A side is fx x / z + cx >= -GUARD_BAND, times z, and so on. The far plane is left to the depth test.
     if plane == 0:
         return z - frame.near
     if plane == 1:
@@ -63,15 +64,16 @@ def plane_distance(frame, plane, points, k):
 
 
 @device_function
-def interpolate_at_plane(points, inside, d_inside, outside, d_outside, out, k):
+def _interpolate_at_plane(points, inside, d_inside, outside, d_outside, out, k):
     """Write the intersection of an edge and a plane to point ``k`` of ``out``.
 
-    It is always computed from the inside end, so that two triangles with a common edge get the same point.
+    It is always computed from the inside end, so that two triangles with a common edge get the same point. It may
+    replace the outside end (``out`` is ``points``): each coordinate is read before it is written.
 
     Args:
         points, out: pointers to (N, 3) float64.
         inside, outside: indices of the edge's ends in ``points``.
-        d_inside, d_outside: their distances as from ``plane_distance``.
+        d_inside, d_outside: their distances as from ``_plane_distance``.
     """
     t = d_inside / (d_inside - d_outside)
     for axis in range(3):
@@ -84,15 +86,15 @@ def project_to_pixels(frame, points, k):
     """Return the pixel coordinates, float32, of a point that does not lie behind the near plane.
 
     Args:
-        points, k: as for ``plane_distance``.
+        points, k: as for ``_plane_distance``.
     """
-    x, y, w = points[3 * k], points[3 * k + 1], 1.0 / points[3 * k + 2]
-    return np.float32(frame.fx * x * w + frame.cx), np.float32(frame.fy * y * w + frame.cy)
+    x, y, inv_z = points[3 * k], points[3 * k + 1], 1.0 / points[3 * k + 2]
+    return np.float32(frame.fx * x * inv_z + frame.cx), np.float32(frame.fy * y * inv_z + frame.cy)
 
 
 @device_function
-def is_finite(points, count):
-    """Return whether all coordinates of the first ``count`` points, as for ``plane_distance``, are finite."""
+def _is_finite(points, count):
+    """Return whether all coordinates of the first ``count`` points, as for ``_plane_distance``, are finite."""
     total = 0.0
     for k in range(3 * count):
         total += abs(points[k])
@@ -100,32 +102,33 @@ def is_finite(points, count):
 
 
 @device_function
-def _clip_at_plane(frame, plane, points, sources, count, clipped, clipped_sources):
+def _clip_at_plane(frame, plane, points, vertex_indices, count, clipped, clipped_vertex_indices):
     """Clip a polygon at one plane (Sutherland and Hodgman); return the number of points that are left.
 
     Args:
-        plane: as for ``plane_distance``.
-        points, sources: pointers to the polygon's ``count`` points, (N, 3) float64, and to the indices of the mesh's
-            vertices that they are, or -1, int64.
-        clipped, clipped_sources: pointers to those of the result.
+        plane: as for ``_plane_distance``.
+        points, vertex_indices: pointers to the polygon's ``count`` points, (N, 3) float64, and to the indices, int64,
+            of the mesh's vertices that they are, or -1. A vertex of the mesh keeps exactly the grid position that
+            neighbouring triangles use.
+        clipped, clipped_vertex_indices: pointers to those of the result.
     """
     clipped_count = 0
     previous = count - 1
-    d_previous = plane_distance(frame, plane, points, previous) if count > 0 else 0.0
+    d_previous = _plane_distance(frame, plane, points, previous) if count > 0 else 0.0
     for k in range(count):
-        d = plane_distance(frame, plane, points, k)
+        d = _plane_distance(frame, plane, points, k)
         if d >= 0.0 and d_previous < 0.0:
-            interpolate_at_plane(points, k, d, previous, d_previous, clipped, clipped_count)
-            clipped_sources[clipped_count] = -1
+            _interpolate_at_plane(points, k, d, previous, d_previous, clipped, clipped_count)
+            clipped_vertex_indices[clipped_count] = -1
             clipped_count += 1
         if d < 0.0 and d_previous >= 0.0:
-            interpolate_at_plane(points, previous, d_previous, k, d, clipped, clipped_count)
-            clipped_sources[clipped_count] = -1
+            _interpolate_at_plane(points, previous, d_previous, k, d, clipped, clipped_count)
+            clipped_vertex_indices[clipped_count] = -1
             clipped_count += 1
         if d >= 0.0:
             for axis in range(3):
                 clipped[3 * clipped_count + axis] = points[3 * k + axis]
-            clipped_sources[clipped_count] = sources[k]
+            clipped_vertex_indices[clipped_count] = vertex_indices[k]
             clipped_count += 1
         previous = k
         d_previous = d
@@ -137,7 +140,8 @@ def clip_triangle(frame, draw, mesh_index, corners, polygon):
     """Compute the visible part of a triangle.
 
     Args:
-        corners: ``corner_array``; gets the triangle's vertices, metres in the camera's frame.
+        corners: ``corner_array``; gets the triangle's vertices, not clipped, metres in the camera's frame. The plane of
+            1/z goes through them.
         polygon: ``polygon_array``; gets the clipped polygon's vertices, grid units.
 
     Returns:
@@ -145,26 +149,25 @@ def clip_triangle(frame, draw, mesh_index, corners, polygon):
     """
     indices = draw.indices
     points, clipped = _points_array(), _clipped_array()
-    # Vertices of the mesh that the points are, or -1.
-    sources, clipped_sources = _sources_array(), _clipped_sources_array()
+    vertex_indices, clipped_vertex_indices = _vertex_indices_array(), _clipped_vertex_indices_array()
     for k in range(3):
         index = np.int64(indices[3 * mesh_index + k])
         camera_vertex(draw, index, corners, k)
-        sources[k] = index
+        vertex_indices[k] = index
         for axis in range(3):
             points[3 * k + axis] = corners[3 * k + axis]
-    if not is_finite(corners, 3):
+    if not _is_finite(corners, 3):
         return 0
     count = 3
     for plane in range(PLANES):
-        count = _clip_at_plane(frame, plane, points, sources, count, clipped, clipped_sources)
+        count = _clip_at_plane(frame, plane, points, vertex_indices, count, clipped, clipped_vertex_indices)
         points, clipped = clipped, points
-        sources, clipped_sources = clipped_sources, sources
+        vertex_indices, clipped_vertex_indices = clipped_vertex_indices, vertex_indices
     if count < 3:
         return 0
     for k in range(count):
-        if sources[k] >= 0:  # exactly the coordinates that neighbouring triangles use
-            vertex = vertex_of(frame, draw, sources[k])
+        if vertex_indices[k] >= 0:  # exactly the coordinates that neighbouring triangles use
+            vertex = vertex_of(frame, draw, vertex_indices[k])
             x, y = vertex[0], vertex[1]
         else:
             x, y = project_to_pixels(frame, points, k)
@@ -180,15 +183,15 @@ def clip_line(frame, ends):
     Args:
         ends: pointer to its two ends, (2, 3) float64, metres in the camera's frame.
     """
-    if not is_finite(ends, 2):
+    if not _is_finite(ends, 2):
         return False
     for plane in range(PLANES):
-        d0 = plane_distance(frame, plane, ends, 0)
-        d1 = plane_distance(frame, plane, ends, 1)
+        d0 = _plane_distance(frame, plane, ends, 0)
+        d1 = _plane_distance(frame, plane, ends, 1)
         if d0 < 0.0 and d1 < 0.0:
             return False
         if d1 < 0.0:
-            interpolate_at_plane(ends, 0, d0, 1, d1, ends, 1)
+            _interpolate_at_plane(ends, 0, d0, 1, d1, ends, 1)
         elif d0 < 0.0:
-            interpolate_at_plane(ends, 1, d1, 0, d0, ends, 0)
+            _interpolate_at_plane(ends, 1, d1, 0, d0, ends, 0)
     return True

@@ -26,14 +26,14 @@ from renderers.raster.layout import (
     frame_at,
     small_triangle_at,
 )
-from renderers.raster.small_triangles import PREPARED, draw_small, prepare_small
+from renderers.raster.small_triangles import PREPARED_TRIANGLE, draw_small, prepare_small
 from renderers.visibility_buffer import BAND_ROWS
 
-_TARGET: Final = Struct("Target", {"layer": LAYER, "depth_rule": I64, "prepared": PREPARED})
+_TARGET: Final = Struct("Target", {"layer": LAYER, "depth_rule": I64, "prepared": PREPARED_TRIANGLE})
 """The layer that primitives are drawn into and its depth rule, and memory for a prepared small triangle."""
 _new_layer = LAYER.local
 _new_target = _TARGET.local
-_new_prepared = PREPARED.local
+_new_prepared = PREPARED_TRIANGLE.local
 _inv_z_array = stack_array(types.float32, vec.LANES)
 _span_array = stack_array(types.int32, 2 * vec.LANES)
 
@@ -50,23 +50,27 @@ def _sample_points(frame, row):
 
 @inlined
 def _draw_span_with_rule(frame, layer, depth_rule, primitive, row, start, stop, base_x, base_y):
-    """Draw the pixels ``start .. stop`` of a row with a depth rule, best a constant; as ``_draw_span``."""
+    """Draw the pixels ``start .. stop`` of a row with a depth rule, best a constant; as ``_draw_span``.
+
+    1/z is exact to float32 at the first pixel of every vector, wherever the span starts.
+    """
     dx = primitive.inv_z_dx
     row_inv_z = primitive.inv_z_base + primitive.inv_z_dy * np.float64(row - base_y)
     inv_z_min, inv_z_max = vec.f32(primitive.inv_z_min), vec.f32(primitive.inv_z_max)
     ids, lane = vec.i32(primitive.id), vec.iota()
-    # Blocks of eight vectors: 1/z at the first pixel of each vector in float64, then along each vector in float32.
-    vector_inv_z = _inv_z_array()
-    vector_offsets = vec.to_f64(lane * vec.i32(vec.LANES))
+    # Strips of eight vectors of eight columns. 1/z at the first pixel of each vector is computed in float64, for all of
+    # a strip at once, and rounded to float32. Along a vector, float32 is enough.
+    first_inv_z = _inv_z_array()
+    first_offsets = vec.to_f64(lane * vec.i32(vec.LANES))
     lane_inv_z = vec.f32(dx) * vec.to_f32(lane)
     aligned_start = start & ~np.int64(vec.LANES - 1)
     pixel = (row - layer.first_row) * frame.stride + aligned_start
-    for block_column in range(aligned_start, stop, vec.LANES * vec.LANES):
-        from_base = vec.f64(block_column - base_x) + vector_offsets
-        vec.store(vector_inv_z, 0, vec.to_f32(vec.f64(row_inv_z) + vec.f64(dx) * from_base))
-        columns = vec.i32(block_column) + lane
-        for k in range(min((stop - block_column + vec.LANES - 1) // vec.LANES, vec.LANES)):
-            inv_z = vec.minimum(vec.maximum(vec.f32(vector_inv_z[k]) + lane_inv_z, inv_z_min), inv_z_max)
+    for strip_column in range(aligned_start, stop, vec.LANES * vec.LANES):
+        from_base = vec.f64(strip_column - base_x) + first_offsets
+        vec.store(first_inv_z, 0, vec.to_f32(vec.f64(row_inv_z) + vec.f64(dx) * from_base))
+        columns = vec.i32(strip_column) + lane
+        for k in range(min((stop - strip_column + vec.LANES - 1) // vec.LANES, vec.LANES)):
+            inv_z = vec.minimum(vec.maximum(vec.f32(first_inv_z[k]) + lane_inv_z, inv_z_min), inv_z_max)
             covered = (columns >= vec.i32(start)) & (columns < vec.i32(stop))
             depth_test(frame, layer, depth_rule, pixel, inv_z, covered, ids)
             columns = columns + vec.i32(vec.LANES)
@@ -75,10 +79,7 @@ def _draw_span_with_rule(frame, layer, depth_rule, primitive, row, start, stop, 
 
 @device_function
 def _draw_span(frame, target, primitive, row, start, stop, base_x, base_y):
-    """Draw the pixels ``start .. stop`` of a row.
-
-    1/z is exact to float32 at the first of every eight pixels, wherever the span starts.
-    """
+    """Draw the pixels ``start .. stop`` of a row."""
     # Inlined twice: with the constant IN_ORDER, the code of the other rules is dropped.
     if target.depth_rule == IN_ORDER:
         _draw_span_with_rule(frame, target.layer, IN_ORDER, primitive, row, start, stop, base_x, base_y)
@@ -103,11 +104,13 @@ def _draw_point(frame, target, primitive, first_row, end_row):
     """Draw a KIND_POINT."""
     values = primitive.values
     left, top, right, bottom = np.int64(values[0]), np.int64(values[1]), np.int64(values[2]), np.int64(values[3])
+    # 1/z is constant, so that any pixel serves as base.
     for row in range(max(top, first_row), min(bottom, end_row)):
         _draw_span(frame, target, primitive, row, left, right, left, top)
 
 
-# Draws large primitives: calls _draw_spans for eight rows at a time.
+# Draws large primitives. For every eight rows it calls _sample_points, finds the columns, and calls _draw_spans with
+# them. For a KIND_POINT it calls _draw_point alone.
 _fill = make_fill(vec.LANES, _sample_points, _draw_spans, _draw_point)
 
 
@@ -161,8 +164,9 @@ def _depth_rule(frame, back_faces):
     if back_faces != 0:
         # Drawn after the front faces, some of which have higher ids. Never PEELED: only opaque frames keep back faces.
         return ANY_ORDER
-    is_bounded = frame.beyond_ids != 0 or frame.before_ids != 0 or frame.earlier_ids != 0
-    return PEELED if is_bounded or frame.takes_latest != 0 else IN_ORDER
+    # A pass of depth peeling has layers that bound it, or takes the latest primitive.
+    is_peeling = frame.beyond_ids != 0 or frame.before_ids != 0 or frame.earlier_ids != 0
+    return PEELED if is_peeling or frame.takes_latest != 0 else IN_ORDER
 
 
 @device_function
@@ -173,6 +177,8 @@ def _draw_chunk(frame, target, chunk, first_row, end_row, back_faces):
     """
     bin_index, begin_pixel, end_pixel = first_row // BAND_ROWS, first_row * frame.stride, end_row * frame.stride
     if back_faces != 0:
+        # With BACK_BIT, the sign bit of int32, pixels are negative and in the same order. So a range of front faces'
+        # pixels has none of back faces, and the other way round.
         bin_index += frame.first_back_bin
         begin_pixel, end_pixel = begin_pixel | BACK_BIT, end_pixel | BACK_BIT
     for k in range(0, chunk.count, vec.LANES):

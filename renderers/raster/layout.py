@@ -19,9 +19,10 @@ GUARD_BAND: Final = 32760.0
 """Pixels: triangles with a vertex farther than this from pixel (0, 0) are clipped. Below 2^15 pixels, 2^23 grid units,
 edge functions stay below 2^50, exact in float64 and int64, and snapped coordinates are exact in float32."""
 BEHIND: Final = -2.0
-"""In place of 1/z of a vertex that is nearer than the near plane, or not a number."""
+"""In place of 1/z of a vertex that is nearer than the near plane, or whose z is not a number."""
 OUTSIDE: Final = -1.0
-"""In place of 1/z of a vertex that is outside the guard band. The order is BEHIND < OUTSIDE < 0 < 1/z."""
+"""In place of 1/z of a vertex that is outside the guard band, or whose x or y is not a number. The order is
+BEHIND < OUTSIDE < 0 < 1/z."""
 MAX_SIDE: Final = 16384
 """Maximum image width and height, pixels, for which the guard band leaves room."""
 MAX_POINT_SIZE: Final = 1024

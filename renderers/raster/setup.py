@@ -25,7 +25,10 @@ from renderers.visibility_buffer import BAND_ROWS
 
 @inlined
 def _begin_chunk(frame, index):
-    """Return CHUNK ``index``, empty. Its memory holds bins, then pixels, the pixels' 1/z and the pixels' ids."""
+    """Return CHUNK ``index``, empty. Its memory holds bins, then pixels, the pixels' 1/z and the pixels' ids.
+
+    Its primitives are the slice of FRAME.primitives from ``index * CHUNK_SIZE`` on: assigning sets the pointer.
+    """
     chunk = frame.chunks[index]
     chunk.primitives = frame.primitives[index * CHUNK_SIZE]
     chunk.bins = advance(frame.chunk_memory, index * CHUNK_VALUES)
@@ -37,7 +40,7 @@ def _begin_chunk(frame, index):
 
 
 @device_function
-def _draw_of_primitive(frame, drawn_index):
+def _draw_index_of_primitive(frame, drawn_index):
     """Return the index of a primitive's draw: the last one with ``first_primitive <= drawn_index``."""
     low = 0
     high = frame.draw_count
@@ -53,7 +56,8 @@ def _draw_of_primitive(frame, drawn_index):
 @device_function
 def _set_up_line_or_point(frame, draw, mesh_index, chunk):
     """Set up a line or a point, and append it to a CHUNK if it may be visible."""
-    primitive = chunk.primitives[chunk.count]  # the first free place
+    # The first free place. If no bin is touched, last_bin < first_bin, and the next primitive is written over it.
+    primitive = chunk.primitives[chunk.count]
     if draw.topology == TOPOLOGY_LINES:
         first_bin, last_bin = set_up_line(frame, draw, mesh_index, primitive)
     else:  # a point
@@ -69,7 +73,7 @@ def _set_up_primitives(frame, chunk, begin, end):
     Args:
         begin, end: range of drawn indices.
     """
-    draw_index = _draw_of_primitive(frame, begin)
+    draw_index = _draw_index_of_primitive(frame, begin)
     draw_begin = begin
     while draw_begin < end:
         draw = frame.draws[draw_index]
@@ -90,7 +94,8 @@ def _find_bands(frame, chunk):
     first_band, last_band = frame.band_count, np.int64(-1)
     for k in range(chunk.count):
         first_bin, last_bin = bins_of(chunk, k)
-        # A primitive is in front bins or in back bins only. If back faces are kept, first_back_bin is band_count.
+        # A primitive is in front bins or in back bins only. FRAME.first_back_bin is band_count if back faces are kept.
+        # If none are (it is 0), no bin reaches band_count.
         base_bin = frame.band_count if first_bin >= frame.band_count else 0
         first_band = min(first_band, first_bin - base_bin)
         last_band = max(last_band, last_bin - base_bin)

@@ -2,21 +2,22 @@
 
 A block has eight columns and four rows. It is drawn if any of its pixels is covered.
 
-Spans are quotients in float32, yet exact, in these steps:
+In a row, each of the three edge functions is e + c de at column c, counted from the box's first: it *limits* the
+covered columns on one side, at -e / de. Spans are such quotients in float32, yet exact, in these steps:
 
 1. e >> 8 has the sign of e. Edge functions change by multiples of 256 per column and row, so that e >> 8 changes by
    exactly change >> 8. It is an integer below 2^23, and its changes are at most 129 x 256 (128 rows of centres lie in
-   fewer than 129 pixels): exact in float32.
-2. With a half added, value = (e >> 8) + 1/2 is never 0. Column c is inside where value + c dx > 0.
-3. The limit is the quotient q = -value / dx. It differs from every integer by at least (1/2) / |dx| > 15.1e-6.
+   fewer than 129 pixels): exact in float32. That also holds in the up to seven rows above and below the box that
+   groups of eight rows add: 2 x 256^2 x 65 x 136 < 2^31.
+2. With a half added, value = (e >> 8) + 1/2 is never 0. With dx = de >> 8, column c is inside where value + c dx > 0.
+   A horizontal edge, dx = 0, covers all columns of a row or none: its limit is -inf or +inf.
+3. The limit of other edges is the quotient q = -value / dx. It differs from every integer by at least (1/2) / |dx| >
+   15.1e-6.
 4. It is computed as value * (-1 / dx), with two roundings of 2^-24 each. Within the box, where |q| <= MAX_SMALL_WIDTH =
    64, the error is at most 64 x 2^-23 < 7.7e-6: q is on the right side of every column. Farther out it stays beyond
    the box.
 5. The first column inside a lower limit is floor(q + 1), the end at an upper one too. The computed q is more than
    7.4e-6 away from integers, and the sum, below 128, is rounded by at most 2^-18 < 3.9e-6: floor does not change.
-
-The trip count of a loop over columns could not be predicted for small triangles. Therefore one loop goes over the set
-bits of a mask of blocks. About half of a box is never tested.
 """
 
 from __future__ import annotations
@@ -36,28 +37,32 @@ from renderers.visibility_buffer import BAND_ROWS
 
 _BLOCK_ROWS: Final = 4
 
-PREPARED: Final = Struct(
+PREPARED_TRIANGLE: Final = Struct(
     "PreparedTriangle",
     {
         "row_inv_z": array_of(F32, BAND_ROWS),  # of each row: 1/z at the box's first column
         "row_begin_in_box": array_of(I32, BAND_ROWS),  # first covered column, counted from the box's first
         "row_column_count": array_of(I32, BAND_ROWS),  # number of covered columns
-        # Masks of the blocks with any covered column. Bit 8 r + b: block b of block row r, which is four rows; of the
-        # second mask: block 8 + b. A box that is not aligned has up to nine blocks in a row.
+        # Masks of the blocks with any covered column. Bit 8 r + b of the first is block b (from the left, 0 .. 7) of
+        # block row r, which is four rows; bit 8 r + b of the second is block 8 + b of it. The second one is needed
+        # since a box that is not aligned has up to nine blocks in a row.
         "blocks": array_of(I64, 2),
         "first_row": I64,  # row of the image
         "row_count": I64,  # within the band
         "first_column": I64,  # of the first block; column of the image
-        "first_column_in_box": I64,  # the same, counted from the box's first column
+        "first_column_in_box": I64,  # the same, counted from the box's first column: perhaps negative
         "id": I64,
-        "last_fields": array_of(F32, vec.LANES),  # the last eight fields of the SMALL_TRIANGLE
+        "inv_z_fields": array_of(F32, vec.LANES),  # the last eight fields of the SMALL_TRIANGLE
     },
 )
 """A small triangle within a band, from ``prepare_small`` for ``draw_small``."""
 
 
 def _lane_of(field: str) -> int:
-    """Return the lane of a field of a SMALL_TRIANGLE, whose 16 values are loaded as two vectors."""
+    """Return the lane of a field of a SMALL_TRIANGLE, whose 16 values are loaded as two vectors.
+
+    The low vector has the fields up to ``kind``, the high one those from ``edge1_dy`` on.
+    """
     return int(SMALL_TRIANGLE.type.offsets[field]) // 4 % vec.LANES
 
 
@@ -99,16 +104,17 @@ def _broadcast_lane(vector, k):
 @inlined
 def _load_edges(triangle):
     """Return the _RowEdges of a SMALL_TRIANGLE."""
-    # All fields by two loads: a third of the instructions of one for each. Lanes of other fields are not used.
+    # All fields by two loads: a third of the instructions of one for each. The lanes of fields other than edges, which
+    # are shifted and converted too, are not used.
     fields, bits = i32_at(address(triangle)), vec.i32(SUBPIXEL_BITS)
-    first, last = vec.to_f32(vec.load(fields, 0) >> bits), vec.to_f32(vec.load(fields, vec.LANES) >> bits)
+    low_fields, high_fields = vec.to_f32(vec.load(fields, 0) >> bits), vec.to_f32(vec.load(fields, vec.LANES) >> bits)
     e0, e1, e2 = (
-        _broadcast_lane(first, _EDGES),
-        _broadcast_lane(first, _EDGES + 1),
-        _broadcast_lane(first, _EDGES + 2),
+        _broadcast_lane(low_fields, _EDGES),
+        _broadcast_lane(low_fields, _EDGES + 1),
+        _broadcast_lane(low_fields, _EDGES + 2),
     )
-    e0_dx, e1_dx = _broadcast_lane(first, _EDGE_DX), _broadcast_lane(first, _EDGE_DX + 1)
-    e0_dy, e1_dy = _broadcast_lane(first, _EDGE0_DY), _broadcast_lane(last, _EDGE1_DY)
+    e0_dx, e1_dx = _broadcast_lane(low_fields, _EDGE_DX), _broadcast_lane(low_fields, _EDGE_DX + 1)
+    e0_dy, e1_dy = _broadcast_lane(low_fields, _EDGE0_DY), _broadcast_lane(high_fields, _EDGE1_DY)
     half, zero, no_limit = vec.f32(0.5), vec.f32(0.0), vec.f32(math.nan)
     e2_dx, e2_dy = zero - e0_dx - e1_dx, zero - e0_dy - e1_dy
     # One division for all three edges, in lanes 0 to 2.
@@ -116,6 +122,7 @@ def _load_edges(triangle):
     edge_dx = vec.select(lane == vec.i32(0), e0_dx, vec.select(lane == vec.i32(1), e1_dx, e2_dx))
     scale = vec.f32(-1.0) / edge_dx
     # The scale of a horizontal edge is -inf: its lower limit is -inf where value > 0, and +inf, no column, elsewhere.
+    # NaN on the other side limits nothing, see _limit_by_edge.
     lower = vec.select(edge_dx >= zero, scale, no_limit)
     upper = vec.select(edge_dx >= zero, no_limit, scale)
     return _RowEdges(
@@ -151,24 +158,26 @@ def _covered_columns(edges, row_in_box, lower, upper):
 @inlined
 def _limit_by_edge(lower, upper, edges, k, row_in_box):
     """Return the column limits of eight rows, narrowed to the inner side of edge ``k``; arguments as above."""
-    value = edges.base[k] + edges.dy[k] * row_in_box
-    # NaN limits nothing: minimum and maximum return their second argument.
-    return vec.maximum(value * edges.lower_scale[k], lower), vec.minimum(value * edges.upper_scale[k], upper)
+    edge_value = edges.base[k] + edges.dy[k] * row_in_box
+    # NaN limits nothing: if either argument is NaN, minimum and maximum return the second one.
+    lower = vec.maximum(edge_value * edges.lower_scale[k], lower)
+    return lower, vec.minimum(edge_value * edges.upper_scale[k], upper)
 
 
 @inlined
 def _block_masks(begin, column_count):
-    """Return the two masks, as PREPARED.blocks, of the blocks of eight rows in which any column is covered, int64.
+    """Return the two masks, int64, as PREPARED_TRIANGLE.blocks, of the blocks of eight rows with any covered column.
 
     Args:
         begin, column_count: i32x8: the rows' first covered columns, counted from the first block's first, and their
             number.
     """
-    bits, none = vec.i32(_BLOCK_SHIFT), vec.i32(0)
+    block_shift, none = vec.i32(_BLOCK_SHIFT), vec.i32(0)
     end = begin + column_count + vec.i32(vec.LANES - 1)
-    blocks = (vec.i32(1) << (end >> bits)) - (vec.i32(1) << (begin >> bits))
+    blocks = (vec.i32(1) << (end >> block_shift)) - (vec.i32(1) << (begin >> block_shift))
     blocks = vec.select(column_count > none, blocks, none)
-    # The eight rows are two rows of blocks of 16 bits each. A mask has the low bytes of both, the other the high bytes.
+    # The eight rows are two block rows, top and bottom, of 16 bits each. The first mask gets their blocks 0 .. 7, the
+    # low bytes: bottom in bits 8 .. 15, top in bits 0 .. 7. The second one gets the high bytes, in the same places.
     is_top = vec.iota() < vec.i32(_BLOCK_ROWS)
     top, bottom = vec.or_of(vec.select(is_top, blocks, none)), vec.or_of(vec.select(is_top, none, blocks))
     return (top & 255) | ((bottom & 255) << vec.LANES), (top >> vec.LANES) | ((bottom >> vec.LANES) << vec.LANES)
@@ -178,9 +187,15 @@ def _block_masks(begin, column_count):
 def _first_row_of_groups(top, end_row, group_count, first_row):
     """Return the row of the image with which the groups of eight rows begin, of a triangle from row ``top`` on.
 
-    The last group may end below the band, where the triangle may go on: blocks of those rows would cost time. So the
-    groups start as many rows higher, where nothing is covered, but not above the band. In a band of fewer rows than the
-    groups, ``draw_small`` skips the rest.
+    The last group may end below the band, where the triangle may go on. Blocks of those rows would be tested although
+    they are the next band's. So the groups start as many rows higher, where nothing is covered::
+
+        row  0   the band begins
+        row 16   the groups begin: 16 .. 24 and 24 .. 32
+        row 18   the triangle begins; groups from here on would be 18 .. 26 and 26 .. 34
+        row 32   the next band begins, and the triangle goes on
+
+    They do not start above the band. In a band of fewer rows than the groups, ``draw_small`` skips the rest.
     """
     return max(min(top, end_row - vec.LANES * group_count), first_row)
 
@@ -191,7 +206,7 @@ def prepare_small(frame, triangle, first_row, end_row, prepared):
 
     Args:
         first_row, end_row: rows of the image, at most BAND_ROWS.
-        prepared: a PREPARED.
+        prepared: a PREPARED_TRIANGLE.
     """
     box_x, box_y, box_column_count, box_row_count = box_of(triangle)
     top, bottom = max(box_y, first_row), min(box_y + box_row_count, end_row)
@@ -202,8 +217,9 @@ def prepare_small(frame, triangle, first_row, end_row, prepared):
     group_count = (bottom - top + vec.LANES - 1) // vec.LANES
     groups_top = _first_row_of_groups(top, end_row, group_count, first_row)
 
-    edges, last_fields = _load_edges(triangle), vec.load(f32_at(address(triangle)), vec.LANES)
-    inv_z_base, inv_z_dy = _broadcast_lane(last_fields, _INV_Z_BASE), _broadcast_lane(last_fields, _INV_Z_DY)
+    edges, inv_z_fields = _load_edges(triangle), vec.load(f32_at(address(triangle)), vec.LANES)
+    inv_z_base, inv_z_dy = _broadcast_lane(inv_z_fields, _INV_Z_BASE), _broadcast_lane(inv_z_fields, _INV_Z_DY)
+    # Perhaps negative, and perhaps beyond the box: no column is covered there.
     row_in_box = vec.to_f32(vec.i32(groups_top - box_y) + vec.iota())
     box_lower, box_upper = vec.f32(left - box_x) - vec.f32(0.5), vec.f32(right - box_x) - vec.f32(0.5)
     low_blocks, high_blocks = np.int64(0), np.int64(0)
@@ -222,21 +238,21 @@ def prepare_small(frame, triangle, first_row, end_row, prepared):
     prepared.row_count = min(end_row - groups_top, vec.LANES * group_count)
     prepared.first_column, prepared.first_column_in_box = block_x, block_x_in_box
     prepared.id = triangle.id
-    vec.store(prepared.last_fields, 0, last_fields)
+    vec.store(prepared.inv_z_fields, 0, inv_z_fields)
 
 
 @inlined
 def _draw_block(frame, layer, depth_rule, prepared, block_row, row_count, column_offset):
-    """Draw the first ``row_count`` rows of a block of a PREPARED.
+    """Draw the first ``row_count`` rows of a block of a PREPARED_TRIANGLE.
 
     Args:
-        block_row: the block's first row, counted from PREPARED.first_row.
-        column_offset: the block's first column, counted from PREPARED.first_column.
+        block_row: the block's first row, counted from PREPARED_TRIANGLE.first_row.
+        column_offset: the block's first column, counted from PREPARED_TRIANGLE.first_column.
     """
-    last_fields, ids = prepared.last_fields, vec.i32(prepared.id)
-    inv_z_min, inv_z_max = vec.f32(last_fields[_INV_Z_MIN]), vec.f32(last_fields[_INV_Z_MAX])
+    inv_z_fields, ids = prepared.inv_z_fields, vec.i32(prepared.id)
+    inv_z_min, inv_z_max = vec.f32(inv_z_fields[_INV_Z_MIN]), vec.f32(inv_z_fields[_INV_Z_MAX])
     columns_in_box = vec.i32(prepared.first_column_in_box + column_offset) + vec.iota()
-    column_inv_z = vec.f32(last_fields[_INV_Z_DX]) * vec.to_f32(columns_in_box)
+    column_inv_z = vec.f32(inv_z_fields[_INV_Z_DX]) * vec.to_f32(columns_in_box)
     row_in_layer = prepared.first_row + block_row - layer.first_row
     pixel = row_in_layer * frame.stride + prepared.first_column + column_offset
     for k in range(row_count):
@@ -251,13 +267,18 @@ def _draw_block(frame, layer, depth_rule, prepared, block_row, row_count, column
 
 @inlined
 def draw_small(frame, layer, depth_rule, prepared):
-    """Draw a triangle that ``prepare_small`` has prepared; ``depth_rule`` as for ``depth_test``."""
-    for half in range(1 if prepared.blocks[1] == 0 else 2):  # a loop: inlined twice, draw_band would compile longer
-        blocks = prepared.blocks[half]
+    """Draw a triangle that ``prepare_small`` has prepared; ``depth_rule`` as for ``depth_test``.
+
+    The trip count of a loop over columns could not be predicted for small triangles. Therefore one loop goes over the
+    set bits of a mask of blocks. About half of a box is never tested.
+    """
+    # Both masks in one loop: with a copy of its body for each, draw_band would take longer to compile.
+    for mask_index in range(1 if prepared.blocks[1] == 0 else 2):
+        blocks = prepared.blocks[mask_index]
         while blocks != 0:
             bit = vec.lowest_bit(blocks)
             blocks &= blocks - 1
-            row = bit // vec.LANES * _BLOCK_ROWS
-            column_offset = (half * vec.LANES + bit % vec.LANES) * vec.LANES
-            row_count = min(prepared.row_count - row, _BLOCK_ROWS)
-            _draw_block(frame, layer, depth_rule, prepared, row, row_count, column_offset)
+            block_row = bit // vec.LANES * _BLOCK_ROWS
+            column_offset = (mask_index * vec.LANES + bit % vec.LANES) * vec.LANES
+            row_count = min(prepared.row_count - block_row, _BLOCK_ROWS)
+            _draw_block(frame, layer, depth_rule, prepared, block_row, row_count, column_offset)

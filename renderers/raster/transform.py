@@ -14,7 +14,7 @@ from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pointers import advance, stack_array
 from renderers.raster.layout import BEHIND, GUARD_BAND, OUTSIDE, frame_at
 
-_BLOCK: Final = 1 << 18
+_VERTICES_PER_STOP_CHECK: Final = 1 << 18
 """Vertices between two checks of the stop flag: about a millisecond."""
 
 _position_array = stack_array(types.float32, 3 * vec.LANES)
@@ -22,7 +22,7 @@ _vertex_array = stack_array(types.float32, 4 * vec.LANES)
 
 
 @device_function
-def _draw_of_vertex(frame, vertex):
+def _draw_index_of_vertex(frame, vertex):
     """Return the index of the draw that a vertex belongs to: the last one with ``first_vertex <= vertex``.
 
     Args:
@@ -40,29 +40,36 @@ def _draw_of_vertex(frame, vertex):
 
 
 @inlined
-def _dot(row, x, y, z):
-    """Return the product of a row of an affine transform, pointer to four float64, and eight points x, y, z; f64x8."""
+def _affine_row(row, x, y, z):
+    """Return a coordinate of eight transformed points, f64x8.
+
+    Args:
+        row: pointer to a row of an affine transform, four float64; the last is the translation.
+        x, y, z: f64x8 each, the points.
+    """
     return vec.f64(row[0]) * x + vec.f64(row[1]) * y + vec.f64(row[2]) * z + vec.f64(row[3])
 
 
 @inlined
-def _transform_eight(frame, matrix, positions, out):
+def _transform_eight(frame, X_camera_mesh, positions, out):
     """Transform eight vertices.
 
     Args:
-        matrix: pointer to the first three rows of ``X_camera_mesh``, float64.
+        X_camera_mesh: pointer to its first three rows, (3, 4) float64.
         positions: pointer to (8, 3) float32, metres in the mesh's frame.
         out: pointer to (8, 4) float32: x, y (pixels), 1/z (1/m), unused.
     """
+    # load_third(p, i, k): every third value from p[i] on, its k-th of three.
     px = vec.to_f64(vec.load_third(positions, 0, 0))
     py = vec.to_f64(vec.load_third(positions, 0, 1))
     pz = vec.to_f64(vec.load_third(positions, 0, 2))
     one, guard = vec.f64(1.0), vec.f64(GUARD_BAND)
-    z = _dot(advance(matrix, 8), px, py, pz)
+    z = _affine_row(advance(X_camera_mesh, 8), px, py, pz)
     in_front = z >= vec.f64(frame.near)
     inv_z = vec.select(in_front, one / z, one)
-    x = vec.f64(frame.fx) * _dot(matrix, px, py, pz) * inv_z + vec.f64(frame.cx)
-    y = vec.f64(frame.fy) * _dot(advance(matrix, 4), px, py, pz) * inv_z + vec.f64(frame.cy)
+    x = vec.f64(frame.fx) * _affine_row(X_camera_mesh, px, py, pz) * inv_z + vec.f64(frame.cx)
+    y = vec.f64(frame.fy) * _affine_row(advance(X_camera_mesh, 4), px, py, pz) * inv_z + vec.f64(frame.cy)
+    # A z that is not a number gives BEHIND; such an x or y, with a z in front, gives OUTSIDE: clipping drops it.
     inside = (vec.absolute(x) <= guard) & (vec.absolute(y) <= guard)
     inv_z = vec.select(inside, inv_z, vec.f64(OUTSIDE))
     inv_z = vec.select(in_front, inv_z, vec.f64(BEHIND))
@@ -70,16 +77,16 @@ def _transform_eight(frame, matrix, positions, out):
 
 
 @device_function
-def _transform(frame, matrix, positions, count, out):
-    """Transform ``count`` vertices; ``matrix``, ``positions`` and ``out`` as for ``_transform_eight``."""
+def _transform(frame, X_camera_mesh, positions, count, out):
+    """Transform ``count`` vertices; ``X_camera_mesh``, ``positions`` and ``out`` as for ``_transform_eight``."""
     whole = count - count % vec.LANES
     for k in range(0, whole, vec.LANES):
-        _transform_eight(frame, matrix, advance(positions, 3 * k), advance(out, 4 * k))
+        _transform_eight(frame, X_camera_mesh, advance(positions, 3 * k), advance(out, 4 * k))
     if whole < count:  # with whole vectors of their own: what follows in memory belongs to others
         last_positions, last_out = _position_array(), _vertex_array()
         for k in range(3 * vec.LANES):
             last_positions[k] = positions[3 * whole + k] if k < 3 * (count - whole) else np.float32(0.0)
-        _transform_eight(frame, matrix, last_positions, last_out)
+        _transform_eight(frame, X_camera_mesh, last_positions, last_out)
         for k in range(4 * (count - whole)):
             out[4 * whole + k] = last_out[k]
 
@@ -93,14 +100,15 @@ def transform(frame_address, begin, end):
         begin, end: range of indices among the vertices of all draws.
     """
     frame = frame_at(frame_address)
-    draw_index = _draw_of_vertex(frame, begin)
+    draw_index = _draw_index_of_vertex(frame, begin)
     first = begin
     while first < end and not is_set(frame.stop):
         draw = frame.draws[draw_index]
         draw_end = frame.draws[draw_index + 1].first_vertex
-        stop = min(end, draw_end, first + _BLOCK)
+        run_end = min(end, draw_end, first + _VERTICES_PER_STOP_CHECK)
         offset = first - draw.first_vertex
         positions, out = advance(draw.positions, 3 * offset), advance(frame.vertices, 4 * first)
-        _transform(frame, draw.X_camera_mesh, positions, stop - first, out)
-        first = max(first, stop)
-        draw_index += first >= draw_end
+        _transform(frame, draw.X_camera_mesh, positions, run_end - first, out)
+        # A guard: draws are in the order of their vertices, so that run_end >= first.
+        first = max(first, run_end)
+        draw_index += first >= draw_end  # the next draw, if this one is done

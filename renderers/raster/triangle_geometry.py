@@ -19,8 +19,9 @@ _index_array = stack_array(types.int32, _CORNERS * vec.LANES)
 class Edges(NamedTuple):
     """Edge functions of a triangle's three edges, three i32x8 each. A point is covered where all are at least 0.
 
-    That of the edge a -> b at p is (b - a) x (p - a), square grid units. It is lowered by one on open edges: so the
-    comparison is the top-left rule.
+    That of the edge a -> b at p is (b - a) x (p - a), square grid units. By the top-left rule, points on left and top
+    edges are covered, and those on the others, the open edges, are not. The functions are integers, so that those of
+    open edges, lowered by one, are at least 0 only inside.
     """
 
     base: Any
@@ -51,7 +52,7 @@ def load_triangles(draw, first, count, vertices):
 
     Args:
         first: index of the first triangle in its mesh.
-        count: number of triangles; the lanes beyond them repeat the last one.
+        count: number of triangles; the lanes beyond them repeat the last one, since there may be no more indices.
         vertices: pointer to the draw's vertices, (n, 4) float32 as in FRAME.
     """
     indices = advance(draw.indices, _CORNERS * first)
@@ -82,8 +83,8 @@ def maximum_of_3(a):
 @inlined
 def snap_to_grid_3(a):
     """Return the grid coordinates, i32x8, of three f32x8 in pixels, as ``grid.snap_to_grid``."""
-    grid = vec.f32(float(SUBPIXEL))
-    return vec.to_i32(vec.rint(a[0] * grid)), vec.to_i32(vec.rint(a[1] * grid)), vec.to_i32(vec.rint(a[2] * grid))
+    scale = vec.f32(float(SUBPIXEL))  # grid units per pixel
+    return vec.to_i32(vec.rint(a[0] * scale)), vec.to_i32(vec.rint(a[1] * scale)), vec.to_i32(vec.rint(a[2] * scale))
 
 
 @inlined
@@ -94,15 +95,16 @@ def bounding_box(gx, gy, reach):
         gx, gy: three i32x8 each.
         reach: as FRAME.sample_reach.
     """
-    bits = vec.i32(SUBPIXEL_BITS)
-    # first_center of the coordinate -+ reach. Right and bottom edges are open, so the first centre at or after them is
-    # one past the last pixel.
+    subpixel_bits = vec.i32(SUBPIXEL_BITS)
+    # As grid.pixel_box: left = first_center(minimum - reach), right = first_center(maximum + reach), where
+    # first_center(value) = (value + SUBPIXEL - 1 - HALF_PIXEL) >> SUBPIXEL_BITS is the first centre at or after value.
+    # A centre on the right or bottom edge is not covered, since these are open: the first one is one past the last.
     low_bias, high_bias = vec.i32(SUBPIXEL - 1 - HALF_PIXEL - reach), vec.i32(SUBPIXEL - 1 - HALF_PIXEL + reach)
     return Box(
-        left=(minimum_of_3(gx) + low_bias) >> bits,
-        top=(minimum_of_3(gy) + low_bias) >> bits,
-        right=(maximum_of_3(gx) + high_bias) >> bits,
-        bottom=(maximum_of_3(gy) + high_bias) >> bits,
+        left=(minimum_of_3(gx) + low_bias) >> subpixel_bits,
+        top=(minimum_of_3(gy) + low_bias) >> subpixel_bits,
+        right=(maximum_of_3(gx) + high_bias) >> subpixel_bits,
+        bottom=(maximum_of_3(gy) + high_bias) >> subpixel_bits,
     )
 
 
@@ -121,22 +123,23 @@ def _edge_function(xa, ya, xb, yb, px, py):
     All are i32x8, in grid units and their squares. Edges that are neither left nor top are open. Of clockwise
     triangles, left edges run upwards and top edges to the right.
     """
-    zero, one, bits = vec.i32(0), vec.i32(1), vec.i32(SUBPIXEL_BITS)
+    zero, one, subpixel_bits = vec.i32(0), vec.i32(1), vec.i32(SUBPIXEL_BITS)
     edge_x = xb - xa
     edge_y = yb - ya
     closed = (edge_y < zero) | ((edge_y == zero) & (edge_x > zero))
     value = edge_x * (py - ya) - edge_y * (px - xa)
-    return vec.select(closed, value, value - one), zero - (edge_y << bits), edge_x << bits
+    return vec.select(closed, value, value - one), zero - (edge_y << subpixel_bits), edge_x << subpixel_bits
 
 
 @inlined
 def edge_functions(gx, gy, box):
     """Return the Edges of clockwise triangles with corners on the grid, three i32x8 each.
 
-    Valid for boxes of at most MAX_SMALL_WIDTH x MAX_SMALL_HEIGHT. Of others they have wrapped around.
+    Valid for boxes of at most MAX_SMALL_WIDTH x MAX_SMALL_HEIGHT. Of others they have wrapped around, and
+    ``triangle_setup`` does not use them.
     """
-    bits, half = vec.i32(SUBPIXEL_BITS), vec.i32(HALF_PIXEL)
-    px, py = (box.left << bits) + half, (box.top << bits) + half
+    subpixel_bits, half = vec.i32(SUBPIXEL_BITS), vec.i32(HALF_PIXEL)
+    px, py = (box.left << subpixel_bits) + half, (box.top << subpixel_bits) + half
     e0, dx0, dy0 = _edge_function(gx[0], gy[0], gx[1], gy[1], px, py)
     e1, dx1, dy1 = _edge_function(gx[1], gy[1], gx[2], gy[2], px, py)
     e2, dx2, dy2 = _edge_function(gx[2], gy[2], gx[0], gy[0], px, py)
@@ -147,18 +150,21 @@ def edge_functions(gx, gy, box):
 def inv_z_plane(x, y, w, box):
     """Return the InvZPlane through the vertices before snapping; the same for both windings.
 
+    Along both edges from corner 0, dw = dx edge_x + dy edge_y: two equations, solved by Cramer's rule. Coverage is that
+    of the snapped vertices, so that 1/z of a covered pixel may be extrapolated a little: see ``InvZPlane.min``.
+
     Args:
         x, y, w: pixels and 1/z of the corners, three f32x8 each.
     """
     ax, ay, aw = vec.to_f64(x[0]), vec.to_f64(y[0]), vec.to_f64(w[0])
-    ux, uy, uw = vec.to_f64(x[1]) - ax, vec.to_f64(y[1]) - ay, vec.to_f64(w[1]) - aw
-    vx, vy, vw = vec.to_f64(x[2]) - ax, vec.to_f64(y[2]) - ay, vec.to_f64(w[2]) - aw
-    determinant = ux * vy - vx * uy
+    edge1_x, edge1_y, edge1_w = vec.to_f64(x[1]) - ax, vec.to_f64(y[1]) - ay, vec.to_f64(w[1]) - aw
+    edge2_x, edge2_y, edge2_w = vec.to_f64(x[2]) - ax, vec.to_f64(y[2]) - ay, vec.to_f64(w[2]) - aw
+    determinant = edge1_x * edge2_y - edge2_x * edge1_y
     zero, half = vec.f64(0.0), vec.f64(0.5)
     is_flat = determinant == zero
     inverse = vec.f64(1.0) / vec.select(is_flat, vec.f64(1.0), determinant)
-    dx = vec.select(is_flat, zero, (uw * vy - vw * uy) * inverse)
-    dy = vec.select(is_flat, zero, (vw * ux - uw * vx) * inverse)
+    dx = vec.select(is_flat, zero, (edge1_w * edge2_y - edge2_w * edge1_y) * inverse)
+    dy = vec.select(is_flat, zero, (edge2_w * edge1_x - edge1_w * edge2_x) * inverse)
     base = aw + (dx * (vec.to_f64(box.left) + half - ax) + dy * (vec.to_f64(box.top) + half - ay))
     return InvZPlane(
         base=vec.to_f32(base), dx=vec.to_f32(dx), dy=vec.to_f32(dy), min=minimum_of_3(w), max=maximum_of_3(w)

@@ -20,7 +20,8 @@ from renderers.shading.texels import level_size, locate, read_texels, texels_of_
 
 _NO_LEVEL: Final = -1
 _MAX_SAMPLES: Final = 12
-"""Maximum number of samples in a pixel's footprint. More would cover finer mip levels, which makes edges sharper."""
+"""Maximum number of samples in a pixel's footprint. More would read finer mip levels: sharper edges, for
+more time."""
 _MAX_SAMPLES_PER_AXIS: Final = 8
 """Maximum number of samples along one side of a footprint: the highest anisotropy that is filtered without blur."""
 _SAMPLE_SPACING: Final = 1.3
@@ -51,6 +52,7 @@ def _samples_along(squared_side):
     Args:
         squared_side: f32x8, squared texels.
     """
+    # Limited to the side that gives one sample more than permitted, since it may be infinite.
     longest = (_MAX_SAMPLES_PER_AXIS + 1) * _SAMPLE_SPACING
     squared_side = vec.maximum(squared_side, vec.f32(0.0))  # NaN: 0
     side = vec.sqrt(vec.minimum(squared_side, vec.f32(longest * longest)))
@@ -72,8 +74,8 @@ def _area_grids(texture, gradient, is_linear):
     columns, rows = vec.f32(_COARSEST_SAMPLES), vec.f32(_COARSEST_SAMPLES)
     for k in range(last_level + 1):
         width, height = max(texture.width >> k, 1), max(texture.height >> k, 1)
-        squared_width, squared_height = squared_sides(gradient, vec.f32(width), vec.f32(height))
-        level_columns, level_rows = _samples_along(squared_width), _samples_along(squared_height)
+        squared_across, squared_down = squared_sides(gradient, vec.f32(width), vec.f32(height))
+        level_columns, level_rows = _samples_along(squared_across), _samples_along(squared_down)
         is_covered = (level_columns <= max_per_axis) & (level_rows <= max_per_axis)
         is_covered = is_covered & (level_columns * level_rows <= max_samples)
         is_first = is_covered & (level == no_level)
@@ -82,21 +84,22 @@ def _area_grids(texture, gradient, is_linear):
         if vec.movemask(level == no_level) == 0:
             break
     level = vec.select(level == no_level, vec.i32(last_level), level)
-    fewest = vec.f32(1 if is_linear else _MIN_NEAREST_SAMPLES)
-    return level, vec.to_i32(vec.maximum(columns, fewest)), vec.to_i32(vec.maximum(rows, fewest))
+    min_per_axis = vec.f32(1 if is_linear else _MIN_NEAREST_SAMPLES)
+    return level, vec.to_i32(vec.maximum(columns, min_per_axis)), vec.to_i32(vec.maximum(rows, min_per_axis))
 
 
 @inlined
-def _spread(squared_side, count, edge_variance):
+def _sample_spread(squared_side, count, edge_variance):
     """Return factors of the distances of ``count`` samples that keep edges as wide as the footprint makes them, f32x8.
 
-    The variance of a footprint of side L is L² / 12, and that of n samples in it L² (1 - 1/n²) / 12. Bilinear
-    interpolation adds the variance of an edge, so the samples are closer together by a factor ``spread``::
+    The variance of a footprint of side L is L² / 12, and that of n samples evenly in it L² (1 - 1/n²) / 12. Bilinear
+    interpolation adds edge_variance / 12. The factor ``spread`` of the samples' distances, below or above 1, makes the
+    sum that of the footprint; times 12::
 
         spread² L² (1 - 1/n²) + edge_variance = L²
         spread² = (1 - edge_variance / L²) n² / (n² - 1)
 
-    n samples of level 0, one texel apart, have the spread 1.
+    n samples of level 0, one texel apart (L = n, edge_variance = 1), have the spread 1.
 
     Args:
         squared_side: f32x8, L², squared texels of the level.
@@ -115,23 +118,26 @@ def sample_area(texture, view, pixels, x, u, v, gradient):
 
     Args:
         texture, view: a TEXTURE and its TextureView.
+        pixels: its rows of texels are overwritten.
         u, v: f32x8, texture coordinates of the pixels' centres.
     """
     du_dx, dv_dx, du_dy, dv_dy = gradient
     zero, half, one = vec.f32(0.0), vec.f32(0.5), vec.f32(1.0)
     is_linear = texture.mag_linear != 0 or texture.min_linear != 0
+    # The same for ``locate``, in all lanes.
     linear_lanes = vec.i32(texture.mag_linear | texture.min_linear) != vec.i32(0)
     level, columns, rows = _area_grids(texture, gradient, is_linear)
     column_count, row_count = vec.to_f32(columns), vec.to_f32(rows)
     spread_x, spread_y = one, one
     if is_linear:
         width, height = level_size(texture.width, level), level_size(texture.height, level)
-        squared_width, squared_height = squared_sides(gradient, vec.to_f32(width), vec.to_f32(height))
+        squared_across, squared_down = squared_sides(gradient, vec.to_f32(width), vec.to_f32(height))
         # Bilinear interpolation: 1; the mean of the texels of a mip level: 1 more.
         edge_variance = vec.select(level == vec.i32(0), one, vec.f32(2.0))
-        spread_x = _spread(squared_width, column_count, edge_variance)
-        spread_y = _spread(squared_height, row_count, edge_variance)
+        spread_x = _sample_spread(squared_across, column_count, edge_variance)
+        spread_y = _sample_spread(squared_down, row_count, edge_variance)
     r, g, b, alpha = zero, zero, zero, zero
+    # Each sample is located and read in the same rows of PIXELS; alpha is always read, and stored only if it is needed.
     offsets, weights = texels_of_level(pixels, 0)
     # Each pixel has a grid of its own, and takes no part in the samples beyond it.
     for row in range(vec.maximum_of(rows)):
@@ -146,5 +152,5 @@ def sample_area(texture, view, pixels, x, u, v, gradient):
             is_sampled = (vec.i32(row) < rows) & (vec.i32(column) < columns)
             r, g = r + vec.select(is_sampled, rgba[0], zero), g + vec.select(is_sampled, rgba[1], zero)
             b, alpha = b + vec.select(is_sampled, rgba[2], zero), alpha + vec.select(is_sampled, rgba[3], zero)
-    weight = one / (column_count * row_count)
-    return r * weight, g * weight, b * weight, alpha * weight
+    sample_weight = one / (column_count * row_count)
+    return r * sample_weight, g * sample_weight, b * sample_weight, alpha * sample_weight

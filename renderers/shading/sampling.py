@@ -1,5 +1,10 @@
 """Texture sampling: fills rows of PIXELS from a texture, with OpenGL's filters or, with SHADING_JOB's ``area_filter``,
 averaged over each pixel's area.
+
+Materials call ``sample``, and it the kernel ``sample_texture``, which calls the steps above it. In these, ``uv`` and
+``uv_gradient`` point to the rows of PIXELS of the texture's set of coordinates: two, and four if they are filled.
+``rows``: four rows of PIXELS that are filled with RGBA. ``view``: the texture's TextureView. ``uv_transform``: from
+``_load_uv_transform``.
 """
 
 from __future__ import annotations
@@ -64,7 +69,7 @@ def _store_texel(rows, x, rgba, alpha):
 
 @inlined
 def _sample_areas(texture, view, uv_transform, uv, uv_gradient, pixels, count, rows, alpha):
-    """``sample``, averaged over each pixel's area."""
+    """Fill ``rows`` with the texture's means over the pixels' areas."""
     for x in range(0, count, vec.LANES):
         u, v = _transformed_uv(uv_transform, uv, x)
         gradient = _transformed_gradient(uv_transform, uv_gradient, x)
@@ -73,7 +78,11 @@ def _sample_areas(texture, view, uv_transform, uv, uv_gradient, pixels, count, r
 
 @inlined
 def _select_levels(texture, view, uv_transform, uv, uv_gradient, pixels, count):
-    """Fill ``level``, ``next_weight`` and ``sample_uv``; return True if any pixel is between two levels."""
+    """Fill ``level``, ``next_weight`` and ``sample_uv`` of PIXELS; return True if any pixel is between two levels.
+
+    If the filter does not depend on the scale, ``level`` is 0 and not MAGNIFIED, and the filters of both are the same.
+    If it does, ``uv_gradient`` is filled: ``materials`` sets ``has_gradients`` by Sampler.depends_on_scale.
+    """
     depends_on_scale = texture.mips != MIPS_NONE or texture.mag_linear != texture.min_linear
     width, height, zero = vec.f32(view.width), vec.f32(view.height), vec.f32(0.0)
     any_is_between = False
@@ -81,8 +90,10 @@ def _select_levels(texture, view, uv_transform, uv, uv_gradient, pixels, count):
         u, v = _transformed_uv(uv_transform, uv, x)
         level, next_weight = vec.i32(0), zero
         if depends_on_scale:
-            across, down = squared_sides(_transformed_gradient(uv_transform, uv_gradient, x), width, height)
-            squared_side = vec.maximum(across, down)
+            squared_across, squared_down = squared_sides(
+                _transformed_gradient(uv_transform, uv_gradient, x), width, height
+            )
+            squared_side = vec.maximum(squared_across, squared_down)
             minified = is_minified(texture, squared_side)
             level = vec.i32(MAGNIFIED)
             if vec.movemask(minified) != 0:
@@ -98,7 +109,7 @@ def _select_levels(texture, view, uv_transform, uv, uv_gradient, pixels, count):
 
 
 @inlined
-def _is_between(pixels, x):
+def _any_between_levels(pixels, x):
     """Return True if any of eight pixels is between two mip levels."""
     return vec.movemask(vec.load(pixels.next_weight, x) > vec.f32(0.0)) != 0
 
@@ -106,7 +117,7 @@ def _is_between(pixels, x):
 @inlined
 def _prefetch(texels, offsets, x):
     """Prefetch the texels that ``locate`` has stored for eight pixels."""
-    for k in range(0, 2 * STRIDE, STRIDE):
+    for k in range(0, 2 * STRIDE, STRIDE):  # the rows of the upper and of the lower texels
         for lane in range(vec.LANES):
             vec.prefetch(texels, np.int64(offsets[k + x + lane]))
 
@@ -121,15 +132,15 @@ def _locate_in_levels(texture, view, pixels, count, level_count):
     zero, last_level = vec.i32(0), vec.i32(view.last_level)
     mag_linear, min_linear = vec.i32(texture.mag_linear) != zero, vec.i32(texture.min_linear) != zero
     prefetches = view.width * view.height > _MIN_PREFETCHED_TEXELS
-    for k in range(level_count):
-        offsets, weights = texels_of_level(pixels, k)
+    for level_offset in range(level_count):
+        offsets, weights = texels_of_level(pixels, level_offset)
         for x in range(0, count, vec.LANES):
-            if k == 1 and not _is_between(pixels, x):
+            if level_offset == 1 and not _any_between_levels(pixels, x):
                 continue
             level = vec.load(pixels.level, x)
-            is_magnified = level < zero
+            is_magnified = level < zero  # MAGNIFIED
             is_linear = (is_magnified & mag_linear) | (~is_magnified & min_linear)
-            level = vec.minimum(vec.maximum(level, zero) + vec.i32(k), last_level)
+            level = vec.minimum(vec.maximum(level, zero) + vec.i32(level_offset), last_level)
             u, v = vec.load(pixels.sample_uv, x), vec.load(pixels.sample_uv, STRIDE + x)
             locate(view, offsets, weights, x, level, is_linear, u, v)
             if prefetches:
@@ -142,17 +153,20 @@ def _read_levels(view, pixels, count, level_count, rows, alpha):
     for k in range(level_count):
         offsets, weights = texels_of_level(pixels, k)
         for x in range(0, count, vec.LANES):
-            if k == 1 and not _is_between(pixels, x):
+            if k == 1 and not _any_between_levels(pixels, x):
                 continue
             rgba = read_texels(view, offsets, weights, x, alpha)
             if k == 1:
-                rgba = _mixed(rows, x, rgba, vec.load(pixels.next_weight, x))
+                rgba = _mix_with_stored(rows, x, rgba, vec.load(pixels.next_weight, x))
             _store_texel(rows, x, rgba, alpha)
 
 
 @inlined
-def _mixed(rows, x, rgba, weight):
-    """Return RGBA between that in four rows of PIXELS (weight 0) and ``rgba`` (weight 1)."""
+def _mix_with_stored(rows, x, rgba, weight):
+    """Return RGBA between that in four rows of PIXELS (weight 0) and ``rgba`` (weight 1).
+
+    Without ``alpha``, A is undefined and not stored.
+    """
     r, g, b = load3(rows, x, STRIDE)
     a = vec.load(rows, 3 * STRIDE + x)
     return (
@@ -165,7 +179,7 @@ def _mixed(rows, x, rgba, weight):
 
 @device_function
 def sample(segment, index, count, rows, alpha):
-    """Sample a texture at the first ``count`` pixels, 0 .. 1 per channel.
+    """Sample a texture at the first ``count`` pixels, 0 .. 1 per channel, by ``sample_texture``.
 
     Texel centres are at ((i + 0.5) / width, (j + 0.5) / height). Mip levels and areas need the rows ``uv_gradient``.
 
@@ -179,7 +193,7 @@ def sample(segment, index, count, rows, alpha):
 
 @kernel("void(int64, int64, int64, int64, int64)")
 def sample_texture(segment_address, index, count, rows_address, has_alpha):
-    """``sample``, compiled once for all looks.
+    """Do what ``sample`` says: a kernel of its own, compiled once for all looks.
 
     Args:
         segment_address: address of a SEGMENT.
@@ -197,7 +211,7 @@ def sample_texture(segment_address, index, count, rows_address, has_alpha):
         _sample_areas(texture, view, uv_transform, uv, uv_gradient, pixels, count, rows, alpha)
     else:
         # Loops of their own, which a processor overlaps better than one: the texels of all pixels are prefetched.
-        is_between = _select_levels(texture, view, uv_transform, uv, uv_gradient, pixels, count)
-        level_count = 2 if is_between else 1
+        any_between_levels = _select_levels(texture, view, uv_transform, uv, uv_gradient, pixels, count)
+        level_count = 2 if any_between_levels else 1
         _locate_in_levels(texture, view, pixels, count, level_count)
         _read_levels(view, pixels, count, level_count, rows, alpha)

@@ -22,10 +22,11 @@ _KINDS: Final = {LightKind.DIRECTIONAL: DIRECTIONAL, LightKind.POINT: POINT, Lig
 _WHITE_ILLUMINANCE: Final = math.pi
 """Illuminance at which a matt white surface has the radiance 1, which is white in the image."""
 _MIN_DISTANCE: Final = 0.01
-"""Distance from a light, metres, within which its illuminance does not grow further."""
+"""Minimum distance from a light, metres, in the measurement of exposure: a point in a lamp would be infinitely bright.
+Lighting has a limit of a micrometre."""
 
 
-def exposed(lights: tuple[Light, ...], points: NDArray[np.float64]) -> tuple[Light, ...]:
+def dimmed_to_expose(lights: tuple[Light, ...], points: NDArray[np.float64]) -> tuple[Light, ...]:
     """Return a file's lights, dimmed by one factor if they would overexpose the median of the lit points.
 
     KHR_lights_punctual has photometric units (the sun has 100,000 lux), but no exposure to go with them. Viewers show
@@ -33,15 +34,16 @@ def exposed(lights: tuple[Light, ...], points: NDArray[np.float64]) -> tuple[Lig
     surfaces are left out of the measurement.
 
     Args:
+        lights: of a file, in the world frame.
         points: (n, 3) float64, points of visible surfaces in the world frame.
     """
     with np.errstate(over="ignore"):
         illuminance = sum((_illuminance(light, points) for light in lights), np.zeros(len(points)))
     lit = illuminance[illuminance > 0.0]
-    excess = float(np.median(lit)) / _WHITE_ILLUMINANCE if len(lit) else 0.0
-    if excess <= 1.0:
+    overexposure = float(np.median(lit)) / _WHITE_ILLUMINANCE if len(lit) else 0.0
+    if overexposure <= 1.0:
         return lights
-    return tuple(replace(light, intensity=light.intensity / excess) for light in lights)
+    return tuple(replace(light, intensity=light.intensity / overexposure) for light in lights)
 
 
 def _illuminance(light: Light, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -79,6 +81,7 @@ def light_structs(lights: Sequence[Light], shadow_maps: Sequence[int], camera: C
     """
     X_camera_world = camera.X_camera_world
     structs = np.zeros(max(len(lights), 1), LIGHT.dtype)
+    # Without lights, one struct is left as it is: zeros.
     for struct, light, shadow_map in zip(structs, lights, shadow_maps, strict=False):
         struct["kind"] = _KINDS[light.kind]
         struct["position"] = X_camera_world[:3, :3] @ light.position + X_camera_world[:3, 3]

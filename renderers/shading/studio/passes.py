@@ -21,7 +21,7 @@ from renderers.shading.depth_peeling import for_bands, peeled
 from renderers.shading.scene import ShadingJob, ShadingScene
 from renderers.shading.studio import layout
 from renderers.shading.studio.environment_map import environment_of, split_sum
-from renderers.shading.studio.lights import exposed, light_structs
+from renderers.shading.studio.lights import dimmed_to_expose, light_structs
 from renderers.shading.studio.shade_rows import ADD, BENEATH, WRITE_ALPHA, shade_edges, shade_rows
 from renderers.shading.studio.shadows import (
     ShadowMap,
@@ -80,7 +80,7 @@ def paint(
     map_of_light = [-1] * len(lights)
     points = visible_points(visible, cameras[0]) if visible is not None else np.zeros((0, 3))
     if is_metered:
-        lights = exposed(lights, points)
+        lights = dimmed_to_expose(lights, points)
     if has_shadows:
         shadow_maps, map_of_light = render_shadow_maps(
             rasterizer,
