@@ -25,7 +25,7 @@ SLICE_SECONDS: Final = 0.02
 """Time of the index between two seeks: longer slices would delay a playing page."""
 MAX_REPLAYS: Final = 3
 """Number of positions at which replays wait to go on. Each keeps a state of the tree in memory."""
-LABEL_NS: Final = 10_000_000
+MIN_LABEL_INTERVAL_NS: Final = 10_000_000
 """Minimum time between two entries of the table of simulation times."""
 
 
@@ -34,9 +34,10 @@ def open_log(
 ) -> LogTimeline:
     """Return the states of the tree over the time of a log.
 
-    It reads the headers of the log, which takes a second for 600,000 messages. Call ``snapshot_at`` on the timeline at
-    once: times in order decode each message once, and need no index. Only seeks beyond the part that was decoded so far
-    take as long as that part. ``build_index`` decodes the log in the background; afterwards each seek is quick::
+    It reads the headers of the log, which takes a second for 600,000 messages. ``snapshot_at`` works at once: it
+    extends the index to the time, so a seek far beyond the index takes as long as to decode what lies between. Each
+    message is decoded once for the index, and once more when a seek replays it. ``build_index`` decodes the log in the
+    background; afterwards each seek is quick::
 
         with open_log(Path("run.lcmlog")) as timeline:
             begin, end = timeline.span
@@ -58,7 +59,8 @@ def open_log(
 class LogTimeline(Closing):
     """States of the tree over the time of a log. It satisfies ``gateway.scene.timeline.Timeline``.
 
-    Used in one event loop, except ``incomplete`` and ``progress``.
+    Used in one event loop, except ``incomplete`` and ``progress``. The index and the replays change only in the
+    timeline's own thread; the event loop reads them meanwhile.
     """
 
     def __init__(
@@ -66,7 +68,7 @@ class LogTimeline(Closing):
     ) -> None:
         """
         Args:
-            checkpoints: those of the index, without any yet; None: with the default limits.
+            checkpoints: container for those of the index, still empty; None: one with the default limits.
 
         Raises:
             OSError: the log cannot be read.
@@ -78,8 +80,7 @@ class LogTimeline(Closing):
         self._checkpoints = checkpoints or Checkpoints()
         self._indexer = LogReplay(path, files)
         """Decodes the log once, and adds checkpoints."""
-        self._cost = 0.0
-        """Cost of the events since the last checkpoint."""
+        self._cost_since_checkpoint = 0.0
         self._replays: list[LogReplay] = []
         """Replays at recent positions, the last used one at the end."""
         self._simulation_times, self._simulation_seconds = array("q"), array("d")
@@ -95,10 +96,10 @@ class LogTimeline(Closing):
     @property
     def progress(self) -> float:
         """Fraction of the log that is indexed, 0 to 1."""
-        return 1.0 if self.is_indexed else self._indexer.position / max(1, self.summary.file_bytes)
+        return 1.0 if self.is_fully_indexed else self._indexer.position / max(1, self.summary.file_bytes)
 
     @property
-    def is_indexed(self) -> bool:
+    def is_fully_indexed(self) -> bool:
         """True if seeks to all times are quick."""
         return self._indexer.next_event is None
 
@@ -127,7 +128,7 @@ class LogTimeline(Closing):
         Args:
             on_progress: called after each slice with ``progress``.
         """
-        while not self.is_indexed:
+        while not self.is_fully_indexed:
             await self._in_thread(self._index_slice)
             on_progress(self.progress)
 
@@ -159,6 +160,7 @@ class LogTimeline(Closing):
         return await asyncio.get_running_loop().run_in_executor(self._thread, work)
 
     def _is_beyond_index(self, time_ns: int) -> bool:
+        """Return True if events up to a time are not indexed yet."""
         next_ns = self._indexer.next_time_ns
         return next_ns is not None and next_ns <= time_ns
 
@@ -171,10 +173,10 @@ class LogTimeline(Closing):
             if reasons:
                 self.incomplete.add(event.channel, reasons)
             self._note_simulation_time()
-            self._cost += cost_of(event)
-            if self._cost >= self._checkpoints.interval:
-                self._checkpoints.add(indexer.renew())
-                self._cost = 0.0
+            self._cost_since_checkpoint += cost_of(event)
+            if self._cost_since_checkpoint >= self._checkpoints.interval:
+                self._checkpoints.add(indexer.renew())  # its state; the limits then count from there
+                self._cost_since_checkpoint = 0.0
             if time.perf_counter() >= deadline:
                 break
 
@@ -183,13 +185,14 @@ class LogTimeline(Closing):
         if seconds is None or (times and self._simulation_seconds[-1] == seconds):
             return
         time_ns = self._indexer.clock.time_ns
-        if not times or time_ns - times[-1] >= LABEL_NS or seconds < self._simulation_seconds[-1]:
-            self._simulation_seconds.append(seconds)  # first: another thread reads what both have
+        if not times or time_ns - times[-1] >= MIN_LABEL_INTERVAL_NS or seconds < self._simulation_seconds[-1]:
+            self._simulation_seconds.append(seconds)  # first: the event loop looks up a time, then its seconds
             times.append(time_ns)
 
     def _seek(self, time_ns: int) -> Snapshot:
         """Return the state at a time that is indexed."""
         checkpoint = self._checkpoints.before(time_ns)
+        # A replay before the checkpoint would decode more events than one that begins there.
         usable = (
             each for each in self._replays if each.clock.time_ns <= time_ns and each.position >= checkpoint.position
         )

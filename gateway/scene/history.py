@@ -1,4 +1,4 @@
-"""The states of the live tree in the last minute, as a ``Timeline``."""
+"""The recent states of the live tree, as a ``Timeline``."""
 
 from __future__ import annotations
 
@@ -55,9 +55,40 @@ class _Segment:
 
 class _Rebuilt(NamedTuple):
     segment: _Segment
-    length: int
+    change_count: int
     """Number of the segment's changes that it contains."""
     snapshot: Snapshot
+
+
+@dataclass(slots=True, eq=False)
+class _Segments:
+    """Segments with the states that were rebuilt from them last. Used with the history's lock."""
+
+    segments: deque[_Segment]
+    """Oldest first; at least one."""
+    rebuilt: deque[_Rebuilt] = field(default_factory=lambda: deque(maxlen=REBUILT_STATES))
+
+    def at(self, timestamp: int) -> _Segment:
+        """Return the segment with the state at a time; the first one if the time is earlier."""
+        index = bisect_right(self.segments, timestamp, key=lambda each: each.keyframe.timestamp)
+        return self.segments[max(0, index - 1)]
+
+    def best_base(self, segment: _Segment, change_count: int) -> _Rebuilt:
+        """Return the last known state of a segment that has at most so many changes."""
+        bases = (each for each in self.rebuilt if each.segment is segment and each.change_count <= change_count)
+        return max(bases, key=lambda each: each.change_count, default=_Rebuilt(segment, 0, segment.keyframe))
+
+    def keep(self, state: _Rebuilt) -> None:
+        """Keep a rebuilt state, unless its segment was dropped meanwhile."""
+        if state.segment in self.segments:
+            self.rebuilt.append(state)
+
+    def drop_first(self) -> None:
+        """Drop the oldest segment and its states."""
+        dropped = self.segments.popleft()
+        kept = [each for each in self.rebuilt if each.segment is not dropped]
+        self.rebuilt.clear()
+        self.rebuilt.extend(kept)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +102,7 @@ class _HeldHistory:
         """Return the state that was valid at a time; times outside the span are clamped."""
         return await self.state_at(timestamp)
 
-    def simulation_seconds_at(self, time: int) -> None:
+    def simulation_seconds_at(self, timestamp: int) -> None:
         """Return None: the live tree has no time of a simulation."""
 
     def held(self) -> Timeline:
@@ -80,7 +111,7 @@ class _HeldHistory:
 
 
 class TreeHistory:
-    """States of a live tree over the last seconds: a ``Timeline``. Thread-safe.
+    """The recent states of a live tree: a ``Timeline``. Thread-safe.
 
     A thread records them while ``start`` … ``close``: edits wait for nothing, and the event loop has nothing to do.
     ``LiveTree.keep_recent`` is another thing: it has every state for an exposure, as trees, for a second.
@@ -108,7 +139,7 @@ class TreeHistory:
         self._to_thread = to_thread
         self._clock = clock
         self._lock = threading.Lock()
-        self._begin(tree.snapshot)
+        self._restart(tree.snapshot)
         self._changed = threading.Event()
         self._closing = threading.Event()
         self._stop_listening: Callable[[], None] = lambda: None
@@ -132,59 +163,57 @@ class TreeHistory:
         """First and last time that have a state. The last one is now."""
         now = max(self._clock(), self._tree.snapshot.timestamp)
         with self._lock:
-            first = max(self._segments[0].keyframe.timestamp, self._began)
-        return min(max(first, now - self._kept_nanoseconds), now), now
+            recorded_since = max(self._recorded.segments[0].keyframe.timestamp, self._recording_start)
+        first = max(recorded_since, now - self._kept_nanoseconds)
+        return min(first, now), now  # a clock that was set back is before what was recorded
 
     @property
     def nbytes(self) -> int:
         """Estimate of the memory."""
         with self._lock:
-            return sum(segment.nbytes for segment in self._segments)
+            return sum(segment.nbytes for segment in self._recorded.segments)
 
     async def snapshot_at(self, timestamp: int) -> Snapshot:
         """Return the state that was valid at a time; times outside the span are clamped."""
-        return await self._state_at(timestamp, self._tree.snapshot, self._segments, self._rebuilt)
+        return await self._state_at(timestamp, self._tree.snapshot, self._recorded)
 
-    def simulation_seconds_at(self, time: int) -> None:
+    def simulation_seconds_at(self, timestamp: int) -> None:
         """Return None: the live tree has no time of a simulation."""
 
     def held(self) -> Timeline:
         """Return the states of the present span, which stay as long as the result is used."""
-        span, live = self.span, self._tree.snapshot
+        span, newest = self.span, self._tree.snapshot
         with self._lock:
-            segments, rebuilt = deque(self._segments), deque[_Rebuilt](maxlen=REBUILT_STATES)
-        return _HeldHistory(span, partial(self._state_at, live=live, segments=segments, rebuilt=rebuilt))
+            segments = _Segments(deque(self._recorded.segments))
+        return _HeldHistory(span, partial(self._state_at, newest=newest, segments=segments))
 
-    async def _state_at(
-        self, time: int, live: Snapshot, segments: deque[_Segment], rebuilt: deque[_Rebuilt]
-    ) -> Snapshot:
+    async def _state_at(self, timestamp: int, newest: Snapshot, segments: _Segments) -> Snapshot:
         """Return the state that was valid at a time.
 
         Args:
-            live: State after those of the segments.
-            segments: Segments in the order of time.
-            rebuilt: States of these segments that were rebuilt last.
+            newest: State after those of the segments.
+            segments: Those that were recorded, or those of a held history.
         """
-        if time >= live.timestamp:
-            return live
+        if timestamp >= newest.timestamp:
+            return newest
         with self._lock:
-            index = bisect_right(segments, time, key=lambda each: each.keyframe.timestamp)
-            segment = segments[max(0, index - 1)]
-            count = segment.count_at(time)
-            if count and segment.changes[count - 1].revision == self._last.revision:
-                return self._last
-        if not count:
-            return segment.keyframe
-        return await self._to_thread(lambda: self._rebuild(segment, count, segments, rebuilt))
+            segment = segments.at(timestamp)
+            change_count = segment.count_at(timestamp)
+            if not change_count:
+                return segment.keyframe
+            # A revision is one state, also in a held history. Several states may have the same timestamp.
+            if segment.changes[change_count - 1].revision == self._last_recorded.revision:
+                return self._last_recorded
+        return await self._to_thread(lambda: self._rebuild(segment, change_count, segments))
 
     def record(self) -> None:
         """Record the newest state, and drop old ones."""
         snapshot = self._tree.snapshot
         with self._lock:
-            last, segment = self._last, self._segments[-1]
+            last, segment = self._last_recorded, self._recorded.segments[-1]
         if snapshot.timestamp < last.timestamp:  # the clock was set back
             with self._lock:
-                self._begin(snapshot)
+                self._restart(snapshot)
         elif snapshot is not last:
             change = pack(last.root, snapshot.root, segment.ids)
             with self._lock:
@@ -193,55 +222,50 @@ class TreeHistory:
             self._drop_old()
 
     def _run(self) -> None:
+        """Record changes until ``close``, in the history's thread."""
         while not self._closing.is_set():
             self._changed.wait(1.0)  # old states go even if there are no new ones
             self._changed.clear()
             self.record()
             self._closing.wait(1.0 / STATES_PER_SECOND)
 
-    def _begin(self, snapshot: Snapshot) -> None:
-        """Start anew with a state."""
-        self._segments: deque[_Segment] = deque([_Segment(snapshot)])
-        """Oldest first."""
-        self._last = snapshot
-        """The state that was recorded last."""
-        self._rebuilt: deque[_Rebuilt] = deque(maxlen=REBUILT_STATES)
-        self._began = self._clock()
+    def _restart(self, snapshot: Snapshot) -> None:
+        """Forget all states but this one."""
+        self._recorded = _Segments(deque([_Segment(snapshot)]))
+        self._last_recorded = snapshot
+        self._recording_start = self._clock()
+        """Start of the span: the state of the first keyframe may be older."""
 
     def _append(self, segment: _Segment, snapshot: Snapshot, change: PackedChange) -> None:
         """Append a state to the last segment, or make it the keyframe of another one."""
-        self._last = snapshot
-        segment.change_bytes += change.nbytes
+        self._last_recorded = snapshot
+        segment.change_bytes += change.nbytes  # what only the states before need, also if a keyframe follows
         is_long = snapshot.timestamp - segment.keyframe.timestamp >= KEYFRAME_NS
         if is_long or segment.nbytes > MAX_SEGMENT_SHARE * self._max_bytes:
-            self._segments.append(_Segment(snapshot))
+            self._recorded.segments.append(_Segment(snapshot))
         else:
             segment.changes.append(_Recorded(snapshot.timestamp, snapshot.revision, change))
 
     def _drop_old(self) -> None:
         """Drop segments that ended too long ago, and the oldest ones if all need too much memory."""
         oldest = self._clock() - self._kept_nanoseconds
-        if self._segments[-1].changes and self._last.timestamp <= oldest:
-            self._segments.append(_Segment(self._last))
-        nbytes = sum(segment.nbytes for segment in self._segments)
-        while len(self._segments) > 1 and (nbytes > self._max_bytes or self._segments[1].keyframe.timestamp <= oldest):
-            dropped = self._segments.popleft()
-            nbytes -= dropped.nbytes
-            self._rebuilt = deque((each for each in self._rebuilt if each.segment is not dropped), REBUILT_STATES)
+        segments = self._recorded.segments
+        if segments[-1].changes and self._last_recorded.timestamp <= oldest:
+            segments.append(_Segment(self._last_recorded))  # so that the one before, which has older states, can go
+        nbytes = sum(segment.nbytes for segment in segments)
+        while len(segments) > 1 and (nbytes > self._max_bytes or segments[1].keyframe.timestamp <= oldest):
+            nbytes -= segments[0].nbytes
+            self._recorded.drop_first()
 
-    def _rebuild(self, segment: _Segment, length: int, segments: deque[_Segment], rebuilt: deque[_Rebuilt]) -> Snapshot:
-        """Return the state after a number of changes of a segment. Further arguments as for ``_state_at``."""
-        base = _Rebuilt(segment, 0, segment.keyframe)
+    def _rebuild(self, segment: _Segment, change_count: int, segments: _Segments) -> Snapshot:
+        """Return the state after a number of changes of a segment, which is one of ``segments``."""
         with self._lock:
-            for each in rebuilt:
-                if each.segment is segment and base.length < each.length <= length:
-                    base = each
-        if base.length == length:
+            base = segments.best_base(segment, change_count)
+        if base.change_count == change_count:
             return base.snapshot
-        changes = segment.changes[base.length : length]
+        changes = segment.changes[base.change_count : change_count]
         root = unpack(base.snapshot.root, (each.change for each in changes), segment.ids)
         snapshot = Snapshot(root, changes[-1].revision, changes[-1].timestamp)
         with self._lock:
-            if segment in segments:
-                rebuilt.append(_Rebuilt(segment, length, snapshot))
+            segments.keep(_Rebuilt(segment, change_count, snapshot))
         return snapshot

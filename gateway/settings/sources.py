@@ -15,8 +15,8 @@ from gateway.settings.option import ENV_PREFIX, env_of, flag_of
 from gateway.settings.settings import Settings
 from scenegate.regular_files import read_file_or_pipe
 
-CONFIG_ENV = "SCENEGATE_CONFIG"
-OTHER_ENV = frozenset(
+CONFIG_ENV: Final = "SCENEGATE_CONFIG"
+NON_SETTING_VARIABLES: Final = frozenset(
     {
         CONFIG_ENV,
         "SCENEGATE_ASSET_GENERATOR",
@@ -36,6 +36,8 @@ OTHER_ENV = frozenset(
     }
 )
 """Our environment variables that are not settings."""
+MAX_FILE_BYTES: Final = 1 << 20
+"""Maximum size of a configuration file."""
 
 
 class SettingsError(ValueError):
@@ -56,7 +58,7 @@ def load(flags: Mapping[str, Any] | None = None, config: Path | None = None) -> 
     if config is None and os.environ.get(CONFIG_ENV):
         config = Path(os.environ[CONFIG_ENV])
     from_file = _read_file(config) if config is not None else {}
-    # Arguments of a settings class override the environment.
+    # Settings reads the environment itself, but arguments override it: the file must not.
     from_file = {name: value for name, value in from_file.items() if not os.environ.get(env_of(name))}
     try:
         return Settings(**{**from_file, **flags})
@@ -67,7 +69,7 @@ def load(flags: Mapping[str, Any] | None = None, config: Path | None = None) -> 
 
 def unknown_environment() -> list[str]:
     """Return a sentence for each SCENEGATE_* variable that is not a setting, such as a misspelt one."""
-    known = {env_of(name) for name in Settings.model_fields} | OTHER_ENV
+    known = {env_of(name) for name in Settings.model_fields} | NON_SETTING_VARIABLES
     return [
         f"{name} is not a setting{_suggestion(name, known)}"
         for name in sorted(os.environ)
@@ -90,10 +92,6 @@ def _sentence(fault: Mapping[str, Any], flags: Mapping[str, Any], config: Path |
     return f"{source}: {reason[:1].lower()}{reason[1:]}, got {fault['input']!r}."
 
 
-MAX_FILE_BYTES: Final = 1 << 20
-"""Maximum size of a configuration file."""
-
-
 def _read_file(path: Path) -> dict[str, Any]:
     try:
         values = tomllib.loads(read_file_or_pipe(path, MAX_FILE_BYTES).decode())
@@ -111,5 +109,6 @@ def _read_file(path: Path) -> dict[str, Any]:
 
 
 def _suggestion(name: str, known: Iterable[str]) -> str:
+    """Return the end of a sentence: a known name like this one, if there is any, and the punctuation."""
     close = get_close_matches(name, list(known), n=1)
     return f"; did you mean {close[0]}?" if close else "."

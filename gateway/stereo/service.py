@@ -239,7 +239,7 @@ class StereoService:
             "frames": counts.frames,
             "depth_frames": counts.depth_frames,
             "skipped": counts.skipped,
-            "busy": counts.busy,
+            "busy": counts.dropped,
             "depth_seconds": round(counts.depth_seconds, 4),
             **({"warnings": [counts.problem]} if counts.problem else {}),
         }

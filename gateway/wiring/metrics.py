@@ -193,7 +193,7 @@ def watch_stereo(metrics: Metrics, *services: StereoService) -> None:
         "scenegate_stereo_skipped_total",
         "Number of frames that were due and not taken, by reason: in_work (late, or too many frames unfinished) or "
         "busy (the queue is full).",
-        lambda: {"in_work": sum(c.skipped for c in counts), "busy": sum(c.busy for c in counts)},
+        lambda: {"in_work": sum(c.skipped for c in counts), "busy": sum(c.dropped for c in counts)},
         label="reason",
     )
     watch(

@@ -166,8 +166,8 @@ def test_paths(value: Any, path: tuple[str | int, ...]) -> None:
 def test_a_delete_discards_what_was_set_below_it() -> None:
     changes = Changes()
     for path in (("a",), ("a", "b"), ("ab",), ("c",)):
-        changes.set(path, Entry([]))
-    changes.set(("a", "b"), Entry(transform={"x": 1}))
+        changes.set_entry(path, Entry([]))
+    changes.set_entry(("a", "b"), Entry(transform={"x": 1}))
     changes.delete(("a",))
     assert changes.body() == {
         "delete": [{"path": ("a",)}],
@@ -178,17 +178,17 @@ def test_a_delete_discards_what_was_set_below_it() -> None:
 
 def test_missing_geometry_comes_with_the_transforms_of_its_parents() -> None:
     tree, changes = PublishedTree(), Changes()
-    changes.set(("a",), Entry(transform={"x": 1}))
-    changes.set(("a", "b"), Entry([{}]))
-    changes.set(("a", "c"), Entry([{}]))
-    changes.set(("d",), Entry(transform={"x": 2}))
+    changes.set_entry(("a",), Entry(transform={"x": 1}))
+    changes.set_entry(("a", "b"), Entry([{}]))
+    changes.set_entry(("a", "c"), Entry([{}]))
+    changes.set_entry(("d",), Entry(transform={"x": 2}))
     tree.update(changes)
     again = tree.missing([("a", "b")])
     assert list(again.entries) == [("a",), ("a", "b")]
     assert (again.entries["a",].geometries, again.entries["a",].transform) == (None, {"x": 1})
     assert tree.missing([("d",)]).entries == {}, "no geometry was published there"
     update = Changes()
-    update.set(("a", "b"), Entry(transform={"x": 3}))
+    update.set_entry(("a", "b"), Entry(transform={"x": 3}))
     tree.update(update)
     entry = tree.as_changes().entries["a", "b"]
     assert (entry.geometries, entry.transform) == ([{}], {"x": 3})

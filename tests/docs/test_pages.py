@@ -14,7 +14,7 @@ import typer.main
 from gateway.cli.commands import app
 from gateway.settings import Settings
 from gateway.settings.option import env_of
-from gateway.settings.sources import OTHER_ENV
+from gateway.settings.sources import NON_SETTING_VARIABLES
 from scenegate.cli import CLIENT_COMMANDS, command_parser
 from tests.docs.pages import PAGES, ROOT, anchors, blocks, commands, links, prose, spans
 
@@ -104,7 +104,7 @@ def check_command(words: list[str], text: str) -> None:
 def test_variables_exist(page: Path) -> None:
     if page.name == "CONTRIBUTING.md":  # those of the tests
         return
-    allowed = OTHER_ENV | {env_of(name) for name in Settings.model_fields}
+    allowed = NON_SETTING_VARIABLES | {env_of(name) for name in Settings.model_fields}
     text = page.read_text("utf-8")
     assert set(re.findall(r"\bSCENEGATE_[A-Z_]+[A-Z]\b", text)) <= allowed
 

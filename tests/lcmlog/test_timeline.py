@@ -167,7 +167,7 @@ async def test_the_index_grows_in_the_background(opened: Opener, tmp_path: Path)
     await timeline.build_index(seen.append)
     assert seen[0] < 0.1
     assert seen[-1] == timeline.progress == 1.0
-    assert timeline.is_indexed
+    assert timeline.is_fully_indexed
 
 
 async def test_a_cancelled_seek(opened: Opener, tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import weakref
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 import numpy as np
@@ -33,10 +34,15 @@ commands = st.lists(
 class Recorder:
     """A live tree and its history, whose clock is set by the test."""
 
-    def __init__(self, seconds: float = 60.0, max_bytes: int = 256 * MIB) -> None:
+    def __init__(
+        self,
+        seconds: float = 60.0,
+        max_bytes: int = 256 * MIB,
+        to_thread: Callable[[Callable[[], Snapshot]], Awaitable[Snapshot]] = asyncio.to_thread,
+    ) -> None:
         self.now = 100 * SECOND
         self.tree = LiveTree(lambda: self.now)
-        self.history = TreeHistory(self.tree, seconds, max_bytes, asyncio.to_thread, lambda: self.now)
+        self.history = TreeHistory(self.tree, seconds, max_bytes, to_thread, lambda: self.now)
 
     def edit(self, commands: list[Command]) -> Snapshot:
         with self.tree.edit() as edit:
@@ -100,6 +106,23 @@ def test_geometry_that_did_not_change_is_the_same_object() -> None:
     found = recorder.at(recorder.now - SECOND // 10)
     assert {change.kind for change in changes(first.root, found.root)} == {"transform"}
     assert recorder.at(recorder.now - SECOND // 10).root is found.root, "not rebuilt"
+
+
+def test_a_state_is_kept_though_an_older_one_is_dropped_while_it_is_rebuilt() -> None:
+    async def drop_before(rebuild: Callable[[], Snapshot]) -> Snapshot:
+        recorder.now += SECOND
+        recorder.history.record()
+        return rebuild()
+
+    recorder = Recorder(seconds=4.0, to_thread=drop_before)
+    for step in range(40):
+        recorder.now += SECOND // 10
+        recorder.move(1, step)
+    first = recorder.history.span[0]
+    time = recorder.now - SECOND // 4
+    found = recorder.at(time)
+    assert recorder.history.span[0] > first
+    assert recorder.at(time).root is found.root, "not rebuilt"
 
 
 def test_times_outside_the_span_are_clamped() -> None:

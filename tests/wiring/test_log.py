@@ -27,7 +27,7 @@ async def test_the_live_tree_has_the_last_state_of_the_part_that_is_indexed(
         lambda progress: shown.append(x_of(service.tree.snapshot)) if progress > 0.3 else None,
     )
     running = asyncio.create_task(service.run())
-    await until(lambda: service.timeline.is_indexed and x_of(service.tree.snapshot) == 4.0)
+    await until(lambda: service.timeline.is_fully_indexed and x_of(service.tree.snapshot) == 4.0)
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)
     assert shown == sorted(shown)

@@ -113,7 +113,7 @@ def run(options: argparse.Namespace) -> None:
     else:
         top = top or (source.stem,)
         changes.delete(top)
-        changes.set(top, Entry([MeshFile.read(source).body()]))
+        changes.set_entry(top, Entry([MeshFile.read(source).body()]))
     with TreeViewer(options.lcm_url, options.timeout) as viewer:
         answer = viewer.send(changes)
         failed = [warning for warning in answer.warnings if options.strict or warning.endswith(NOTHING_DRAWN)]
@@ -135,9 +135,9 @@ def _read_request(source: Path, root: NodePath, changes: Changes) -> None:
         changes.delete(root + path)
     for path, command in _commands(request, "setgeometry", source):
         geometries = [command["geometry"]] if command.get("geometry") else command.get("geometries") or []
-        changes.set(root + path, Entry(geometries))
+        changes.set_entry(root + path, Entry(geometries))
     for path, command in _commands(request, "settransform", source):
-        changes.set(root + path, Entry(transform=command.get("transform") or {}))
+        changes.set_entry(root + path, Entry(transform=command.get("transform") or {}))
 
 
 def _commands(request: dict[str, Any], name: str, source: Path) -> Iterator[tuple[NodePath, dict[str, Any]]]:

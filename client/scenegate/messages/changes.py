@@ -69,17 +69,17 @@ class Changes:
     control_values: list[dict[str, Any]] = field(default_factory=list)
     """Commands of ``setvalues``."""
 
-    def set(self, path: Path, entry: Entry) -> Changes:
+    def set_entry(self, path: Path, entry: Entry) -> Changes:
         """Replace what is set in an entry at a path; return these changes."""
         self.entries.setdefault(path, Entry()).update(entry)
         return self
 
     def add(self, other: Changes) -> None:
-        """Add changes that are made after these."""
+        """Add deletions, entries and view of changes that are made after these; not clicks and controls."""
         for path in other.deleted:
             self.delete(path)
         for path, entry in other.entries.items():
-            self.set(path, entry)
+            self.set_entry(path, entry)
         self.view.update(other.view)
 
     def delete(self, path: Path) -> Changes:
@@ -122,7 +122,11 @@ class Changes:
 
 
 class PublishedTree:
-    """Content of a viewer that executed all requests."""
+    """Content of a viewer that executed all requests.
+
+    The results of ``missing`` and ``as_changes`` share its entries. If ``update`` changes one of them before the result
+    is sent, the result has the newer values, which the viewer gets anyway. Clicks and controls are recorded elsewhere.
+    """
 
     def __init__(self) -> None:
         self._content = Changes()
@@ -130,7 +134,7 @@ class PublishedTree:
     def update(self, changes: Changes) -> None:
         """Record the changes of a request."""
         self._content.add(changes)
-        self._content.deleted.clear()
+        self._content.deleted.clear()  # a viewer that has lost something has nothing to delete
 
     def missing(self, paths: list[Path]) -> Changes:
         """Return changes that restore ``paths`` in a viewer that has no geometry there.

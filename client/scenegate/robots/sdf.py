@@ -23,7 +23,7 @@ from scenegate.robots.ros_packages import split_url
 from scenegate.robots.sdf_frames import SEPARATOR, WORLD, Frame, Frames, read_pose, scoped
 from scenegate.robots.sdf_geometry import read_geometries
 from scenegate.robots.urdf_joints import joint_kind, read_mimic, unit_axis
-from scenegate.robots.xml_text import Element, attribute, numbers, parse_xml, with_attributes
+from scenegate.robots.xml_text import Element, attribute, children_as_attributes, numbers, parse_xml
 
 _KINDS: Final[dict[str, JointKind | None]] = {
     "revolute": "revolute",
@@ -254,7 +254,7 @@ class _SdfReader:
         motion = None
         if kind is not None:
             mimic = axis.find("mimic") if axis is not None else None
-            rule = read_mimic(None if mimic is None else with_attributes(mimic), where, self._warnings)
+            rule = read_mimic(None if mimic is None else children_as_attributes(mimic), where, self._warnings)
             rule = None if rule is None else replace(rule, joint=scoped(scope.name, rule.joint))
             motion = Joint(name, kind, NEUTRAL[kind], self._limits_of(axis, where), rule)
         return LinkJoint(
@@ -271,7 +271,7 @@ class _SdfReader:
         self, axis: Element, scope: _Scope, X_world_joint: NDArray[np.float64], where: str
     ) -> NDArray[np.float64]:
         """Return the axis in the joint's frame, (3,) float64, of any length."""
-        direction = np.array(numbers(with_attributes(axis), "xyz", (0.0, 0.0, 1.0), where, self._warnings))
+        direction = np.array(numbers(children_as_attributes(axis), "xyz", (0.0, 0.0, 1.0), where, self._warnings))
         frame = attribute(axis.find("xyz"), "expressed_in")
         in_model = (axis.findtext("use_parent_model_frame") or "").strip() in ("true", "1")
         if frame or in_model or scope.version < _JOINT_FRAME_VERSION:
@@ -283,7 +283,7 @@ class _SdfReader:
         limit = axis.find("limit") if axis is not None else None
         if limit is None:
             return None
-        texts = with_attributes(limit)
+        texts = children_as_attributes(limit)
         values = []
         for name, default in (("lower", -1e16), ("upper", 1e16)):
             text = attribute(texts, name).lower()

@@ -14,7 +14,7 @@ from scenegate.robots.robot import GeometryUse
 from scenegate.robots.sdf_frames import read_pose
 from scenegate.robots.urdf_geometry import read_color
 from scenegate.robots.urdf_shapes import read_shape, sizes
-from scenegate.robots.xml_text import Element, InvalidAttributeError, named_elements, numbers, with_attributes
+from scenegate.robots.xml_text import Element, InvalidAttributeError, children_as_attributes, named_elements, numbers
 from scenegate.transforms import IDENTITY
 
 _GAZEBO_COLORS: Final[dict[str, tuple[float, float, float]]] = {
@@ -66,12 +66,12 @@ def _shape(geometry: Element | None, where: str, warnings: list[str]) -> tuple[L
         return _plane(plane, where, warnings)
     cone = geometry.find("cone")
     if cone is not None:
-        radius, length = sizes(with_attributes(cone), where, warnings, "radius", "length")
+        radius, length = sizes(children_as_attributes(cone), where, warnings, "radius", "length")
         return Cone(radius, length), IDENTITY
     if geometry.find("mesh/submesh") is not None:
         warnings.append(f"{where}: <submesh> is ignored, the whole mesh is shown")
     as_urdf = Element("geometry")
-    as_urdf.extend(_with_filename(with_attributes(shape)) for shape in geometry)
+    as_urdf.extend(_with_filename(children_as_attributes(shape)) for shape in geometry)
     return read_shape(as_urdf, where, warnings), IDENTITY
 
 
@@ -84,7 +84,7 @@ def _with_filename(shape: Element) -> Element:
 
 def _plane(plane: Element, where: str, warnings: list[str]) -> tuple[Box, NDArray[np.float64]]:
     """Return a plane as a box of height 0, and the (4, 4) rotation from +z to its normal."""
-    texts = with_attributes(plane)
+    texts = children_as_attributes(plane)
     width, height = numbers(texts, "size", (1.0, 1.0), where, warnings)
     normal = np.array(numbers(texts, "normal", (0.0, 0.0, 1.0), where, warnings))
     length = float(np.linalg.norm(normal))
@@ -103,7 +103,7 @@ def _material(element: Element, where: str, warnings: list[str]) -> LinkMaterial
     if material is None:
         return None
     texture = (material.findtext("pbr/metal/albedo_map") or "").strip() or None
-    texts = with_attributes(material)
+    texts = children_as_attributes(material)
     for name in ("diffuse", "ambient"):
         if name in texts.attrib:
             if len(texts.attrib[name].split()) == 3:

@@ -17,7 +17,7 @@ from scenegate.robots.xml_text import (
     finite_numbers,
     named_elements,
     numbers,
-    origin,
+    pose_of_origin,
 )
 
 _LARGEST_UNIT_COLOR: Final = 2.0
@@ -50,7 +50,7 @@ class UrdfGeometryReader:
             except InvalidAttributeError as error:
                 self._warnings.append(f"{where}: {error}; it is not shown")
                 continue
-            X = origin(element, where, self._warnings)
+            X = pose_of_origin(element, where, self._warnings)
             geometries.append(LinkGeometry(shape, X, self._material_of(element, where)))
         return tuple(geometries)
 

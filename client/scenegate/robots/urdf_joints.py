@@ -9,7 +9,7 @@ from typing import Final
 from scenegate.robots.errors import name_hint
 from scenegate.robots.link_model import LinkJoint
 from scenegate.robots.robot import NEUTRAL, Joint, JointKind, Mimic
-from scenegate.robots.xml_text import Element, attribute, numbers, origin
+from scenegate.robots.xml_text import Element, attribute, numbers, pose_of_origin
 
 JOINT_TAGS: Final = ("joint", "drake:joint")
 _KINDS: Final[dict[str, JointKind | None]] = {
@@ -74,7 +74,7 @@ class UrdfJointReader:
                 limits = lower, upper
             mimic = read_mimic(element.find("mimic"), where, self._warnings)
             motion = Joint(name, kind, NEUTRAL[kind], limits, mimic)
-        yield LinkJoint(name, ends[0], ends[1], origin(element, where, self._warnings), axis, motion)
+        yield LinkJoint(name, ends[0], ends[1], pose_of_origin(element, where, self._warnings), axis, motion)
 
 
 def read_mimic(mimic: Element | None, where: str, warnings: list[str]) -> Mimic | None:

@@ -39,6 +39,7 @@ def parse_xml(data: bytes, max_elements: int, warnings: list[str]) -> Element:
         return _parse(data, max_elements)
     except (expat.ExpatError, LookupError) as error:  # LookupError: an unknown encoding
         reason = str(error)
+    # First only without comments, then in another encoding, too. The error is that of the file as it is.
     without_comments = _remove_comments(data)
     attempts = (
         (without_comments, None, "comments with -- inside or in another encoding, which XML forbids, are ignored"),
@@ -55,6 +56,7 @@ def parse_xml(data: bytes, max_elements: int, warnings: list[str]) -> Element:
 
 
 def _parse(data: bytes, max_elements: int, encoding: str | None = None) -> Element:
+    """Return the root element of XML; see ``parse_xml`` for the limits. ``encoding`` overrides that of the file."""
     # Without a namespace separator, expat accepts prefixes that are not declared.
     parser = expat.ParserCreate(encoding)
     builder = ElementTree.TreeBuilder()
@@ -89,7 +91,9 @@ def uses_xacro(root: Element) -> bool:
     """Return True if a document has elements of xacro, under any prefix that it declares for them."""
     prefixes = {"xacro"}
     for element in root.iter():
-        prefixes |= {name[6:] for name, url in element.items() if name.startswith("xmlns:") and "xacro" in url}
+        prefixes |= {
+            name.removeprefix("xmlns:") for name, url in element.items() if name.startswith("xmlns:") and "xacro" in url
+        }
     return any(element.tag.partition(":")[0] in prefixes for element in root.iter() if ":" in element.tag)
 
 
@@ -103,11 +107,15 @@ def _remove_comments(data: bytes) -> bytes:
 
 
 def named_elements(parent: Element, tag: str, where: str) -> Iterator[tuple[Element, str]]:
-    """Yield the children of a tag with the start of their warnings: with name or number if there are several."""
+    """Yield the children of a tag, each with the ``where`` of its warnings.
+
+    If there are several, their names, or else numbers, tell them apart: ``link 'arm', visual 'hand'``.
+    """
     elements = parent.findall(tag)
     for number, element in enumerate(elements, 1):
         name = element.get("name")
-        yield element, where if len(elements) == 1 else f"{where} {repr(name) if name else number}"
+        label = repr(name) if name else str(number)
+        yield element, where if len(elements) == 1 else f"{where} {label}"
 
 
 class InvalidAttributeError(ValueError):
@@ -168,7 +176,7 @@ def finite_numbers(text: str) -> tuple[float, ...]:
     return values if all(map(math.isfinite, values)) else ()
 
 
-def origin(element: Element, where: str, warnings: list[str]) -> NDArray[np.float64]:
+def pose_of_origin(element: Element, where: str, warnings: list[str]) -> NDArray[np.float64]:
     """Return the (4, 4) pose of ``<origin xyz rpy>``, metres and radians; the identity if there is none."""
     child = element.find("origin")
     if child is None:
@@ -190,7 +198,7 @@ def pose_of_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> NDArray[np.float6
     return X
 
 
-def with_attributes(element: Element) -> Element:
+def children_as_attributes(element: Element) -> Element:
     """Return an SDF element in URDF's form: the texts of its child elements become attributes."""
     texts = {child.tag: (child.text or "").strip() for child in element if not len(child)}
     return ElementTree.Element(element.tag, {**texts, **element.attrib})

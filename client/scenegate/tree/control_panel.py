@@ -142,7 +142,7 @@ class ControlPanel:
                 if handle is not None and after >= handle.set_time:
                     handle.receive(handle.control.checked(fields["value"]))
                     if isinstance(handle.control, Gizmo):
-                        moved.set(handle.control.node, Entry(transform=msgspec.to_builtins(handle.raw_value)))
+                        moved.set_entry(handle.control.node, Entry(transform=msgspec.to_builtins(handle.raw_value)))
         if moved.entries:
             self._record(moved)
 

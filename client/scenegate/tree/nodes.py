@@ -64,7 +64,7 @@ class Node:
         return self._sender.send(Changes().delete(self.path))
 
     def _send_entry(self, entry: Entry) -> Answer:
-        return self._sender.send(Changes().set(self.path, entry))
+        return self._sender.send(Changes().set_entry(self.path, entry))
 
 
 class Batch:
@@ -116,5 +116,5 @@ def transforms_of(paths: Iterable[Key], poses: ArrayLike) -> Changes:
         raise ValueError(f"pose {has_rotation.argmin()} has a quaternion of zeros")
     changes = Changes()
     for path, row in zip(node_paths, array.tolist(), strict=True):  # bodies as of Transform, for many at once
-        changes.set(path, Entry(transform={"translation": row[:3], "quaternion": row[3:]}))
+        changes.set_entry(path, Entry(transform={"translation": row[:3], "quaternion": row[3:]}))
     return changes

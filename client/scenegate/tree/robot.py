@@ -54,7 +54,7 @@ class PublishedRobot(Node):
         """X_robot_link that the viewer shows, (number of links, 4, 4)."""
         changes = Changes().delete(path)
         for link, parts in zip(robot.links, robot.parts, strict=True):
-            changes.set((*path, link), Entry([part.body() for part in parts]))
+            changes.set_entry((*path, link), Entry([part.body() for part in parts]))
         _add_poses(changes, path, robot.links, self._poses)
         self.answer: Answer = viewer.send(changes)
         """Result of publishing the robot."""
@@ -145,4 +145,4 @@ def _add_poses(changes: Changes, path: Path, links: Iterable[str], poses: NDArra
     """
     quaternions = quaternions_of(poses[:, :3, :3]).tolist()
     for link, translation, quaternion in zip(links, poses[:, :3, 3].tolist(), quaternions, strict=True):
-        changes.set((*path, link), Entry(transform={"translation": translation, "quaternion": quaternion}))
+        changes.set_entry((*path, link), Entry(transform={"translation": translation, "quaternion": quaternion}))

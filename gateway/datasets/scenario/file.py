@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import reprlib
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,7 +18,8 @@ MAX_FILE_BYTES: Final = 1 << 20
 """Maximum size of a scenario file. A file with a table for each of a thousand models has 100 kB."""
 _LOCATION: Final = re.compile(r" - at `\$\.?([^`]*)`$")
 """Path of a value at the end of a message of msgspec."""
-_STEP: Final = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
+_PATH_STEP: Final = re.compile(r"([^.\[\]]+)|\[(\d+)\]")
+"""Step of such a path: a key, or the index of an array."""
 
 
 def read_scenario(path: Path) -> Scenario:
@@ -31,42 +33,59 @@ def read_scenario(path: Path) -> Scenario:
         try:
             scenario = msgspec.convert(content, Scenario)
         except msgspec.ValidationError as error:
-            raise ValueError(_sentence(str(error), content)) from None
+            raise ValueError(_key_first(str(error), content)) from None
         _check(scenario)
         return scenario
 
 
-def _sentence(message: str, content: dict[str, Any]) -> str:
-    """Return a message of msgspec with the key first and the value last."""
+def _key_first(message: str, content: dict[str, Any]) -> str:
+    """Return a message of msgspec with the key first and the value, or the values that are possible, last.
+
+    Each message and its result::
+
+        Expected `int`, got `str` - at `$.seed`
+        seed: expected `int`, not 'x'
+        Expected `int` >= 1 - at `$.scenes`
+        scenes: expected `int` >= 1, not 0
+        Invalid enum value 'x' - at `$.models[0].up`
+        models[0].up: invalid enum value 'x': must be 'auto' or 'y' or 'z'
+        Object missing required field `path` - at `$.models[0]`
+        models[0]: object missing required field `path`
+    """
     location = _LOCATION.search(message)
     if location is None:
         return message
     value: Any = content
-    for name, index in _STEP.findall(location[1].partition("[...]")[0]):  # the keys of joints are not in the path
+    # msgspec writes [...] for a key of a mapping, such as a joint's name: the value is then the whole mapping.
+    for name, index in _PATH_STEP.findall(location[1].partition("[...]")[0]):
         value = value[int(index)] if index else value.get(name)
     reason = message[: location.start()].partition(", got")[0]
     reason += _allowed(location[1]) if reason.startswith("Invalid") else ""
-    shown = "" if reason.startswith(("Invalid", "Object")) else f", not {reprlib.repr(value)}"
-    return f"{location[1]}: {reason[:1].lower()}{reason[1:]}{shown}"
+    value_part = "" if reason.startswith(("Invalid", "Object")) else f", not {reprlib.repr(value)}"
+    return f"{location[1]}: {reason[:1].lower()}{reason[1:]}{value_part}"
 
 
 def _allowed(path: str) -> str:
     """Return the values that a key with a fixed list of them may have, as ``: 'y' or 'z'``; empty if unknown."""
-    values: list[str] = []
-    (schema,), definitions = msgspec.json.schema_components([Scenario])
-    schemas = [schema]
-    for name in [*filter(None, (name for name, _ in _STEP.findall(path))), ""]:
-        found: list[dict[str, Any]] = []
-        while schemas:
-            each = schemas.pop()
-            schemas += each.get("anyOf", []) + each.get("oneOf", []) + ([each["items"]] if "items" in each else [])
-            schemas += [definitions[each["$ref"].rpartition("/")[2]]] if "$ref" in each else []
-            found.append(each)
-        if name:
-            schemas = [each["properties"][name] for each in found if name in each.get("properties", {})]
-        else:
-            values = [value for each in found for value in each.get("enum", [])]
-    return f": must be {' or '.join(map(repr, sorted(values)))}" if values else ""
+    (root,), definitions = msgspec.json.schema_components([Scenario])
+    schemas = list(_alternatives(root, definitions))
+    for name in (name for name, _ in _PATH_STEP.findall(path) if name):
+        values_of_key = [each["properties"][name] for each in schemas if name in each.get("properties", {})]
+        schemas = [each for value in values_of_key for each in _alternatives(value, definitions)]
+    allowed = sorted(value for each in schemas for value in each.get("enum", []))
+    return f": must be {' or '.join(map(repr, allowed))}" if allowed else ""
+
+
+def _alternatives(schema: dict[str, Any], definitions: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield a JSON schema and all that a value, or an item of an array, can have in its place."""
+    yield schema
+    parts = [*schema.get("anyOf", ()), *schema.get("oneOf", ())]
+    if "items" in schema:
+        parts.append(schema["items"])
+    if "$ref" in schema:
+        parts.append(definitions[schema["$ref"].rpartition("/")[2]])
+    for part in parts:
+        yield from _alternatives(part, definitions)
 
 
 def _check(scenario: Scenario) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -40,20 +41,22 @@ def expose_color_camera(
     Raises:
         ImageError: a texture cannot be decoded.
     """
-    config, manual, limits = imaging.config, settings.manual_exposure, settings.auto_exposure
+    config, manual, auto_limits = imaging.config, settings.manual_exposure, settings.auto_exposure
     camera_at = partial(color_camera.camera, capture.X_world_left, near=config.near, far=config.far)
-    rendered = _rolling_image(imaging, color_camera, camera_at(), capture)
-    scene_light = imaging.scene_light(capture.scene, partial(camera_at, divisor=2), None)
-    light = light_on_sensor(rendered, color_camera.intrinsics, manual, scene_light, imaging.lens, color=True)
+    rendered = _rendered_image(imaging, color_camera, camera_at(), capture)
+    scene_light = imaging.scene_light(capture.scene, half=partial(camera_at, divisor=2), dots=None)
+    # This applies only the white balance of the exposure, which is the manual one also with automatic exposure.
+    light_root = light_on_sensor(rendered, color_camera.intrinsics, manual, scene_light, imaging.lens, color=True)
     exposure = manual
-    if limits is not None:
-        exposure = auto_exposure(relative_light(light[_METERED_PIXELS]) @ LUMA.astype(np.float32), limits, manual)
+    if auto_limits is not None:
+        metered = relative_light(light_root[_METERED_PIXELS]) @ LUMA.astype(np.float32)
+        exposure = auto_exposure(metered, auto_limits, manual)
     key = frame_key(config.seed, capture.frame_number, NoiseStream.COLOR_CAMERA)
     noise_factor = color_camera.noise if config.noise else 0.0
-    return ColorImage(image_from_light(light, exposure, key, noise_factor=noise_factor), exposure)
+    return ColorImage(image_from_light(light_root, exposure, key, noise_factor=noise_factor), exposure)
 
 
-def _rolling_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera, capture: Capture) -> NDArray[np.uint8]:
+def _rendered_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera, capture: Capture) -> NDArray[np.uint8]:
     """Return the rendered image, (H, W, 3) uint8. With a rolling shutter, strips are rendered at their own times."""
     motion = None
     earlier = capture.earlier
@@ -65,11 +68,10 @@ def _rolling_image(imaging: Imaging, color_camera: ColorCamera, camera: Camera, 
     for top, bottom in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         scene, pose = capture.scene, camera.X_world_camera
         if motion is not None:
-            time = ((top + bottom) / 2 / camera.height - 0.5) * (color_camera.readout / motion.seconds)
-            scene, pose = motion.scene_at(time), motion.camera_at(time)
-        strip = Camera(
-            camera.width, bottom - top, camera.fx, camera.fy, camera.cx, camera.cy - top, camera.near, camera.far, pose
-        )
+            # In intervals of frames: 0 is this frame, -1 the one before. The lower half is later than the frame.
+            frame_time = ((top + bottom) / 2 / camera.height - 0.5) * (color_camera.readout / motion.seconds)
+            scene, pose = motion.scene_at(frame_time), motion.camera_at(frame_time)
+        strip = replace(camera, height=bottom - top, cy=camera.cy - top, X_world_camera=pose)
         frame = imaging.renderer.render(scene, strip, Output.COLOR, imaging.look)
         assert frame.color is not None
         image[top:bottom] = frame.color

@@ -163,7 +163,7 @@ class Imaging:
         return self.config.dot_light or 1.0
 
     def render(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
-        """Render the view from ``offset`` metres to the right of the left camera. The caller closes the frame.
+        """Render the view from ``offset`` metres to the right of the left camera.
 
         Args:
             capture: scene and pose.

@@ -59,7 +59,7 @@ class ImuSampler:
         """Timestamps of the poses, nanoseconds, increasing."""
         self._poses: list[NDArray[np.float64]] = []
         """(4, 4) float64 X_world_left each."""
-        self._next = 0
+        self._next_number = 0
         """Number of the next sample: its timestamp divided by ``PERIOD``."""
 
     def add(self, timestamp: int, pose: NDArray[np.float64]) -> None:
@@ -73,7 +73,7 @@ class ImuSampler:
             self._restart(timestamp, pose)
         elif timestamp - self._times[-1] < _MIN_SPACING:
             self._poses[-1] = pose
-        elif not np.array_equal(pose, self._poses[-1]):
+        elif not np.array_equal(pose, self._poses[-1]):  # else the long step to the next pose counts as rest
             self._times.append(timestamp)
             self._poses.append(pose)
 
@@ -83,24 +83,25 @@ class ImuSampler:
         Args:
             now: nanoseconds since the epoch; all poses up to this time were added.
         """
-        end = (now - DELAY) // PERIOD + 1
-        if self._times and end - self._next > MAX_PAUSE // PERIOD:
+        end_number = (now - DELAY) // PERIOD + 1
+        if self._times and end_number - self._next_number > MAX_PAUSE // PERIOD:
             self._restart(now, self._poses[-1])
-        if not self._times or end <= self._next:
+        if not self._times or end_number <= self._next_number:
             return ImuSamples(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
-        samples = self._measure(self._next, end - self._next)
-        self._next = end
+        samples = self._noisy_samples(self._next_number, end_number - self._next_number)
+        self._next_number = end_number
         self._drop_old_poses()
         return samples
 
     def _restart(self, timestamp: int, pose: NDArray[np.float64]) -> None:
         """Forget all poses but this one, and begin samples where the smooth path does not depend on earlier ones."""
         self._times, self._poses = [timestamp], [pose]
-        self._next = -(-(timestamp + round(START_UP * NANOSECONDS_PER_SECOND)) // PERIOD)
+        # Rounded up: the first number at or after the time.
+        self._next_number = -(-(timestamp + round(START_UP * NANOSECONDS_PER_SECOND)) // PERIOD)
         if self._noise is not None:
             self._bias = self._noise.constant_bias(self._seed)
 
-    def _measure(self, first: int, count: int) -> ImuSamples:
+    def _noisy_samples(self, first: int, count: int) -> ImuSamples:
         """Return ``count`` samples, of which the first has the number ``first``."""
         timestamps = np.arange(first, first + count) * PERIOD
         # Relative to the first sample: in float64, seconds since the epoch have a resolution of 0.2 µs only.
@@ -115,6 +116,7 @@ class ImuSampler:
 
     def _drop_old_poses(self) -> None:
         """Drop poses that no later sample needs."""
-        oldest = self._next * PERIOD - _MAX_POSE_AGE
+        oldest = self._next_number * PERIOD - _MAX_POSE_AGE
+        # The path before the pose [2] depends on [0] and [1]: its tangent needs the pose before.
         while len(self._times) > 2 and self._times[2] < oldest:
             del self._times[0], self._poses[0]

@@ -11,24 +11,24 @@ from gateway.stereo.routes.rest_common import RestError, read_body
 
 MAX_BODY: Final = 64 << 10
 """Maximum size of a body, bytes. All parameters of a node take about 2000."""
-MAX_NUMBER: Final = 64
-"""Number of characters from which a query value is text, not a number."""
+NUMBER_TEXT_LIMIT: Final = 64
+"""Number of characters from which a query value is text: no number of a parameter is as long."""
 
 
-class _ValueBody(msgspec.Struct, forbid_unknown_fields=False):
+class _ValueBody(msgspec.Struct):
     """Body that sets one parameter."""
 
     value: Any
 
 
-class _Assignment(msgspec.Struct, forbid_unknown_fields=False):
+class _Assignment(msgspec.Struct):
     """Entry of a body that sets several parameters."""
 
     name: str
     value: Any
 
 
-class _CallBody(msgspec.Struct, forbid_unknown_fields=False):
+class _CallBody(msgspec.Struct):
     """Body of a service call."""
 
     args: dict[str, Any] | None = None
@@ -81,15 +81,15 @@ def _query_value(text: str) -> object:
     if text.lower() in ("true", "false"):
         return text.lower() == "true"
     try:
-        return float(text) if len(text) < MAX_NUMBER else text
+        return float(text) if len(text) < NUMBER_TEXT_LIMIT else text
     except ValueError:
         return text
 
 
-def _decode(decoder: msgspec.json.Decoder[Any], body: bytes, expected: str) -> Any:
+def _decode(decoder: msgspec.json.Decoder[Any], body: bytes, example: str) -> Any:
     try:
         return decoder.decode(body)
     except msgspec.DecodeError as error:
-        raise RestError(400, f"the body is not like {expected}: {error}") from None
+        raise RestError(400, f"the body is not like {example}: {error}") from None
     except RecursionError:
-        raise RestError(400, f"the body is not like {expected}: it is nested too deep") from None
+        raise RestError(400, f"the body is not like {example}: it is nested too deep") from None

@@ -38,10 +38,10 @@ class FrameCounts:
     """Number of frames made with depth."""
     skipped: int = 0
     """Number of frames that were due, but missed, or not made because too many were in flight."""
-    busy: int = 0
+    dropped: int = 0
     """Number of sets and captures dropped because the worker queue was full."""
     problem: str = ""
-    """Error of the last frame; empty if the frame was made."""
+    """Last error; empty after a frame of which all sets were made."""
     depth_seconds: float = 0.0
     """Seconds from capture to publication of the last depth frame."""
 
@@ -83,7 +83,7 @@ class FramePublisher:
         """Exposure of the newest left image."""
         self.hub = hub
         self.injector = injector
-        self._events = events
+        self._event_clients = events
         self._rate = rate
         self._simulated = simulated
 
@@ -92,13 +92,15 @@ class FramePublisher:
         task = asyncio.get_running_loop().create_task(make_frame)
         frames.tasks.add(task)
         task.add_done_callback(frames.tasks.discard)
-        task.add_done_callback(self._ended)
+        task.add_done_callback(self._on_task_done)
 
     async def publish_sets(self, frame: FrameImages, kinds: Collection[SetKind]) -> None:
         """Make and publish the sets of a frame."""
         start = asyncio.get_running_loop().time()
         with tracing.span("stereo frame", {"stereo.frame": frame.record.number}):
-            await asyncio.gather(*[self._publish(frame, kind) for kind in kinds])
+            published = await asyncio.gather(*[self._publish(frame, kind) for kind in kinds])
+        if all(published):
+            self.counts.problem = ""
         if any(kind.has_depth for kind in kinds):
             self.counts.depth_frames += 1
             self.counts.depth_seconds = asyncio.get_running_loop().time() - start
@@ -113,33 +115,36 @@ class FramePublisher:
         duration = round((settings.averaged_images - 1) / settings.camera_rate * NANOSECONDS_PER_SECOND)
         if self._rate == "device":
             await asyncio.sleep(duration / NANOSECONDS_PER_SECOND)
-        if len(self._events):
+        if len(self._event_clients) > 0:
             done = timestamp + duration if self._simulated else time.time_ns()
-            self._events.put(depth_acquisition_done(timestamp, done))
+            self._event_clients.put(depth_acquisition_done(timestamp, done))
         await self.publish_sets(frame, kinds)
 
-    def fail(self, kind: SetKind, problem: str, error: Exception) -> None:
+    def end_streams(self, kind: SetKind, problem: str, error: Exception) -> None:
         """End the streams of a kind and log the reason, with a traceback for unexpected errors."""
         message = f"{problem}: {error}"
         _log.warning(message, exc_info=None if isinstance(error, _EXPECTED_ERRORS) else error)
         self.counts.problem = message
         self.hub.end_streams(kind, message)
 
-    async def _publish(self, frame: FrameImages, kind: SetKind) -> None:
+    async def _publish(self, frame: FrameImages, kind: SetKind) -> bool:
+        """Make and publish one set of a frame; return True if it was made."""
         number = frame.record.number
         try:
             with tracing.span("stereo set", {"stereo.set": kind.title}):
                 data = await frame.serialised(kind)
         except QueueFull:
-            self.counts.busy += 1
+            self.counts.dropped += 1
         except Exception as error:  # noqa: BLE001 - otherwise the clients would wait forever
-            self.fail(kind, f"frame {number} ({kind}) could not be made", error)
+            self.end_streams(kind, f"frame {number} ({kind}) could not be made", error)
         else:
-            self.counts.problem = ""
             publish = partial(self.hub.publish, kind, number, data, frame.generation)
             self.injector.deliver(number, data, publish)
+            return True
+        return False
 
-    def _ended(self, task: asyncio.Task[None]) -> None:
+    def _on_task_done(self, task: asyncio.Task[None]) -> None:
+        """Report an unexpected error, and let the scheduler look for frames that may start now."""
         if not task.cancelled() and (error := task.exception()) is not None:
             self.counts.problem = str(error)
             _log.error(f"a frame could not be made: {error}", exc_info=error)

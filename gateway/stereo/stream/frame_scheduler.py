@@ -323,10 +323,10 @@ class FrameScheduler:
         try:
             state, earlier = await self.read_scene(timestamp)
         except QueueFull:
-            self._counts.busy += 1
+            self._counts.dropped += 1
         except Exception as error:  # noqa: BLE001 - a broken scene must not stop the camera
             for kind in kinds:
-                self._publisher.fail(kind, "the scene could not be read", error)
+                self._publisher.end_streams(kind, "the scene could not be read", error)
         else:
             self._last = state
             if earlier is not None:

@@ -13,7 +13,7 @@ from fastapi import FastAPI
 
 from gateway.runtime import logs
 from gateway.stereo.routes.fault_routes import fault_router
-from gateway.stereo.routes.node_bodies import MAX_BODY, MAX_NUMBER
+from gateway.stereo.routes.node_bodies import MAX_BODY, NUMBER_TEXT_LIMIT
 from gateway.stereo.routes.node_routes import node_router
 from gateway.stereo.routes.system_routes import system_router
 from gateway.stereo.routes.truth_routes import truth_router
@@ -65,7 +65,7 @@ async def test_words_after_true_are_no_booleans(client: httpx.AsyncClient) -> No
 
 
 async def test_the_length_of_numbers_in_a_query(client: httpx.AsyncClient) -> None:
-    longest = "5." + "0" * (MAX_NUMBER - 3)
+    longest = "5." + "0" * (NUMBER_TEXT_LIMIT - 3)
     response = await client.put(f"{FPS}?value={longest}")
     assert (response.status_code, response.json()["value"]) == (200, 5.0)
     assert (await client.put(f"{FPS}?value={longest}0")).status_code == 400

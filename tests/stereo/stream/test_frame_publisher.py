@@ -6,7 +6,7 @@ import asyncio
 from dataclasses import dataclass, field
 from functools import partial
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from structlog.testing import capture_logs
@@ -98,7 +98,7 @@ async def test_frames_and_depth_frames_are_counted(publisher: FramePublisher, hu
 
 async def test_a_full_queue_drops_the_set_and_ends_no_stream(publisher: FramePublisher, hub: FakeHub) -> None:
     await make(publisher, FakeFrame({LEFT: QueueFull("full", 1), DEPTH: b"depth"}))
-    assert publisher.counts.busy == 1
+    assert publisher.counts.dropped == 1
     assert [kind for kind, *_ in hub.published] == [DEPTH]
     assert hub.ended == []
 
@@ -116,10 +116,19 @@ async def test_an_error_ends_the_streams_of_its_kind_until_the_next_frame_is_mad
     assert publisher.counts.problem == ""
 
 
+@pytest.mark.parametrize("broken", [LEFT, DEPTH])
+async def test_the_error_of_a_set_stays_though_another_set_of_the_frame_is_made(
+    publisher: FramePublisher, broken: SetKind
+) -> None:
+    results: dict[SetKind, bytes | Exception] = {LEFT: b"left", DEPTH: b"depth", broken: ValueError("broken")}
+    await publisher.publish_sets(cast(Any, FakeFrame(results)), [LEFT, DEPTH])
+    assert publisher.counts.problem == f"frame 7 ({broken}) could not be made: broken"
+
+
 async def test_only_unexpected_errors_are_logged_with_a_traceback(publisher: FramePublisher) -> None:
     with capture_logs() as entries:
-        publisher.fail(LEFT, "no frame", RuntimeError("unexpected"))
-        publisher.fail(LEFT, "no frame", ValueError("expected"))
+        publisher.end_streams(LEFT, "no frame", RuntimeError("unexpected"))
+        publisher.end_streams(LEFT, "no frame", ValueError("expected"))
     assert [entry["event"] for entry in entries] == ["no frame: unexpected", "no frame: expected"]
     assert isinstance(entries[0]["exc_info"], RuntimeError)
     assert entries[1]["exc_info"] is None
