@@ -129,15 +129,16 @@ class Protection:
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] == "lifespan":
             return self._app(scope, receive, send)
-        hosts, origin, site = [], None, None
+        sent: dict[bytes, list[bytes]] = {b"host": [], b"origin": [], b"sec-fetch-site": []}
         for name, value in scope["headers"]:
-            if name == b"host":
-                hosts.append(value)
-            elif name == b"origin":  # several ones are joined as RFC 9110 has it, and then no origin of ours
-                origin = value.decode("latin-1") if origin is None else f"{origin}, {value.decode('latin-1')}"
-            elif name == b"sec-fetch-site":
-                site = value.decode("latin-1") if site is None else f"{site}, {value.decode('latin-1')}"
+            if name in sent:
+                sent[name].append(value)
+        hosts = sent[b"host"]
         host = hosts[0] if hosts else b""
+        # Several headers are joined as in RFC 9110, section 5.2. The result is no origin that is allowed.
+        origin, site = (
+            b", ".join(sent[name]).decode("latin-1") if sent[name] else None for name in (b"origin", b"sec-fetch-site")
+        )
         # With several Host headers, another reader may use the other one.
         trusted = len(hosts) < 2 and self._trusts(host, (scope.get("server") or ("",))[0])
         if scope["type"] == "websocket":

@@ -120,9 +120,9 @@ class ImageSetHub:
         self.kinds: frozenset[SetKind] = frozenset()
         """Kinds of all subscriptions."""
         self.camera_kinds: tuple[SetKind, ...] = ()
-        """Those without depth."""
+        """Kinds without depth images."""
         self.depth_kinds: tuple[SetKind, ...] = ()
-        """Those with depth."""
+        """Kinds with depth images."""
         self.new_kinds: set[SetKind] = set()
         """Kinds of the subscriptions to which the last frame was not offered yet; emptied by the frame scheduler."""
         self._subscriptions: set[Subscription] = set()
