@@ -103,22 +103,46 @@ def paint(
             make_shader = partial(_sampled_shader, shading, lighting, camera, output_address)
             rasterizer.shade_samples(scene, camera, samples, make_shader, cull_back=cull_back)
         return
-    shape = camera.height, 4, layout.channel_values(camera.width)
+    assert visible is not None  # rendered above: the scene is peeled
+    mean = _peeled_mean(rasterizer, scene, shading, lighting, cameras, opaque, visible)
+    write_rows = partial(write_image_rows, address_of(mean, np.float32), output_address, camera.width)
+    for_bands(rasterizer, camera.height, write_rows)
+
+
+def _peeled_mean(
+    rasterizer: Rasterizer,
+    scene: DrawList,
+    shading: ShadingScene,
+    lighting: _Lighting,
+    cameras: Sequence[Camera],
+    opaque: NDArray[np.bool_],
+    first_view: Visibility,
+) -> NDArray[np.float32]:
+    """Peel and shade the scene at each sample position, and return the mean of the samples.
+
+    Args:
+        cameras: one for each sample.
+        opaque: (I,) bool, instances without translucent or cut-out surfaces.
+        first_view: opaque surfaces seen by the first camera.
+
+    Returns:
+        (H, 4, V) float32, the rows that ``shade_rows`` accumulates with ``BENEATH``.
+    """
+    height, width = cameras[0].height, cameras[0].width
+    shape = height, 4, layout.channel_values(width)
     mean = np.zeros(shape, np.float32)
-    for sample_camera in cameras:
-        accumulated = mean if samples == 1 else np.zeros(shape, np.float32)
-        target = address_of(accumulated, np.float32)
-        view = visible
-        if view is None or sample_camera is not cameras[0]:
-            view = rasterizer.visibility(scene, sample_camera, select=opaque, cull_back=cull_back)
-        for layer in peeled(rasterizer, scene, sample_camera, shading.transparent, cull_back, view):
-            _shade_layer(rasterizer, shading, lighting, layer, sample_camera, BENEATH, target, 0)
-            layer.ids[accumulated[:, 3, : camera.width] >= 1.0] = -1  # surfaces behind are invisible
-        _shade_layer(rasterizer, shading, lighting, view, sample_camera, BENEATH, target, 0)
-        if samples > 1:
-            mean += accumulated * np.float32(1.0 / samples)
-    mean_address = address_of(mean, np.float32)
-    for_bands(rasterizer, camera.height, partial(write_image_rows, mean_address, output_address, camera.width))
+    for camera in cameras:
+        accumulated = mean if len(cameras) == 1 else np.zeros(shape, np.float32)
+        target, view = address_of(accumulated, np.float32), first_view
+        if camera is not cameras[0]:
+            view = rasterizer.visibility(scene, camera, select=opaque, cull_back=shading.cull_back)
+        for layer in peeled(rasterizer, scene, camera, shading.transparent, shading.cull_back, view):
+            _shade_layer(rasterizer, shading, lighting, layer, camera, BENEATH, target, 0)
+            layer.ids[accumulated[:, 3, :width] >= 1.0] = -1  # surfaces behind are invisible
+        _shade_layer(rasterizer, shading, lighting, view, camera, BENEATH, target, 0)
+        if accumulated is not mean:
+            mean += accumulated * np.float32(1.0 / len(cameras))
+    return mean
 
 
 def _shade_layer(
