@@ -24,8 +24,8 @@ ANY_ORDER: Final = 2
 
 @device_function
 def _is_between(frame, pixel, inv_z, ids):
-    """Return m8: pixels beyond one of the frame's layers by depth, then id; not behind another by depth; and with ids
-    below those of a third."""
+    """Return m8: pixels that the frame's layers leave over, as far as it has them: beyond ``beyond`` by depth, then id;
+    not behind ``before`` by depth; with ids below those of ``earlier``."""
     zero = vec.i32(0)
     passed = zero == zero  # all
     if frame.beyond_ids != 0:

@@ -142,7 +142,7 @@ def make_fill(
     """Return a device function ``fill(frame, target, primitive, first_row, end_row)`` that draws a large primitive.
 
     Args:
-        rows: number of rows whose spans are found at a time.
+        rows: number of rows whose spans are found at a time: 8, each lane is a row; or 1, each lane is a sample.
         sample_points: ``sample_points(frame, row)`` returns the sample points of ``rows`` rows from ``row`` on, as two
             f64x8 in grid units: their offset across from the pixel's centre, and their position down.
         draw_spans: ``draw_spans(frame, target, primitive, row, count, start, stop, base_x, base_y)`` draws ``count``

@@ -67,7 +67,9 @@ def _do_unit(frame, phase, unit, memory):
 
 @kernel("void(int64, boolean)")
 def run_phases(frame_address, until_finished):
-    """Work on a frame, from any number of threads at any time, even when nothing is left to do.
+    """Work on a frame together with other threads. A thread may come late, even when nothing is left to do.
+
+    With ``band_memory``, at most ``max_threads`` calls in all: each takes a part of it.
 
     Args:
         frame_address: address of a FRAME.

@@ -76,7 +76,7 @@ def _draw_span(frame, target, primitive, row, count, start, stop, base_x, base_y
         touched = (columns >= vec.i32(begin)) & (columns < vec.i32(end))
         inv_z = vec.to_f32(vec.f64(row_inv_z) + vec.f64(inv_z_dx) * vec.to_f64(columns - vec.i32(base_x)))
         edge_pixels = merge_whole_pixels(band, row_pixel + column, inv_z, max_offset, primitive, owner, full, touched)
-        while edge_pixels != 0:
+        while edge_pixels != 0:  # from here on the lanes are the eight samples of one pixel
             x = column + vec.lowest_bit(edge_pixels)
             edge_pixels &= edge_pixels - 1
             covered = (vec.i32(x) >= start) & (vec.i32(x) < stop)

@@ -99,6 +99,7 @@ def _shade_pbr(job, segment, has_rows, begin, count, packed_row):
         if has_roughness_map:
             roughness = roughness * vec.load(pixels.metallic_roughness, STRIDE + x)
         n_l, specular = vtk_specular(n_l, n_v, v_l, roughness)
+        # The normals are not needed any more: their rows hold what the second loop reads.
         store3(pixels.normal, x, STRIDE, (n_l, specular, schlick(v_l)))
     emissive_factor = broadcast3(material.emissive, 0)
     direct = job.mode == DIRECT

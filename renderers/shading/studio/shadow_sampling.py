@@ -82,7 +82,7 @@ def _filtered(inv_z, side, radius, first_texel, plane, plane_du, plane_dv, fu, f
 
 @inlined
 def _is_within(u, v, radius, side):
-    """Return m8: positions in the map around which all texels of the filter are; also of loads of eight columns."""
+    """Return m8: positions around which the map has all texels that the filter reads, which it reads by eights."""
     lower, upper = vec.f64(radius + 1.0), vec.f64(side - radius - 2.0)
     return (u > lower) & (u < upper) & (v > lower) & (v < upper)
 
