@@ -55,8 +55,7 @@ class DrakeViewerService:
         self._waiting: dict[str, dict[str, LcmMessage]] = {}
         """Queues of messages by group and channel, oldest first."""
         self._waiting_bytes = 0
-        self._oldest: dict[str, int] = {}
-        """Arrival of the oldest message of each group that is not shown yet, nanoseconds since the epoch."""
+        self._unapplied = live.unapplied_arrivals
         self._tasks: dict[str, asyncio.Task[None]] = {}
         """Task that empties the queue of each group that has one."""
         self._channels: dict[str, int] = {}
@@ -74,10 +73,6 @@ class DrakeViewerService:
         self._dropped = 0
         """Messages beyond the limits on all channels together."""
         self.ready = False
-
-    def oldest_arrival(self) -> int | None:
-        """Return the arrival of the oldest message that is not shown yet, nanoseconds since the epoch."""
-        return min(self._oldest.values(), default=None)
 
     def status(self) -> dict[str, Any]:
         """Return counters and warnings as plain JSON values."""
@@ -167,7 +162,7 @@ class DrakeViewerService:
             self._report(message.channel, f"{self._waiting_bytes} bytes of messages are waiting")
             return
         queue[message.channel] = message
-        self._oldest.setdefault(group, message.arrival)
+        self._unapplied.setdefault((self, group), message.arrival)
         self._waiting_bytes += len(message.data)
 
     async def _show_waiting(self, group: str) -> None:
@@ -178,7 +173,7 @@ class DrakeViewerService:
                 channel = next(iter(queue))
                 message = queue.pop(channel)
                 nbytes = len(message.data)
-                self._oldest[group] = message.arrival
+                self._unapplied[self, group] = message.arrival
                 self._waiting_bytes -= nbytes
                 if not self._admit(channel, nbytes):
                     continue
@@ -189,7 +184,7 @@ class DrakeViewerService:
                         self._show(message)
         finally:
             self._waiting.pop(group, None)
-            self._oldest.pop(group, None)
+            self._unapplied.pop((self, group), None)
             del self._tasks[group]
 
     def _show(self, message: LcmMessage) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from bisect import bisect_right
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
@@ -46,6 +46,9 @@ class LiveTree:
         self._clock = clock
         self.snapshot = first or Snapshot(Node(), 0)
         """The latest committed state."""
+        self.unapplied_arrivals: dict[Hashable, int] = {}
+        """Arrivals of messages that wait to be applied, nanoseconds since the epoch. Receivers add and remove them, on
+        the event loop, each with keys of its own."""
         self._recent: tuple[Snapshot, ...] = (self.snapshot,)
         """Kept snapshots, oldest first. Replaced, never changed, so that readers need no lock."""
         self._keepers: set[object] = set()
@@ -72,6 +75,10 @@ class LiveTree:
             with self._lock:
                 self._recent = _kept(self._recent, timestamp - KEPT_NANOSECONDS)
         return snapshot
+
+    def has_unapplied_before(self, timestamp: int) -> bool:
+        """Return True if a message that arrived before a time, nanoseconds since the epoch, is not applied yet."""
+        return any(arrival <= timestamp for arrival in self.unapplied_arrivals.values())
 
     @contextmanager
     def edit(self, timestamp: int | None = None) -> Iterator[TreeEdit]:

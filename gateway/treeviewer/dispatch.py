@@ -124,6 +124,7 @@ class Dispatcher:
             listeners: receive the messages of other channels.
         """
         self._protocol = protocol
+        self._unapplied = protocol.live.unapplied_arrivals
         self._config = config
         self._pool = pool
         self._store = store
@@ -178,13 +179,10 @@ class Dispatcher:
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
         queue.put(request)
+        self._unapplied[request] = message.arrival
         self.waiting_bytes += request.memory
         if sender is not None and queue.size > self._config.client_waiting_bytes:
             sender.pause_reading()
-
-    def oldest_arrival(self) -> int | None:
-        """Return the arrival of the oldest request that is not applied yet, nanoseconds since the epoch."""
-        return min((queue.first().message.arrival for queue in self._queues.values() if len(queue)), default=None)
 
     def forget_clients(self, hub: TcpqHub, lost: HubConnection) -> None:
         """Remove clickable paths and controls of programs that received their responses by a lost connection."""
@@ -220,7 +218,7 @@ class Dispatcher:
         for queue in self._queues.values():
             while len(queue):
                 self._refuse(queue.first(), _SHUTTING_DOWN)
-                self.waiting_bytes -= queue.pop()
+                self._remove_first(queue)
         self._queues.clear()
         self._delayed.flush()
 
@@ -235,10 +233,15 @@ class Dispatcher:
             request = queue.first()
             if not self._handle_at_once(request):
                 await self._handle_in_thread(request)
-            self.waiting_bytes -= queue.pop()
+            self._remove_first(queue)
             if queue.sender is not None and queue.size < self._config.client_waiting_bytes // 2:
                 queue.sender.resume_reading()
         del self._queues[key]
+
+    def _remove_first(self, queue: ClientQueue) -> None:
+        """Remove the oldest request of a queue, which was handled."""
+        del self._unapplied[queue.first()]
+        self.waiting_bytes -= queue.pop()
 
     def _handle_at_once(self, request: Received) -> bool:
         """Read and apply a small request on the event loop, and respond; return False if a thread must read it."""

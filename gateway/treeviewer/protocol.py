@@ -82,7 +82,8 @@ class TreeViewerProtocol:
         """State of the pages that show the tree."""
         self.warnings = WarningList()
         """Warnings about the newest command of each name and path, by ``Subject``."""
-        self._live = live
+        self.live = live
+        """Tree that requests edit."""
         self.readers: dict[str, RequestReader] = {
             wire.JSON: JsonReader(self.limits),
             wire.BINARY: MsgpackReader(self.limits),
@@ -132,7 +133,7 @@ class TreeViewerProtocol:
             request = reader.read(comms.data, context)
         except RequestError as error:
             raise RequestRefused(responses.failed(comms.utime, str(error))) from None
-        return RequestApplier(request, self._live, self.quota, self.limits, self.warnings)
+        return RequestApplier(request, self.live, self.quota, self.limits, self.warnings)
 
     def handle(self, message: bytes | memoryview, client: PageClient | None = None) -> AnyResponse:
         """Read and apply a request at once, and return the response.

@@ -88,10 +88,6 @@ class TreeViewerService:
         """Wait until the transports run."""
         await self._started.wait()
 
-    def oldest_arrival(self) -> int | None:
-        """Return the arrival of the oldest request that is not applied yet, nanoseconds since the epoch."""
-        return self._dispatcher.oldest_arrival()
-
     def status(self) -> dict[str, Any]:
         """Return counters, warnings, and the status or problem of each transport, as plain JSON values."""
         status: dict[str, Any] = self._dispatcher.status()

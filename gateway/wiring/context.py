@@ -72,8 +72,6 @@ class Context:
     kernels: KernelLoader = field(init=False)
     flattener: Flattener = field(init=False)
     """Draw lists of the live tree, shared so that an unchanged tree is flattened once."""
-    oldest_arrivals: list[Callable[[], int | None]] = field(default_factory=list)
-    """Functions that return the arrival of the oldest message that is not applied to the tree yet."""
     lcm_listeners: list[ChannelListener] = field(default_factory=list)
     """Receivers of channels besides those of the tree viewer; filled before it starts."""
     history: TreeHistory | None = None
@@ -166,14 +164,6 @@ class Context:
     def timeline(self) -> Timeline | None:
         """States of the scene over time: the log that is shown, or the history of the live tree."""
         return self.log.timeline if self.log is not None else self.history
-
-    def has_messages_before(self, timestamp: int) -> bool:
-        """Return True if a message that arrived before a time, nanoseconds, is not applied to the tree yet."""
-        for oldest_arrival in self.oldest_arrivals:
-            arrival = oldest_arrival()
-            if arrival is not None and arrival <= timestamp:
-                return True
-        return False
 
     async def return_memory_when_idle(self) -> None:
         """Return the memory of earlier frames and scenes to the system after a while without work; never ends."""

@@ -17,6 +17,5 @@ async def setup(context: Context) -> None:
         DrakeViewerConfig(strict=context.settings.strict),
         local_files=context.local_mesh_files,
     )
-    context.oldest_arrivals.append(service.oldest_arrival)
     context.lcm_listeners.append(ChannelListener(PREFIXES, service.receive))
     context.run_service("drakeviewer", service, where="LCM, the channels of Drake's simulations")

@@ -138,7 +138,7 @@ def _start_camera(
         SimulatedClock() if simulated else None,
         None if simulated else PoseLog(view.tree, view.pose_in),
         on_streaming,
-        context.has_messages_before if live else lambda timestamp: False,
+        view.tree.has_unapplied_before,
     )
     service.earlier_state = earlier_state if live else None
     if settings.stereo_projectors == "shared" and config.projector and config.dot_light > 0.0:

@@ -67,7 +67,7 @@ async def simulated(python: str) -> Seen:
     assert done.returncode == 0, done.stderr
     # The publisher's last message is of a channel that is not shown; those before it may still be read in a thread.
     await until(lambda: drake.status().get("unshown_channels"))
-    await until(lambda: drake.oldest_arrival() is None)
+    await until(lambda: not live.unapplied_arrivals)
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)

@@ -450,9 +450,9 @@ async def test_requests_are_valid_from_their_arrival_however_long_they_wait() ->
     live.keep_recent("camera", active=True)
     for arrival, request in ((10, big), (20, small), (30, big)):
         world.receive(request, arrival=arrival)
-    assert world.dispatcher.oldest_arrival() == 10
+    assert (live.has_unapplied_before(9), live.has_unapplied_before(10)) == (False, True)
     await until(lambda: len(world.published) == 3)
-    await until(lambda: world.dispatcher.oldest_arrival() is None)
+    await until(lambda: not live.unapplied_arrivals)
     assert [live.snapshot_at(time).timestamp for time in (9, 10, 20, 30, 40)] == [0, 10, 20, 30, 30]
 
 
