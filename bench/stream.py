@@ -36,7 +36,7 @@ import numpy as np
 
 from bench.stream_servers import payload
 from gateway.runtime.process_tuning import tune
-from gateway.stereo.stream import image_wire as wire
+from gateway.stereo.stream import image_messages as messages
 
 ROW = "{:<30}{:>8}{:>9}{:>8}{:>9}{:>9}{:>9}{:>11}{:>11}{:>8}{:>8}"
 HEAD = ROW.format(
@@ -230,7 +230,7 @@ def main() -> None:
     kinds = ["tcp", "c++", "proto", "again", "shared"] if options.native_server else ["tcp", "proto", "again", "shared"]
     for name in options.payloads:
         with tempfile.NamedTemporaryFile() as file:
-            file.write(wire.join(payload(name)))
+            file.write(messages.join(payload(name)))
             file.flush()
             for n in options.clients:
                 rounds = [

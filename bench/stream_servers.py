@@ -27,7 +27,6 @@ from gateway.stereo.imaging.scene_motion import SceneState
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream import grpc_server as server
 from gateway.stereo.stream import image_messages as messages
-from gateway.stereo.stream import image_wire as wire
 from gateway.stereo.stream.client_queues import ClientQueues
 from gateway.stereo.stream.faults import FaultInjector
 from gateway.stereo.stream.frame_scheduler import SceneSource
@@ -46,7 +45,7 @@ PAYLOADS = {
 }
 
 
-def payload(name: str) -> list[wire.Chunk]:
+def payload(name: str) -> list[messages.Chunk]:
     """Return the chunks of a set of 1.2, 3.1, 8.6 or 15 MB; its images are noise."""
     random = np.random.default_rng(0)
     model = read_profile("rc_visard_160c").model
@@ -57,17 +56,17 @@ def payload(name: str) -> list[wire.Chunk]:
     def noise(shape: tuple[int, ...], dtype: type) -> Any:
         return random.integers(0, 255, shape, dtype)
 
-    chunks: list[wire.Chunk] = [messages.timestamp_field(metadata.timestamp)]
+    chunks: list[messages.Chunk] = [messages.timestamp_field(metadata.timestamp)]
     for number in (2,) if name == "A" else (2, 3):
-        chunks += wire.field(number, messages.image(noise(size, np.uint8), full, metadata))
+        chunks += messages.field(number, messages.image(noise(size, np.uint8), full, metadata))
     if name != "A":
         d = messages.image(noise((k.height, k.width), np.uint16), k, metadata)
-        chunks += wire.field(4, messages.disparity(d, metadata.timestamp, model.baseline))
+        chunks += messages.field(4, messages.disparity(d, metadata.timestamp, model.baseline))
     if name in "CD":
         for number in (5, 6):
-            chunks += wire.field(number, messages.image(noise((k.height, k.width), np.uint8), k, metadata))
+            chunks += messages.field(number, messages.image(noise((k.height, k.width), np.uint8), k, metadata))
     if name == "D":
-        chunks += wire.field(7, messages.mesh((bytes(2_800_000),), metadata.timestamp))
+        chunks += messages.field(7, messages.mesh((bytes(2_800_000),), metadata.timestamp))
     return chunks
 
 
@@ -80,7 +79,7 @@ async def shared(name: str, *, again: bool = False) -> tuple[int, Any]:
     hub = ImageSetHub(64, 16)
     running, port, _ = await server.start(hub, ClientQueues("event", 64, 64), FaultInjector(0, 0), StereoConfig(port=0))
     chunks = payload(name)
-    ready = wire.join(chunks)
+    ready = messages.join(chunks)
 
     async def produce() -> None:
         number = 0
@@ -90,7 +89,7 @@ async def shared(name: str, *, again: bool = False) -> tuple[int, Any]:
             if len(hub) and not hub.kinds_with_mailbox(MailboxState.FULL):
                 kinds = hub.kinds
                 number += 1
-                data = ready if again else await asyncio.to_thread(wire.join, chunks)
+                data = ready if again else await asyncio.to_thread(messages.join, chunks)
                 for kind in kinds:
                     hub.publish(kind, number, data)
             else:
@@ -101,7 +100,7 @@ async def shared(name: str, *, again: bool = False) -> tuple[int, Any]:
 
 async def proto(name: str) -> tuple[int, Any]:
     """Protobuf's way: a message object that gRPC serialises for every client."""
-    message = pb.ImageSet.FromString(wire.join(payload(name)))
+    message = pb.ImageSet.FromString(messages.join(payload(name)))
 
     async def stream(request: pb.ImageSetRequest, context: Any) -> None:
         while True:
@@ -122,7 +121,7 @@ async def tcp(name: str) -> tuple[int, Any]:
     import socket
     import threading
 
-    data = wire.join(payload(name))
+    data = messages.join(payload(name))
     framed = len(data).to_bytes(8, "little") + data
     listening = socket.create_server(("127.0.0.1", 0))
 

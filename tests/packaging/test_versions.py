@@ -26,7 +26,7 @@ SELECTION = (
     "tests/render/test_form.py",
     "tests/settings",
     "tests/state/test_database.py",
-    "tests/stereo/stream/test_image_wire.py",
+    "tests/stereo/stream/test_image_messages.py",
 )
 
 

@@ -26,9 +26,7 @@ from gateway.stereo.imaging.rendered_images import (
     MeteredExposure,
 )
 from gateway.stereo.stream import image_messages as messages
-from gateway.stereo.stream import image_wire as wire
-from gateway.stereo.stream.image_messages import ImageMetadata
-from gateway.stereo.stream.image_wire import Chunk
+from gateway.stereo.stream.image_messages import Chunk, ImageMetadata
 from gateway.stereo.stream.set_kind import SetKind
 from renderers.drawlist import ImageError
 from renderers.stereo.depth.depth_images import DepthImages
@@ -196,11 +194,11 @@ class FrameImages:
         capture = self._depth_capture if kind.has_depth else self._camera_capture
         chunks: list[Chunk] = [messages.timestamp_field(capture.timestamp)]
         for (number, _), value in zip(fields, values, strict=True):
-            chunks += wire.field(number, value)
+            chunks += messages.field(number, value)
         with span("serialise"):
-            if wire.byte_count(chunks) < wire.MIN_BYTES_WITHOUT_GIL:
+            if messages.byte_count(chunks) < messages.MIN_BYTES_WITHOUT_GIL:
                 return b"".join(chunks)
-            return await self._workers.run(wire.join, chunks)
+            return await self._workers.run(messages.join, chunks)
 
     async def _image_message(self, stream: NoiseStream, color: bool) -> list[Chunk]:
         """Return the left or right image as a message, and set ``left_metered`` if it is the left one."""

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.stream import image_messages as messages
-from gateway.stereo.stream import image_wire as wire
 from gateway.stereo.stream.image_messages import ImageMetadata
 from gateway.stereo.stream.set_kind import RequestError, SetKind, read_set_kind
 from renderers.stereo.model import Intrinsics
@@ -23,9 +22,9 @@ METADATA = ImageMetadata(1_700_000_000_040_000_001, Exposure(0.01, 3.0, 1.5), no
 def test_images_parse_to_their_fields(shape: tuple[int, ...]) -> None:
     pixels = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
     k = Intrinsics(shape[1], shape[0], 100.5, 1.5, 1.0)
-    chunks = [messages.timestamp_field(METADATA.timestamp), *wire.field(2, messages.image(pixels, k, METADATA))]
-    data = wire.join(chunks)
-    assert len(data) == wire.byte_count(chunks)
+    chunks = [messages.timestamp_field(METADATA.timestamp), *messages.field(2, messages.image(pixels, k, METADATA))]
+    data = messages.join(chunks)
+    assert len(data) == messages.byte_count(chunks)
     time = pb.Time(sec=1_700_000_000, nsec=40_000_001)
     expected = pb.ImageSet(
         timestamp=time,
@@ -52,17 +51,17 @@ def test_images_parse_to_their_fields(shape: tuple[int, ...]) -> None:
 
 def test_disparity_is_little_endian() -> None:
     values = np.array([[1, 256]], ">u2").astype(np.uint16)
-    image = pb.Image.FromString(wire.join(messages.image(values, Intrinsics(2, 1, 1, 1, 0.5), METADATA)))
+    image = pb.Image.FromString(messages.join(messages.image(values, Intrinsics(2, 1, 1, 1, 0.5), METADATA)))
     assert (image.encoding, image.step, image.data) == ("mono16", 4, b"\x01\x00\x00\x01")
 
 
 def test_meshes_and_disparities_are_wrapped() -> None:
     inner = messages.image(np.zeros((1, 1), np.uint16), Intrinsics(1, 1, 1, 0.5, 0.5), METADATA)
     chunks = [
-        *wire.field(4, messages.disparity(inner, 5, 0.16)),
-        *wire.field(7, messages.mesh((b"ab", memoryview(b"cd")), 6)),
+        *messages.field(4, messages.disparity(inner, 5, 0.16)),
+        *messages.field(7, messages.mesh((b"ab", memoryview(b"cd")), 6)),
     ]
-    image_set = pb.ImageSet.FromString(wire.join(chunks))
+    image_set = pb.ImageSet.FromString(messages.join(chunks))
     assert image_set.mesh == pb.Mesh(timestamp=pb.Time(nsec=6), format="ply", data=b"abcd")
     assert image_set.disparity.timestamp.nsec == 5
     assert image_set.disparity.baseline == pytest.approx(0.16)
@@ -72,16 +71,16 @@ def test_meshes_and_disparities_are_wrapped() -> None:
 @given(st.integers(0, 2**63))
 def test_varints_equal_protobufs(value: int) -> None:
     # int64 would be signed; a uint64 field is not in the protocol, so the reader is this.
-    read = sum((byte & 0x7F) << (7 * i) for i, byte in enumerate(wire.varint(value)))
+    read = sum((byte & 0x7F) << (7 * i) for i, byte in enumerate(messages.varint(value)))
     assert read == value
-    assert all(byte & 0x80 for byte in wire.varint(value)[:-1])
-    assert not wire.varint(value)[-1] & 0x80
+    assert all(byte & 0x80 for byte in messages.varint(value)[:-1])
+    assert not messages.varint(value)[-1] & 0x80
 
 
 @given(st.lists(st.binary(max_size=50), max_size=8), st.integers(1, 100))
 def test_joins_are_concatenations(chunks: list[bytes], times: int) -> None:
     large = [chunk * 100_000 if i == times % 8 else chunk for i, chunk in enumerate(chunks)]
-    assert wire.join([memoryview(c) if i % 2 else c for i, c in enumerate(large)]) == b"".join(large)
+    assert messages.join([memoryview(c) if i % 2 else c for i, c in enumerate(large)]) == b"".join(large)
 
 
 requests = st.builds(
@@ -134,22 +133,22 @@ def test_equivalent_requests_are_one_kind() -> None:
 
 @pytest.mark.parametrize("value", [1, 127, 128, 129, 255, 256, 16_383, 16_384, 16_385, 2**31, 2**32 - 1])
 def test_numbers_are_protobufs(value: int) -> None:
-    assert wire.varint(value) == pb.Gpios(inputs=value).SerializeToString()[1:]
+    assert messages.varint(value) == pb.Gpios(inputs=value).SerializeToString()[1:]
 
 
 def test_the_smallest_and_the_longest_number() -> None:
-    assert wire.varint(0) == b"\0"
-    assert wire.varint(2**63) == 9 * b"\x80" + b"\x01"
+    assert messages.varint(0) == b"\0"
+    assert messages.varint(2**63) == 9 * b"\x80" + b"\x01"
 
 
 @pytest.mark.parametrize("length", [0, 127, 128, 300])
 def test_the_length_of_a_field(length: int) -> None:
-    (head, data) = wire.field(15, [bytes(length)])
-    assert bytes(head) == bytes([15 << 3 | 2]) + wire.varint(length)
+    (head, data) = messages.field(15, [bytes(length)])
+    assert bytes(head) == bytes([15 << 3 | 2]) + messages.varint(length)
     assert len(data) == length
 
 
 @pytest.mark.parametrize("extra", [-1, 0, 1])
 def test_chunks_are_joined_in_order_at_any_size(extra: int) -> None:
-    large = np.arange(wire.MIN_BYTES_WITHOUT_GIL + extra - 6, dtype=np.uint32).astype(np.uint8).tobytes()
-    assert wire.join([b"abc", memoryview(large), b"def"]) == b"abc" + large + b"def"
+    large = np.arange(messages.MIN_BYTES_WITHOUT_GIL + extra - 6, dtype=np.uint32).astype(np.uint8).tobytes()
+    assert messages.join([b"abc", memoryview(large), b"def"]) == b"abc" + large + b"def"
