@@ -12,7 +12,6 @@ import structlog
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.timeline import TimeError
 from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.device.clock import Clock, SystemClock
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings
 from gateway.stereo.imaging.recorded_pairs import PairImaging
@@ -41,7 +40,6 @@ class StereoService:
         scene: SceneSource,
         renderer: Renderer,
         workers: WorkerPool,
-        clock: Clock | None = None,
         pose_log: PoseLog | None = None,
         on_streaming: Callable[[bool], None] = lambda streaming: None,
         has_messages_before: Callable[[int], bool] = lambda timestamp: False,
@@ -52,13 +50,13 @@ class StereoService:
             scene: returns scene and pose at a time; called in worker threads.
             renderer: thread-safe renderer.
             workers: threads for rendering, depth, serialisation and ground truth.
-            clock: source of timestamps; None: the system clock.
             pose_log: poses for the IMU; None: those of the captured frames.
             on_streaming: called with True when clients begin to stream images, and with False when there are none.
             has_messages_before: returns True if a message that arrived before a time, nanoseconds since the epoch, is
                 not part of the scene yet.
         """
-        self.parameters = Parameters(config.limits)
+        self.hub = ImageSetHub(config.max_clients, config.max_kinds, follows_demand=config.rate == "max")
+        self.parameters = Parameters(config.limits, self.hub.start_generation)
         self.wait_until_stored: Callable[[], Awaitable[str]] | None = None
         """Waits until the parameters are stored (--state); returns an error message, empty on success. None: no state
         file."""
@@ -67,16 +65,12 @@ class StereoService:
         self.scene_imaging = Imaging(config, renderer)
         """Source of rendered images, also while recorded pairs are shown."""
         self.workers = workers
-        self.hub = ImageSetHub(
-            config.max_clients, config.max_kinds, self._generation, follows_demand=config.rate == "max"
-        )
         self.events = ClientQueues("event", config.max_clients, config.max_events)
         self.imu = Imu(config, pose_log)
-        self.injector = FaultInjector(config.seed, config.max_late_bytes)
+        self.injector = FaultInjector(config.seed, config.max_late_bytes, self.hub.start_generation)
         self.started = time.time()
         """Time of the start, seconds since the epoch."""
-        clock = clock or SystemClock()
-        self._publisher = FramePublisher(self.hub, self.events, self.injector, config.rate, simulated=clock.simulated)
+        self._publisher = FramePublisher(self.hub, self.events, self.injector, config)
         self.counts = self._publisher.counts
         """Counters since start."""
         self._scheduler = FrameScheduler(
@@ -85,21 +79,14 @@ class StereoService:
             self._publisher,
             self.parameters,
             scene,
-            clock,
             self.imu.frame_captured if pose_log is None else None,
             on_streaming,
             has_messages_before,
         )
-        self._image_changes = 0
-        """Number of changes between the scene and recorded pairs."""
         self._captures = 0
         """Number of captures apart from the stream."""
         self._port: int | None = None
         """Port of the image stream; None while it is closed."""
-
-    def _generation(self) -> int:
-        """Return a number that grows with every change of parameters, faults or image source."""
-        return self.parameters.version + self.injector.changes + self._image_changes
 
     @property
     def imaging(self) -> Imaging:
@@ -114,8 +101,7 @@ class StereoService:
     def show_pairs(self, pairs: PairImaging | None) -> None:
         """Show recorded pairs from the next frame on; None: the scene."""
         self._scheduler.imaging = pairs or self.scene_imaging
-        self._image_changes += 1
-        self.hub.changed.set()
+        self.hub.start_generation()
 
     @property
     def ready(self) -> bool:
@@ -153,15 +139,16 @@ class StereoService:
         )
         model = self.config.model
         _log.info(f"{model.name} on port {self._port}", baseline=model.baseline, depth=self.config.depth_mode)
-        imu = asyncio.create_task(self.imu.run(), name="IMU")
+        tasks = [asyncio.create_task(part.run()) for part in (self._scheduler, self.imu)]
         try:
-            await self._scheduler.run()
+            await asyncio.gather(*tasks)
         finally:
             self._port = None
             for streams in (self.hub, self.events, self.imu.hub):
                 streams.close("the stereo camera is shutting down")
-            imu.cancel()
-            await asyncio.gather(imu, return_exceptions=True)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
             await server.stop(grpc_server, shut_down_health)
 
     async def capture(self, kind: SetKind, earlier: float | None = None) -> FrameImages:
@@ -198,7 +185,6 @@ class StereoService:
         had_auto_exposure, exposure = self.settings.auto_exposure is not None, self.last_metered.exposure
         had_auto_white_balance = self.parameters.values("rc_camera")["wb_auto"]
         names = self.parameters.set(node, values)
-        self.hub.changed.set()
         manual: dict[str, float] = {}
         if had_auto_exposure and self.settings.auto_exposure is None:
             manual |= {"exp_value": exposure.time, "gain_value": exposure.gain}
@@ -206,11 +192,6 @@ class StereoService:
             manual |= {"wb_ratio_red": NEUTRAL_RED, "wb_ratio_blue": NEUTRAL_BLUE}
         self.parameters.set("rc_camera", [(name, value) for name, value in manual.items() if name not in names])
         return names
-
-    def reset_parameters(self, node: str) -> None:
-        """Restore the default values of a node."""
-        self.parameters.reset(node)
-        self.hub.changed.set()
 
     def fire_trigger(self) -> tuple[int, str]:
         """Request one depth image in a single-frame mode. Return the device's return code and a message."""

@@ -21,7 +21,6 @@ from gateway.server.http_server import PortService
 from gateway.server.middleware import EarlyResponse, HeadAsGet
 from gateway.settings import Settings
 from gateway.stereo.device.camera_config import StereoConfig, Tls
-from gateway.stereo.device.clock import SimulatedClock
 from gateway.stereo.device.parameter_specs import NODES
 from gateway.stereo.device.profile import read_profile
 from gateway.stereo.device.stream_settings import StreamSettings
@@ -129,14 +128,12 @@ def _start_camera(
         snapshot = await state_at(context.history, time)
         return await context.camera_workers.run(view.state_in, snapshot, Flattener(context.labels))
 
-    simulated = settings.clock == "simulated"
     service = StereoService(
         config,
         view.state,
         context.renderer,
         context.camera_workers,
-        SimulatedClock() if simulated else None,
-        None if simulated else PoseLog(view.tree, view.pose_in),
+        None if config.simulated_clock else PoseLog(view.tree, view.pose_in),
         on_streaming,
         view.tree.has_unapplied_before,
     )
@@ -220,6 +217,7 @@ def config_of(settings: Settings, number: int = 0, camera: CameraSpec | None = N
         color_camera=profile.color_camera,
         depth_mode=settings.depth_mode,
         rate=settings.stereo_rate,
+        simulated_clock=settings.clock == "simulated",
         seed=settings.stereo_seed + number,
         noise=settings.stereo_noise,
         image_noise=profile.stereo.noise,

@@ -15,7 +15,6 @@ import pytest
 from fastapi import FastAPI
 
 from gateway.server.http_server import PortService
-from gateway.stereo.device.clock import SimulatedClock
 from gateway.stereo.routes.imu_routes import imu_router
 from gateway.stereo.service import StereoService
 from scenegate.camera.imu import ImuRecorder
@@ -48,7 +47,7 @@ async def served(service: StereoService) -> AsyncIterator[str]:
 
 
 async def test_samples_are_written_beside_the_sets(start: Start, tmp_path: Path) -> None:
-    camera = await start(rate="max", clock=SimulatedClock())
+    camera = await start(rate="max", simulated_clock=True)
     async with served(camera.service) as url:
         options = StreamOptions(f"127.0.0.1:{camera.service.port}", left=True, count=40, output=tmp_path, imu=url)
         progress = await asyncio.to_thread(receive_all, options)

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from gateway.runtime.kernels.parts import PARTS
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.device.clock import Clock
 from gateway.stereo.imaging.scene_motion import SceneState
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.frame_scheduler import SceneSource
@@ -93,12 +92,11 @@ async def running(
     renderer: Renderer,
     config: StereoConfig,
     state: SceneSource,
-    clock: Clock | None,
     seconds: float | None = None,
 ) -> AsyncIterator[Camera]:
     workers = WorkerPool(2, seconds=seconds, limit_name="--render-seconds")
 
-    service = StereoService(config, state, renderer, workers, clock)
+    service = StereoService(config, state, renderer, workers)
     task = asyncio.create_task(service.run())
     await until(lambda: service.ready or task.done())
     if task.done():
@@ -113,12 +111,11 @@ async def running(
 
 @pytest.fixture
 async def start(renderer: CpuRenderer) -> AsyncIterator[Start]:
-    """Return a function that starts a camera; arguments are ``scene`` or ``state``, ``clock``, and others of config."""
+    """Return a function that starts a camera; arguments are ``scene`` or ``state``, and fields of config."""
     async with AsyncExitStack() as stack:
 
         async def begin(
             scene: Callable[[], tuple[DrawList, int]] | None = None,
-            clock: Clock | None = None,
             state: SceneSource | None = None,
             **fields: Any,
         ) -> Camera:
@@ -126,7 +123,7 @@ async def start(renderer: CpuRenderer) -> AsyncIterator[Start]:
 
             config = StereoConfig(**{"port": 0, "model": SMALL, "look": "phong", **fields})
             return await stack.enter_async_context(
-                running(renderer, config, state or seen(scene or (lambda: (drawn, 1))), clock)
+                running(renderer, config, state or seen(scene or (lambda: (drawn, 1))))
             )
 
         yield begin

@@ -63,6 +63,8 @@ class StereoConfig:
     """Source of depth images: rendered depth with modelled errors, matched rendered images, or exact rendered depth."""
     rate: Rate = "device"
     """``device``: the real camera's rates; ``max``: as fast as rendering and clients allow."""
+    simulated_clock: bool = False
+    """True: timestamps count frames instead of time, and no frame is skipped for lack of time."""
     seed: int = 0
     """Seed of all noise. Seed, scene and frame number determine every byte except timestamps."""
     noise: bool = True

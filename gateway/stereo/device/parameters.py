@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 from gateway.stereo.device.parameter_specs import NODES, DeviceLimits, Spec, Value, specs_of
@@ -23,11 +23,13 @@ class UnknownParameterError(LookupError):
 class Parameters:
     """Values of the parameters of all nodes."""
 
-    def __init__(self, limits: DeviceLimits | None = None) -> None:
+    def __init__(self, limits: DeviceLimits | None = None, on_change: Callable[[], object] = lambda: None) -> None:
         """
         Args:
             limits: limits and defaults of the camera; None: those of the rc_visard.
+            on_change: called after each change.
         """
+        self._on_change = on_change
         self.limits = limits or DeviceLimits()
         self._specs = specs_of(self.limits)
         self._values: dict[str, dict[str, Value]] = {
@@ -86,14 +88,18 @@ class Parameters:
             elif name == "exp_control":
                 self._values[node]["exp_auto"] = value != "Manual"
         if checked:
-            self.version += 1
+            self._count_change()
         return [name for name, _ in checked]
 
     def reset(self, node: str) -> None:
         """Restore the defaults of a node."""
         for spec in self._specs[node].values():
             self._values[node][spec.name] = spec.default
+        self._count_change()
+
+    def _count_change(self) -> None:
         self.version += 1
+        self._on_change()
 
     def describe(self, node: str, name: str) -> dict[str, Any]:
         """Return the device's REST representation of a parameter."""

@@ -101,6 +101,11 @@ class StreamSettings:
         return min(fps, self.limits.fps / 2) if self.alternate_exposure else fps
 
     @cached_property
+    def period_ns(self) -> int:
+        """Nanoseconds between camera image sets."""
+        return round(1e9 / self.camera_rate)
+
+    @cached_property
     def longest_exposure(self) -> float:
         """Longest time of an exposure, seconds."""
         return self.manual_exposure.time if self.auto_exposure is None else self.auto_exposure.max_time

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.bounds import Bounds, corners_of, mesh_bounds
-from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
+from gateway.stereo.device.timestamps import NANOSECONDS_PER_SECOND
 from gateway.stereo.imaging.other_projector import OtherProjector
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Instance

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
+from gateway.stereo.device.timestamps import NANOSECONDS_PER_SECOND
 from gateway.stereo.imu.imu_sampler import ImuSamples
 from gateway.stereo.stream.client_queues import ClientQueue
 

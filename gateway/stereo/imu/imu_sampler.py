@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
+from gateway.stereo.device.timestamps import NANOSECONDS_PER_SECOND
 from renderers.stereo.imu.imu_model import MAX_ACCELERATION, MAX_ANGULAR_VELOCITY, RATE, ImuNoise, measure, saturate
 from renderers.stereo.imu.trajectory import SETTLING_TIME, START_UP, pose_vectors
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gateway.scene.timeline import TimeError
 from gateway.server.openapi import Responses, example, file_response, json_example
 from gateway.server.scene_query import TIME_PARAMETER
-from gateway.stereo.device.clock import timestamp_text
+from gateway.stereo.device.timestamps import timestamp_text
 from gateway.stereo.imaging.recorded_pairs import PairImaging
 from gateway.stereo.routes.rest_common import RestError, error_responses, new_router
 from gateway.stereo.routes.rgbd import rgbd_npz

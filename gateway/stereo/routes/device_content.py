@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.device.parameter_specs import NODES
+from gateway.stereo.device.timestamps import NANOSECONDS_PER_SECOND
 from gateway.stereo.imaging.recorded_pairs import PairImaging
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.image_messages import INPUT_MASK, OUTPUT_MASK
@@ -172,7 +172,7 @@ def _io_values(service: StereoService) -> dict[str, Any]:
 
 
 def _reset(service: StereoService, node: str) -> dict[str, Any]:
-    service.reset_parameters(node)
+    service.parameters.reset(node)
     return {"return_code": _return_code(0, "")}
 
 

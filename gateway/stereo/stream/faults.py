@@ -36,18 +36,18 @@ class Faults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class FaultInjector:
     """Applies the current faults to timestamps and image sets."""
 
-    def __init__(self, seed: int, max_late_bytes: int) -> None:
+    def __init__(self, seed: int, max_late_bytes: int, on_change: Callable[[], object] = lambda: None) -> None:
         """
         Args:
             seed: seed of dropped frames.
             max_late_bytes: maximum number of bytes of delayed sets; further sets are dropped.
+            on_change: called after faults were set.
         """
         self.faults = Faults()
         """Current faults."""
-        self.changes = 0
-        """Number of times that faults were set."""
         self.dropped = 0
         """Number of sets dropped, either by the fault ``drop`` or because of ``max_late_bytes``."""
+        self._on_change = on_change
         self._seed = seed
         self._max_late_bytes = max_late_bytes
         self._late_bytes = 0
@@ -59,9 +59,9 @@ class FaultInjector:
     def set(self, faults: Faults) -> None:
         """Replace the current faults."""
         self.faults = faults
-        self.changes += 1
         if not faults.clock_frozen:
             self._frozen_timestamp = None
+        self._on_change()
 
     def timestamp(self, true_timestamp: int) -> int:
         """Return the timestamp to send for a true one, nanoseconds, not negative."""

@@ -58,6 +58,8 @@ class FrameRecord:
     """Scene and pose of the left and right images."""
     depth_capture: Capture
     """Scene and pose of the depth images, 40 ms later if they are exposed with other outputs."""
+    generation: int = 0
+    """Generation of the hub (``ImageSetHub.generation``) at capture."""
 
     @property
     def number(self) -> int:
@@ -71,18 +73,14 @@ class FrameImages:
     Cancelling a caller cancels what it waits for, too, and with it all others that wait for the same.
     """
 
-    def __init__(
-        self, record: FrameRecord, workers: WorkerPool, kinds: Collection[SetKind], generation: int = 0
-    ) -> None:
+    def __init__(self, record: FrameRecord, workers: WorkerPool, kinds: Collection[SetKind]) -> None:
         """
         Args:
             record: inputs of the frame.
             workers: threads for rendering, exposure, depth and serialisation.
             kinds: kinds of set that clients stream, so that one rendering serves grey and colour images of one camera.
-            generation: generation of the hub (``ImageSetHub.generation``) at capture.
         """
         self.record = record
-        self.generation = generation
         self.left_metered: MeteredExposure | None = None
         """Exposure of the left image; None until a set with this image is serialised."""
         self._workers = workers

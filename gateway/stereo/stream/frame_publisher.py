@@ -13,8 +13,8 @@ import structlog
 
 from gateway.runtime import tracing
 from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
-from gateway.stereo.device.camera_config import Rate
-from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
+from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.device.timestamps import NANOSECONDS_PER_SECOND
 from gateway.stereo.imaging.rendered_images import MeteredExposure
 from gateway.stereo.stream.client_queues import ClientQueues
 from gateway.stereo.stream.faults import FaultInjector
@@ -67,16 +67,13 @@ class FramesInFlight:
 class FramePublisher:
     """Makes each kind of image set of a frame once, and publishes it to all clients."""
 
-    def __init__(
-        self, hub: ImageSetHub, events: ClientQueues, injector: FaultInjector, rate: Rate, *, simulated: bool
-    ) -> None:
+    def __init__(self, hub: ImageSetHub, events: ClientQueues, injector: FaultInjector, config: StereoConfig) -> None:
         """
         Args:
             hub: receives the sets.
             events: receives the image events.
             injector: delays and drops sets.
-            rate: see ``StereoConfig.rate``.
-            simulated: True if timestamps are simulated.
+            config: configuration of the camera.
         """
         self.counts = FrameCounts()
         self.last_metered: MeteredExposure | None = None
@@ -84,8 +81,7 @@ class FramePublisher:
         self.hub = hub
         self.injector = injector
         self._event_clients = events
-        self._rate = rate
-        self._simulated = simulated
+        self._config = config
 
     def spawn(self, frames: FramesInFlight, make_frame: Coroutine[Any, Any, None]) -> None:
         """Run ``make_frame`` in a task that is one of ``frames``."""
@@ -113,10 +109,10 @@ class FramePublisher:
         # The timestamp of a depth frame is that of the first image in the average.
         settings, timestamp = frame.record.settings, frame.record.depth_capture.timestamp
         duration = round((settings.averaged_images - 1) / settings.camera_rate * NANOSECONDS_PER_SECOND)
-        if self._rate == "device":
+        if self._config.rate == "device":
             await asyncio.sleep(duration / NANOSECONDS_PER_SECOND)
-        if len(self._event_clients) > 0:
-            done = timestamp + duration if self._simulated else time.time_ns()
+        if self._event_clients.connected.is_set():
+            done = timestamp + duration if self._config.simulated_clock else time.time_ns()
             self._event_clients.put(depth_acquisition_done(timestamp, done))
         await self.publish_sets(frame, kinds)
 
@@ -138,7 +134,7 @@ class FramePublisher:
         except Exception as error:  # noqa: BLE001 - otherwise the clients would wait forever
             self.end_streams(kind, f"frame {number} ({kind}) could not be made", error)
         else:
-            publish = partial(self.hub.publish, kind, number, data, frame.generation)
+            publish = partial(self.hub.publish, kind, number, data, frame.record.generation)
             self.injector.deliver(number, data, publish)
             return True
         return False

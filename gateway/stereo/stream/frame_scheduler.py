@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from gateway.runtime.pool_errors import QueueFull
 from gateway.runtime.worker_pool import WorkerPool, until_compiled
-from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND, Clock
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import ALTERNATE_GAP_NS, StreamSettings, read_settings
+from gateway.stereo.device.timestamps import NANOSECONDS_PER_SECOND
 from gateway.stereo.imaging.rendered_images import Capture, Imaging
 from gateway.stereo.imaging.scene_motion import SceneState, state_before
 from gateway.stereo.stream.frame import FrameImages, FrameRecord
@@ -49,7 +49,6 @@ class FrameScheduler:
         publisher: FramePublisher,
         parameters: Parameters,
         scene: SceneSource,
-        clock: Clock,
         on_capture: Callable[[int, NDArray[np.float64]], None] | None = None,
         on_streaming: Callable[[bool], None] = lambda streaming: None,
         has_messages_before: Callable[[int], bool] = lambda timestamp: False,
@@ -77,7 +76,7 @@ class FrameScheduler:
         self._on_streaming = on_streaming
         self._has_messages_before = has_messages_before
         self._unlimited = imaging.config.rate == "max"
-        self._clock = FrameClock(clock, imaging.config.rate)
+        self._clock = FrameClock(imaging.config.rate, simulated=imaging.config.simulated_clock)
         self._camera_frames = FramesInFlight()
         self._depth_frames = FramesInFlight()
         self._frame_number = 0
@@ -127,34 +126,27 @@ class FrameScheduler:
         if not camera_kinds and not depth_kinds:
             return math.inf
         settings, now = self.settings, asyncio.get_running_loop().time()
-        period = 1.0 / settings.camera_rate
         if not self._unlimited or (not depth_kinds and all(kind.empty for kind in camera_kinds)):
             depth_only = settings if not camera_kinds else None
             seconds = clock.seconds_until_frame(now, depth_only)
             if seconds > 0.0:
                 return seconds
-            missed = clock.advance_to_due_frame(now, period)
+            missed = clock.advance_to_due_frame(now, 1.0 / settings.camera_rate)
             self._counts.skipped += 0 if self._unlimited else missed
-        period_ns = round(period * NANOSECONDS_PER_SECOND)
-        if depth_kinds and not (self._depth_due(settings, now, period_ns) and await self._has_room(self._depth_frames)):
-            depth_kinds = ()
+        if depth_kinds:
+            is_due = clock.depth_due(settings, now, self.trigger_time)
+            if not is_due or not await self._has_room(self._depth_frames):
+                depth_kinds = ()
         if camera_kinds and not await self._has_room(self._camera_frames):
             camera_kinds = ()
         if depth_kinds or camera_kinds:
             # Read the settings again: they may have changed while ``_has_room`` waited.
-            await self._capture(self.settings, camera_kinds, depth_kinds, period_ns)
+            await self._capture(self.settings, camera_kinds, depth_kinds)
         elif self._unlimited:  # only depth is requested, and it waits for its trigger
-            return period
+            return 1.0 / settings.camera_rate
         else:
-            clock.skip_frame(period_ns)
+            clock.skip_frame(settings)
         return 0.0
-
-    def _depth_due(self, settings: StreamSettings, now: float, period_ns: int) -> bool:
-        """Return True if the frame that is due includes depth."""
-        clock = self._clock
-        exposure_start = (now if self._unlimited else clock.frame_due) - settings.longest_exposure
-        triggered = self.trigger_time is not None and (clock.simulated or self.trigger_time <= exposure_start)
-        return clock.depth_due(settings, self._next_timestamp(settings, period_ns), period_ns, triggered=triggered)
 
     def _set_streaming(self, streaming: bool) -> None:
         """Report that clients begin to stream, or that none streams; then the schedule stops."""
@@ -166,11 +158,6 @@ class FrameScheduler:
             self._cancel_frames()
             self._camera_frames.last = self._depth_frames.last = None
             self._clock.stop_schedule()
-
-    def _next_timestamp(self, settings: StreamSettings, period_ns: int) -> int:
-        """Return the timestamp of the frame that is due."""
-        now = None if self._unlimited else asyncio.get_running_loop().time()
-        return self._clock.next_timestamp(period_ns, now, settings.longest_exposure)
 
     def _urgent_kinds(self) -> tuple[_Kinds, _Kinds]:
         """Return the kinds to make at rate ``max``, without and with depth.
@@ -206,19 +193,16 @@ class FrameScheduler:
         self._camera_frames.cancel()
         self._depth_frames.cancel()
 
-    async def _capture(
-        self, settings: StreamSettings, camera_kinds: _Kinds, depth_kinds: _Kinds, period_ns: int
-    ) -> None:
+    async def _capture(self, settings: StreamSettings, camera_kinds: _Kinds, depth_kinds: _Kinds) -> None:
         """Capture the scene and start the tasks that make the sets.
 
         Args:
             settings: parameters of the frame.
             camera_kinds: kinds without depth.
             depth_kinds: kinds with depth.
-            period_ns: nanoseconds between camera frames.
         """
-        clock, publisher, generation = self._clock, self._publisher, self._hub.generation()
-        timestamp = self._next_timestamp(settings, period_ns)
+        clock, publisher, generation = self._clock, self._publisher, self._hub.generation
+        timestamp = clock.next_timestamp(settings, asyncio.get_running_loop().time())
         sent_timestamp = publisher.injector.timestamp(timestamp)
         kinds = camera_kinds + depth_kinds
         capture = await self._capture_scene(self._frame_number + 1, timestamp, sent_timestamp, settings, kinds)
@@ -228,55 +212,47 @@ class FrameScheduler:
         clock.timestamp = timestamp
         if self._on_capture is not None:
             self._on_capture(timestamp, capture.X_world_left)
-        frame = None
-        if camera_kinds or not settings.separate_depth:
-            shared_kinds = camera_kinds if settings.separate_depth else kinds
-            frame = self._new_frame(settings, capture, capture, shared_kinds, generation)
-        if camera_kinds and frame is not None:
-            self._camera_frames.last = frame
-            publisher.spawn(self._camera_frames, publisher.publish_sets(frame, camera_kinds))
-        if not depth_kinds:
+        record = FrameRecord(self.imaging, settings, capture, capture, generation)
+        if depth_kinds:
+            clock.schedule_next_depth(timestamp, settings.depth_rate)
+            self.trigger_time = None
+        if not settings.separate_depth:
+            frame = self._new_frame(record, kinds)
+            self._publish_camera_sets(frame, camera_kinds)
+            if depth_kinds:
+                self._depth_frames.last = frame
+                publisher.spawn(self._depth_frames, publisher.publish_depth_sets(frame, depth_kinds))
             return
-        clock.schedule_next_depth(timestamp, settings.depth_rate)
-        self.trigger_time = None
-        if frame is None or settings.separate_depth:
-            clock.delay_for_alternate_exposure(period_ns)
-            make_depth_frame = self._expose_depth(settings, capture, timestamp, depth_kinds, generation)
-        else:
-            self._depth_frames.last = frame
-            make_depth_frame = publisher.publish_depth_sets(frame, depth_kinds)
-        publisher.spawn(self._depth_frames, make_depth_frame)
+        if camera_kinds:
+            self._publish_camera_sets(self._new_frame(record, camera_kinds), camera_kinds)
+        if depth_kinds:
+            clock.delay_for_alternate_exposure(settings.period_ns)
+            publisher.spawn(self._depth_frames, self._expose_depth(record, timestamp, depth_kinds))
 
-    async def _expose_depth(
-        self, settings: StreamSettings, camera_capture: Capture, timestamp: int, kinds: _Kinds, generation: int
-    ) -> None:
+    def _publish_camera_sets(self, frame: FrameImages, kinds: _Kinds) -> None:
+        if kinds:
+            self._camera_frames.last = frame
+            self._publisher.spawn(self._camera_frames, self._publisher.publish_sets(frame, kinds))
+
+    async def _expose_depth(self, camera_record: FrameRecord, timestamp: int, kinds: _Kinds) -> None:
         """Capture the scene for depth 40 ms after the camera images, with the outputs of depth exposures.
 
         Args:
-            timestamp: true timestamp of the camera images, nanoseconds since the epoch.
+            camera_record: frame of the camera images.
+            timestamp: its true timestamp, nanoseconds since the epoch.
         """
         await asyncio.sleep(0 if self._unlimited else ALTERNATE_GAP_NS / NANOSECONDS_PER_SECOND)
         timestamp += ALTERNATE_GAP_NS
-        sent_timestamp = camera_capture.timestamp + ALTERNATE_GAP_NS
-        number = camera_capture.frame_number
-        depth_capture = await self._capture_scene(number, timestamp, sent_timestamp, settings, kinds, for_depth=True)
-        if depth_capture is not None:
-            self._depth_frames.last = frame = self._new_frame(
-                settings, camera_capture, depth_capture, kinds, generation
-            )
+        sent_timestamp = camera_record.camera_capture.timestamp + ALTERNATE_GAP_NS
+        settings, number = camera_record.settings, camera_record.number
+        capture = await self._capture_scene(number, timestamp, sent_timestamp, settings, kinds, for_depth=True)
+        if capture is not None:
+            self._depth_frames.last = frame = self._new_frame(replace(camera_record, depth_capture=capture), kinds)
             await self._publisher.publish_depth_sets(frame, kinds)
 
-    def _new_frame(
-        self,
-        settings: StreamSettings,
-        camera_capture: Capture,
-        depth_capture: Capture,
-        kinds: _Kinds,
-        generation: int,
-    ) -> FrameImages:
-        record = FrameRecord(self.imaging, settings, camera_capture, depth_capture)
+    def _new_frame(self, record: FrameRecord, kinds: _Kinds) -> FrameImages:
         self.history.append(record)
-        return FrameImages(record, self._workers, kinds, generation)
+        return FrameImages(record, self._workers, kinds)
 
     async def read_scene(self, timestamp: int) -> tuple[SceneState, SceneState | None]:
         """Return the scene at a time, and an earlier one if images depend on motion.
@@ -338,10 +314,10 @@ class FrameScheduler:
         """Send the last frame to new clients if it is still current, so that they do not wait for the next frame."""
         publisher, settings = self._publisher, self.settings
         frame = self._depth_frames.last if kind.has_depth else self._camera_frames.last
-        if frame is None or frame.generation != self._hub.generation() or settings.single_frame:
+        if frame is None or frame.record.generation != self._hub.generation or settings.single_frame:
             return
         rate = settings.depth_rate if kind.has_depth else settings.camera_rate
-        now = publisher.injector.timestamp(self._clock.next_timestamp(0))
+        now = publisher.injector.timestamp(self._clock.current_timestamp())
         if now - frame.record.depth_capture.timestamp < NANOSECONDS_PER_SECOND / rate:
             publisher.spawn(self._camera_frames, publisher.publish_sets(frame, (kind,)))
 

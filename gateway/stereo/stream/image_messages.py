@@ -15,7 +15,7 @@ from typing import Any, Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
+from gateway.stereo.device.timestamps import NANOSECONDS_PER_SECOND
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 from renderers.stereo.sensor.exposure import Exposure
 from scenegate.camera import image_interface_pb2 as pb

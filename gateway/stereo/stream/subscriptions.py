@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import Enum
 
@@ -99,7 +99,6 @@ class ImageSetHub:
         self,
         max_clients: int,
         max_kinds: int,
-        generation: Callable[[], int] = lambda: 0,
         *,
         follows_demand: bool = False,
     ) -> None:
@@ -107,10 +106,10 @@ class ImageSetHub:
         Args:
             max_clients: maximum number of subscriptions.
             max_kinds: maximum number of different kinds of set.
-            generation: returns a number that grows with every change of parameters, faults or image source.
             follows_demand: True: ``changed`` is set with ``demand_changed``, too.
         """
-        self.generation = generation
+        self.generation = 0
+        """Number of changes of parameters, faults or image source."""
         self.changed = asyncio.Event()
         """Set when a client subscribes or disconnects, and when parameters or the image source change."""
         self.demand_changed = self.changed if follows_demand else asyncio.Event()
@@ -162,7 +161,7 @@ class ImageSetHub:
             raise LimitError(f"{self._max_clients} streams are open already, the limit (max_clients)")
         if kind not in self.kinds and len(self.kinds) >= self._max_kinds:
             raise LimitError(f"{self._max_kinds} different requests are served already, the limit (max_kinds)")
-        subscription = Subscription(kind, self.demand_changed, self.generation())
+        subscription = Subscription(kind, self.demand_changed, self.generation)
         self._subscriptions.add(subscription)
         self.new_kinds.add(kind)
         self._subscriptions_changed()
@@ -179,6 +178,11 @@ class ImageSetHub:
         self.camera_kinds = tuple(kind for kind in self.kinds if not kind.has_depth)
         self.depth_kinds = tuple(kind for kind in self.kinds if kind.has_depth)
         self.new_kinds &= self.kinds
+        self.changed.set()
+
+    def start_generation(self) -> None:
+        """Count a change of parameters, faults or image source: later subscriptions get no sets from before it."""
+        self.generation += 1
         self.changed.set()
 
     def kinds_with_mailbox(self, *states: MailboxState) -> set[SetKind]:

@@ -15,8 +15,8 @@ from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.mount import Mount
 from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.device.clock import NANOSECONDS_PER_SECOND
 from gateway.stereo.device.stream_settings import ALTERNATE_GAP_NS
+from gateway.stereo.device.timestamps import NANOSECONDS_PER_SECOND
 from gateway.stereo.imaging.scene_motion import SLOWEST_MOTION, VELOCITY_TIME, SceneState, state_before
 from gateway.stereo.imaging.scene_view import SceneView
 from gateway.stereo.service import StereoService

@@ -16,7 +16,6 @@ from gateway.settings import Settings
 from gateway.stereo.depth.matched_depth import matched_depth
 from gateway.stereo.depth.rendered_depth import ImagePair
 from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.device.clock import SimulatedClock
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
 from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
@@ -108,7 +107,7 @@ def test_the_projector_keeps_the_demo_matchable(renderer: CpuRenderer, quality: 
 async def test_streamed_sets_with_everything_are_reproducible(start: Start) -> None:
     sets = []
     for _ in range(2):
-        camera = await start(rate="max", clock=SimulatedClock(), realism=frozenset(REALISM_PARTS))
+        camera = await start(rate="max", simulated_clock=True, realism=frozenset(REALISM_PARTS))
         sets.append(await camera.take(3, left_enabled=True, right_enabled=True))
     for first, second in zip(*sets, strict=True):
         assert first.SerializeToString() == second.SerializeToString()

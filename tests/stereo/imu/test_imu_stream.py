@@ -24,7 +24,6 @@ from gateway.scene.live import LiveTree
 from gateway.scene.mount import Mount
 from gateway.server.http_server import PortService
 from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.device.clock import SimulatedClock
 from gateway.stereo.imaging.recorded_pairs import PairImaging
 from gateway.stereo.imaging.scene_view import SceneView
 from gateway.stereo.imu.imu_service import Imu, PoseLog
@@ -61,7 +60,7 @@ async def moving(renderer: CpuRenderer, tree: LiveTree, **fields: Any) -> AsyncI
     poses = PoseLog(tree, view.pose_in)
     workers = WorkerPool(1, seconds=None, limit_name="--render-seconds")
     config = StereoConfig(port=0, model=SMALL, look="phong", **fields)
-    service = StereoService(config, view.state, renderer, workers, None, poses)
+    service = StereoService(config, view.state, renderer, workers, poses)
     task = asyncio.create_task(service.run())
     await until(lambda: service.ready or task.done())
     yield service
@@ -172,7 +171,7 @@ async def sets_and_samples(camera: Camera, client: httpx.AsyncClient) -> tuple[l
 async def test_simulated_time_is_that_of_the_images_and_repeats(start: Start) -> None:
     runs = []
     for _ in range(2):
-        camera = await start(rate="max", clock=SimulatedClock())
+        camera = await start(rate="max", simulated_clock=True)
         async with served(camera.service) as client:
             runs.append(await sets_and_samples(camera, client))
     (stamps, lines), other = runs
@@ -186,8 +185,8 @@ async def test_simulated_time_is_that_of_the_images_and_repeats(start: Start) ->
 
 
 async def test_two_pipelines(start: Start) -> None:
-    first = await start(rate="max", clock=SimulatedClock())
-    second = await start(rate="max", clock=SimulatedClock(), noise=False)
+    first = await start(rate="max", simulated_clock=True)
+    second = await start(rate="max", simulated_clock=True, noise=False)
     async with served(first.service, second.service) as client, AsyncExitStack() as stack:
         task = asyncio.create_task(read(client, 20, "/stereo/imu?pipeline=1"))
         await until(lambda: len(second.service.imu.hub) == 1)

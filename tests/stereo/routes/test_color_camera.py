@@ -19,7 +19,6 @@ from gateway.scene.geometry import Part
 from gateway.scene.timeline import TimeError
 from gateway.scene.transforms import translation
 from gateway.scene.tree import Node, TreeEdit
-from gateway.stereo.device.clock import SimulatedClock
 from gateway.stereo.device.parameter_specs import DeviceLimits
 from gateway.stereo.imaging.scene_motion import SceneState
 from gateway.stereo.routes.camera_routes import camera_router
@@ -122,7 +121,7 @@ async def test_a_rolling_shutter_slants_what_moves(start: Start) -> None:
             return moving_box(0.12 * number), number
 
         fields = {**RGBD, "color_camera": rolling, "look": "plain", "noise": False, "background": (0, 0, 0)}
-        camera = await start(scene=scene, clock=SimulatedClock(), **fields)
+        camera = await start(scene=scene, simulated_clock=True, **fields)
         sets = await camera.take(4, color_camera_enabled=True)
         red = pixels(sets[-1].color_camera)[:, :, 0] > 100
         return np.asarray(red[40:260].argmax(axis=1), np.int64)

@@ -19,10 +19,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.runtime import logs
-from gateway.stereo.device.clock import parse_timestamp, timestamp_text
 from gateway.stereo.device.parameter_specs import NODES, Spec
 from gateway.stereo.device.parameters import ParameterError, Parameters, check_value
 from gateway.stereo.device.profile import read_profile
+from gateway.stereo.device.timestamps import parse_timestamp, timestamp_text
 from gateway.stereo.routes.device_content import node_status
 from gateway.stereo.routes.node_routes import node_router
 from gateway.stereo.routes.system_routes import system_router

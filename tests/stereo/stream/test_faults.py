@@ -12,7 +12,6 @@ import httpx2 as httpx
 import pytest
 from fastapi import FastAPI
 
-from gateway.stereo.device.clock import SimulatedClock
 from gateway.stereo.routes.fault_routes import fault_router
 from gateway.stereo.stream.faults import FaultInjector, Faults
 from tests.stereo.conftest import Camera, Start
@@ -20,7 +19,7 @@ from tests.stereo.conftest import Camera, Start
 
 @pytest.fixture
 async def camera(start: Start) -> Camera:
-    return await start(faults=True, rate="max", clock=SimulatedClock())
+    return await start(faults=True, rate="max", simulated_clock=True)
 
 
 @pytest.fixture

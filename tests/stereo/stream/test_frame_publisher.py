@@ -12,6 +12,7 @@ import pytest
 from structlog.testing import capture_logs
 
 from gateway.runtime.pool_errors import QueueFull
+from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.stream.frame_publisher import FramePublisher, FramesInFlight
 from gateway.stereo.stream.set_kind import SetKind
 from tests.support.waiting import until
@@ -47,8 +48,7 @@ class FakeFrame:
 
     results: dict[SetKind, bytes | Exception]
     left_metered: Any = None
-    record: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(number=7))
-    generation: int = 3
+    record: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(number=7, generation=3))
     cancelled: int = 0
     forever: bool = False
     started: bool = False
@@ -77,7 +77,7 @@ def publisher(hub: FakeHub) -> FramePublisher:
     injector: Any = FakeInjector()
     target: Any = hub
     events: Any = None
-    return FramePublisher(target, events, injector, "max", simulated=False)
+    return FramePublisher(target, events, injector, StereoConfig(rate="max"))
 
 
 async def make(publisher: FramePublisher, frame: Any) -> None:

@@ -9,7 +9,6 @@ import grpc
 import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
-from gateway.stereo.device.clock import SimulatedClock
 from gateway.stereo.stream.client_queues import ClientQueues
 from gateway.stereo.stream.image_messages import depth_acquisition_done
 from scenegate.camera import image_interface_pb2 as pb
@@ -48,7 +47,7 @@ async def test_an_event_for_every_depth_set_and_before_it(start: Start) -> None:
 
 
 async def test_no_event_for_camera_images(start: Start) -> None:
-    camera = await start(clock=SimulatedClock(), rate="max")
+    camera = await start(simulated_clock=True, rate="max")
     events, silent = await listen(camera), await listen(camera, enabled=False)
     pending = asyncio.ensure_future(events.read())
     await camera.take(5, left_enabled=True)
@@ -60,7 +59,7 @@ async def test_no_event_for_camera_images(start: Start) -> None:
 
 
 async def test_alternate_exposure_and_triggers_have_events(start: Start) -> None:
-    camera = await start(clock=SimulatedClock(), rate="max")
+    camera = await start(simulated_clock=True, rate="max")
     parameters = camera.service.parameters
     parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
     parameters.set("rc_stereomatching", [("acquisition_mode", "SingleFrame")])
@@ -73,7 +72,7 @@ async def test_alternate_exposure_and_triggers_have_events(start: Start) -> None
 
 
 async def test_static_scenes_are_done_after_the_last_of_eight_images(start: Start) -> None:
-    camera = await start(clock=SimulatedClock(), rate="max")
+    camera = await start(simulated_clock=True, rate="max")
     camera.service.parameters.set("rc_stereomatching", [("static_scene", True)])
     events = await listen(camera)
     sets = camera.stream(disparity_enabled=True)

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.device.clock import parse_timestamp
 from gateway.stereo.device.parameter_specs import NODES, Spec
 from gateway.stereo.device.parameters import ParameterError, check_value
 from gateway.stereo.device.stream_settings import Region
+from gateway.stereo.device.timestamps import parse_timestamp
 from gateway.stereo.imaging.recorded_pairs import Pair, PairSequence
 from gateway.stereo.stream.faults import FaultInjector, Faults
 from gateway.stereo.stream.set_kind import RequestError, read_set_kind

@@ -142,10 +142,12 @@ async def _churn(steps: list[tuple[str, int, SetKind]]) -> None:
 
 
 async def test_later_subscriptions_do_not_get_outdated_sets() -> None:
-    generation = 1
-    hub = ImageSetHub(4, 4, lambda: generation)
+    hub = ImageSetHub(4, 4)
+    hub.start_generation()
     with hub.subscribe(LEFT) as early:
-        generation = 2
+        hub.changed.clear()
+        hub.start_generation()
+        assert hub.changed.is_set()
         with hub.subscribe(LEFT) as late:
             hub.publish(LEFT, 1, b"old", 1)
             assert (early.state, late.state) == (MailboxState.FULL, MailboxState.EMPTY)
@@ -173,8 +175,9 @@ def test_limits_are_named_and_reached_exactly() -> None:
 
 
 async def test_sets_go_to_their_kind_and_not_to_later_generations() -> None:
-    generation = 5
-    hub = ImageSetHub(4, 4, lambda: generation)
+    hub = ImageSetHub(4, 4)
+    for _ in range(5):
+        hub.start_generation()
     with hub.subscribe(LEFT) as left, hub.subscribe(DEPTH) as depth:
         assert hub.new_kinds == {LEFT, DEPTH}
         assert (hub.camera_kinds, hub.depth_kinds) == ((LEFT,), (DEPTH,))

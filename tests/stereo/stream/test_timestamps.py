@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.stereo.device.clock import parse_timestamp, timestamp_text
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
+from gateway.stereo.device.timestamps import parse_timestamp, timestamp_text
 from gateway.stereo.imaging.rendered_images import Capture
 from gateway.stereo.routes.truth_routes import find_frame
 from gateway.stereo.stream.faults import FaultInjector, Faults
@@ -66,7 +66,8 @@ def test_timestamps_in_messages() -> None:
 
 
 def test_wrong_clocks() -> None:
-    injector = FaultInjector(0, 0)
+    changes: list[bool] = []
+    injector = FaultInjector(0, 0, lambda: changes.append(True))
     assert injector.timestamp(5) == 5
     injector.set(Faults(clock_offset=-1.0))
     assert injector.timestamp(3 * 10**9) == 2 * 10**9
@@ -77,7 +78,7 @@ def test_wrong_clocks() -> None:
     assert injector.timestamp(9 * 10**9) == 10**9, "still frozen"
     injector.set(Faults())
     assert injector.timestamp(9 * 10**9) == 9 * 10**9
-    assert injector.changes == 4
+    assert len(changes) == 4
 
 
 async def test_all_or_no_frames_are_dropped() -> None:

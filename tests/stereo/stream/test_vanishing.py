@@ -29,7 +29,7 @@ async def test_a_connection_broken_while_writing_cancels_the_call() -> None:
 async def test_frames_are_cancelled_without_clients() -> None:
     renderer, drawn = EndlessRenderer(), table()
     config = StereoConfig(port=0, model=SMALL, look="phong")
-    async with running(renderer, config, seen(lambda: (drawn, 1)), None) as camera:
+    async with running(renderer, config, seen(lambda: (drawn, 1))) as camera:
         call = camera.stream(left_enabled=True, disparity_enabled=True)
         reading = asyncio.create_task(call.read())
         await until(lambda: renderer.begun > renderer.ended)
@@ -42,7 +42,7 @@ async def test_frames_are_cancelled_without_clients() -> None:
 async def test_a_slow_frame_ends_its_streams_with_the_limit(rate: Any) -> None:
     drawn = table()
     config = StereoConfig(port=0, model=SMALL, look="phong", rate=rate)
-    async with running(EndlessRenderer(), config, seen(lambda: (drawn, 1)), None, seconds=0.1) as camera:
+    async with running(EndlessRenderer(), config, seen(lambda: (drawn, 1)), seconds=0.1) as camera:
         with pytest.raises(grpc.aio.AioRpcError) as caught:
             await camera.stream(left_enabled=True).read()
     assert "--render-seconds = 0.1 s" in str(caught.value.details())
