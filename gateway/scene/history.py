@@ -14,12 +14,11 @@ from typing import Final, NamedTuple
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.packed_changes import PackedChange, PathIds, pack, unpack
 from gateway.scene.timeline import Timeline
-from gateway.scene.tree import CHILD_BYTES, NODE_BYTES
 
 STATES_PER_SECOND: Final = 90
 """Maximum number of recorded states: as many as a page gets. A tree that changes more often is recorded in between."""
 KEYFRAME_NS: Final = 1_000_000_000
-"""Time between keyframes. Each takes ``NODE_BYTES`` for every node that moved since the one before."""
+"""Time between keyframes. Each takes ``tree.NODE_BYTES`` for every node that moved since the one before."""
 MAX_SEGMENT_SHARE: Final = 0.1
 """Maximum share of ``max_bytes`` after which there is another keyframe, so that a part of the history can go."""
 REBUILT_STATES: Final = 4
@@ -41,12 +40,8 @@ class _Segment:
     keyframe: Snapshot
     changes: list[_Recorded] = field(default_factory=list)
     ids: PathIds = field(default_factory=PathIds)
-    change_bytes: int = 0
-
-    @property
-    def nbytes(self) -> int:
-        """Estimate of the memory that only this segment needs."""
-        return self.change_bytes + self.ids.nbytes + (NODE_BYTES + CHILD_BYTES) * len(self.ids.paths)
+    nbytes: int = 0
+    """Estimate of the memory that only this segment needs."""
 
     def count_at(self, timestamp: int) -> int:
         """Return the number of changes up to a time."""
@@ -239,7 +234,7 @@ class TreeHistory:
     def _append(self, segment: _Segment, snapshot: Snapshot, change: PackedChange) -> None:
         """Append a state to the last segment, or make it the keyframe of another one."""
         self._last_recorded = snapshot
-        segment.change_bytes += change.nbytes  # what only the states before need, also if a keyframe follows
+        segment.nbytes += change.nbytes  # what only the states before need, also if a keyframe follows
         is_long = snapshot.timestamp - segment.keyframe.timestamp >= KEYFRAME_NS
         if is_long or segment.nbytes > MAX_SEGMENT_SHARE * self._max_bytes:
             self._recorded.segments.append(_Segment(snapshot))
@@ -252,7 +247,7 @@ class TreeHistory:
         segments = self._recorded.segments
         if segments[-1].changes and self._last_recorded.timestamp <= oldest:
             segments.append(_Segment(self._last_recorded))  # so that the one before, which has older states, can go
-        nbytes = sum(segment.nbytes for segment in segments)
+        nbytes = sum([segment.nbytes for segment in segments])
         while len(segments) > 1 and (nbytes > self._max_bytes or segments[1].keyframe.timestamp <= oldest):
             nbytes -= segments[0].nbytes
             self._recorded.drop_first()

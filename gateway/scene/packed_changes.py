@@ -14,8 +14,8 @@ CHANGE_BYTES: Final = 400
 """Memory of a ``PackedChange`` without poses and edits, and of each of its edits."""
 POSE_BYTES: Final = 60
 """Memory of a packed pose with its id."""
-PATH_BYTES: Final = 200
-"""Memory of a path in ``PathIds``."""
+MOVED_NODE_BYTES: Final = 200 + NODE_BYTES + CHILD_BYTES
+"""Memory of a path in ``PathIds``, and of its node in the keyframe before."""
 
 _Edit = Callable[[TreeEdit], object]
 
@@ -28,11 +28,6 @@ class PathIds:
         """Path of each id."""
         self._ids: dict[Path, dict[PathElement, int]] = {}
         """Ids by the path of the parent, and the node's name."""
-
-    @property
-    def nbytes(self) -> int:
-        """Estimate of the memory."""
-        return PATH_BYTES * len(self.paths)
 
     def below(self, parent: Path) -> dict[PathElement, int]:
         """Return the ids of the children of a node by their names."""
@@ -56,7 +51,8 @@ class PackedChange:
     poses: array[float]
     """Seven float64 for each of them, as in ``Pose``."""
     nbytes: int
-    """Estimate of the memory that it takes, and of the geometry and nodes that the next state does not have."""
+    """Estimate of the memory that it takes with its new ids, and of the geometry and nodes that the next state does not
+    have."""
 
     @property
     def rows(self) -> Iterator[Pose]:
@@ -73,6 +69,7 @@ def pack(old: Node, new: Node, ids: PathIds) -> PackedChange:
     edits: list[_Edit] = []
     pose_ids: list[int] = []
     poses: list[float] = []
+    known_count = len(ids.paths)
     nbytes = _add_edits(edits, (), old, new) + (0 if old.same_transform(new) else _add_transform(edits, (), new))
     stack: list[tuple[Path, Node, Node]] = [((), old, new)]
     while stack:
@@ -106,6 +103,7 @@ def pack(old: Node, new: Node, ids: PathIds) -> PackedChange:
             if child.parts is not earlier.parts or child.visible != earlier.visible or child.opacity != earlier.opacity:
                 nbytes += _add_edits(edits, (*path, name), earlier, child)
     nbytes += CHANGE_BYTES * (1 + len(edits)) + POSE_BYTES * len(pose_ids)
+    nbytes += MOVED_NODE_BYTES * (len(ids.paths) - known_count)
     return PackedChange(tuple(edits), array("I", pose_ids), array("d", poses), nbytes)
 
 
