@@ -51,9 +51,8 @@ from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
 from renderers.stereo.lens.optics import SceneLight, light_on_sensor
 from renderers.stereo.light.projector import projected_dots
 from renderers.stereo.model import DISPARITY_SCALE
-from renderers.stereo.sensor.exposure import Exposure
+from renderers.stereo.sensor.exposure import Exposure, image_from_light
 from renderers.stereo.sensor.noise import NoiseStream, frame_key
-from renderers.stereo.sensor.sensor_image import image_from_light
 
 Picture = NDArray[np.uint8]
 PAPER: Final = (236, 239, 243)

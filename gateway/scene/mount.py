@@ -1,4 +1,4 @@
-"""Mount of a stereo camera: a fixed pose in the world, or a node of the tree that the camera follows."""
+"""Mount of a stereo camera, a fixed pose or a node of the tree, as users write it."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from gateway.scene.cameras import CameraError, LookAtCamera, NodeCamera, parse_camera
 from gateway.scene.transforms import from_pose, look_at
-from gateway.scene.tree import Node, Path
-from gateway.scene.viewpoints import resolve_camera
-from renderers.drawlist import DrawList
+from gateway.scene.tree import Path
 
 
 def parse_mount_pose(text: str) -> NDArray[np.float64]:
@@ -53,6 +51,16 @@ _OPTION: Final = re.compile(r"(name|profile)=([^;]*);")
 _NAME: Final = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Mount:
+    """Place of a camera: a fixed pose, or a node that it follows."""
+
+    pose: NDArray[np.float64]
+    """(4, 4) float64 X_world_camera; with a path, only until the node exists."""
+    path: Path | None = None
+    """Node whose frame is the camera's optical frame; None: the pose is fixed."""
+
+
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
     """A camera as users write it: ``name=wrist;profile=rgbd;`` and a mount. Name and profile are optional."""
@@ -68,7 +76,7 @@ class CameraSpec:
         """Return a mount with this pose or node. Raises CameraError."""
         if self.mount.lstrip().startswith("["):
             return Mount(np.eye(4), parse_mount_path(self.mount))
-        return Mount(parse_mount_pose(self.mount), None)
+        return Mount(parse_mount_pose(self.mount))
 
 
 def parse_camera_spec(text: str) -> CameraSpec:
@@ -94,35 +102,3 @@ def parse_camera_spec(text: str) -> CameraSpec:
     camera = CameraSpec(rest, **options)
     camera.new_mount()  # raises an error for an invalid mount
     return camera
-
-
-class Mount:
-    """The pose of a mounted camera. While its node is missing, the camera keeps its last pose."""
-
-    def __init__(self, pose: NDArray[np.float64], path: Path | None = None) -> None:
-        """
-        Args:
-            pose: (4, 4) float64 X_world_camera; with a path, only until the node exists.
-            path: Node whose frame is the camera's optical frame.
-        """
-        self._pose = pose
-        self.path = path
-        """Node that the camera follows; None: the pose is fixed."""
-        self.warning = ""
-        """Reason why the pose does not follow the node; empty if it does, or if the pose is fixed."""
-
-    def pose(self, root: Node) -> NDArray[np.float64]:
-        """Return X_world_camera, (4, 4) float64.
-
-        Args:
-            root: Root of the current tree.
-        """
-        if self.path is not None:
-            try:
-                # Size and draw list have no effect on the pose.
-                camera = resolve_camera(NodeCamera(self.path), root, 1, 1, draw_list=DrawList())
-            except CameraError as error:
-                self.warning = f"the stereo camera keeps its last pose: {error}"
-            else:
-                self._pose, self.warning = camera.X_world_camera, ""
-        return self._pose

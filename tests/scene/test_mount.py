@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from gateway.scene.cameras import CameraError
-from gateway.scene.mount import Mount, parse_mount_path, parse_mount_pose
-from gateway.scene.tree import Node, TreeEdit
+from gateway.scene.mount import parse_mount_path, parse_mount_pose
 
 
 def test_a_pose_as_numbers_is_the_optical_frame() -> None:
@@ -36,27 +35,3 @@ def test_a_path_is_json() -> None:
     assert parse_mount_path('["robot", "a/b", 3]') == ("robot", "a/b", 3)
     with pytest.raises(CameraError, match="not a JSON list"):
         parse_mount_path("robot/head")
-
-
-def tree(x: float) -> Node:
-    edit = TreeEdit(Node())
-    edit.set_pose(("robot",), (x, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
-    edit.set_pose(("robot", "head"), (0.0, 0.0, 2.0, 1.0, 0.0, 0.0, 0.0))
-    return edit.commit()
-
-
-def test_a_mounted_camera_moves_with_its_node_and_keeps_the_last_pose_without_it() -> None:
-    mount = Mount(np.eye(4), ("robot", "head"))
-    assert np.array_equal(mount.pose(Node()), np.eye(4))
-    assert "there is no such node" in mount.warning
-    assert np.allclose(mount.pose(tree(1.0))[:3, 3], (1, 0, 2))
-    assert mount.warning == ""
-    assert np.allclose(mount.pose(tree(5.0))[:3, 3], (5, 0, 2))
-    assert np.allclose(mount.pose(Node())[:3, 3], (5, 0, 2))
-    assert mount.warning.startswith("the stereo camera keeps its last pose: ")
-
-
-def test_a_fixed_camera_never_warns() -> None:
-    mount = Mount(np.eye(4))
-    assert np.array_equal(mount.pose(Node()), np.eye(4))
-    assert mount.warning == ""

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from gateway.stereo.device.profile import read_profile
 from renderers.stereo.lens.optics import SceneLight, light_on_sensor, relative_light
-from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, Exposure
-from renderers.stereo.sensor.sensor_image import SensorImage, image_from_light
+from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, Exposure, SensorImage, image_from_light
 
 K: Final = read_profile("rc_visard_160c").model.intrinsics()
 

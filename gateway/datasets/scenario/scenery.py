@@ -21,9 +21,8 @@ from renderers.interface import Look, Output, Renderer
 from renderers.light_rig import STUDIO, Rig, Surroundings
 from renderers.stereo.lens.optics import Lens, SceneLight, light_on_sensor
 from renderers.stereo.model import Intrinsics
-from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, REFERENCE_EXPOSURE, Exposure
+from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, REFERENCE_EXPOSURE, Exposure, image_from_light
 from renderers.stereo.sensor.noise import NoiseStream, frame_key
-from renderers.stereo.sensor.sensor_image import image_from_light
 
 
 @dataclass(frozen=True, slots=True, eq=False)

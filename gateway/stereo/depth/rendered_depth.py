@@ -20,8 +20,7 @@ from renderers.stereo.depth.modelled_errors import ErrorModel, choose_error_scal
 from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
 from renderers.stereo.model import StereoModel
-from renderers.stereo.sensor.exposure import Exposure
-from renderers.stereo.sensor.sensor_image import SensorImage
+from renderers.stereo.sensor.exposure import Exposure, SensorImage
 
 
 @dataclass(frozen=True, slots=True, eq=False)

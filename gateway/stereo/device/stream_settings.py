@@ -11,7 +11,7 @@ from gateway.stereo.device.parameter_specs import DeviceLimits, Value
 from gateway.stereo.device.parameters import Parameters
 from renderers.stereo.depth.filters import Filters
 from renderers.stereo.model import Quality
-from renderers.stereo.sensor.exposure import AutoExposure, Exposure
+from renderers.stereo.sensor.exposure import Exposure
 
 ALTERNATE_GAP_NS = 40_000_000
 """Nanoseconds between exposures with Out1 low and high (manual)."""
@@ -41,6 +41,18 @@ class Region:
         """Return the rows and columns, at 1/``divisor`` of the resolution, that lie at least partly in the region."""
         rows = slice(self.y // divisor, -(-(self.y + self.height) // divisor))
         return rows, slice(self.x // divisor, -(-(self.x + self.width) // divisor))
+
+
+@dataclass(frozen=True, slots=True)
+class AutoExposure:
+    """Limits and targets of automatic exposure."""
+
+    max_time: float = 0.018
+    """Longest exposure time (exp_max), seconds."""
+    average_max: float = 0.75
+    """Target of the mean brightness while nothing saturates, 0 to 1."""
+    average_min: float = 0.25
+    """Mean brightness, 0 to 1, below which the image is not darkened to avoid saturation."""
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,8 @@ from renderers.camera import Camera
 from renderers.interface import Output
 from renderers.stereo.lens.distortion import distorted_image, raw_pose
 from renderers.stereo.lens.optics import light_on_sensor
-from renderers.stereo.sensor.exposure import Exposure
+from renderers.stereo.sensor.exposure import Exposure, SensorImage, image_from_light
 from renderers.stereo.sensor.noise import NoiseStream, frame_key
-from renderers.stereo.sensor.sensor_image import SensorImage, image_from_light
 
 
 def raw_image(imaging: Imaging, capture: Capture, exposure: Exposure, right: bool) -> SensorImage:

@@ -20,7 +20,7 @@ from renderers.images import decode_image
 from renderers.interface import Frame, Output
 from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.model import StereoModel
-from renderers.stereo.sensor.sensor_image import SensorImage
+from renderers.stereo.sensor.exposure import SensorImage
 from scenegate.regular_files import read_regular
 
 _TEST_MODEL_NAME: Final = "rc_test"

@@ -27,10 +27,9 @@ from renderers.stereo.lens.optics import LENS_BLUR, Lens, SceneLight, light_on_s
 from renderers.stereo.light.posed_projector import Surfaces, add_dots
 from renderers.stereo.light.projector import projected_dots, returned_shares
 from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh
-from renderers.stereo.sensor.exposure import Exposure
+from renderers.stereo.sensor.exposure import Exposure, SensorImage, image_from_light
 from renderers.stereo.sensor.fixed_pattern import fixed_pattern
 from renderers.stereo.sensor.noise import NoiseStream, frame_key
-from renderers.stereo.sensor.sensor_image import SensorImage, image_from_light
 
 
 @dataclass(frozen=True, eq=False)

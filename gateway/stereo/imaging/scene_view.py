@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from copy import copy
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.scene.cameras import CameraError, NodeCamera
 from gateway.scene.flatten import Flattener
 from gateway.scene.live import KEPT_NANOSECONDS, LiveTree, Snapshot
 from gateway.scene.mount import Mount
+from gateway.scene.tree import Node
+from gateway.scene.viewpoints import resolve_camera
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.imaging.other_projector import OtherProjector
 from gateway.stereo.imaging.scene_motion import SceneState
 from renderers.camera import Camera
+from renderers.drawlist import DrawList
 
 ProjectorSource = Callable[[Snapshot], OtherProjector]
 """Returns a camera's projector in a snapshot of the scene."""
 
 
 class SceneView:
-    """Scene and camera pose at any recent time."""
+    """Scene and camera pose at any recent time. While its node is missing, the camera keeps its last pose."""
 
     def __init__(
         self,
@@ -35,12 +38,13 @@ class SceneView:
         Args:
             tree: the scene.
             flattener: makes the draw list of a snapshot.
-            mount: pose of the camera in the scene.
-            projectors: projectors that all cameras see, by their cameras' views.
+            mount: place of the camera in the scene.
+            projectors: projectors of all cameras that share theirs, by view; the owner adds them later.
         """
         self.tree = tree
         self._flattener = flattener
         self._mount = mount
+        self._last_pose = mount.pose
         self._projectors = projectors
 
     def state(self, timestamp: int | None = None) -> SceneState:
@@ -49,25 +53,45 @@ class SceneView:
         return self.state_in(snapshot, self._flattener, timestamp)
 
     def state_in(self, snapshot: Snapshot, flattener: Flattener, timestamp: int | None = None) -> SceneState:
-        """Return scene and pose in a snapshot, as the state at a time; None: that of the snapshot."""
-        changed = snapshot.timestamp
+        """Return scene and pose in a snapshot, as the state at a time; None: at the time of the snapshot."""
+        state_time = snapshot.timestamp if timestamp is None else timestamp
         scene = flattener.flatten(snapshot)
-        projectors = tuple([project(snapshot) for view, project in self._projectors.items() if view is not self])
-        timestamp = changed if timestamp is None else timestamp
-        return SceneState(timestamp, scene, self.pose_in(snapshot), snapshot.revision, changed, projectors)
+        # The images of a camera have the light of its own projector without these.
+        others = tuple([projector_in(snapshot) for view, projector_in in self._projectors.items() if view is not self])
+        return SceneState(
+            state_time, scene, self.pose_in(snapshot), snapshot.revision, changed=snapshot.timestamp, projectors=others
+        )
 
     def pose_in(self, snapshot: Snapshot) -> NDArray[np.float64]:
-        """Return X_world_left, (4, 4) float64, in a snapshot. An earlier one is not kept as the last."""
-        is_earlier = snapshot.timestamp < self.tree.snapshot.timestamp - KEPT_NANOSECONDS
-        return (copy(self._mount) if is_earlier else self._mount).pose(snapshot.root)
+        """Return X_world_left, (4, 4) float64, in a snapshot."""
+        try:
+            pose = self._node_pose(snapshot.root)
+        except CameraError:
+            return self._last_pose
+        is_recent = snapshot.timestamp >= self.tree.snapshot.timestamp - KEPT_NANOSECONDS
+        if is_recent:  # a scene of the history does not move the camera
+            self._last_pose = pose
+        return pose
 
     def warning(self) -> str:
         """Return a sentence if the camera's node is missing in the current snapshot, else an empty string."""
-        self._mount.pose(self.tree.snapshot.root)
-        return self._mount.warning
+        try:
+            self._node_pose(self.tree.snapshot.root)
+        except CameraError as error:
+            return f"the stereo camera keeps its last pose: {error}"
+        return ""
+
+    def _node_pose(self, root: Node) -> NDArray[np.float64]:
+        """Return the pose of the camera's node in the world, (4, 4) float64; that of a fixed mount if there is none.
+
+        Raises:
+            CameraError: the node is missing.
+        """
+        if self._mount.path is None:
+            return self._mount.pose
+        # Size and draw list have no effect on the pose.
+        return resolve_camera(NodeCamera(self._mount.path), root, 1, 1, draw_list=DrawList()).X_world_camera
 
     def camera(self, config: StereoConfig, snapshot: Snapshot) -> Camera:
         """Return the left camera in a snapshot."""
-        k = config.model.intrinsics()
-        pose = self.pose_in(snapshot)
-        return Camera(k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, config.near, config.far, pose)
+        return config.model.camera(self.pose_in(snapshot), offset=0.0, divisor=1, near=config.near, far=config.far)

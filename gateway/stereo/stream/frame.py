@@ -34,8 +34,8 @@ from renderers.stereo.depth.metric_depth import align_depth, millimetres_from_di
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.mesh.disparity_mesh import MeshOptions
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
+from renderers.stereo.sensor.exposure import SensorImage
 from renderers.stereo.sensor.noise import NoiseStream
-from renderers.stereo.sensor.sensor_image import SensorImage
 from scenegate.camera.image_interface_pb2 import ImageSet
 
 P = ParamSpec("P")

@@ -127,11 +127,10 @@ class FrameScheduler:
             return math.inf
         settings, now = self.settings, asyncio.get_running_loop().time()
         if not self._unlimited or (not depth_kinds and all(kind.empty for kind in camera_kinds)):
-            depth_only = settings if not camera_kinds else None
-            seconds = clock.seconds_until_frame(now, depth_only)
+            seconds = clock.seconds_until_frame(settings, now, depth_only=not camera_kinds)
             if seconds > 0.0:
                 return seconds
-            missed = clock.advance_to_due_frame(now, 1.0 / settings.camera_rate)
+            missed = clock.advance_to_due_frame(settings, now)
             self._counts.skipped += 0 if self._unlimited else missed
         if depth_kinds:
             is_due = clock.depth_due(settings, now, self.trigger_time)
@@ -214,7 +213,7 @@ class FrameScheduler:
             self._on_capture(timestamp, capture.X_world_left)
         record = FrameRecord(self.imaging, settings, capture, capture, generation)
         if depth_kinds:
-            clock.schedule_next_depth(timestamp, settings.depth_rate)
+            clock.schedule_next_depth(settings, timestamp)
             self.trigger_time = None
         if not settings.separate_depth:
             frame = self._new_frame(record, kinds)
@@ -226,7 +225,7 @@ class FrameScheduler:
         if camera_kinds:
             self._publish_camera_sets(self._new_frame(record, camera_kinds), camera_kinds)
         if depth_kinds:
-            clock.delay_for_alternate_exposure(settings.period_ns)
+            clock.delay_for_alternate_exposure(settings)
             publisher.spawn(self._depth_frames, self._expose_depth(record, timestamp, depth_kinds))
 
     def _publish_camera_sets(self, frame: FrameImages, kinds: _Kinds) -> None:

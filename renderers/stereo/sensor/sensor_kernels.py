@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
-from renderers.stereo.sensor.exposure import RESPONSE_STEPS
 from renderers.stereo.sensor.noise import random64
+
+RESPONSE_STEPS: Final = 2048
+"""Number of samples of ``Exposure.response_table``."""
 
 
 @kernel(

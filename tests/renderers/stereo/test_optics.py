@@ -17,7 +17,7 @@ from renderers.stereo.light.projector import projected_dots
 from renderers.stereo.light.projector_pattern import SPECKLE_CONTRAST, soft_pattern_levels
 from renderers.stereo.model import Intrinsics, Quality
 from renderers.stereo.realism import REALISM_PARTS, parse_realism
-from renderers.stereo.sensor.exposure import LIGHT_WHITE, Exposure
+from renderers.stereo.sensor.exposure import LIGHT_WHITE, Exposure, image_from_light
 from renderers.stereo.sensor.fixed_pattern import (
     COLUMN_OFFSET,
     GAIN_UNIT,
@@ -27,7 +27,6 @@ from renderers.stereo.sensor.fixed_pattern import (
     fixed_pattern,
 )
 from renderers.stereo.sensor.noise import NoiseStream, frame_key
-from renderers.stereo.sensor.sensor_image import image_from_light
 from tests.stereo.analytic import plane, sphere
 
 MODEL = read_profile("rc_visard_160c").model

@@ -25,9 +25,8 @@ from renderers.stereo.light.projector import projected_dots
 from renderers.stereo.mesh import mesh_kernels as mesh
 from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh
 from renderers.stereo.model import Intrinsics
-from renderers.stereo.sensor.exposure import Exposure
+from renderers.stereo.sensor.exposure import Exposure, image_from_light
 from renderers.stereo.sensor.fixed_pattern import fixed_pattern
-from renderers.stereo.sensor.sensor_image import image_from_light
 
 KEY = np.uint64(7)
 

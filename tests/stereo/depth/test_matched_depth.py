@@ -17,8 +17,7 @@ from gateway.stereo.device.stream_settings import StreamSettings, read_settings
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.model import StereoModel
-from renderers.stereo.sensor.exposure import Exposure
-from renderers.stereo.sensor.sensor_image import SensorImage
+from renderers.stereo.sensor.exposure import Exposure, SensorImage
 
 MODEL = StereoModel("small", 128, 97, 0.8449, 0.160)
 HEIGHT, WIDTH = 49, 64

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.profile import read_profile
-from gateway.stereo.device.stream_settings import read_settings
+from gateway.stereo.device.stream_settings import AutoExposure, read_settings
+from gateway.stereo.imaging.auto_exposure import auto_exposure
 from gateway.stereo.imaging.other_projector import OtherProjector
 from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
 from gateway.stereo.imaging.scene_motion import SceneState
@@ -24,7 +25,7 @@ from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
 from renderers.stereo.lens.optics import SceneLight
 from renderers.stereo.light.projector import FULL_LIGHT, projected_dots, returned_shares
 from renderers.stereo.model import Quality
-from renderers.stereo.sensor.exposure import AutoExposure, Exposure, auto_exposure
+from renderers.stereo.sensor.exposure import Exposure
 from renderers.stereo.sensor.noise import NoiseStream, frame_key
 from tests.stereo.analytic import plane, sphere
 from tests.stereo.camera_images import light_of, rendered_grey, sensor_image

@@ -18,6 +18,7 @@ from gateway.stereo.depth.rendered_depth import ImagePair
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
+from gateway.stereo.imaging.auto_exposure import SATURATED_SHARE
 from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
 from gateway.stereo.imaging.scene_motion import SceneState
 from renderers.interface import Output
@@ -26,7 +27,6 @@ from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
 from renderers.stereo.model import Quality
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
-from renderers.stereo.sensor.exposure import SATURATED_SHARE
 from renderers.stereo.sensor.noise import NoiseStream
 from tests.stereo.conftest import SMALL, Start
 

@@ -22,9 +22,8 @@ from gateway.stereo.routes.system_routes import system_router
 from gateway.stereo.routes.truth_routes import truth_router
 from gateway.stereo.routes.upload_routes import upload_router
 from renderers.drawlist import ImageError
-from renderers.stereo.sensor.exposure import Exposure
+from renderers.stereo.sensor.exposure import Exposure, SensorImage
 from renderers.stereo.sensor.noise import NoiseStream
-from renderers.stereo.sensor.sensor_image import SensorImage
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.camera.files import save
 from tests.stereo.conftest import SMALL, Camera, Start, pixels

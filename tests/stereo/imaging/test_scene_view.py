@@ -50,10 +50,28 @@ def test_a_missing_node_is_a_warning_and_the_last_pose_is_kept() -> None:
     with tree.edit() as edit:
         edit.set_matrix(("head",), tf.translation(1, 2, 3))
     assert view.warning() == ""
+    assert view.state().X_world_left[:3, 3].tolist() == [1, 2, 3]
     with tree.edit() as edit:
         edit.delete(("head",))
     assert view.state().X_world_left[:3, 3].tolist() == [1, 2, 3]
     assert "no such node" in view.warning()
+
+
+def test_a_fixed_camera_never_warns() -> None:
+    view = SceneView(LiveTree(), Flattener(LabelTable()), Mount(tf.translation(1, 2, 3)))
+    assert view.warning() == ""
+    assert view.state().X_world_left[:3, 3].tolist() == [1, 2, 3]
+
+
+def test_a_camera_on_an_inner_node_moves_with_its_ancestors() -> None:
+    tree = LiveTree()
+    view = SceneView(tree, Flattener(LabelTable()), Mount(np.eye(4), ("robot", "head")))
+    with tree.edit() as edit:
+        edit.set_matrix(("robot", "head"), tf.translation(0, 0, 2))
+    for x in (1, 5):
+        with tree.edit() as edit:
+            edit.set_matrix(("robot",), tf.translation(x, 0, 0))
+        assert view.state().X_world_left[:3, 3].tolist() == [x, 0, 2]
 
 
 def test_the_pose_of_an_earlier_time_is_not_the_last_one() -> None:
