@@ -1,21 +1,23 @@
 """Takes one image set from the stereo camera and turns the disparity image into points.
 
-    python examples/stream_stereo.py [127.0.0.1:50051] [POINTS.npy]
+    python examples/stream_stereo.py [127.0.0.1:50051] [points.npy]
 
 Works with a real rc_visard as well: give its address.
 """
 
-import sys
+import argparse
 
 import grpc
 import numpy as np
 
 from scenegate.camera import image_interface_pb2 as pb
 
-address = sys.argv[1] if len(sys.argv) > 1 else "127.0.0.1:50051"
-file = sys.argv[2] if len(sys.argv) > 2 else "points.npy"
+parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+parser.add_argument("address", nargs="?", default="127.0.0.1:50051", help="host and port of the camera's gRPC server")
+parser.add_argument("file", nargs="?", default="points.npy", help="file to write, (N, 3) float32, metres")
+arguments = parser.parse_args()
 
-with grpc.insecure_channel(address, options=[("grpc.max_receive_message_length", -1)]) as channel:
+with grpc.insecure_channel(arguments.address, options=[("grpc.max_receive_message_length", -1)]) as channel:
     stream = channel.unary_stream(
         "/ImageInterface/StreamImageSets",
         request_serializer=pb.ImageSetRequest.SerializeToString,
@@ -36,5 +38,5 @@ points = np.column_stack(
         image.focal_length * disparity.baseline / d,
     )
 )
-np.save(file, points.astype(np.float32))
+np.save(arguments.file, points.astype(np.float32))
 print(f"{images.left.width}x{images.left.height} left image, {len(points)} points, {points[:, 2].min():.2f} m nearest")

@@ -42,7 +42,7 @@ class StereoService:
         workers: WorkerPool,
         pose_log: PoseLog | None = None,
         on_streaming: Callable[[bool], None] = lambda streaming: None,
-        has_messages_before: Callable[[int], bool] = lambda timestamp: False,
+        has_unapplied_before: Callable[[int], bool] = lambda timestamp: False,
     ) -> None:
         """
         Args:
@@ -52,16 +52,16 @@ class StereoService:
             workers: threads for rendering, depth, serialisation and ground truth.
             pose_log: poses for the IMU; None: those of the captured frames.
             on_streaming: called with True when clients begin to stream images, and with False when there are none.
-            has_messages_before: returns True if a message that arrived before a time, nanoseconds since the epoch, is
-                not part of the scene yet.
+            has_unapplied_before: see ``LiveTree.has_unapplied_before``.
         """
         self.hub = ImageSetHub(config.max_clients, config.max_kinds, follows_demand=config.rate == "max")
         self.parameters = Parameters(config.limits, self.hub.start_generation)
         self.wait_until_stored: Callable[[], Awaitable[str]] | None = None
-        """Waits until the parameters are stored (--state); returns an error message, empty on success. None: no state
-        file."""
+        """Waits until the parameters are stored (--state); returns an error message, empty on success. Set before
+        ``run``. None: no state file."""
         self.earlier_state: Callable[[float], Awaitable[SceneState]] | None = None
-        """Returns the scene at an earlier time, as ``gateway.scene.timeline.state_at``; None: the scene is a file."""
+        """Returns the scene at an earlier time, as ``gateway.scene.timeline.state_at``. Set before ``run``. None: the
+        scene is a file."""
         self.scene_imaging = Imaging(config, renderer)
         """Source of rendered images, also while recorded pairs are shown."""
         self.workers = workers
@@ -81,7 +81,7 @@ class StereoService:
             scene,
             self.imu.frame_captured if pose_log is None else None,
             on_streaming,
-            has_messages_before,
+            has_unapplied_before,
         )
         self._captures = 0
         """Number of captures apart from the stream."""
@@ -151,31 +151,32 @@ class StereoService:
             await asyncio.gather(*tasks, return_exceptions=True)
             await server.stop(grpc_server, shut_down_health)
 
-    async def capture(self, kind: SetKind, earlier: float | None = None) -> FrameImages:
+    async def capture(self, kind: SetKind, scene_time: float | None = None) -> FrameImages:
         """Capture the scene apart from the stream, with the current parameters, and return a frame for sets of a kind.
 
         Nothing in the frame is blurred by motion.
 
         Args:
-            earlier: time of the scene, as for ``gateway.scene.timeline.state_at``; None: now.
+            scene_time: seconds, as for ``gateway.scene.timeline.state_at``; None: now.
 
         Raises:
             QueueFull: the worker queue is full.
             TimeError: there is no state of this time, or the camera does not see the live scene.
         """
-        settings, timestamp = self.settings, time.time_ns()
-        if earlier is None:
+        imaging, settings, timestamp = self.imaging, self.settings, time.time_ns()
+        if scene_time is None:
             state, _ = await self._scheduler.read_scene(timestamp)
-        elif self.earlier_state is None or isinstance(self.imaging, PairImaging):
-            raise TimeError(f"time={earlier:g}: the camera {self.config.name!r} does not see the live scene")
+        elif self.earlier_state is None or isinstance(imaging, PairImaging):
+            raise TimeError(f"time={scene_time:g}: the camera {self.config.name!r} does not see the live scene")
         else:
-            state = await self.earlier_state(earlier)
+            state = await self.earlier_state(scene_time)
             timestamp = state.timestamp
         self._captures += 1
-        camera = depth = Capture.of_state(state, settings, timestamp, self._captures, depth=False)
+        camera_capture = Capture.of_state(state, settings, timestamp, self._captures, depth=False)
+        depth_capture = camera_capture
         if settings.separate_depth:
-            depth = Capture.of_state(state, settings, timestamp, self._captures, depth=True)
-        return FrameImages(FrameRecord(self.imaging, settings, camera, depth), self.workers, (kind,))
+            depth_capture = Capture.of_state(state, settings, timestamp, self._captures, depth=True)
+        return FrameImages(FrameRecord(imaging, settings, camera_capture, depth_capture), self.workers, (kind,))
 
     def set_parameters(self, node: str, values: Iterable[tuple[str, object]]) -> list[str]:
         """Set parameters, all or none; see ``Parameters.set``.
@@ -184,14 +185,16 @@ class StereoService:
         """
         had_auto_exposure, exposure = self.settings.auto_exposure is not None, self.last_metered.exposure
         had_auto_white_balance = self.parameters.values("rc_camera")["wb_auto"]
-        names = self.parameters.set(node, values)
+        changed_names = self.parameters.set(node, values)
         manual: dict[str, float] = {}
         if had_auto_exposure and self.settings.auto_exposure is None:
             manual |= {"exp_value": exposure.time, "gain_value": exposure.gain}
         if had_auto_white_balance and not self.parameters.values("rc_camera")["wb_auto"]:
+            # Automatic white balance shows colours as rendered, always.
             manual |= {"wb_ratio_red": NEUTRAL_RED, "wb_ratio_blue": NEUTRAL_BLUE}
-        self.parameters.set("rc_camera", [(name, value) for name, value in manual.items() if name not in names])
-        return names
+        # Values that the client has set in the same call stay.
+        self.parameters.set("rc_camera", [item for item in manual.items() if item[0] not in changed_names])
+        return changed_names
 
     def fire_trigger(self) -> tuple[int, str]:
         """Request one depth image in a single-frame mode. Return the device's return code and a message."""

@@ -51,14 +51,14 @@ class FrameScheduler:
         scene: SceneSource,
         on_capture: Callable[[int, NDArray[np.float64]], None] | None = None,
         on_streaming: Callable[[bool], None] = lambda streaming: None,
-        has_messages_before: Callable[[int], bool] = lambda timestamp: False,
+        has_unapplied_before: Callable[[int], bool] = lambda timestamp: False,
     ) -> None:
         """
         Args:
             on_capture: called after each capture of camera images with its true timestamp, nanoseconds since the epoch,
                 and X_world_left, (4, 4) float64.
             on_streaming: called with True before the first frame for clients, and with False when there are none.
-            has_messages_before: see ``StereoService``.
+            has_unapplied_before: see ``LiveTree.has_unapplied_before``.
         """
         self.imaging = imaging
         """Image source of the next frames."""
@@ -74,7 +74,7 @@ class FrameScheduler:
         self._scene = scene
         self._on_capture = on_capture
         self._on_streaming = on_streaming
-        self._has_messages_before = has_messages_before
+        self._has_unapplied_before = has_unapplied_before
         self._unlimited = imaging.config.rate == "max"
         self._clock = FrameClock(imaging.config.rate, simulated=imaging.config.simulated_clock)
         self._camera_frames = FramesInFlight()
@@ -263,7 +263,7 @@ class FrameScheduler:
             QueueFull: the worker queue is full.
         """
         while (  # noqa: ASYNC110 - at most 30 ms
-            self._has_messages_before(timestamp) and time.time_ns() - timestamp < MAX_SETTLING
+            self._has_unapplied_before(timestamp) and time.time_ns() - timestamp < MAX_SETTLING
         ):
             await asyncio.sleep(_POLL_SECONDS)
         return await self._workers.run(self._read_scene, timestamp)

@@ -180,7 +180,7 @@ async def test_frames_wait_for_messages_that_arrived_before_them(
     scene, workers = Scene(), WorkerPool(1)
     messages = Messages(scene)
     service = StereoService(
-        StereoConfig(port=0, model=SMALL), scene.state, renderer, workers, has_messages_before=messages.before
+        StereoConfig(port=0, model=SMALL), scene.state, renderer, workers, has_unapplied_before=messages.before
     )
     await service.capture(SetKind(left=True))
     assert (messages.left, len(scene.times)) == (0, 1)

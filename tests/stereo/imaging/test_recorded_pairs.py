@@ -14,6 +14,7 @@ import pytest
 from fastapi import FastAPI
 
 from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.device.timestamps import timestamp_text
 from gateway.stereo.imaging.pair_files import find_pairs, read_geometry
 from gateway.stereo.imaging.recorded_pairs import Pair, PairSequence, pair_imaging
 from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
@@ -85,6 +86,19 @@ async def test_shows_a_folder_written_by_our_client(recorded: pb.ImageSet, camer
     back = await capture_set(camera, left_enabled=True, disparity_enabled=True)
     assert camera.service.config.depth_mode == "modelled"
     assert (pixels(back.left) != pixels(recorded.left)).any()
+
+
+async def test_ground_truth_of_the_newest_frame_is_not_that_of_a_scene_shown_before(
+    recorded: pb.ImageSet, camera: Camera, rest_client: httpx.AsyncClient
+) -> None:
+    scene_set = await capture_set(camera, left_enabled=True)
+    left, right = pixels(recorded.left), pixels(recorded.right)
+    files = {"left_out1_low": png(left), "right_out1_low": png(right)}
+    assert (await rest_client.post(PATH, files=files)).status_code == 200
+    newest = await rest_client.get("/stereo/truth.npz")
+    assert (newest.status_code, newest.json()["message"][:22]) == (404, "no frame was taken yet")
+    time = timestamp_text(scene_set.timestamp.sec * 10**9 + scene_set.timestamp.nsec)
+    assert (await rest_client.get("/stereo/truth.npz", params={"timestamp": time})).status_code == 200
 
 
 async def test_shows_an_uploaded_pair_in_test_mode(
