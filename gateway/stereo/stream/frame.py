@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Collection, Coroutine, Hashable, Sequence
+from collections.abc import Awaitable, Callable, Collection, Coroutine, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal, ParamSpec, TypeVar
+from functools import wraps
+from typing import Any, Concatenate, Final, Literal, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,6 @@ from gateway.stereo.stream.set_kind import SetKind
 from renderers.drawlist import ImageError
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.metric_depth import align_depth, millimetres_from_disparity
-from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.mesh.disparity_mesh import MeshOptions
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 from renderers.stereo.sensor.exposure import SensorImage
@@ -40,9 +40,6 @@ from scenegate.camera.image_interface_pb2 import ImageSet
 
 P = ParamSpec("P")
 T = TypeVar("T")
-_ResultKey = tuple[str, *tuple[Hashable, ...]]
-"""Name of a result of a frame, and the values that distinguish it from results of the same name."""
-
 _MAX_RESULTS: Final = 64
 """Maximum number of images, messages and sets of a frame: 16 kinds of set (``max_kinds``) need fewer."""
 
@@ -65,6 +62,27 @@ class FrameRecord:
     def number(self) -> int:
         """Number of the frame since start, from 1."""
         return self.camera_capture.frame_number
+
+
+def once(
+    method: Callable[Concatenate[FrameImages, P], Coroutine[Any, Any, T]],
+) -> Callable[Concatenate[FrameImages, P], Awaitable[T]]:
+    """Decorate a method of a frame: the first call with some arguments starts it, and others get the same result.
+
+    After an error, the next call starts it again.
+    """
+
+    @wraps(method)
+    def result(frame: FrameImages, /, *args: P.args, **kwargs: P.kwargs) -> Awaitable[T]:
+        key = method.__name__, args, *kwargs.items()
+        task = frame.results.get(key)
+        if task is None or (task.done() and (task.cancelled() or task.exception() is not None)):
+            task = frame.results[key] = asyncio.get_running_loop().create_task(method(frame, *args, **kwargs))
+            if len(frame.results) > _MAX_RESULTS:
+                del frame.results[next(iter(frame.results))]
+        return task
+
+    return result
 
 
 class FrameImages:
@@ -100,77 +118,12 @@ class FrameImages:
             NoiseStream.RIGHT: frozenset([*grey, *[kind.color for kind in kinds if kind.right]]),
         }
         """Images to make from one rendering of each camera: ``ImageRequest.colors``."""
-        self._results: dict[_ResultKey, asyncio.Task[Any]] = {}
+        self.results: dict[tuple[object, ...], asyncio.Task[Any]] = {}
+        """Tasks of the methods with ``once``, by name and arguments."""
 
-    def serialised(self, kind: SetKind) -> Awaitable[bytes]:
+    @once
+    async def serialised(self, kind: SetKind) -> bytes:
         """Return the serialised ``ImageSet`` of a kind."""
-        return self._once(("set", kind), self._serialise, kind)
-
-    def depth_images(self) -> Awaitable[DepthImages]:
-        """Return the disparity, error and confidence images."""
-        return self._once(("depth",), self._measure_depth)
-
-    def metered(self, capture: Capture) -> Awaitable[MeteredExposure]:
-        """Return the exposure of the images of a capture."""
-        return self._once(("metered", capture.timestamp, capture.gpio), self._meter, capture)
-
-    async def image(self, stream: NoiseStream, color: bool) -> SensorImage:
-        """Return the left or right image in colour or grey."""
-        colors = self._colors_to_render[stream]
-        if color not in colors:  # requested by a client that subscribed after the capture
-            colors = frozenset((color,))
-        images = await self._once(("images", stream, colors), self._expose, self._camera_capture, stream, colors)
-        return images[color]
-
-    async def color_camera_image(self) -> ColorImage:
-        """Return the image of the colour camera; without a colour camera, the left image in colour."""
-        color_camera = self._config.color_camera
-        if color_camera is None:
-            image = await self.image(NoiseStream.LEFT, COLOR)
-            return ColorImage(image, (await self.metered(self._camera_capture)).exposure)
-        return await self._once(("color camera",), self._expose_color_camera, color_camera)
-
-    def depth_mm(self, *, aligned: bool) -> Awaitable[NDArray[np.uint16]]:
-        """Return depth in millimetres, (H, W) uint16, 0: invalid.
-
-        Args:
-            aligned: as seen by the colour camera, if there is one.
-        """
-        return self._once(("depth_mm", aligned), self._depth_mm, aligned)
-
-    def depth_intrinsics(self, *, aligned: bool) -> Intrinsics:
-        """Return the intrinsics of ``depth_mm``."""
-        if aligned and self._config.color_camera is not None:
-            return self._config.color_intrinsics
-        return self._config.model.intrinsics(self._settings.quality.divisor)
-
-    async def _depth_mm(self, aligned: bool) -> NDArray[np.uint16]:
-        images, config, divisor = await self.depth_images(), self._config, self._settings.quality.divisor
-        factor = config.model.focal_times_baseline(divisor)
-        depth = await self._workers.run(millimetres_from_disparity, images.disparity, factor)
-        if not aligned or config.color_camera is None:
-            return depth
-        return await self._workers.run(align_depth, depth, config.model.intrinsics(divisor), config.color_camera)
-
-    async def raw_image(self, *, right: bool) -> SensorImage:
-        """Return the grey image of one camera before rectification."""
-        capture = self._camera_capture
-        exposure = (await self.metered(capture)).exposure
-        return await self._workers.run(raw_image, self._imaging, capture, exposure, right)
-
-    def _once(
-        self, key: _ResultKey, make: Callable[P, Coroutine[Any, Any, T]], *args: P.args, **kwargs: P.kwargs
-    ) -> Awaitable[T]:
-        """Return the result of ``make`` with these arguments, which the first call of a key starts. After an error, the
-        next call starts it again."""
-        task = self._results.get(key)
-        if task is None or (task.done() and (task.cancelled() or task.exception() is not None)):
-            task = self._results[key] = asyncio.get_running_loop().create_task(make(*args, **kwargs))
-            if len(self._results) > _MAX_RESULTS:
-                del self._results[next(iter(self._results))]
-        return task
-
-    async def _serialise(self, kind: SetKind) -> bytes:
         fields: list[tuple[int, Awaitable[list[Chunk]]]] = []
         if kind.left:
             fields.append((ImageSet.LEFT_FIELD_NUMBER, self._image_message(NoiseStream.LEFT, kind.color)))
@@ -187,7 +140,8 @@ class FrameImages:
         if kind.depth_mm:
             fields.append((ImageSet.DEPTH_MM_FIELD_NUMBER, self._depth_mm_message(kind)))
         if kind.mesh is not None:
-            fields.append((ImageSet.MESH_FIELD_NUMBER, self._mesh_message(kind.mesh, kind.color)))
+            color = kind.color and kind.mesh.textured
+            fields.append((ImageSet.MESH_FIELD_NUMBER, self._mesh_message(kind.mesh, color)))
         values = await _gather([value for _, value in fields])
         capture = self._depth_capture if kind.has_depth else self._camera_capture
         chunks: list[Chunk] = [messages.timestamp_field(capture.timestamp)]
@@ -197,6 +151,68 @@ class FrameImages:
             if messages.byte_count(chunks) < messages.MIN_BYTES_WITHOUT_GIL:
                 return b"".join(chunks)
             return await self._workers.run(messages.join, chunks)
+
+    @once
+    async def depth_images(self) -> DepthImages:
+        """Return the disparity, error and confidence images, by matching or from rendered depth."""
+        capture, settings, config = self._depth_capture, self._settings, self._config
+        with span("depth"):
+            pair = dark_pair = None
+            if config.measures_images:
+                pair = await self._image_pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
+            dark_capture = replace(capture, gpio=settings.camera_gpio)
+            differs = capture.has_projection(config) and not dark_capture.out1_high
+            if settings.double_shot and config.depth_mode == "matched" and differs:
+                dark_pair = await self._image_pair(dark_capture, NoiseStream.LEFT_SECOND, NoiseStream.RIGHT_SECOND)
+            return await self._workers.run(self._imaging.measure, capture, settings, pair, dark_pair)
+
+    @once
+    async def metered(self, capture: Capture) -> MeteredExposure:
+        """Return the exposure of the images of a capture."""
+        with span("meter"):
+            return await self._workers.run(self._imaging.meter, capture, self._settings)
+
+    async def image(self, stream: NoiseStream, color: bool) -> SensorImage:
+        """Return the left or right image in colour or grey."""
+        colors = self._colors_to_render[stream]
+        if color not in colors:  # requested by a client that subscribed after the capture
+            colors = frozenset((color,))
+        return (await self._expose(self._camera_capture, stream, colors))[color]
+
+    @once
+    async def color_camera_image(self) -> ColorImage:
+        """Return the image of the colour camera; without a colour camera, the left image in colour."""
+        color_camera, capture = self._config.color_camera, self._camera_capture
+        if color_camera is None:
+            image = await self.image(NoiseStream.LEFT, COLOR)
+            return ColorImage(image, (await self.metered(capture)).exposure)
+        return await self._workers.run(expose_color_camera, self._imaging, color_camera, capture, self._settings)
+
+    @once
+    async def depth_mm(self, *, aligned: bool) -> NDArray[np.uint16]:
+        """Return depth in millimetres, (H, W) uint16, 0: invalid.
+
+        Args:
+            aligned: as seen by the colour camera, if there is one.
+        """
+        images, config, divisor = await self.depth_images(), self._config, self._settings.quality.divisor
+        factor = config.model.focal_times_baseline(divisor)
+        depth = await self._workers.run(millimetres_from_disparity, images.disparity, factor)
+        if not aligned or config.color_camera is None:
+            return depth
+        return await self._workers.run(align_depth, depth, config.model.intrinsics(divisor), config.color_camera)
+
+    def depth_intrinsics(self, *, aligned: bool) -> Intrinsics:
+        """Return the intrinsics of ``depth_mm``."""
+        if aligned and self._config.color_camera is not None:
+            return self._config.color_intrinsics
+        return self._config.model.intrinsics(self._settings.quality.divisor)
+
+    async def raw_image(self, *, right: bool) -> SensorImage:
+        """Return the grey image of one camera before rectification."""
+        capture = self._camera_capture
+        exposure = (await self.metered(capture)).exposure
+        return await self._workers.run(raw_image, self._imaging, capture, exposure, right)
 
     async def _image_message(self, stream: NoiseStream, color: bool) -> list[Chunk]:
         """Return the left or right image as a message, and set ``left_metered`` if it is the left one."""
@@ -243,10 +259,8 @@ class FrameImages:
             return replace(metered, brightness=image.brightness)
         return metered
 
-    def _mesh_message(self, options: MeshOptions, color: bool) -> Awaitable[list[Chunk]]:
-        return self._once(("mesh", options, color and options.textured), self._mesh, options, color)
-
-    async def _mesh(self, options: MeshOptions, color: bool) -> list[Chunk]:
+    @once
+    async def _mesh_message(self, options: MeshOptions, color: bool) -> list[Chunk]:
         left = (await self.image(NoiseStream.LEFT, color)).image if options.textured else None
         images = await self.depth_images()
         ply = await self._workers.run(self._imaging.mesh, images, self._settings.quality.divisor, options, left)
@@ -270,37 +284,13 @@ class FrameImages:
         )
         return messages.image(pixels, intrinsics, metadata)
 
-    async def _meter(self, capture: Capture) -> MeteredExposure:
-        with span("meter"):
-            return await self._workers.run(self._imaging.meter, capture, self._settings)
-
+    @once
     async def _expose(
         self, capture: Capture, stream: NoiseStream, colors: frozenset[bool], averaged_images: int = 1
     ) -> dict[bool, SensorImage]:
         request = ImageRequest((await self.metered(capture)).exposure, stream, colors, averaged_images)
         with span("expose", {"stereo.image": stream.name.lower()}):
             return await self._workers.run(self._imaging.expose, capture, request)
-
-    def _expose_color_camera(self, color_camera: ColorCamera) -> Coroutine[Any, Any, ColorImage]:
-        arguments = (self._imaging, color_camera, self._camera_capture, self._settings)
-        return self._workers.run(expose_color_camera, *arguments)
-
-    async def _measure_depth(self) -> DepthImages:
-        """Return depth images by matching, or from rendered depth."""
-        with span("depth"):
-            capture, settings, imaging, run = self._depth_capture, self._settings, self._imaging, self._workers.run
-            if not self._config.measures_images:
-                return await run(imaging.measure, capture, settings, None)
-            pair, dark_pair = await self._image_pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH), None
-            dark_capture = replace(capture, gpio=settings.camera_gpio)
-            if (
-                settings.double_shot
-                and self._config.depth_mode == "matched"
-                and capture.has_projection(self._config)
-                and not dark_capture.out1_high
-            ):
-                dark_pair = await self._image_pair(dark_capture, NoiseStream.LEFT_SECOND, NoiseStream.RIGHT_SECOND)
-            return await run(imaging.measure, capture, settings, pair, dark_pair)
 
     async def _image_pair(self, capture: Capture, left: NoiseStream, right: NoiseStream) -> ImagePair:
         """Return the grey images of two streams, from which depth is measured: the streamed ones unless depth needs
@@ -318,8 +308,7 @@ class FrameImages:
     async def _depth_image(self, capture: Capture, stream: NoiseStream) -> SensorImage:
         """Return a grey image from which depth is measured, and which no client gets."""
         colors, count = frozenset((GREY,)), self._settings.averaged_images
-        images = await self._once(("depth images", stream), self._expose, capture, stream, colors, count)
-        return images[GREY]
+        return (await self._expose(capture, stream, colors, count))[GREY]
 
 
 async def _gather(awaitables: Sequence[Awaitable[T]]) -> list[T]:
