@@ -197,10 +197,21 @@ class Imaging:
             frame, dots = self._render_with_dots(lit_capture, 0.0, METERING_DIVISOR)
         except ImageError:
             return MeteredExposure(settings.manual_exposure, 0.0)
+        rendered, manual = frame.color, settings.manual_exposure
+        assert rendered is not None
         other_dots = None
         if capture.projectors:
             other_dots = self._projected_dots(frame, capture, 0.0, METERING_DIVISOR, has_own=False)
-        unlit, lit = self._metered_light(frame, capture, other_dots, dots, settings.manual_exposure)
+        half = partial(self.camera, capture, 0.0, 2 * METERING_DIVISOR)
+        scene_light = self.scene_light(capture.scene, half, other_dots)
+        k, lens = self.config.model.intrinsics(METERING_DIVISOR), Lens(vignetting=self.lens.vignetting)
+
+        def light(scene_light: SceneLight) -> NDArray[np.float32]:
+            return relative_light(light_on_sensor(rendered, k, manual, scene_light, lens, color=False)[:, :, 0])
+
+        unlit = lit = light(scene_light)
+        if dots is not None:
+            lit = light(replace(scene_light, dots=dots))
         exposure, out1_reduction = choose_exposure(
             unlit, lit, out1_high=capture.out1_high, settings=settings, memory=self.exposure_memory
         )
@@ -276,36 +287,6 @@ class Imaging:
         """
         model = self.config.model
         return disparity_mesh(images.disparity, model.intrinsics(divisor), model.baseline, options, left)
-
-    def _metered_light(
-        self,
-        frame: Frame,
-        capture: Capture,
-        other_dots: NDArray[np.uint16] | None,
-        dots: NDArray[np.uint16] | None,
-        manual: Exposure,
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the light of a frame for metering, without and with the own projector's light; (h, w) float32 each.
-
-        Args:
-            frame: rendered image of the left camera at 1/``METERING_DIVISOR`` of the resolution.
-            capture: capture of the frame.
-            other_dots: (h, w) uint16, light of other cameras' projectors; None: all are off.
-            dots: (h, w) uint16, light of all projectors; None: all are off.
-            manual: exposure whose white balance applies.
-        """
-        rendered = frame.color
-        k = self.config.model.intrinsics(METERING_DIVISOR)
-        assert rendered is not None
-        lens = Lens(vignetting=self.lens.vignetting)
-        half = partial(self.camera, capture, 0.0, 2 * METERING_DIVISOR)
-        scene_light = self.scene_light(capture.scene, half, other_dots)
-
-        def light(scene_light: SceneLight) -> NDArray[np.float32]:
-            return relative_light(light_on_sensor(rendered, k, manual, scene_light, lens, color=False)[:, :, 0])
-
-        unlit = light(scene_light)
-        return unlit, unlit if dots is None else light(replace(scene_light, dots=dots))
 
     def scene_light(self, scene: DrawList, half: Callable[[], Camera], dots: NDArray[np.uint16] | None) -> SceneLight:
         """Return the light on the scene besides the rendered one.

@@ -24,20 +24,22 @@ MAX_BODY: Final = 4096
 FAULTS_OFF: Final = "fault injection is off; start the gateway with --stereo-faults"
 
 _EXAMPLE_STATUS: Final = {**msgspec.to_builtins(Faults(drop=0.1, delay=0.5)), "dropped": 12}
-_BODY: Final = {
+_SCHEMAS: Final = msgspec.json.schema_components([Faults])[1]
+"""JSON schemas by name."""
+_FAULTS_BODY: Final = {
     "requestBody": {
         "required": True,
         "description": "Faults from now on. A field that is left out means no such fault.",
         "content": {
             "application/json": {
-                "schema": msgspec.json.schema_components([Faults])[1]["Faults"],
+                "schema": _SCHEMAS["Faults"],
                 "examples": example({"drop": 0.1, "delay": 0.5}),
             }
         },
     }
 }
 
-_NOT_AVAILABLE: Final = error_responses(
+_COMMON_ERRORS: Final = error_responses(
     {403: "Fault injection is off (--stereo-faults).", 404: "There is no such pipeline."}
 )
 _INVALID_BODY: Final = error_responses({400: "Invalid body; the message is the reason.", 413: "The body is too large."})
@@ -45,8 +47,8 @@ _INVALID_BODY: Final = error_responses({400: "Invalid body; the message is the r
 
 def fault_router(*services: StereoService) -> APIRouter:
     """Return the routes: GET, PUT and DELETE ``/stereo/faults``, and POST ``/stereo/faults/disconnect``, which cuts all
-    streams."""
-    api = new_router(_NOT_AVAILABLE)
+    image streams."""
+    api = new_router(_COMMON_ERRORS)
 
     def find_service(pipeline: int) -> StereoService:
         service = find_pipeline(services, pipeline)
@@ -62,7 +64,7 @@ def fault_router(*services: StereoService) -> APIRouter:
         "/stereo/faults",
         summary="Inject faults",
         responses=json_example(_EXAMPLE_STATUS) | _INVALID_BODY,
-        openapi_extra=_BODY,
+        openapi_extra=_FAULTS_BODY,
     )
     async def put_faults(request: Request, pipeline: Pipeline = 0) -> Any:
         injector = find_service(pipeline).injector

@@ -106,7 +106,8 @@ class FrameScheduler:
                 if seconds > 0.0:
                     await _wait(self._hub.changed, seconds)
         finally:
-            self._set_streaming(False)
+            if self._streaming:
+                self._set_streaming(False)
             tasks = self._camera_frames.tasks | self._depth_frames.tasks
             self._cancel_frames()
             await asyncio.gather(*tasks, return_exceptions=True)
@@ -149,8 +150,6 @@ class FrameScheduler:
 
     def _set_streaming(self, streaming: bool) -> None:
         """Report that clients begin to stream, or that none streams; then the schedule stops."""
-        if streaming == self._streaming:
-            return
         self._streaming = streaming
         self._on_streaming(streaming)
         if not streaming:
