@@ -34,21 +34,19 @@ class MailboxState(Enum):
 class Subscription:
     """One client's mailbox."""
 
-    def __init__(self, kind: SetKind, demand_changed: asyncio.Event, generation: int) -> None:
+    def __init__(self, kind: SetKind, hub: ImageSetHub) -> None:
         """
         Args:
             kind: contents of the sets.
-            demand_changed: event that is set when the client takes a set or starts to wait for one.
-            generation: generation of the hub at subscription.
+            hub: hub of the subscription, which counts its sets.
         """
         self.kind = kind
-        self.generation = generation
+        self.generation = hub.generation
+        """Generation of the hub at subscription."""
         self.state = MailboxState.EMPTY
         self.sent = 0
         """Number of sets taken by the client."""
-        self.skipped = 0
-        """Number of sets replaced by newer ones."""
-        self._demand_changed = demand_changed
+        self._hub = hub
         self._frame_number = -1
         """Frame of the newest set."""
         self._data = b""
@@ -59,7 +57,8 @@ class Subscription:
         """Store the set of a frame, unless a set of this frame or of a later one was stored before."""
         if frame_number <= self._frame_number or self.state is MailboxState.CLOSED:
             return
-        self.skipped += self.state is MailboxState.FULL
+        if self.state is MailboxState.FULL:
+            self._hub.skipped += 1
         self.state, self._frame_number, self._data = MailboxState.FULL, frame_number, data
         self._ready.set()
 
@@ -76,7 +75,7 @@ class Subscription:
         """
         if self.state is MailboxState.EMPTY:
             self.state = MailboxState.WAITING
-            self._demand_changed.set()
+            self._hub.demand_changed.set()
             try:
                 await self._ready.wait()
             finally:
@@ -87,8 +86,9 @@ class Subscription:
         data, self._data = self._data, b""
         self.state = MailboxState.EMPTY
         self._ready.clear()
-        self._demand_changed.set()
         self.sent += 1
+        self._hub.sent += 1
+        self._hub.demand_changed.set()
         return data
 
 
@@ -125,21 +125,12 @@ class ImageSetHub:
         self.new_kinds: set[SetKind] = set()
         """Kinds of the subscriptions to which the last frame was not offered yet; emptied by the frame scheduler."""
         self._subscriptions: set[Subscription] = set()
-        self._ended_sent = 0
-        """Number of sets taken by clients whose subscription has ended."""
-        self._ended_skipped = 0
+        self.sent = 0
+        """Number of sets taken by all clients since start."""
+        self.skipped = 0
+        """Number of sets that were replaced by newer ones before their clients took them, since start."""
         self._close_reason = ""
         """Reason for refusing new subscriptions; empty while the hub is open."""
-
-    @property
-    def sent(self) -> int:
-        """Number of sets taken by all clients since start."""
-        return self._ended_sent + sum(subscription.sent for subscription in self._subscriptions)
-
-    @property
-    def skipped(self) -> int:
-        """Number of sets that were replaced by newer ones before their clients took them, since start."""
-        return self._ended_skipped + sum(subscription.skipped for subscription in self._subscriptions)
 
     def __iter__(self) -> Iterator[Subscription]:
         return iter(tuple(self._subscriptions))
@@ -161,7 +152,7 @@ class ImageSetHub:
             raise LimitError(f"{self._max_clients} streams are open already, the limit (max_clients)")
         if kind not in self.kinds and len(self.kinds) >= self._max_kinds:
             raise LimitError(f"{self._max_kinds} different requests are served already, the limit (max_kinds)")
-        subscription = Subscription(kind, self.demand_changed, self.generation)
+        subscription = Subscription(kind, self)
         self._subscriptions.add(subscription)
         self.new_kinds.add(kind)
         self._subscriptions_changed()
@@ -170,8 +161,6 @@ class ImageSetHub:
         finally:
             self._subscriptions.discard(subscription)
             self._subscriptions_changed()
-            self._ended_sent += subscription.sent
-            self._ended_skipped += subscription.skipped
 
     def _subscriptions_changed(self) -> None:
         self.kinds = frozenset(s.kind for s in self._subscriptions)
