@@ -13,7 +13,7 @@ from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.timeline import TimeError
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
-from gateway.stereo.device.stream_settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings
+from gateway.stereo.device.stream_settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings, read_settings
 from gateway.stereo.imaging.recorded_pairs import PairImaging
 from gateway.stereo.imaging.rendered_images import Capture, Imaging, MeteredExposure
 from gateway.stereo.imaging.scene_motion import SceneState
@@ -55,7 +55,7 @@ class StereoService:
             has_unapplied_before: see ``LiveTree.has_unapplied_before``.
         """
         self.hub = ImageSetHub(config.max_clients, config.max_kinds, follows_demand=config.rate == "max")
-        self.parameters = Parameters(config.limits, self.hub.start_generation)
+        self.parameters = Parameters(config.limits, self._parameters_changed)
         self.wait_until_stored: Callable[[], Awaitable[str]] | None = None
         """Waits until the parameters are stored (--state); returns an error message, empty on success. Set before
         ``run``. None: no state file."""
@@ -77,7 +77,7 @@ class StereoService:
             self.scene_imaging,
             workers,
             self._publisher,
-            self.parameters,
+            read_settings(self.parameters),
             scene,
             self.imu.frame_captured if pose_log is None else None,
             on_streaming,
@@ -87,6 +87,10 @@ class StereoService:
         """Number of captures apart from the stream."""
         self._port: int | None = None
         """Port of the image stream; None while it is closed."""
+
+    def _parameters_changed(self) -> None:
+        self._scheduler.settings = read_settings(self.parameters)
+        self.hub.start_generation()
 
     @property
     def imaging(self) -> Imaging:

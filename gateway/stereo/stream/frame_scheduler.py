@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from gateway.runtime.pool_errors import QueueFull
 from gateway.runtime.worker_pool import WorkerPool, until_compiled
-from gateway.stereo.device.parameters import Parameters
-from gateway.stereo.device.stream_settings import ALTERNATE_GAP_NS, StreamSettings, read_settings
+from gateway.stereo.device.stream_settings import ALTERNATE_GAP_NS, StreamSettings
 from gateway.stereo.device.timestamps import NANOSECONDS_PER_SECOND
 from gateway.stereo.imaging.rendered_images import Capture, Imaging
 from gateway.stereo.imaging.scene_motion import SceneState, state_before
@@ -47,7 +46,7 @@ class FrameScheduler:
         imaging: Imaging,
         workers: WorkerPool,
         publisher: FramePublisher,
-        parameters: Parameters,
+        settings: StreamSettings,
         scene: SceneSource,
         on_capture: Callable[[int, NDArray[np.float64]], None] | None = None,
         on_streaming: Callable[[bool], None] = lambda streaming: None,
@@ -62,6 +61,8 @@ class FrameScheduler:
         """
         self.imaging = imaging
         """Image source of the next frames."""
+        self.settings = settings
+        """Parameters of the next frames."""
         self.history: deque[FrameRecord] = deque(maxlen=imaging.config.history)
         """The last frames, oldest first, for ground truth."""
         self.trigger_time: float | None = None
@@ -70,7 +71,6 @@ class FrameScheduler:
         self._publisher = publisher
         self._hub = publisher.hub
         self._counts = publisher.counts
-        self._parameters = parameters
         self._scene = scene
         self._on_capture = on_capture
         self._on_streaming = on_streaming
@@ -80,19 +80,9 @@ class FrameScheduler:
         self._camera_frames = FramesInFlight()
         self._depth_frames = FramesInFlight()
         self._frame_number = 0
-        self._settings = read_settings(parameters)
-        self._settings_version = parameters.version
         self._streaming = False
         self._last: SceneState | None = None
         """Scene of the newest capture, for motion blur and rolling shutters."""
-
-    @property
-    def settings(self) -> StreamSettings:
-        """Current parameters."""
-        if self._settings_version != self._parameters.version:
-            self._settings_version = self._parameters.version
-            self._settings = read_settings(self._parameters)
-        return self._settings
 
     async def run(self) -> None:
         """Capture frames until cancelled.
