@@ -30,7 +30,7 @@ def raw_image(imaging: Imaging, capture: Capture, exposure: Exposure, right: boo
     """
     config = imaging.config
     offset = config.model.baseline if right else 0.0
-    camera = config.model.camera(capture.X_world_left, offset=offset, divisor=1, near=config.near, far=config.far)
+    camera = imaging.camera(capture, offset, 1)
     camera = replace(camera, X_world_camera=raw_pose(camera.X_world_camera, config.distortion, right=right))
 
     def render(pinhole: Camera) -> NDArray[np.uint8]:

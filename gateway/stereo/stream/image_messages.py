@@ -105,11 +105,13 @@ def image(
     return [header.SerializeToString(), *field(10, [data])]
 
 
-def disparity(image: list[Chunk], timestamp: int, baseline: float, scale: float = DISPARITY_SCALE) -> list[Chunk]:
+def disparity(
+    image_chunks: list[Chunk], timestamp: int, baseline: float, scale: float = DISPARITY_SCALE
+) -> list[Chunk]:
     """Return a ``DisparityImage``.
 
     Args:
-        image: chunks of the ``Image`` that holds the disparities.
+        image_chunks: the ``Image`` that holds the disparities.
         timestamp: nanoseconds since the epoch.
         baseline: metres.
         scale: pixels per unit of the disparity and error images.
@@ -122,7 +124,7 @@ def disparity(image: list[Chunk], timestamp: int, baseline: float, scale: float 
         baseline=baseline,
         delta_d=DISPARITY_SCALE,
     )
-    return [header.SerializeToString(), *field(7, image)]
+    return [header.SerializeToString(), *field(7, image_chunks)]
 
 
 def mesh(ply: tuple[Chunk, ...], timestamp: int) -> list[Chunk]:
