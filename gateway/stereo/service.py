@@ -67,7 +67,10 @@ class StereoService:
         self.workers = workers
         self.events = ClientQueues("event", config.max_clients, config.max_events)
         self.imu = Imu(config, pose_log)
-        self.injector = FaultInjector(config.seed, config.max_late_bytes, self.hub.start_generation)
+        self.injector: FaultInjector | None = None
+        """Injects faults; None: they are not permitted."""
+        if config.faults:
+            self.injector = FaultInjector(config.seed, config.max_late_bytes, self.hub.start_generation)
         self.started = time.time()
         """Time of the start, seconds since the epoch."""
         self._publisher = FramePublisher(self.hub, self.events, self.injector, config)

@@ -50,15 +50,15 @@ def fault_router(*services: StereoService) -> APIRouter:
     image streams."""
     api = new_router(_COMMON_ERRORS)
 
-    def find_service(pipeline: int) -> StereoService:
-        service = find_pipeline(services, pipeline)
-        if not service.config.faults:
+    def find_injector(pipeline: int) -> FaultInjector:
+        injector = find_pipeline(services, pipeline).injector
+        if injector is None:
             raise RestError(403, FAULTS_OFF)
-        return service
+        return injector
 
     @api.get("/stereo/faults", summary="Faults in force", responses=json_example(_EXAMPLE_STATUS))
     async def get_faults(pipeline: Pipeline = 0) -> Any:
-        return _status(find_service(pipeline).injector)
+        return _status(find_injector(pipeline))
 
     @api.put(
         "/stereo/faults",
@@ -67,7 +67,7 @@ def fault_router(*services: StereoService) -> APIRouter:
         openapi_extra=_FAULTS_BODY,
     )
     async def put_faults(request: Request, pipeline: Pipeline = 0) -> Any:
-        injector = find_service(pipeline).injector
+        injector = find_injector(pipeline)
         try:
             injector.set(msgspec.json.decode(await read_body(request, MAX_BODY), type=Faults))
         except msgspec.DecodeError as error:
@@ -80,13 +80,14 @@ def fault_router(*services: StereoService) -> APIRouter:
         responses=json_example({**msgspec.to_builtins(Faults()), "dropped": 12}),
     )
     async def delete_faults(pipeline: Pipeline = 0) -> Any:
-        injector = find_service(pipeline).injector
+        injector = find_injector(pipeline)
         injector.set(Faults())
         return _status(injector)
 
     @api.post("/stereo/faults/disconnect", summary="Cut every stream now", responses=json_example({"streams": 2}))
     async def disconnect(pipeline: Pipeline = 0) -> Any:
-        hub = find_service(pipeline).hub
+        find_injector(pipeline)
+        hub = services[pipeline].hub
         streams = len(hub)
         for kind in hub.kinds:
             hub.end_streams(kind, CUT_REASON)

@@ -67,19 +67,21 @@ class FramesInFlight:
 class FramePublisher:
     """Makes each kind of image set of a frame once, and publishes it to all clients."""
 
-    def __init__(self, hub: ImageSetHub, events: ClientQueues, injector: FaultInjector, config: StereoConfig) -> None:
+    def __init__(
+        self, hub: ImageSetHub, events: ClientQueues, injector: FaultInjector | None, config: StereoConfig
+    ) -> None:
         """
         Args:
             hub: receives the sets.
             events: receives the image events.
-            injector: delays and drops sets.
+            injector: delays and drops sets; None: faults are not permitted.
             config: configuration of the camera.
         """
         self.counts = FrameCounts()
         self.last_metered: MeteredExposure | None = None
         """Exposure of the newest left image."""
         self.hub = hub
-        self.injector = injector
+        self._injector = injector
         self._event_clients = events
         self._config = config
 
@@ -89,6 +91,10 @@ class FramePublisher:
         frames.tasks.add(task)
         task.add_done_callback(frames.tasks.discard)
         task.add_done_callback(self._on_task_done)
+
+    def sent_timestamp(self, timestamp: int) -> int:
+        """Return the timestamp that clients get for a true one, nanoseconds; an injected fault may falsify it."""
+        return timestamp if self._injector is None else self._injector.timestamp(timestamp)
 
     async def publish_sets(self, frame: FrameImages, kinds: Collection[SetKind]) -> None:
         """Make and publish the sets of a frame."""
@@ -135,7 +141,10 @@ class FramePublisher:
             self.end_streams(kind, f"frame {number} ({kind}) could not be made", error)
         else:
             publish = partial(self.hub.publish, kind, number, data, frame.record.generation)
-            self.injector.deliver(number, data, publish)
+            if self._injector is None:
+                publish()
+            else:
+                self._injector.deliver(number, data, publish)
             return True
         return False
 

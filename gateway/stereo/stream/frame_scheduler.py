@@ -191,7 +191,7 @@ class FrameScheduler:
         """
         clock, publisher, generation = self._clock, self._publisher, self._hub.generation
         timestamp = clock.next_timestamp(settings, asyncio.get_running_loop().time())
-        sent_timestamp = publisher.injector.timestamp(timestamp)
+        sent_timestamp = publisher.sent_timestamp(timestamp)
         kinds = camera_kinds + depth_kinds
         capture = await self._capture_scene(self._frame_number + 1, timestamp, sent_timestamp, settings, kinds)
         if capture is None:
@@ -305,7 +305,7 @@ class FrameScheduler:
         if frame is None or frame.record.generation != self._hub.generation or settings.single_frame:
             return
         rate = settings.depth_rate if kind.has_depth else settings.camera_rate
-        now = publisher.injector.timestamp(self._clock.current_timestamp())
+        now = publisher.sent_timestamp(self._clock.current_timestamp())
         if now - frame.record.depth_capture.timestamp < NANOSECONDS_PER_SECOND / rate:
             publisher.spawn(self._camera_frames, publisher.publish_sets(frame, (kind,)))
 

@@ -80,7 +80,9 @@ class UnsentMessages:
 class StreamServicer:
     """Methods ``StreamImageSets`` and ``StreamImageEvents``."""
 
-    def __init__(self, hub: ImageSetHub, events: ClientQueues, injector: FaultInjector, config: StereoConfig) -> None:
+    def __init__(
+        self, hub: ImageSetHub, events: ClientQueues, injector: FaultInjector | None, config: StereoConfig
+    ) -> None:
         self._hub = hub
         self._events = events
         self._injector = injector
@@ -107,7 +109,8 @@ class StreamServicer:
                         self._unsent.add(len(data))
                         raise
                     del data  # free it before waiting for the next set
-                    if 0 < self._injector.faults.disconnect_after <= subscription.sent:
+                    injector = self._injector
+                    if injector is not None and 0 < injector.faults.disconnect_after <= subscription.sent:
                         raise StreamError(CUT_REASON)
         except LimitError as error:
             await context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, str(error))
@@ -155,9 +158,9 @@ def _log_stream(peer: str, kind: str, set_bytes: int) -> None:
 
 
 async def start(
-    hub: ImageSetHub, events: ClientQueues, injector: FaultInjector, config: StereoConfig
+    hub: ImageSetHub, events: ClientQueues, injector: FaultInjector | None, config: StereoConfig
 ) -> tuple[grpc.aio.Server, int, Callable[[], Any]]:
-    """Start serving.
+    """Start serving. The arguments are those of ``FramePublisher``.
 
     Returns:
         The server, its port, and the health service's shutdown function, to be awaited before the server is stopped.

@@ -171,6 +171,8 @@ async def test_the_pipeline_of_a_request(start: Start) -> None:
     async with client(fault_router(first, second), truth_router(first, second)) as rest:
         await rest.put("/stereo/faults", json={"drop": 0.25})
         await rest.put("/stereo/faults?pipeline=1", json={"drop": 0.5})
+        assert first.injector is not None
+        assert second.injector is not None
         assert (first.injector.faults.drop, second.injector.faults.drop) == (0.25, 0.5)
         assert (await rest.get("/stereo/faults")).json()["drop"] == 0.25
         assert (await rest.get("/stereo/faults?pipeline=1")).json()["drop"] == 0.5

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass, field
-from functools import partial
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -33,13 +32,6 @@ class FakeHub:
 
     def end_streams(self, kind: SetKind, message: str) -> None:
         self.ended.append((kind, message))
-
-
-class FakeInjector:
-    """Delivers at once."""
-
-    def deliver(self, number: int, data: bytes, put: partial[None]) -> None:
-        put()
 
 
 @dataclass
@@ -74,10 +66,9 @@ def hub() -> FakeHub:
 
 @pytest.fixture
 def publisher(hub: FakeHub) -> FramePublisher:
-    injector: Any = FakeInjector()
     target: Any = hub
     events: Any = None
-    return FramePublisher(target, events, injector, StereoConfig(rate="max"))
+    return FramePublisher(target, events, None, StereoConfig(rate="max"))
 
 
 async def make(publisher: FramePublisher, frame: Any) -> None:
