@@ -14,7 +14,7 @@ from starlette.types import Receive, Scope, Send
 from gateway.server.access import same_origin
 from gateway.server.openapi import Responses
 from gateway.stereo.imaging.recorded_pairs import PairImaging
-from gateway.stereo.imu.imu_lines import next_lines
+from gateway.stereo.imu.imu_service import next_lines
 from gateway.stereo.routes.rest_common import Pipeline, RestError, error_responses, find_pipeline, new_router
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.client_queues import ClientQueue

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from gateway.scene.live import LiveTree, Snapshot
-from gateway.stereo.imu.imu_lines import json_lines, next_lines
 from gateway.stereo.imu.imu_sampler import ImuSamples
-from gateway.stereo.imu.imu_service import PoseLog
+from gateway.stereo.imu.imu_service import PoseLog, json_lines, next_lines
 from gateway.stereo.stream.client_queues import ClientQueues
 from gateway.stereo.stream.subscriptions import LimitError, StreamError
 
