@@ -11,6 +11,7 @@ import os
 import resource
 import sys
 import time
+from contextlib import AsyncExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,11 +26,10 @@ from gateway.stereo.device.camera_config import Rate, StereoConfig
 from gateway.stereo.device.profile import read_profile
 from gateway.stereo.imaging.scene_motion import SceneState
 from gateway.stereo.service import StereoService
-from gateway.stereo.stream import grpc_server as server
 from gateway.stereo.stream import image_messages as messages
 from gateway.stereo.stream.client_queues import ClientQueues
-from gateway.stereo.stream.faults import FaultInjector
 from gateway.stereo.stream.frame_scheduler import SceneSource
+from gateway.stereo.stream.grpc_server import serving
 from gateway.stereo.stream.image_messages import ImageMetadata
 from gateway.stereo.stream.subscriptions import ImageSetHub, MailboxState
 from renderers.interface import LookName
@@ -77,7 +77,8 @@ async def shared(name: str, *, again: bool = False) -> tuple[int, Any]:
         again: the set is joined once for all: what is left is sending, which is all that the raw TCP server does.
     """
     hub = ImageSetHub(64, 16)
-    running, port, _ = await server.start(hub, ClientQueues("event", 64, 64), FaultInjector(0, 0), StereoConfig(port=0))
+    stack = AsyncExitStack()
+    port = await stack.enter_async_context(serving(hub, ClientQueues("event", 64, 64), None, StereoConfig(port=0)))
     chunks = payload(name)
     ready = messages.join(chunks)
 
@@ -95,7 +96,7 @@ async def shared(name: str, *, again: bool = False) -> tuple[int, Any]:
             else:
                 await hub.changed.wait()
 
-    return port, (running, asyncio.create_task(produce()))
+    return port, (stack, asyncio.create_task(produce()))
 
 
 async def proto(name: str) -> tuple[int, Any]:

@@ -18,12 +18,12 @@ from gateway.stereo.imaging.recorded_pairs import PairImaging
 from gateway.stereo.imaging.rendered_images import Capture, Imaging, MeteredExposure
 from gateway.stereo.imaging.scene_motion import SceneState
 from gateway.stereo.imu.imu_service import Imu, PoseLog
-from gateway.stereo.stream import grpc_server as server
 from gateway.stereo.stream.client_queues import ClientQueues
 from gateway.stereo.stream.faults import FaultInjector
 from gateway.stereo.stream.frame import FrameImages, FrameRecord
 from gateway.stereo.stream.frame_publisher import FramePublisher
 from gateway.stereo.stream.frame_scheduler import FrameScheduler, SceneSource
+from gateway.stereo.stream.grpc_server import serving
 from gateway.stereo.stream.set_kind import SetKind
 from gateway.stereo.stream.subscriptions import ImageSetHub
 from renderers.interface import Renderer
@@ -141,22 +141,19 @@ class StereoService:
         Raises:
             OSError: the port is taken, or a certificate cannot be read; one sentence.
         """
-        grpc_server, self._port, shut_down_health = await server.start(
-            self.hub, self.events, self.injector, self.config
-        )
-        model = self.config.model
-        _log.info(f"{model.name} on port {self._port}", baseline=model.baseline, depth=self.config.depth_mode)
-        tasks = [asyncio.create_task(part.run()) for part in (self._scheduler, self.imu)]
-        try:
-            await asyncio.gather(*tasks)
-        finally:
-            self._port = None
-            for streams in (self.hub, self.events, self.imu.hub):
-                streams.close("the stereo camera is shutting down")
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
-            await server.stop(grpc_server, shut_down_health)
+        async with serving(self.hub, self.events, self.injector, self.config) as self._port:
+            model = self.config.model
+            _log.info(f"{model.name} on port {self._port}", baseline=model.baseline, depth=self.config.depth_mode)
+            tasks = [asyncio.create_task(part.run()) for part in (self._scheduler, self.imu)]
+            try:
+                await asyncio.gather(*tasks)
+            finally:
+                self._port = None
+                for streams in (self.hub, self.events, self.imu.hub):
+                    streams.close("the stereo camera is shutting down")
+                for task in tasks:
+                    task.cancel()
+                await asyncio.gather(*tasks, return_exceptions=True)
 
     async def capture(self, kind: SetKind, scene_time: float | None = None) -> FrameImages:
         """Capture the scene apart from the stream, with the current parameters, and return a frame for sets of a kind.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 from typing import Any, TypeAlias
 
 import grpc
@@ -157,13 +158,11 @@ def _log_stream(peer: str, kind: str, set_bytes: int) -> None:
     _log.info(f"streaming {kind} to {peer}", bytes_per_set=set_bytes, **note)
 
 
-async def start(
+@asynccontextmanager
+async def serving(
     hub: ImageSetHub, events: ClientQueues, injector: FaultInjector | None, config: StereoConfig
-) -> tuple[grpc.aio.Server, int, Callable[[], Any]]:
-    """Start serving. The arguments are those of ``FramePublisher``.
-
-    Returns:
-        The server, its port, and the health service's shutdown function, to be awaited before the server is stopped.
+) -> AsyncIterator[int]:
+    """Serve while the block runs, and yield the port. The arguments are those of ``FramePublisher``.
 
     Raises:
         OSError: the port is not available, or a certificate cannot be read; one sentence.
@@ -190,7 +189,15 @@ async def start(
     await server.start()
     for name in ("", SERVICE, EVENTS_SERVICE):
         await health_servicer.set(name, health_pb2.HealthCheckResponse.SERVING)
-    return server, port, health_servicer.enter_graceful_shutdown
+
+    async def stop() -> None:
+        await health_servicer.enter_graceful_shutdown()
+        await server.stop(STOP_SECONDS)
+
+    try:
+        yield port
+    finally:
+        await asyncio.shield(stop())  # also if the caller is cancelled again
 
 
 def _bind(server: grpc.aio.Server, address: str, tls: Tls | None) -> int:
@@ -205,13 +212,3 @@ def _bind(server: grpc.aio.Server, address: str, tls: Tls | None) -> int:
     key, certificate, authority = files
     credentials = grpc.ssl_server_credentials([(key, certificate)], authority, require_client_auth=bool(authority))
     return int(server.add_secure_port(address, credentials))
-
-
-async def stop(server: grpc.aio.Server, shut_down_health: Callable[[], Any]) -> None:
-    """End all streams and close the port, even if the caller is cancelled."""
-
-    async def finish() -> None:
-        await shut_down_health()
-        await server.stop(STOP_SECONDS)
-
-    await asyncio.shield(finish())

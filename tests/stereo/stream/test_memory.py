@@ -20,10 +20,9 @@ SERVER = f"""
 import asyncio, os, sys
 from scenegate.camera import image_interface_pb2 as pb
 from gateway.runtime import logs, process_tuning
-from gateway.stereo.stream import grpc_server as server
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.stream.client_queues import ClientQueues
-from gateway.stereo.stream.faults import FaultInjector
+from gateway.stereo.stream.grpc_server import serving
 from gateway.stereo.stream.subscriptions import ImageSetHub, MailboxState
 
 async def publish(hub):
@@ -40,15 +39,14 @@ async def main():
     logs.configure("json", "error")
     process_tuning.tune()
     hub = ImageSetHub(64, 16)
-    events, injector = ClientQueues("event", 64, 64), FaultInjector(0, 1 << 20)
-    running, port, _ = await server.start(hub, events, injector, StereoConfig(port=0))
-    publishing = asyncio.create_task(publish(hub))
-    print(port, flush=True)
-    loop = asyncio.get_running_loop()
-    while await loop.run_in_executor(None, sys.stdin.readline):
-        pages = int(open("/proc/self/statm").read().split()[1])
-        print(sum(each.sent > 0 for each in hub), len(hub), pages * os.sysconf("SC_PAGE_SIZE") >> 20, flush=True)
-    os._exit(0)
+    async with serving(hub, ClientQueues("event", 64, 64), None, StereoConfig(port=0)) as port:
+        publishing = asyncio.create_task(publish(hub))
+        print(port, flush=True)
+        loop = asyncio.get_running_loop()
+        while await loop.run_in_executor(None, sys.stdin.readline):
+            pages = int(open("/proc/self/statm").read().split()[1])
+            print(sum(each.sent > 0 for each in hub), len(hub), pages * os.sysconf("SC_PAGE_SIZE") >> 20, flush=True)
+        os._exit(0)
 
 asyncio.run(main())
 """
