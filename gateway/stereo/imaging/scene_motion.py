@@ -60,8 +60,10 @@ def state_before(now: SceneState, last: SceneState | None, scene: Callable[[int]
     """
     if last is None or not 0 < now.timestamp - last.timestamp < 2 * VELOCITY_TIME:
         last = scene(now.timestamp - VELOCITY_TIME)
-    moved = last.changed if last.timestamp - last.changed < SLOWEST_MOTION else last.timestamp
-    return replace(last, timestamp=now.timestamp - (now.changed - moved))
+    # After a rest, the motion began at the earlier state, and not at the change before the rest.
+    was_at_rest = last.timestamp - last.changed >= SLOWEST_MOTION
+    begin = last.timestamp if was_at_rest else last.changed
+    return replace(last, timestamp=now.timestamp - (now.changed - begin))
 
 
 @dataclass(frozen=True, slots=True)

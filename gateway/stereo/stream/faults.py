@@ -97,6 +97,7 @@ class FaultInjector:
     def _is_dropped(self, frame_number: int) -> bool:
         if self.faults.drop == 0.0:
             return False
+        # The upper 53 bits, all that a float has.
         uniform = (int(frame_key(self._seed, frame_number, NoiseStream.LEFT)) >> 11) * 2.0**-53
         return uniform < self.faults.drop
 

@@ -153,4 +153,4 @@ class FramePublisher:
         if not task.cancelled() and (error := task.exception()) is not None:
             self.counts.problem = str(error)
             _log.error(f"a frame could not be made: {error}", exc_info=error)
-        self.hub.demand_changed.set()
+        self.hub.demand_changed()

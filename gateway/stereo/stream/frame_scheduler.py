@@ -117,12 +117,14 @@ class FrameScheduler:
         if not camera_kinds and not depth_kinds:
             return math.inf
         settings, now = self.settings, asyncio.get_running_loop().time()
-        if not self._unlimited or (not depth_kinds and all(kind.empty for kind in camera_kinds)):
+        only_timestamps = not depth_kinds and all(kind.empty for kind in camera_kinds)
+        if not self._unlimited or only_timestamps:
             seconds = clock.seconds_until_frame(settings, now, depth_only=not camera_kinds)
             if seconds > 0.0:
                 return seconds
             missed = clock.advance_to_due_frame(settings, now)
-            self._counts.skipped += 0 if self._unlimited else missed
+            if not self._unlimited:
+                self._counts.skipped += missed
         if depth_kinds:
             is_due = clock.depth_due(settings, now, self.trigger_time)
             if not is_due or not await self._has_room(self._depth_frames):
@@ -152,11 +154,12 @@ class FrameScheduler:
 
         While a frame is in flight, a further frame is useful only to clients that wait for a set.
         """
-        hub, in_flight = self._hub, self._camera_frames or self._depth_frames
-        urgent = hub.kinds_with_mailbox(MailboxState.WAITING, *(() if in_flight else (MailboxState.EMPTY,)))
-        camera_kinds, depth_kinds = (
-            tuple(kind for kind in kinds if kind in urgent) for kinds in (hub.camera_kinds, hub.depth_kinds)
-        )
+        hub, states = self._hub, [MailboxState.WAITING]
+        if not self._camera_frames and not self._depth_frames:
+            states.append(MailboxState.EMPTY)
+        urgent = hub.kinds_with_mailbox(*states)
+        camera_kinds = tuple(kind for kind in hub.camera_kinds if kind in urgent)
+        depth_kinds = tuple(kind for kind in hub.depth_kinds if kind in urgent)
         return camera_kinds, depth_kinds
 
     async def _has_room(self, frames: FramesInFlight) -> bool:

@@ -75,7 +75,7 @@ class Subscription:
         """
         if self.state is MailboxState.EMPTY:
             self.state = MailboxState.WAITING
-            self._hub.demand_changed.set()
+            self._hub.demand_changed()
             try:
                 await self._ready.wait()
             finally:
@@ -88,7 +88,7 @@ class Subscription:
         self._ready.clear()
         self.sent += 1
         self._hub.sent += 1
-        self._hub.demand_changed.set()
+        self._hub.demand_changed()
         return data
 
 
@@ -106,14 +106,13 @@ class ImageSetHub:
         Args:
             max_clients: maximum number of subscriptions.
             max_kinds: maximum number of different kinds of set.
-            follows_demand: True: ``changed`` is set with ``demand_changed``, too.
+            follows_demand: True: frames are made when clients want them, so ``demand_changed`` sets ``changed``.
         """
         self.generation = 0
         """Number of changes of parameters, faults or image source."""
         self.changed = asyncio.Event()
         """Set when a client subscribes or disconnects, and when parameters or the image source change."""
-        self.demand_changed = self.changed if follows_demand else asyncio.Event()
-        """Set when a client takes a set or starts to wait for one, and when a frame is finished."""
+        self._follows_demand = follows_demand
         self._max_clients = max_clients
         self._max_kinds = max_kinds
         self.kinds: frozenset[SetKind] = frozenset()
@@ -173,6 +172,11 @@ class ImageSetHub:
         """Count a change of parameters, faults or image source: later subscriptions get no sets from before it."""
         self.generation += 1
         self.changed.set()
+
+    def demand_changed(self) -> None:
+        """Report that a client takes a set or starts to wait for one, or that a frame is finished."""
+        if self._follows_demand:
+            self.changed.set()
 
     def kinds_with_mailbox(self, *states: MailboxState) -> set[SetKind]:
         """Return the kinds of subscriptions whose mailbox is in one of these states."""
