@@ -24,6 +24,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, ParamSpec, TypeVar
 
+from opentelemetry import trace
+
 from gateway.runtime import tracing
 from gateway.runtime.pool_errors import CallerCancelled, DeadlineExceeded, PoolClosed, QueueFull
 from gateway.runtime.scheduling import CAMERA_FIRST_NICENESS, raise_niceness, usable_cpus, yield_to_event_loop
@@ -75,6 +77,7 @@ class _Call:
     future: Future[Any] = field(default_factory=Future)
     context: contextvars.Context = field(default_factory=contextvars.copy_context)
     stop: StopFlag = field(default_factory=partial(StopFlag, waits=False))
+    queue_span: trace.Span = trace.INVALID_SPAN
     started: float = 0.0
     """Monotonic time at which the call began to run, seconds."""
 
@@ -163,7 +166,9 @@ class WorkerPool:
         """
         function = partial(fn, *args, **kwargs)
         while True:
-            call = _Call(tracing.after_queue(function), nbytes)
+            call = _Call(function, nbytes)
+            if trace.get_current_span().is_recording():  # the span of the queue would be alone otherwise
+                call.queue_span = tracing.tracer.start_span("queue")
             self._submit(call)
             try:
                 result: T = await asyncio.wrap_future(call.future)
@@ -378,6 +383,7 @@ class WorkerPool:
                 call = self._waiting.popleft()
                 self._waiting_bytes -= call.nbytes
                 if call.future.set_running_or_notify_cancel():
+                    call.queue_span.end()
                     call.started = time.monotonic()
                     self._running.add(call)
                     return call

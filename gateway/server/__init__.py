@@ -3,7 +3,7 @@
 From the connection inwards:
 
 - ``http_server``: servers and ports.
-- ``http_protocol``, ``websocket_protocol``, ``sliced_reads``: limits per connection.
+- ``http_protocol``, ``websocket_protocol``: limits per connection.
 - ``middleware``: request ids, log lines, metrics, HEAD, path prefix, early responses.
 - ``security``, with ``access``, ``tokens`` and ``grpc_tokens``: access control.
 - ``error_handlers``, ``disconnect``: responses without a route, and clients that disconnect.

@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.runtime.tracing import span
+from gateway.runtime import tracing
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.depth.rendered_depth import ImagePair
 from gateway.stereo.device.stream_settings import StreamSettings
@@ -197,7 +197,7 @@ class FrameImages:
         chunks: list[Chunk] = [messages.timestamp_field(capture.timestamp)]
         for (number, _), value in zip(fields, values, strict=True):
             chunks += wire.field(number, value)
-        with span("serialise"):
+        with tracing.span("serialise"):
             if wire.byte_count(chunks) < wire.MIN_BYTES_WITHOUT_GIL:
                 return b"".join(chunks)
             return await self._workers.run(wire.join, chunks)
@@ -275,14 +275,14 @@ class FrameImages:
         return messages.image(pixels, intrinsics, metadata)
 
     async def _meter(self, capture: Capture) -> MeteredExposure:
-        with span("meter"):
+        with tracing.span("meter"):
             return await self._workers.run(self._imaging.meter, capture, self._settings)
 
     async def _expose(
         self, capture: Capture, stream: NoiseStream, colors: frozenset[bool], averaged_images: int = 1
     ) -> dict[bool, SensorImage]:
         request = ImageRequest((await self.metered(capture)).exposure, stream, colors, averaged_images)
-        with span("expose", {"stereo.image": stream.name.lower()}):
+        with tracing.span("expose", attributes={"stereo.image": stream.name.lower()}):
             return await self._workers.run(self._imaging.expose, capture, request)
 
     def _expose_color_camera(self, color_camera: ColorCamera) -> Coroutine[Any, Any, ColorImage]:
@@ -291,7 +291,7 @@ class FrameImages:
 
     async def _measure_depth(self) -> DepthImages:
         """Return depth images by matching, or from rendered depth."""
-        with span("depth"):
+        with tracing.span("depth"):
             capture, settings, imaging, run = self._depth_capture, self._settings, self._imaging, self._workers.run
             if not self._config.measures_images:
                 return await run(imaging.measure, capture, settings, None)
