@@ -52,6 +52,11 @@ class RenderConfig:
     scene_cache_count: int = 64
     """Number of scenes in the cache of whole scenes, for cameras and objects that do not move."""
 
+    recent_count: int = 24
+    """Number of finished requests that are kept for the browser view, with their images."""
+    recent_bytes: int = 64 << 20
+    """Maximum size of these images. Beyond it, the oldest ones are dropped."""
+
     strict: bool = False
     """True: a scene with a warning is refused."""
     keep_failures: Path | None = None
