@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.gltf import schema
-from gateway.gltf.errors import GltfError, GltfLimitError, add_warning, as_warning, checked_item
+from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension, vector_or_default
 from gateway.scene.geometry import Part
@@ -162,11 +162,10 @@ def _roots(document: schema.Document, visited: set[int], warnings: list[str]) ->
     """
     if document.scenes:
         index = document.scene or 0
-        try:
-            scene = checked_item(document.scenes, index, "scenes", "scene")
+        if 0 <= index < len(document.scenes) and isinstance(scene := document.scenes[index], schema.Scene):
             return iter(scene.nodes or ()), f"scenes[{index}].nodes"
-        except GltfError as error:
-            add_warning(warnings, error, "all nodes without a parent are drawn")
+        with as_warning(warnings, "all nodes without a parent are drawn"):
+            checked_item(document.scenes, index, "scenes", "scene")
     nodes = document.nodes or []
     children = {child for node in nodes if isinstance(node, schema.Node) for child in node.children or ()}
     indices = [i for i, node in enumerate(nodes) if node is not None]

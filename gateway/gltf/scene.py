@@ -10,7 +10,7 @@ import numpy as np
 
 from gateway.gltf import schema
 from gateway.gltf.document_cache import DocumentContent
-from gateway.gltf.errors import GltfError, add_warning, checked_item
+from gateway.gltf.errors import as_warning, checked_item
 from gateway.gltf.node_tree import paths_of, tree_of
 from gateway.gltf.nodes import NodeParts, SceneNodes
 from gateway.gltf.schema import DRAKE_GENERATORS
@@ -110,10 +110,10 @@ def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes, warning
     for index, node, X_world_node in zip(nodes.indices, nodes.sources, nodes.X_world_node, strict=True):
         if node.camera is None:
             continue
-        try:
-            source = checked_item(sources, node.camera, "cameras", f"nodes[{index}].camera")
-        except GltfError as error:
-            add_warning(warnings, error, "the node has no camera")
+        source = sources[node.camera] if 0 <= node.camera < len(sources) else None
+        if not isinstance(source, schema.Camera):
+            with as_warning(warnings, "the node has no camera"):
+                checked_item(sources, node.camera, "cameras", f"nodes[{index}].camera")
         else:
             perspective = source.perspective or schema.Projection()
             orthographic = (None if source.perspective else source.orthographic) or schema.Projection()
