@@ -151,7 +151,7 @@ class Meshes:
             if index is None or not allowed or attribute == "POSITION":
                 continue
             path = f"{name}.attributes.{attribute}"
-            try:
+            with as_warning(self._warnings, f"{path} is ignored"):
                 accessor = self._accessors.get(index, path)
                 if accessor.components not in allowed:
                     raise GltfError(f"{path}: {accessor.name} has {accessor.components} components")
@@ -159,9 +159,6 @@ class Meshes:
                     counts = f"{accessor.count} values for {position.count} vertices"
                     raise GltfError(f"{path}: {accessor.name} has {counts}")
                 attributes[attribute] = accessor
-            except GltfError:
-                with as_warning(self._warnings, f"{path} is ignored"):
-                    raise
         indices = None
         if primitive.indices is not None:
             indices = self._accessors.get(primitive.indices, f"{name}.indices")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TypeAlias
 
 from gateway.gltf.deformation import REST, MeshPose
-from gateway.gltf.errors import GltfError, GltfLimitError, add_warning, as_warning, checked_item
+from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.materials import Materials
 from gateway.gltf.meshes import Meshes
@@ -95,18 +95,14 @@ class PartReader:
     def _read_primitive(self, mesh: Mesh, mesh_index: int, number: int, pose: MeshPose) -> Part | None:
         """Return the part of a primitive; None if it is left out or has nothing to draw."""
         path = f"meshes[{mesh_index}].primitives[{number}]"
-        try:
+        with as_warning(self._left_out, f"{path} is left out"):
             primitive = checked_item(mesh.primitives, number, "primitives", path)
             smooth = self._materials.is_from_vtk(primitive)
             surface = self._meshes.read(primitive, path, pose, smooth=smooth)
             part = Part(Surface(surface), self._materials.get(primitive, path)) if surface is not None else None
             self._any_valid = True
             return part
-        except GltfLimitError:
-            raise
-        except GltfError as error:
-            add_warning(self._left_out, error, f"{path} is left out")
-            return None
+        return None
 
 
 def count_elements(parts: Parts) -> int:

@@ -20,12 +20,12 @@ from gateway.render.form import FormReader, body_too_large
 from gateway.render.pipeline import Backdrop, EncodedImage, Pipeline
 from gateway.render.request import RenderRequest
 from gateway.runtime.metrics_registry import Metrics
-from gateway.runtime.pool_errors import DeadlineExceeded, QueueFull
+from gateway.runtime.pool_errors import DeadlineExceeded, QueueFull, UnavailableErrors
 from gateway.runtime.render_record import RenderRecord
 from gateway.runtime.warning_list import WarningList
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.server.disconnect import CLIENT_GONE, while_connected
-from gateway.server.unavailable import UnavailableErrors, retry_after, unavailable_message
+from gateway.server.plain_error_route import retry_after, unavailable_message
 from renderers.interface import Renderer
 
 _log = structlog.get_logger("gateway.render")
