@@ -135,12 +135,8 @@ class WorkerPool:
         self._retired = 0
         """Number of threads that end after their current call, because their niceness is too high."""
         self._all_ended = threading.Event()
-        self._closing = False
-        self._watching = False
-        self._done = 0
-        self._rejected = 0
-        self._abandoned = 0
-        self._timed_out = 0
+        self._closing = self._watching = False
+        self._done = self._rejected = self._abandoned = self._timed_out = 0
         self._mean_seconds = 0.0
 
     async def run(  # type: ignore[valid-type]  # PEP 612 has no place for nbytes
@@ -238,8 +234,7 @@ class WorkerPool:
             cameras: pool of the cameras, whose calls come first.
             frame_threads: maximum number of threads for one image; 0: those of this pool.
         """
-        calls = len(self._running) + len(self._waiting) + len(cameras._running) + len(cameras._waiting)
-        return max(0, self.threads - calls) + max(0, frame_threads - self.threads)
+        return max(0, self.threads - self.calls - cameras.calls) + max(0, frame_threads - self.threads)
 
     @property
     def busy(self) -> bool:
@@ -293,10 +288,9 @@ class WorkerPool:
         if await asyncio.to_thread(self._all_ended.wait, limit):
             return True
         with self._lock:
-            waiting = tuple(self._waiting)
+            waiting, running = tuple(self._waiting), tuple(self._running)
             self._waiting.clear()
             self._waiting_bytes = 0
-            running = tuple(self._running)
         for call in waiting:
             if call.future.set_running_or_notify_cancel():
                 call.future.set_exception(PoolClosed("the server shut down before the request's turn came"))
@@ -336,6 +330,7 @@ class WorkerPool:
 
     def _work(self) -> None:
         """Body of a worker thread."""
+        thread = threading.get_native_id()
         thread = threading.get_native_id()
         with self._lock:
             self._threads[thread] = self._niceness
