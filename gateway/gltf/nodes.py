@@ -85,7 +85,8 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
         for index in children:
             if index is None:
                 continue
-            if not 0 <= index < len(nodes) or type(source := nodes[index]) is not schema.Node or index in visited:
+            source = nodes[index] if 0 <= index < len(nodes) else None
+            if not isinstance(source, schema.Node) or index in visited:
                 path = roots_path if parent < 0 else f"nodes[{indices[parent]}].children"
                 with as_warning(warnings, "it is left out"):
                     checked_item(document.nodes, index, "nodes", path)  # raises for an invalid node
@@ -162,7 +163,8 @@ def _roots(document: schema.Document, visited: set[int], warnings: list[str]) ->
     """
     if document.scenes:
         index = document.scene or 0
-        if 0 <= index < len(document.scenes) and isinstance(scene := document.scenes[index], schema.Scene):
+        scene = document.scenes[index] if 0 <= index < len(document.scenes) else None
+        if isinstance(scene, schema.Scene):
             return iter(scene.nodes or ()), f"scenes[{index}].nodes"
         with as_warning(warnings, "all nodes without a parent are drawn"):
             checked_item(document.scenes, index, "scenes", "scene")

@@ -48,7 +48,7 @@ def _check_glib() -> Finding:
     try:
         ctypes.CDLL("libglib-2.0.so.0")
     except OSError:
-        meaning = "The Python client and `scenegate publish` do not work; Scenegate's own LCM interfaces do."
+        meaning = "LCM's own library does not work, which mpudpm://, memq:// and file:// need."
         return Finding("glib", Verdict.NOTE, "missing", meaning, "apt install libglib2.0-0")
     return Finding("glib", Verdict.OK, "libglib-2.0.so.0")
 

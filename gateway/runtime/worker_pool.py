@@ -331,7 +331,6 @@ class WorkerPool:
     def _work(self) -> None:
         """Body of a worker thread."""
         thread = threading.get_native_id()
-        thread = threading.get_native_id()
         with self._lock:
             self._threads[thread] = self._niceness
             yield_to_event_loop(self._niceness)
