@@ -273,7 +273,7 @@ async def test_while_it_compiles_log_health_and_responses_have_the_progress(monk
 
     async def compile_missing(names: Collection[str], progress: KernelProgress) -> None:
         assert set(progress.expected) == set(names) == set(needed)
-        progress.add_part("shading")
+        progress.add("shading", complete=True)
         begun.set()
         await go_on.wait()
 

@@ -166,8 +166,7 @@ def read_rig(path: Path) -> Rig:
 
 
 cached_rig: Final = functools.lru_cache(16)(read_rig)
-"""``read_rig`` for a run over many samples, whose files do not change meanwhile."""
-"""``read_rig`` with a cache of few rigs: an environment map has some megabytes."""
+"""``read_rig`` for a run over many samples, whose files do not change meanwhile. An environment map has megabytes."""
 
 
 def _radiance_image(path: Path) -> bytes:

@@ -20,8 +20,8 @@ from renderers.stop import check_stop
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pose:
-    """The state of a node that deforms its mesh."""
+class MeshPose:
+    """The pose of a deformable mesh, which its node gives it."""
 
     morph_weights: tuple[float, ...] = ()
     """Factor of each morph target."""
@@ -34,7 +34,7 @@ SKIN_ATTRIBUTES: Final = ("JOINTS_", "WEIGHTS_")
 """Prefixes of the names of the attributes that bind vertices to joints."""
 _MAX_INFLUENCES: Final = 4
 """Maximum number of pairs ``JOINTS_n`` and ``WEIGHTS_n``; exporters write one or two."""
-REST: Final = Pose()
+REST: Final = MeshPose()
 """The pose in which meshes are drawn as they are stored."""
 
 
@@ -47,7 +47,7 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
     """``JOINTS_n`` and ``WEIGHTS_n``: each vertex follows four joints per pair. With a skin and no pair, all vertices
     follow the first joint."""
     joint_matrices: NDArray[np.float32] | None
-    """As in ``Pose``."""
+    """As in ``MeshPose``."""
 
     @property
     def key(self) -> bytes:
@@ -106,7 +106,7 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
 
 def deformation_of(
     primitive: Primitive,
-    pose: Pose,
+    pose: MeshPose,
     attributes: dict[str, Accessor],
     accessors: Accessors,
     name: str,

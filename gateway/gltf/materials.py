@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any, Final, TypeVar
 
 from gateway.gltf import schema
-from gateway.gltf.errors import GltfError, as_warning, checked_item
+from gateway.gltf.errors import as_warning, checked_item
 from gateway.gltf.parser import extension, vector_or_default
 from gateway.gltf.textures import Textures
 from renderers.drawlist import LABEL_NONE, AlphaMode, Material
@@ -73,25 +73,18 @@ class Materials:
         Raises:
             GltfLimitError: Images are beyond the limits.
         """
-        try:
-            return self._find(primitive, name)
-        except GltfError:
-            with as_warning(self._warnings, f"{name} has the default material"):
-                raise
+        with as_warning(self._warnings, f"{name} has the default material"):
+            index = self._material_index(primitive, name)
+            if index is None:
+                return DEFAULT_MATERIAL
+            from_vtk = self.is_from_vtk(primitive)
+            material = self._materials.get((index, from_vtk))
+            if material is None:
+                check_stop()
+                source = checked_item(self._sources, index, "materials", f"{name}.material")
+                material = self._materials[index, from_vtk] = self._read(source, f"materials[{index}]", from_vtk)
+            return material
         return DEFAULT_MATERIAL
-
-    def _find(self, primitive: schema.Primitive, name: str) -> Material:
-        """Return the material of a primitive, ``DEFAULT_MATERIAL`` if it has none; raises GltfError."""
-        index = self._material_index(primitive, name)
-        if index is None:
-            return DEFAULT_MATERIAL
-        from_vtk = self.is_from_vtk(primitive)
-        material = self._materials.get((index, from_vtk))
-        if material is None:
-            check_stop()
-            source = checked_item(self._sources, index, "materials", f"{name}.material")
-            material = self._materials[index, from_vtk] = self._read(source, f"materials[{index}]", from_vtk)
-        return material
 
     def _material_index(self, primitive: schema.Primitive, name: str) -> int | None:
         """Return the index of a primitive's material in the variant, or else its default; None if it has neither."""

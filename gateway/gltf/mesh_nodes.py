@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gateway.gltf import schema
 from gateway.gltf.accessors import Accessors
-from gateway.gltf.deformation import Pose
+from gateway.gltf.deformation import MeshPose
 from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.nodes import INSTANCING, SceneNodes
@@ -27,7 +27,7 @@ _INSTANCE_ATTRIBUTES: Final[dict[str, tuple[float, ...]]] = {
 
 def expand_mesh_nodes(
     document: schema.Document, nodes: SceneNodes, accessors: Accessors, limits: GltfLimits, warnings: list[str]
-) -> tuple[SceneNodes, dict[int, Pose]]:
+) -> tuple[SceneNodes, dict[int, MeshPose]]:
     """Return the nodes with instances and skinned meshes as further nodes, and the poses of deformed meshes.
 
     An instance becomes a child of its node. A mesh with a skin becomes a root: the transform of its own node does not
@@ -45,7 +45,7 @@ def expand_mesh_nodes(
     """
     skins = _Skins(document, nodes, accessors)
     weights_of_mesh: dict[int, tuple[float, ...]] = {}
-    poses: dict[int, Pose] = {}
+    poses: dict[int, MeshPose] = {}
     added: list[tuple[int, int, NDArray[np.float64]]] = []
     count = len(nodes.indices)
     for position in nodes.posed:
@@ -71,12 +71,12 @@ def expand_mesh_nodes(
                 matrices = _instance_matrices(instancing, accessors, limits, f"{name}.extensions.{INSTANCING}")
                 parent = position
             if matrices is None:
-                poses[position] = Pose(weights, joint_matrices)
+                poses[position] = MeshPose(weights, joint_matrices)
                 continue
             if count + len(matrices) > limits.max_nodes:
                 raise GltfLimitError(f"{name}: the scene has more nodes than max_nodes = {limits.max_nodes}")
             added.append((position, parent, matrices))
-            poses |= dict.fromkeys(range(count, count + len(matrices)), Pose(weights, joint_matrices))
+            poses |= dict.fromkeys(range(count, count + len(matrices)), MeshPose(weights, joint_matrices))
             count += len(matrices)
     return _with_nodes(nodes, added), poses
 
@@ -127,7 +127,7 @@ class _Skins:
             path: Property that holds the index, for messages.
 
         Returns:
-            X_world_mesh, (4, 4); joint matrices, (number of joints, 3, 4), as in ``Pose``.
+            X_world_mesh, (4, 4); joint matrices, (number of joints, 3, 4), as in ``MeshPose``.
         """
         if index not in self._skins:
             self._skins[index] = self._read(checked_item(self._sources, index, "skins", path), f"skins[{index}]")

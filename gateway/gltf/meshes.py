@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.gltf.accessors import Accessor, Accessors
-from gateway.gltf.deformation import REST, SKIN_ATTRIBUTES, Deformation, Pose, deformation_of
+from gateway.gltf.deformation import REST, SKIN_ATTRIBUTES, Deformation, MeshPose, deformation_of
 from gateway.gltf.draco import EXTENSION as DRACO
 from gateway.gltf.draco import DracoMeshes
 from gateway.gltf.errors import GltfError, GltfLimitError, as_warning
@@ -97,7 +97,7 @@ class Meshes:
     nbytes: int = 0
     """Bytes of all meshes, each counted once."""
 
-    def read(self, primitive: Primitive, name: str, pose: Pose = REST, *, smooth: bool = False) -> Mesh | None:
+    def read(self, primitive: Primitive, name: str, pose: MeshPose = REST, *, smooth: bool = False) -> Mesh | None:
         """Return the mesh of a primitive; None if it draws nothing.
 
         Args:
@@ -131,7 +131,7 @@ class Meshes:
             self._content.put(key, mesh, nbytes)
         return mesh
 
-    def _check(self, primitive: Primitive, name: str, pose: Pose, smooth: bool) -> _CheckedPrimitive:
+    def _check(self, primitive: Primitive, name: str, pose: MeshPose, smooth: bool) -> _CheckedPrimitive:
         """Check a primitive's references to accessors."""
         mode = TRIANGLES if primitive.mode is None else primitive.mode
         if not 0 <= mode < MODE_COUNT:
@@ -151,7 +151,7 @@ class Meshes:
             if index is None or not allowed or attribute == "POSITION":
                 continue
             path = f"{name}.attributes.{attribute}"
-            try:
+            with as_warning(self._warnings, f"{path} is ignored"):
                 accessor = self._accessors.get(index, path)
                 if accessor.components not in allowed:
                     raise GltfError(f"{path}: {accessor.name} has {accessor.components} components")
@@ -159,9 +159,6 @@ class Meshes:
                     counts = f"{accessor.count} values for {position.count} vertices"
                     raise GltfError(f"{path}: {accessor.name} has {counts}")
                 attributes[attribute] = accessor
-            except GltfError:
-                with as_warning(self._warnings, f"{path} is ignored"):
-                    raise
         indices = None
         if primitive.indices is not None:
             indices = self._accessors.get(primitive.indices, f"{name}.indices")

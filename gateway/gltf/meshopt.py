@@ -12,7 +12,7 @@ from gateway.gltf.errors import GltfError
 from gateway.gltf.meshopt_kernels import MeshoptError, decode_attributes, decode_indices, decode_triangles
 from renderers.stop import check_stop
 
-Bytes: TypeAlias = NDArray[np.uint8]
+ElementBytes: TypeAlias = NDArray[np.uint8]
 """(number of elements, bytes of an element) uint8."""
 
 EXTENSION: Final = "EXT_meshopt_compression"
@@ -70,28 +70,28 @@ def checked_layout(source: schema.MeshoptCompression, path: str) -> tuple[int, i
     return count, stride
 
 
-def _apply_filter(elements: Bytes, name: str | None, path: str) -> None:
+def _apply_filter(elements: ElementBytes, filter_name: str | None, path: str) -> None:
     """Replace decoded elements by the values that a filter of the extension makes of them."""
     stride = elements.shape[1]
     values: NDArray[Any]
-    if name in (None, "NONE"):
+    if filter_name in (None, "NONE"):
         return
-    if name == "OCTAHEDRAL" and stride in (4, 8):
-        values, decode = elements.view(np.int8 if stride == 4 else np.int16), _octahedral
-    elif name == "QUATERNION" and stride == 8:
-        values, decode = elements.view(np.int16), _quaternions
-    elif name == "EXPONENTIAL":
-        values, decode = elements.view(np.int32), _exponential
+    if filter_name == "OCTAHEDRAL" and stride in (4, 8):
+        values, decode = elements.view(np.int8 if stride == 4 else np.int16), _decode_octahedral
+    elif filter_name == "QUATERNION" and stride == 8:
+        values, decode = elements.view(np.int16), _decode_quaternions
+    elif filter_name == "EXPONENTIAL":  # of any stride: they are multiples of 4
+        values, decode = elements.view(np.int32), _decode_exponential
     else:
-        raise GltfError(f"{path}.filter: {str(name)[:20]} is not a filter for a byteStride of {stride}")
+        raise GltfError(f"{path}.filter: {str(filter_name)[:20]} is not a filter for a byteStride of {stride}")
     for begin in range(0, len(values), _ELEMENTS_PER_STOP_CHECK):
         check_stop()
         block = values[begin : begin + _ELEMENTS_PER_STOP_CHECK]
-        with np.errstate(all="ignore"):
-            block[:] = decode(block).view(values.dtype)
+        with np.errstate(all="ignore"):  # invalid values may divide by 0 or overflow
+            block[:] = decode(block).view(values.dtype)  # floats replace integers of the same size
 
 
-def _octahedral(values: NDArray[Any]) -> NDArray[Any]:
+def _decode_octahedral(values: NDArray[Any]) -> NDArray[Any]:
     """Return unit vectors from octahedral coordinates.
 
     Args:
@@ -100,12 +100,10 @@ def _octahedral(values: NDArray[Any]) -> NDArray[Any]:
     Returns:
         (N, 4) of the same dtype: x, y and z as normalized integers, and the fourth value.
     """
-    xyz = values[:, :3].astype(np.float32)
-    x, y = xyz[:, 0], xyz[:, 1]
-    xyz[:, 2] -= np.abs(x) + np.abs(y)
-    fold = np.minimum(xyz[:, 2], 0)
-    x += np.where(x >= 0, fold, -fold)
-    y += np.where(y >= 0, fold, -fold)
+    x, y, one = values[:, :3].astype(np.float32).T
+    z = one - (np.abs(x) + np.abs(y))
+    fold = np.minimum(z, 0)
+    xyz = np.stack((x + np.where(x >= 0, fold, -fold), y + np.where(y >= 0, fold, -fold), z), axis=1)
     lengths = np.sqrt(np.einsum("ij,ij->i", xyz, xyz))
     scale = np.iinfo(values.dtype).max / np.maximum(lengths, np.finfo(np.float32).tiny)
     result = values.copy()
@@ -113,12 +111,12 @@ def _octahedral(values: NDArray[Any]) -> NDArray[Any]:
     return result
 
 
-def _quaternions(values: NDArray[np.int16]) -> NDArray[np.int16]:
+def _decode_quaternions(values: NDArray[np.int16]) -> NDArray[np.int16]:
     """Return unit quaternions from their three smallest components.
 
     Args:
-        values: (N, 4) int16. The last value's two lowest bits are the index of the component left out; with these bits
-            set, it is the value that stands for 1 / sqrt(2).
+        values: (N, 4) int16: three components, and a value whose two lowest bits are the index of the fourth. With both
+            bits set, this value is the integer that stands for 1 / sqrt(2).
 
     Returns:
         (N, 4) int16, normalized integers.
@@ -135,9 +133,10 @@ def _quaternions(values: NDArray[np.int16]) -> NDArray[np.int16]:
     return result
 
 
-def _exponential(values: NDArray[np.int32]) -> NDArray[np.float32]:
+def _decode_exponential(values: NDArray[np.int32]) -> NDArray[np.float32]:
     """Return floats from integers: a signed exponent of base 2 in the upper 8 bits, a signed factor in the others."""
-    result: NDArray[np.float32] = np.ldexp((values << 8 >> 8).astype(np.float32), values >> 24)
+    factors, exponents = values << 8 >> 8, values >> 24  # shifts to the right keep the sign
+    result: NDArray[np.float32] = np.ldexp(factors.astype(np.float32), exponents)
     return result
 
 

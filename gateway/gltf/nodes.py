@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.gltf import schema
-from gateway.gltf.errors import GltfError, GltfLimitError, add_warning, as_warning, checked_item
+from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension, vector_or_default
 from gateway.scene.geometry import Part
@@ -85,7 +85,8 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
         for index in children:
             if index is None:
                 continue
-            if not 0 <= index < len(nodes) or type(source := nodes[index]) is not schema.Node or index in visited:
+            source = nodes[index] if 0 <= index < len(nodes) else None
+            if not isinstance(source, schema.Node) or index in visited:
                 path = roots_path if parent < 0 else f"nodes[{indices[parent]}].children"
                 with as_warning(warnings, "it is left out"):
                     checked_item(document.nodes, index, "nodes", path)  # raises for an invalid node
@@ -162,11 +163,11 @@ def _roots(document: schema.Document, visited: set[int], warnings: list[str]) ->
     """
     if document.scenes:
         index = document.scene or 0
-        try:
-            scene = checked_item(document.scenes, index, "scenes", "scene")
+        scene = document.scenes[index] if 0 <= index < len(document.scenes) else None
+        if isinstance(scene, schema.Scene):
             return iter(scene.nodes or ()), f"scenes[{index}].nodes"
-        except GltfError as error:
-            add_warning(warnings, error, "all nodes without a parent are drawn")
+        with as_warning(warnings, "all nodes without a parent are drawn"):
+            checked_item(document.scenes, index, "scenes", "scene")
     nodes = document.nodes or []
     children = {child for node in nodes if isinstance(node, schema.Node) for child in node.children or ()}
     indices = [i for i, node in enumerate(nodes) if node is not None]

@@ -161,11 +161,8 @@ def _convert(value: Any, info: inspect.Type, path: str, warnings: list[str]) -> 
 
 def _convert_or_none(value: Any, info: inspect.Type, path: str, warnings: list[str]) -> Any:
     """Return the result of ``_convert``; None and a warning if it raises GltfError."""
-    try:
+    with as_warning(warnings, "it is ignored"):
         return _convert(value, info, path, warnings)
-    except GltfError:
-        with as_warning(warnings, "it is ignored"):
-            raise
     return None
 
 

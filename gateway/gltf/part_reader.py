@@ -3,119 +3,108 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TypeAlias
 
-from gateway.gltf.deformation import REST, Pose
-from gateway.gltf.document_cache import DocumentContent
-from gateway.gltf.errors import GltfError, GltfLimitError, add_warning, as_warning, checked_item
+from gateway.gltf.deformation import REST, MeshPose
+from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.materials import Materials
 from gateway.gltf.meshes import Meshes
 from gateway.gltf.nodes import SceneNodes
-from gateway.gltf.schema import Document, Light, Mesh
+from gateway.gltf.schema import Document, Mesh
 from gateway.scene.geometry import Part, Surface
 from scenegate.warning_text import joined_warnings
+
+Parts: TypeAlias = tuple[Part, ...]
 
 
 class PartReader:
     """Reads the primitives of the meshes in use as parts. What is invalid is left out with a warning."""
 
-    def __init__(self, document: Document, meshes: Meshes, materials: Materials, limits: GltfLimits) -> None:
+    def __init__(
+        self, document: Document, meshes: Meshes, materials: Materials, limits: GltfLimits, warnings: list[str]
+    ) -> None:
+        """``warnings``: Sentences about primitives that are left out are appended to this list."""
         self._document = document
         self._meshes = meshes
         self._materials = materials
         self._limits = limits
+        self._warnings = warnings
         self._primitive_count = 0
-        self._any_read = False
+        self._any_valid = False
+        """True once a primitive has been read, even if it has nothing to draw."""
         self._left_out: list[str] = []
         """Sentences about primitives that are left out."""
 
-    def read(
-        self,
-        nodes: SceneNodes,
-        poses: Mapping[int, Pose],
-        mesh_names: Mapping[int, str],
-        lights: list[Light | None],
-        warnings: list[str],
-    ) -> DocumentContent:
-        """Return everything but the nodes.
+    def read(self, nodes: SceneNodes, poses: Mapping[int, MeshPose]) -> tuple[dict[int, Parts], dict[int, Parts]]:
+        """Return the parts of each mesh in use, by mesh index, and those of each node with a pose, by position.
+
+        Sentences about nodes whose mesh is missing are appended to ``nodes.warnings``: they do not hold for a document
+        with other nodes.
 
         Args:
-            poses: Poses of the nodes with parts of their own, by index in ``nodes``.
-            mesh_names: Names of the meshes in use, by mesh index.
-            warnings: Warnings so far; those about primitives that are left out are appended to this list.
+            poses: Poses of the nodes with parts of their own, by position in ``nodes``.
 
         Raises:
             GltfError: A limit is exceeded, or nothing can be drawn.
         """
-        parts, posed_parts = self._parts(nodes, poses)
-        warnings += self._left_out
-        meshes = self._document.meshes or ()
-        return DocumentContent(
-            generator=self._document.generator,
-            cameras=self._document.cameras or [],
-            lights=lights,
-            parts=parts,
-            posed_parts=posed_parts,
-            mesh_names=mesh_names,
-            element_counts={mesh: count_elements(mesh_parts) for mesh, mesh_parts in parts.items()},
-            morphed_mesh_count=sum(isinstance(mesh, Mesh) and any(mesh.weights or ()) for mesh in meshes),
-            warnings=tuple(warnings),
-            mesh_bytes=self._meshes.nbytes,
-        )
-
-    def _parts(
-        self, nodes: SceneNodes, poses: Mapping[int, Pose]
-    ) -> tuple[dict[int, tuple[Part, ...]], dict[int, tuple[Part, ...]]]:
-        """Return the parts by mesh index, and those of nodes with a pose of their own by index in ``nodes``."""
-        parts: dict[int, tuple[Part, ...]] = {}
-        posed_parts: dict[int, tuple[Part, ...]] = {}
-        parts_in_pose: dict[tuple[int, Pose], tuple[Part, ...]] = {}  # the instances of a node share a pose
+        parts_of_mesh: dict[int, Parts] = {}
+        posed_parts: dict[int, Parts] = {}
+        parts_in_pose: dict[tuple[int, MeshPose], Parts] = {}  # the instances of a node share a pose
         missing: list[str] = []
-        for scene_index, mesh_index in enumerate(nodes.meshes):
-            pose = poses.get(scene_index)
-            if mesh_index is None or (pose is None and mesh_index in parts):
+        for position, (node_index, mesh_index) in enumerate(zip(nodes.indices, nodes.meshes, strict=True)):
+            if mesh_index is None:
                 continue
-            if pose is not None and (mesh_index, pose) in parts_in_pose:
-                posed_parts[scene_index] = parts_in_pose[mesh_index, pose]
-                continue
-            mesh = Mesh()
-            with as_warning(missing, "the node has no mesh"):
-                path = f"nodes[{nodes.indices[scene_index]}].mesh"
-                mesh = checked_item(self._document.meshes, mesh_index, "meshes", path)
-                if not mesh.primitives:
-                    raise GltfError(f"meshes[{mesh_index}].primitives: there are none")
+            path = f"nodes[{node_index}].mesh"
+            pose = poses.get(position)
             if pose is None:
-                at_rest = REST if self._document.merged_by_drake else Pose(tuple(mesh.weights or ()))
-                parts[mesh_index] = self._parts_of(mesh, mesh_index, at_rest)
-            else:
-                posed_parts[scene_index] = parts_in_pose[mesh_index, pose] = self._parts_of(mesh, mesh_index, pose)
-        if not self._any_read and (missing or self._left_out):
+                if mesh_index not in parts_of_mesh:
+                    parts_of_mesh[mesh_index] = self._read_mesh(mesh_index, path, None, missing)
+                continue
+            if (mesh_index, pose) not in parts_in_pose:
+                parts_in_pose[mesh_index, pose] = self._read_mesh(mesh_index, path, pose, missing)
+            posed_parts[position] = parts_in_pose[mesh_index, pose]
+        if not self._any_valid and (missing or self._left_out):
             raise GltfError(f"nothing can be drawn: {joined_warnings(missing + self._left_out)}")
+        self._warnings += self._left_out
         nodes.warnings.extend(missing)
-        return parts, posed_parts
+        return parts_of_mesh, posed_parts
 
-    def _parts_of(self, mesh: Mesh, index: int, pose: Pose) -> tuple[Part, ...]:
-        """Return the parts of ``meshes[index]`` in a pose."""
-        primitives, parts = mesh.primitives or [], []
-        self._primitive_count += len(primitives)
-        if self._primitive_count > self._limits.max_primitives:
-            limit = self._limits.max_primitives
-            raise GltfLimitError(f"meshes[{index}]: more primitives than max_primitives = {limit}")
-        for number in range(len(primitives)):
-            name = f"meshes[{index}].primitives[{number}]"
-            try:
-                primitive = checked_item(primitives, number, "primitives", name)
-                smooth = self._materials.is_from_vtk(primitive)
-                if (surface := self._meshes.read(primitive, name, pose, smooth=smooth)) is not None:
-                    parts.append(Part(Surface(surface), self._materials.get(primitive, name)))
-                self._any_read = True
-            except GltfLimitError:
-                raise
-            except GltfError as error:
-                add_warning(self._left_out, error, f"{name} is left out")
-        return tuple(parts)
+    def _read_mesh(self, index: int, path: str, pose: MeshPose | None, missing: list[str]) -> Parts:
+        """Return the parts of ``meshes[index]``.
+
+        Args:
+            path: Property that holds the index, for messages.
+            pose: None: the pose in which the mesh is stored.
+            missing: A sentence is appended to this list if there is no such mesh, or nothing in it.
+        """
+        with as_warning(missing, "the node has no mesh"):
+            mesh = checked_item(self._document.meshes, index, "meshes", path)
+            if not mesh.primitives:
+                raise GltfError(f"meshes[{index}].primitives: there are none")
+            self._primitive_count += len(mesh.primitives)
+            if self._primitive_count > self._limits.max_primitives:
+                limit = self._limits.max_primitives
+                raise GltfLimitError(f"meshes[{index}]: more primitives than max_primitives = {limit}")
+            if pose is None:
+                pose = REST if self._document.merged_by_drake else MeshPose(tuple(mesh.weights or ()))
+            parts = [self._read_primitive(mesh, index, number, pose) for number in range(len(mesh.primitives))]
+            return tuple([part for part in parts if part is not None])
+        return ()
+
+    def _read_primitive(self, mesh: Mesh, mesh_index: int, number: int, pose: MeshPose) -> Part | None:
+        """Return the part of a primitive; None if it is left out or has nothing to draw."""
+        path = f"meshes[{mesh_index}].primitives[{number}]"
+        with as_warning(self._left_out, f"{path} is left out"):
+            primitive = checked_item(mesh.primitives, number, "primitives", path)
+            smooth = self._materials.is_from_vtk(primitive)
+            surface = self._meshes.read(primitive, path, pose, smooth=smooth)
+            part = Part(Surface(surface), self._materials.get(primitive, path)) if surface is not None else None
+            self._any_valid = True
+            return part
+        return None
 
 
-def count_elements(parts: tuple[Part, ...]) -> int:
+def count_elements(parts: Parts) -> int:
     """Return the number of elements (triangles, lines and points; a primitive of glTF is a mesh of them)."""
     return sum(len(part.shape.mesh.elements) for part in parts if isinstance(part.shape, Surface))

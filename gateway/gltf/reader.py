@@ -18,7 +18,7 @@ from gateway.gltf.accessors import Accessors
 from gateway.gltf.animations import AnimationTime, pose_nodes
 from gateway.gltf.buffers import Buffers, Resolver
 from gateway.gltf.container import open_container
-from gateway.gltf.deformation import Pose
+from gateway.gltf.deformation import MeshPose
 from gateway.gltf.document_cache import DocumentContent, HashedDocument
 from gateway.gltf.draco import DracoMeshes
 from gateway.gltf.errors import GltfLimitError
@@ -34,7 +34,7 @@ from gateway.gltf.nodes import INSTANCING, NodeParts, SceneNodes, read_nodes
 from gateway.gltf.parser import check_version, parse_document
 from gateway.gltf.part_reader import PartReader, count_elements
 from gateway.gltf.scene import GltfScene, read_cameras
-from gateway.gltf.schema import DRAKE_MERGER
+from gateway.gltf.schema import DRAKE_MERGER, Mesh
 from gateway.gltf.textures import Textures
 from renderers.cache import CacheBudget
 from renderers.stop import check_stop
@@ -91,15 +91,28 @@ def read_gltf(
     nodes = read_nodes(document, limits)
     names = mesh_names(nodes, document.meshes)
     has_posed_nodes = bool(nodes.posed) and document.generator != DRAKE_MERGER  # which breaks skins and weights
-    poses: Mapping[int, Pose] = {}
+    poses: Mapping[int, MeshPose] = {}
     check_version(document, warnings)
     check_extensions(document, warnings)
     if has_posed_nodes:
         nodes, poses = expand_mesh_nodes(document, nodes, accessors, limits, warnings)
     meshes = Meshes(accessors, DracoMeshes(document, buffers, limits), cache.content, limits, warnings)
     images = Textures(document, buffers, cache.content, limits, warnings, decode_images)
-    reader = PartReader(document, meshes, Materials(document, images, warnings, variant), limits)
-    content = reader.read(nodes, poses, names, read_lights(document, warnings), warnings)
+    materials = Materials(document, images, warnings, variant)
+    lights = read_lights(document, warnings)
+    parts, posed_parts = PartReader(document, meshes, materials, limits, warnings).read(nodes, poses)
+    content = DocumentContent(
+        generator=document.generator,
+        cameras=document.cameras or [],
+        lights=lights,
+        parts=parts,
+        posed_parts=posed_parts,
+        mesh_names=names,
+        element_counts={mesh: count_elements(mesh_parts) for mesh, mesh_parts in parts.items()},
+        morphed_mesh_count=sum(isinstance(mesh, Mesh) and any(mesh.weights or ()) for mesh in document.meshes or ()),
+        warnings=tuple(warnings),
+        mesh_bytes=meshes.nbytes,
+    )
     check_stop()
     scene = _combine(content, nodes, limits)
     # Poses of nodes, and warnings that may be about nodes, do not hold for a document with other nodes.

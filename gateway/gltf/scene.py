@@ -10,7 +10,7 @@ import numpy as np
 
 from gateway.gltf import schema
 from gateway.gltf.document_cache import DocumentContent
-from gateway.gltf.errors import GltfError, add_warning, checked_item
+from gateway.gltf.errors import as_warning, checked_item
 from gateway.gltf.node_tree import paths_of, tree_of
 from gateway.gltf.nodes import NodeParts, SceneNodes
 from gateway.gltf.schema import DRAKE_GENERATORS
@@ -65,7 +65,7 @@ class GltfScene:
 
     @cached_property
     def root(self) -> Node:
-        """Committed tree in the document's own axes (not rotated to Z up). Its children are the scene's nodes."""
+        """The nodes as an immutable tree, in the document's own axes (not rotated to Z up)."""
         return tree_of(self.nodes, self.parts)
 
     @cached_property
@@ -89,45 +89,48 @@ class GltfScene:
     def camera(self) -> GltfCamera | None:
         """The camera of a render request: camera 0 of the document, at the first node that refers to it.
 
-        If the document has cameras but no such node, the camera has the identity pose of a glTF camera. The result is
-        None for a document without cameras: Drake's client writes none if all of the scene's meshes are glTF files.
+        Without such a node, it is at the origin and looks along -Z. The result is None for a document without cameras:
+        Drake's client writes none if all of the scene's meshes are glTF files.
         """
         for camera in self.cameras:
             if camera.index == 0:
                 return camera
         if not self.content.cameras:
             return None
-        return GltfCamera(0, "", OPENGL_FROM_OPTICAL, None, 0.0, None)
+        source = self.content.cameras[0]
+        return _camera(source if isinstance(source, schema.Camera) else schema.Camera(), 0, "", OPENGL_FROM_OPTICAL)
 
 
-def read_cameras(sources: list[schema.Camera | None], nodes: SceneNodes, warnings: list[str]) -> tuple[GltfCamera, ...]:
-    """Return the camera of each node that has one, parents first. A reference to no camera gives a warning.
-
-    Args:
-        sources: The document's ``cameras``.
-    """
+def read_cameras(
+    document_cameras: list[schema.Camera | None], nodes: SceneNodes, warnings: list[str]
+) -> tuple[GltfCamera, ...]:
+    """Return the camera of each node that has one, parents first. A reference to no camera gives a warning."""
     cameras = []
     for index, node, X_world_node in zip(nodes.indices, nodes.sources, nodes.X_world_node, strict=True):
         if node.camera is None:
             continue
-        try:
-            source = checked_item(sources, node.camera, "cameras", f"nodes[{index}].camera")
-        except GltfError as error:
-            add_warning(warnings, error, "the node has no camera")
-        else:
-            perspective = source.perspective or schema.Projection()
-            orthographic = (None if source.perspective else source.orthographic) or schema.Projection()
-            camera = GltfCamera(
-                index=node.camera,
-                name=source.name or node.name or "",
-                X_world_camera=_optical_pose(X_world_node),
-                yfov=perspective.yfov,
-                xmag=orthographic.xmag,
-                znear=perspective.znear or orthographic.znear or 0.0,
-                zfar=perspective.zfar if source.perspective else orthographic.zfar,
-            )
-            cameras.append(camera)
+        source = document_cameras[node.camera] if 0 <= node.camera < len(document_cameras) else None
+        if isinstance(source, schema.Camera):
+            cameras.append(_camera(source, node.camera, node.name, _optical_pose(X_world_node)))
+            continue
+        with as_warning(warnings, "the node has no camera"):
+            checked_item(document_cameras, node.camera, "cameras", f"nodes[{index}].camera")
     return tuple(cameras)
+
+
+def _camera(source: schema.Camera, index: int, node_name: str | None, X_world_camera: Matrix) -> GltfCamera:
+    """Return a camera of the document with a pose. A perspective wins over an orthographic projection beside it."""
+    is_perspective = source.perspective is not None
+    projection = source.perspective or source.orthographic or schema.Projection()
+    return GltfCamera(
+        index=index,
+        name=source.name or node_name or "",
+        X_world_camera=X_world_camera,
+        yfov=projection.yfov if is_perspective else None,
+        xmag=None if is_perspective else projection.xmag,
+        znear=projection.znear or 0.0,
+        zfar=projection.zfar,
+    )
 
 
 def _optical_pose(X_world_node: Matrix) -> Matrix:
@@ -136,10 +139,10 @@ def _optical_pose(X_world_node: Matrix) -> Matrix:
     A glTF camera looks along -Z with +Y up. The scale of its node does not affect it (glTF 2.0, 3.10.2).
     """
     pose = X_world_node.copy()
-    x, y, z = pose[:3, :3]
     with np.errstate(all="ignore"):
-        lengths = np.sqrt(x * x + y * y + z * z)
-        if (np.abs(lengths - 1.0) > _SCALE_TOLERANCE).any() and ((lengths > 0.0) & (lengths < np.inf)).all():
-            pose[:3, :3] /= lengths
+        axis_lengths = np.linalg.norm(pose[:3, :3], axis=0)
+        has_scale = (np.abs(axis_lengths - 1.0) > _SCALE_TOLERANCE).any()
+        if has_scale and ((axis_lengths > 0.0) & (axis_lengths < np.inf)).all():
+            pose[:3, :3] /= axis_lengths
     pose[:3, 1:3] = 0.0 - pose[:3, 1:3]  # negation would make negative zeros
     return pose

@@ -18,8 +18,8 @@ class RenderConfig:
     """URL path. Drake's client posts to ``render`` below its base URL by default."""
 
     style: Style = field(default_factory=lambda: Style(samples=1))
-    """Shading. Its look applies unless a request's form names one: ``auto`` selects the one that RenderEngineVtk would
-    use, by the scene's ``asset.generator``, and ``gltf`` for scenes of other programs."""
+    """Shading. ``style.look`` is the name of a look, or ``auto``: the one that RenderEngineVtk would use for a scene of
+    Drake's client, and ``gltf`` for scenes of other programs. A request's form may name another."""
     depth_format: Literal["tiff", "png"] = "tiff"
     """``tiff``: 32-bit float TIFF in metres. ``png``: 16-bit PNG in millimetres, 0 too close, 65535 too far."""
 
@@ -29,10 +29,10 @@ class RenderConfig:
     """Total size of the bodies that are being received, waiting or being rendered, so that many large uploads cannot
     exhaust the memory. Uploads beyond it get 503."""
     receive_timeout: float = 60.0
-    """Seconds without a byte before an upload is rejected (408): a stalled client must not hold memory."""
+    """Time in seconds without a byte before an upload is rejected (408): a stalled client must not hold memory."""
     arrival_seconds: float = 5.0
-    """Time for which an arriving body reserves a place in the queue: a scene of 25 MB takes 2 s at 100 Mbit/s. A slower
-    upload loses its place, so that slow clients do not keep others out, and may find the queue full at its end."""
+    """Seconds for which an upload holds its place in the queue: 25 MB take 2 s at 100 Mbit/s. A slower one queues again
+    when it is complete, or gets 503 if the queue is full then, so that slow clients do not keep others out."""
     max_parts: int = 64
     """Parts of the form; the protocol has 17 fields."""
     max_part_headers: int = 16
@@ -51,6 +51,11 @@ class RenderConfig:
 
     scene_cache_count: int = 64
     """Number of scenes in the cache of whole scenes, for cameras and objects that do not move."""
+
+    recent_count: int = 24
+    """Number of finished requests that are kept for the browser view, with their images."""
+    recent_bytes: int = 64 << 20
+    """Maximum size of these images. Beyond it, the oldest ones are dropped."""
 
     strict: bool = False
     """True: a scene with a warning is refused."""

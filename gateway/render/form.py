@@ -2,7 +2,8 @@
 
 Every form that Drake's demo server or drake-blender accepts is accepted. Unlike Drake's demo server, this one ignores
 unknown fields with a warning, so that newer clients with more fields get their images, and computes a missing focal
-length from the field of view.
+length from the field of view. Parts in base64 and quoted-printable are decoded; with another
+Content-Transfer-Encoding, they are read as they are.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from functools import partial
 from io import BytesIO
 from typing import Final, NamedTuple, cast, get_args
 
-from python_multipart.exceptions import FormParserError
+from python_multipart.exceptions import FormParserError, ParseError
 from python_multipart.multipart import Field, File, FormParser, parse_options_header
 
 from gateway.render.config import RenderConfig
@@ -92,7 +93,6 @@ class FormReader:
             "MAX_MEMORY_FILE_SIZE": math.inf,  # no file on disk
             "MAX_HEADER_COUNT": config.max_part_headers,
             "MAX_HEADER_SIZE": config.max_header_bytes,
-            "UPLOAD_ERROR_ON_BAD_CTE": True,
         }
         try:
             self._parser = FormParser(
@@ -115,7 +115,10 @@ class FormReader:
             self._parser.write(data)
         except FormParserError as error:
             number = self._part_count + len(self._new_parts) + 1
-            raise RequestError(400, f"the multipart body is malformed in part {number} of the form: {error}") from None
+            if isinstance(error, ParseError):
+                text = f"the multipart body is malformed in part {number} of the form: {error}"
+                raise RequestError(400, text) from None
+            raise part_without_name(number) from None  # the only other error while parsing
         for part in self._new_parts:
             if part is None:  # nothing follows the end
                 self._is_complete = True
@@ -130,8 +133,7 @@ class FormReader:
             raise RequestError(400, f"the form has more than {self._config.max_parts} parts")
         name = self._last_name = (part.field_name or b"").decode("utf-8", "replace")
         if not name:
-            text = f'part {self._part_count} of the form needs Content-Disposition: form-data; name="…"'
-            raise RequestError(400, text)
+            raise part_without_name(self._part_count)
         if name in self._fields or (name == SCENE and self._scene is not None):
             raise RequestError(400, f"the field {quoted(name)} was sent twice")
         if isinstance(part, File):
@@ -158,10 +160,15 @@ class FormReader:
     def request(self) -> RenderRequest:
         """Return the request after the whole body has been fed."""
         if not self._is_complete:
-            where = f"after the part {quoted(self._last_name)}, " if self._part_count else ""
-            where += f"after {self._parser.bytes_received} bytes, before the closing boundary"
-            raise RequestError(400, f"the multipart body ends {where}: the upload was cut short")
+            where = f"after {self._parser.bytes_received} bytes, before the closing boundary"
+            last = f"; the last complete part is {quoted(self._last_name)}" if self._part_count else ""
+            raise RequestError(400, f"the upload was cut short {where}{last}")
         return read_fields(self._fields, self._scene, self._config, self._scene_filename)
+
+
+def part_without_name(number: int) -> RequestError:
+    """Return the error for a part whose headers have no name; ``number`` counts from 1."""
+    return RequestError(400, f'part {number} of the form needs Content-Disposition: form-data; name="…"')
 
 
 def body_too_large(size: int, config: RenderConfig) -> RequestError:

@@ -15,7 +15,7 @@ from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError
 from gateway.render.request import RenderRequest
 from gateway.render.scenes import PreparedScene, SceneStore
-from gateway.runtime.tracing import span
+from gateway.runtime import tracing
 from gateway.scene.flatten import flatten
 from gateway.scene.tree import Node
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
@@ -108,7 +108,7 @@ class Pipeline:
         *,
         decode_images: bool = False,
     ) -> EncodedImage:
-        with span("parse"):
+        with tracing.span("parse"):
             scene = self.scenes.get(document, decode_images=decode_images)
             if self._config.strict and scene.warnings:
                 raise RequestError(400, f"scene: {strict_refusal(scene.warnings)}")
@@ -116,10 +116,10 @@ class Pipeline:
             draw_list = scene.draw_list if self._backdrop is None else _joined(scene.draw_list, self._flat_backdrop())
         parsed_time = time.perf_counter()
         look = self._config.style.look_for(_LOOKS.get(scene.generator, "gltf"), request.look)
-        with span("render"):
+        with tracing.span("render"):
             frame = self._renderer.render(draw_list, camera, _OUTPUTS[request.image_type], look)
         rendered_time = time.perf_counter()
-        with span("encode"):
+        with tracing.span("encode"):
             body, media_type = self._encode(frame, request, look)
         encoded_time = time.perf_counter()
         return EncodedImage(

@@ -5,9 +5,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections import Counter, deque
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
 import structlog
@@ -21,12 +20,12 @@ from gateway.render.form import FormReader, body_too_large
 from gateway.render.pipeline import Backdrop, EncodedImage, Pipeline
 from gateway.render.request import RenderRequest
 from gateway.runtime.metrics_registry import Metrics
-from gateway.runtime.pool_errors import DeadlineExceeded, QueueFull
+from gateway.runtime.pool_errors import DeadlineExceeded, QueueFull, UnavailableErrors
 from gateway.runtime.render_record import RenderRecord
 from gateway.runtime.warning_list import WarningList
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.server.disconnect import CLIENT_GONE, while_connected
-from gateway.server.unavailable import UnavailableErrors, retry_after, unavailable_message
+from gateway.server.plain_error_route import retry_after, unavailable_message
 from renderers.interface import Renderer
 
 _log = structlog.get_logger("gateway.render")
@@ -65,13 +64,11 @@ class RenderService:
         *,
         backdrop: Backdrop | None = None,
         metrics: Metrics | None = None,
-        observers: Sequence[Callable[[RenderRecord], object]] = (),
     ) -> None:
         """
         Args:
             backdrop: returns the scene to draw in addition to each request's; called in worker threads.
             metrics: count the requests and the seconds of their stages.
-            observers: called in the event loop for each finished request; must not block.
         """
         self.config = config = config if config is not None else RenderConfig()
         self._pipeline = Pipeline(renderer, config, backdrop)
@@ -81,7 +78,8 @@ class RenderService:
         """Bytes of bodies that are arriving, waiting or being rendered."""
         self._workers = workers
         self._metrics = metrics
-        self._observers = observers
+        self.recent: Final[deque[RenderRecord]] = deque(maxlen=config.recent_count)
+        """The newest finished requests, oldest first."""
         self._failures: FailureStore | None = None
         if config.keep_failures is not None:
             self._failures = FailureStore(config.keep_failures, config.keep_failures_count, config.keep_failures_bytes)
@@ -218,19 +216,20 @@ class RenderService:
         warnings: tuple[str, ...] = (),
         error: str = "",
     ) -> None:
-        """Count a finished request and notify the observers."""
+        """Count and record a finished request. Drop the oldest images of ``recent`` that exceed its limit."""
         self._responses_by_status[status] += 1
         if self._metrics is not None:
             kind = call.request.image_type if call.request is not None else "unknown"
             self._metrics.renders.labels(kind, outcome).inc()
             for stage, seconds in image.stage_seconds if image is not None else ():
                 self._metrics.stage_seconds.labels(stage).observe(seconds)
-        record = _record(call, status, image, warnings, error)
-        for observer in self._observers:
-            try:
-                observer(record)
-            except Exception:  # noqa: BLE001 - an image does not depend on its observers
-                _log.exception("an observer of renders failed")
+        number = self._responses_by_status.total()
+        self.recent.append(_record(call, number, status, image, warnings, error))
+        image_bytes = 0
+        for index in range(len(self.recent) - 1, -1, -1):
+            image_bytes += len(self.recent[index].body)
+            if image_bytes > self.config.recent_bytes:
+                self.recent[index] = replace(self.recent[index], body=b"")
 
     def status(self) -> dict[str, Any]:
         """Return figures for health and metrics; plain JSON values."""
@@ -247,9 +246,9 @@ class RenderService:
 
 
 def _record(
-    call: _Call, status: int, image: EncodedImage | None, warnings: tuple[str, ...], error: str
+    call: _Call, number: int, status: int, image: EncodedImage | None, warnings: tuple[str, ...], error: str
 ) -> RenderRecord:
-    """Return the record of a finished request for the observers."""
+    """Return the record of a finished request."""
     request = call.request
     image_text, scene_text = "not understood", ""
     if request is not None:
@@ -260,6 +259,8 @@ def _record(
         by = f" by {image.generator}" if image.generator else ""
         scene_text = f"{scene_text}{by[:80]}, {image.element_count} primitives"
     return RenderRecord(
+        number=number,
+        end_time=time.time(),
         status=status,
         seconds=time.perf_counter() - call.start_time,
         queue_seconds=dict(image.stage_seconds).get("queue", 0.0) if image is not None else 0.0,

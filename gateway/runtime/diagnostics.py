@@ -18,9 +18,9 @@ from renderers.compiler import cache_folder
 
 _LCM_ADDRESS = ("239.255.76.67", 7667)
 """LCM's default multicast group."""
-_OPEN_FILES = 4096
+_SUFFICIENT_FILES = 4096
 """File descriptors that suffice for most uses: one per connection."""
-_RECEIVE_BUFFER_BYTES = 4_000_000
+_UDP_BUFFER_BYTES = 4_000_000
 """Receive buffer in bytes for bursts of 1 MB messages; with Linux' default of 212 992 they are lost."""
 
 
@@ -33,51 +33,55 @@ def findings(host: str, ports: Mapping[str, tuple[str, int]], threads: int) -> I
         threads: number of rendering threads.
     """
     yield Finding("Python", Verdict.OK, f"{platform.python_version()} on {platform.platform()}")
-    yield _glib()
+    yield _check_glib()
     yield Finding("threads", Verdict.OK, f"{threads} threads render")
-    yield _open_files()
-    yield _kernels()
+    yield _check_open_files()
+    yield _check_kernels()
     instances: list[RunningInstance] = []
     for flag, (name, port) in ports.items():
-        yield _port(name, host, port, flag, instances)
-    yield _multicast()
-    yield _receive_buffer()
+        yield _check_port(name, host, port, flag, instances)
+    yield _check_multicast()
+    yield _check_receive_buffer()
 
 
-def _glib() -> Finding:
+def _check_glib() -> Finding:
     try:
         ctypes.CDLL("libglib-2.0.so.0")
     except OSError:
-        meaning = "The Python client and `scenegate publish` do not work; Scenegate's own LCM interfaces do."
+        meaning = "LCM's own library does not work, which mpudpm://, memq:// and file:// need."
         return Finding("glib", Verdict.NOTE, "missing", meaning, "apt install libglib2.0-0")
     return Finding("glib", Verdict.OK, "libglib-2.0.so.0")
 
 
-def _open_files() -> Finding:
+def _check_open_files() -> Finding:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    detail = f"{soft} now, up to {hard}"
-    if hard == resource.RLIM_INFINITY or hard >= _OPEN_FILES:
+    is_unlimited = hard == resource.RLIM_INFINITY
+    detail = f"{soft} now, up to {'any number' if is_unlimited else hard}"
+    if is_unlimited or hard >= _SUFFICIENT_FILES:
         return Finding("open files", Verdict.OK, detail)
     meaning = f"Beyond about {hard} connections, clients cannot connect."
-    return Finding("open files", Verdict.NOTE, detail, meaning, f"ulimit -Hn {_OPEN_FILES}, or systemd's LimitNOFILE")
+    return Finding(
+        "open files", Verdict.NOTE, detail, meaning, f"ulimit -Hn {_SUFFICIENT_FILES}, or systemd's LimitNOFILE"
+    )
 
 
-def _kernels() -> Finding:
+def _check_kernels() -> Finding:
     folder = cache.configure()
     if not (reason := cache_folder.missing(parts=parts.PARTS)):
         return Finding("kernels", Verdict.OK, f"{cache_folder.count()} compiled, in {folder}")
     detail, duration = f"{reason}, in {folder}", "half a minute on two cores"
-    remedy = "CACHE_DIR=FOLDER, one that can be written"
-    if not cache_folder.is_writable(folder):
+    if not cache_folder.is_writable(folder):  # a folder of NUMBA_CACHE_DIR, which is never replaced by another
         detail = f"{detail}, which cannot be written"
-        return Finding("kernels", Verdict.ERROR, detail, "Nothing is rendered.", f"NUMBA_{remedy}")
+        remedy = "NUMBA_CACHE_DIR=FOLDER, one that can be written"
+        return Finding("kernels", Verdict.ERROR, detail, "Nothing is rendered.", remedy)
     if cache_folder.root().name.startswith("scenegate-kernels-"):  # a private folder, which this process removes
         detail = f"{reason}, and the cache folder cannot be written"
-        return Finding("kernels", Verdict.NOTE, detail, f"Each start compiles them: {duration}.", f"SCENEGATE_{remedy}")
+        remedy = "SCENEGATE_CACHE_DIR=FOLDER, one that can be written"
+        return Finding("kernels", Verdict.NOTE, detail, f"Each start compiles them: {duration}.", remedy)
     return Finding("kernels", Verdict.NOTE, detail, f"The next start compiles them: {duration}.", "scenegate warmup")
 
 
-def _port(name: str, host: str, port: int, flag: str, instances: list[RunningInstance]) -> Finding:
+def _check_port(name: str, host: str, port: int, flag: str, instances: list[RunningInstance]) -> Finding:
     """Check a port.
 
     Args:
@@ -96,11 +100,13 @@ def _port(name: str, host: str, port: int, flag: str, instances: list[RunningIns
             return Finding(f"port {port}", Verdict.NOTE, detail, meaning, f"stop that one, or {flag} PORT")
         detail = f"{name}: {process_tuning.listen_error(error, host, port)}"
         meaning = f"{name} cannot start."
-        return Finding(f"port {port}", Verdict.ERROR, detail, meaning, f"stop that program, or {flag} PORT")
+        remedies = {errno.EADDRINUSE: f"stop that program, or {flag} PORT", errno.EACCES: f"{flag} PORT, above 1023"}
+        remedy = remedies.get(error.errno or 0, "--host ADDRESS, one of this machine")
+        return Finding(f"port {port}", Verdict.ERROR, detail, meaning, remedy)
     return Finding(f"port {port}", Verdict.OK, f"{name}: free")
 
 
-def _multicast() -> Finding:
+def _check_multicast() -> Finding:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         try:
             sock.connect(_LCM_ADDRESS)
@@ -111,13 +117,13 @@ def _multicast() -> Finding:
         return Finding("multicast", Verdict.OK, f"leaves by {sock.getsockname()[0]}")
 
 
-def _receive_buffer() -> Finding:
+def _check_receive_buffer() -> Finding:
     meaning = "Large LCM messages over UDP get lost; TCPQ loses none."
-    remedy = f"sudo sysctl -w net.core.rmem_max={_RECEIVE_BUFFER_BYTES}"
+    remedy = f"sudo sysctl -w net.core.rmem_max={_UDP_BUFFER_BYTES}"
     try:
         limit = int(Path("/proc/sys/net/core/rmem_max").read_text())
     except (OSError, ValueError):
         return Finding("receive buffer", Verdict.NOTE, "the system's limit is not known", meaning, remedy)
-    if limit >= _RECEIVE_BUFFER_BYTES:
+    if limit >= _UDP_BUFFER_BYTES:
         return Finding("receive buffer", Verdict.OK, f"up to {limit} bytes")
     return Finding("receive buffer", Verdict.NOTE, f"up to {limit} bytes", meaning, remedy)

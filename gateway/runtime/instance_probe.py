@@ -1,4 +1,4 @@
-"""Detection of a running gateway on a port, for ``scenegate doctor``."""
+"""Requests to a gateway that may run on a port: for ``scenegate doctor``, and the health check of a container."""
 
 from __future__ import annotations
 
@@ -20,8 +20,6 @@ TOTAL_SECONDS: Final = 5.0
 """Time limit for a whole response."""
 MAX_BYTES: Final = 1 << 20
 """Maximum size of a response: any program may listen on the port."""
-_ERRORS: Final = (OSError, http.client.HTTPException, ValueError, RecursionError)
-"""Errors of connecting and of responses that are not HTTP or not JSON."""
 _WILDCARDS: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}  # noqa: S104 - a comparison
 """Wildcard addresses, and an address to connect to."""
 
@@ -39,7 +37,14 @@ class RunningInstance:
 
 def probe_instance(host: str, port: int) -> RunningInstance | None:
     """Return the gateway whose HTTP port this is; None if another program or none responds."""
-    host = _WILDCARDS.get(host, host)
+    response = get(_WILDCARDS.get(host, host), port, "/healthz")
+    with contextlib.suppress(ValueError, RecursionError):  # not JSON
+        return _parse_health(json.loads(response[1])) if response is not None else None
+    return None
+
+
+def get(host: str, port: int, path: str) -> tuple[int, bytes] | None:
+    """Return status and body of a response over HTTP or else HTTPS; None if no web server responds."""
     # Nothing secret is sent, and the certificate is for the name that clients use.
     context = ssl.create_default_context()
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
@@ -49,11 +54,12 @@ def probe_instance(host: str, port: int) -> RunningInstance | None:
     ):
         with (
             contextlib.closing(connection),
-            contextlib.suppress(*_ERRORS),
+            contextlib.suppress(OSError, http.client.HTTPException, ValueError),
             _time_limit(connection),
         ):
-            connection.request("GET", "/healthz")
-            return _parse_health(json.loads(connection.getresponse().read(MAX_BYTES)))
+            connection.request("GET", path)
+            response = connection.getresponse()
+            return response.status, response.read(MAX_BYTES)
     return None
 
 

@@ -204,12 +204,6 @@ class _Helper:
         self._process.kill()
         self._process.wait()
 
-    def forget(self) -> None:
-        """Close the connection in a fork of this program: the helper process stays with the parent."""
-        self.has_failed = True
-        self._socket.close()
-        self._process.returncode = 0  # it is not a child of this process
-
     def _ask(self, request: str, descriptors: list[int]) -> int:
         """Send a request, and return the number that is its response."""
         with self._lock:
@@ -247,12 +241,4 @@ def _close_helper() -> None:
         _helper.close()
 
 
-def _forget_helper() -> None:
-    global _helper, _lock
-    if _helper is not None:
-        _helper.forget()
-    _helper, _lock = None, threading.Lock()
-
-
 atexit.register(_close_helper)
-os.register_at_fork(after_in_child=_forget_helper)

@@ -13,7 +13,7 @@ from prometheus_client.registry import Collector
 MINIMUM_GAUGES: Final = frozenset(
     {"python_info", "process_start_time_seconds", "scenegate_build_info", "scenegate_interface_ready"}
 )
-"""Gauges that are constants or times. The result has their minimum instead of their sum."""
+"""Gauges of which the result has the minimum instead of the sum: constants, times, and flags that all must have."""
 _CUMULATIVE: Final = ("counter", "histogram")
 """Types of metrics whose values never decrease."""
 
@@ -21,18 +21,18 @@ Labels = tuple[tuple[str, str], ...]
 """Names and values of a sample's labels."""
 
 
-def sum_expositions(running: Iterable[str], ended: Iterable[str] = ()) -> bytes:
+def sum_expositions(running_texts: Iterable[str], ended_texts: Iterable[str] = ()) -> bytes:
     """Return the metrics of all processes together, in the same format.
 
     Args:
-        running: texts of running processes.
-        ended: texts of processes that have ended. Only their counters and histograms are added, since Prometheus
+        running_texts: texts of running processes.
+        ended_texts: texts of processes that have ended. Only their counters and histograms are added, since Prometheus
             interprets a counter that decreases as a restart from 0.
     """
     total = _SumCollector()
-    for text in running:
+    for text in running_texts:
         total.add(text, (*_CUMULATIVE, "gauge"))
-    for text in ended:
+    for text in ended_texts:
         total.add(text, _CUMULATIVE)
     registry = CollectorRegistry()
     registry.register(total)
@@ -66,7 +66,7 @@ class _SumCollector(Collector):
     def collect(self) -> Iterator[Metric]:
         """Return the sums."""
         for name, family in self._families.items():
-            total = Metric(name, family.documentation, family.type)
+            summed = Metric(name, family.documentation, family.type)
             for (sample_name, labels), value in self._values[name].items():
-                total.add_sample(sample_name, dict(labels), value)
-            yield total
+                summed.add_sample(sample_name, dict(labels), value)
+            yield summed

@@ -22,11 +22,13 @@ _PR_SET_PDEATHSIG = 1
 _SWITCH_SECONDS = 0.001
 """Time after which a thread that runs Python code releases the GIL for the event loop; the default of 5 ms would delay
 every request while another is parsed."""
-_MAX_FILES = 65_536
+_WANTED_FILES = 65_536
 """File descriptors: one per HTTP, WebSocket and gRPC connection."""
-_RECEIVE_BUFFER_BYTES = 4 << 20
+_TCP_BUFFER_BYTES = 4 << 20
 """Receive buffer of a connection in bytes: a scene arrives in a few large reads. Linux' automatic size starts at 64 kB
-for every connection, and costs a wake-up of client and event loop for each step."""
+for every connection and grows in steps, each of which wakes client and event loop once more."""
+_MMAP_THRESHOLDS = (1 << 30, 32 << 20)
+"""Sizes in bytes from which allocations are mapped, largest first; glibc before 2.35 accepts no more than 32 MB."""
 
 
 def tune() -> None:
@@ -42,10 +44,12 @@ def tune() -> None:
         libc = ctypes.CDLL(None)
         # By default blocks of several MB are mapped and unmapped for every frame, and the page faults take longer than
         # rendering. Raising either threshold alone has no effect.
-        libc.mallopt(_M_MMAP_THRESHOLD, 1 << 30)
+        any(
+            libc.mallopt(_M_MMAP_THRESHOLD, size) for size in _MMAP_THRESHOLDS
+        )  # mallopt returns 1 if it accepts a size
         libc.mallopt(_M_TRIM_THRESHOLD, (1 << 31) - 1)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    limit = _MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, _MAX_FILES)
+    limit = _WANTED_FILES if hard == resource.RLIM_INFINITY else min(hard, _WANTED_FILES)
     if soft != resource.RLIM_INFINITY and soft < limit:
         with contextlib.suppress(OSError, ValueError):
             resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard))
@@ -54,7 +58,8 @@ def tune() -> None:
 def end_with_parent() -> None:
     """Send this process SIGTERM when its parent ends, even by SIGKILL (Linux only), or at once if it has ended.
 
-    Call this in a process that ``multiprocessing`` has started.
+    Call this in a process that the main thread of its parent has started by ``multiprocessing``, with spawn or fork:
+    Linux watches the thread, and a fork server is no parent.
     """
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
@@ -101,8 +106,8 @@ def listen(host: str, port: int) -> socket.socket:
     sock = socket.socket(family, kind, protocol)
     try:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if _receive_buffer_allowed(family):  # else the automatic size is larger
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
+        if _allows_large_buffers(family):
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _TCP_BUFFER_BYTES)
         sock.bind(address)
         sock.listen(2048)
         sock.setblocking(False)
@@ -112,14 +117,15 @@ def listen(host: str, port: int) -> socket.socket:
     return sock
 
 
-def _receive_buffer_allowed(family: int) -> bool:
-    """Return whether the system allows ``_RECEIVE_BUFFER_BYTES``.
+def _allows_large_buffers(family: int) -> bool:
+    """Return whether the system allows ``_TCP_BUFFER_BYTES``.
 
-    It reduces larger sizes silently, and setting any size turns the automatic one off.
+    It reduces larger sizes silently, and any fixed size turns the automatic one off, which may be larger.
     """
     with socket.socket(family) as sock:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
-        return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= _RECEIVE_BUFFER_BYTES
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _TCP_BUFFER_BYTES)
+        # Linux doubles the size for its own bookkeeping.
+        return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= 2 * _TCP_BUFFER_BYTES
 
 
 def listen_error(error: OSError, host: str, port: int) -> str:

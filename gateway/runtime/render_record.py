@@ -1,4 +1,4 @@
-"""A finished request of the render endpoint, for observers such as the browser view's list of recent renders."""
+"""A finished request of the render endpoint, for the browser view's list of recent renders."""
 
 from __future__ import annotations
 
@@ -9,6 +9,10 @@ from dataclasses import dataclass
 class RenderRecord:
     """A finished request of the render endpoint, without its scene."""
 
+    number: int
+    """Number of the request since start, from 1."""
+    end_time: float
+    """Time of the response, seconds since 1970."""
     status: int
     """HTTP status."""
     seconds: float
@@ -22,7 +26,7 @@ class RenderRecord:
     kind: str
     """Type of the image: ``color``, ``depth`` or ``label``; empty if the request was invalid."""
     body: bytes
-    """The image as it was sent; empty if there is none."""
+    """The image as it was sent; empty if there is none, or if newer ones took its place."""
     media_type: str
     """Media type of ``body``."""
     error: str

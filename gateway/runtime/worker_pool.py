@@ -24,6 +24,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, ParamSpec, TypeVar
 
+from opentelemetry import trace
+
 from gateway.runtime import tracing
 from gateway.runtime.pool_errors import CallerCancelled, DeadlineExceeded, PoolClosed, QueueFull
 from gateway.runtime.scheduling import CAMERA_FIRST_NICENESS, raise_niceness, usable_cpus, yield_to_event_loop
@@ -75,6 +77,7 @@ class _Call:
     future: Future[Any] = field(default_factory=Future)
     context: contextvars.Context = field(default_factory=contextvars.copy_context)
     stop: StopFlag = field(default_factory=partial(StopFlag, waits=False))
+    queue_span: trace.Span = trace.INVALID_SPAN
     started: float = 0.0
     """Monotonic time at which the call began to run, seconds."""
 
@@ -132,12 +135,8 @@ class WorkerPool:
         self._retired = 0
         """Number of threads that end after their current call, because their niceness is too high."""
         self._all_ended = threading.Event()
-        self._closing = False
-        self._watching = False
-        self._done = 0
-        self._rejected = 0
-        self._abandoned = 0
-        self._timed_out = 0
+        self._closing = self._watching = False
+        self._done = self._rejected = self._abandoned = self._timed_out = 0
         self._mean_seconds = 0.0
 
     async def run(  # type: ignore[valid-type]  # PEP 612 has no place for nbytes
@@ -163,7 +162,9 @@ class WorkerPool:
         """
         function = partial(fn, *args, **kwargs)
         while True:
-            call = _Call(tracing.after_queue(function), nbytes)
+            call = _Call(function, nbytes)
+            if trace.get_current_span().is_recording():  # the span of the queue would be alone otherwise
+                call.queue_span = tracing.tracer.start_span("queue")
             self._submit(call)
             try:
                 result: T = await asyncio.wrap_future(call.future)
@@ -233,8 +234,7 @@ class WorkerPool:
             cameras: pool of the cameras, whose calls come first.
             frame_threads: maximum number of threads for one image; 0: those of this pool.
         """
-        calls = len(self._running) + len(self._waiting) + len(cameras._running) + len(cameras._waiting)
-        return max(0, self.threads - calls) + max(0, frame_threads - self.threads)
+        return max(0, self.threads - self.calls - cameras.calls) + max(0, frame_threads - self.threads)
 
     @property
     def busy(self) -> bool:
@@ -288,10 +288,9 @@ class WorkerPool:
         if await asyncio.to_thread(self._all_ended.wait, limit):
             return True
         with self._lock:
-            waiting = tuple(self._waiting)
+            waiting, running = tuple(self._waiting), tuple(self._running)
             self._waiting.clear()
             self._waiting_bytes = 0
-            running = tuple(self._running)
         for call in waiting:
             if call.future.set_running_or_notify_cancel():
                 call.future.set_exception(PoolClosed("the server shut down before the request's turn came"))
@@ -378,6 +377,7 @@ class WorkerPool:
                 call = self._waiting.popleft()
                 self._waiting_bytes -= call.nbytes
                 if call.future.set_running_or_notify_cancel():
+                    call.queue_span.end()
                     call.started = time.monotonic()
                     self._running.add(call)
                     return call

@@ -3,10 +3,10 @@
 From the connection inwards:
 
 - ``http_server``: servers and ports.
-- ``http_protocol``, ``websocket_protocol``, ``sliced_reads``: limits per connection.
+- ``http_protocol``, ``websocket_protocol``: limits per connection.
 - ``middleware``: request ids, log lines, metrics, HEAD, path prefix, early responses.
 - ``security``, with ``access``, ``tokens`` and ``grpc_tokens``: access control.
-- ``error_handlers``, ``disconnect``: responses without a route, and clients that disconnect.
+- ``error_handlers``, ``plain_error_route``, ``disconnect``: responses to errors, and clients that disconnect.
 - ``health``, ``index_page``: routes.
 - ``interface_names``: names for people. ``section_files``: responses with the recent motion in a file.
 - ``openapi``: the part of the description that all routes share.

@@ -68,12 +68,14 @@ class MainServer(uvicorn.Server):
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        before = {number: signal.signal(number, self.handle_exit) for number in (signal.SIGINT, signal.SIGTERM)}
+        previous_handlers = {
+            number: signal.signal(number, self.handle_exit) for number in (signal.SIGINT, signal.SIGTERM)
+        }
         try:
             yield
         finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+            for number, handler in previous_handlers.items():
+                signal.signal(number, handler if handler is not None else signal.SIG_DFL)  # None: set by C code
 
 
 class _SecondaryServer(uvicorn.Server):
@@ -115,11 +117,13 @@ class PortService:
         except OSError as error:
             raise OSError(f"cannot listen: {process_tuning.listen_error(error, self._host, self._port)}") from None
         self._bound_port = int(listener.getsockname()[1])
-        self._server = server = _SecondaryServer(server_config(self._app, 1.0, lifespan=False, tls=self._tls))
+        self._server = server = _SecondaryServer(
+            server_config(self._app, grace_seconds=1.0, lifespan=False, tls=self._tls)
+        )
         try:
             await server.serve(sockets=[listener])
         finally:
-            if server.started:
+            if server.started:  # ``serve`` was cancelled before its own shutdown
                 await server.shutdown([listener])
             listener.close()
             self._server = None

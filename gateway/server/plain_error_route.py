@@ -1,4 +1,4 @@
-"""Routes whose expected errors become responses in plain text."""
+"""Routes whose expected errors become responses in plain text, such as 503 for work that was not done."""
 
 from __future__ import annotations
 
@@ -10,10 +10,26 @@ from fastapi.responses import PlainTextResponse
 from fastapi.routing import APIRoute
 from starlette.requests import ClientDisconnect
 
+from gateway.runtime.pool_errors import DeadlineExceeded, QueueFull, UnavailableErrors
 from gateway.scene.sampling import FileTooLargeError
 from gateway.server.disconnect import CLIENT_GONE
-from gateway.server.unavailable import UnavailableErrors, retry_after, unavailable
 from renderers.drawlist import ImageError
+
+
+def retry_after(error: Exception) -> dict[str, str]:
+    """Return the Retry-After header for one of ``UnavailableErrors``; none if the same request would fail again."""
+    if isinstance(error, DeadlineExceeded):
+        return {}
+    return {"Retry-After": str(getattr(error, "retry_after", 1))}
+
+
+def unavailable_message(error: Exception) -> str:
+    """Return the text of the 503 response for one of ``UnavailableErrors``."""
+    if isinstance(error, QueueFull):
+        return f"the server is busy: {error}"
+    if isinstance(error, DeadlineExceeded):
+        return f"rendering was stopped: {error}"
+    return str(error)
 
 
 class PlainErrorRoute(APIRoute):
@@ -31,7 +47,7 @@ class PlainErrorRoute(APIRoute):
             except ClientDisconnect:
                 return Response(status_code=CLIENT_GONE)
             except UnavailableErrors as error:
-                return unavailable(error)
+                return PlainTextResponse(unavailable_message(error), 503, retry_after(error))
             except tuple(self.statuses) as error:
                 status = next(status for kind, status in self.statuses.items() if isinstance(error, kind))
                 text = f"a texture of the scene cannot be decoded: {error}" if status == 500 else str(error)

@@ -10,7 +10,7 @@ from typing import Final
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.frames import CloseCode, Frame
 
-from gateway.server.sliced_reads import SlicedReads
+from gateway.server.http_protocol import SlicedReads
 
 MAX_FRAGMENTS: Final = 64
 """Fragments of a message: empty ones take memory too, and do not count against its size."""

@@ -27,10 +27,6 @@ class ViewerConfig:
     deleted geometry in the gateway's memory. The next update is then the whole scene."""
     capture_seconds: float = 0.4
     """Minimum interval between captures of the stereo camera. A capture renders four images, for all browsers."""
-    max_renders: int = 24
-    """Maximum number of requests in the page's list of recent render requests."""
-    max_render_bytes: int = 64 << 20
-    """Maximum bytes of the images in this list. Beyond it, the oldest images are dropped."""
     style: Style = field(default_factory=Style)
     """Shading of images that the gateway renders; ``look``, ``stream_look`` or a request name the look."""
     look: LookName = "studio"

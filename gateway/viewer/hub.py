@@ -6,12 +6,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 import msgspec
 
+from gateway.runtime.render_record import RenderRecord
 from gateway.scene.clicks import Button, Click
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
@@ -23,7 +24,6 @@ from gateway.viewer.encoder import Encoder, encode_page, encode_stereo_rig
 from gateway.viewer.flow_control import FlowControl
 from gateway.viewer.frames import encode
 from gateway.viewer.messages import ControlChange, Fact, Status
-from gateway.viewer.recent_renders import RecentRenders
 from gateway.viewer.resources import Resources
 from gateway.viewer.sources import StereoSource
 
@@ -44,6 +44,7 @@ class ViewHub:
         *,
         status: Callable[[], Status] = Status,
         stereo: StereoSource | None = None,
+        renders: Sequence[RenderRecord] = (),
         page: LivePage | None = None,
         timeline: Timeline | None = None,
         has_live: bool = True,
@@ -56,16 +57,17 @@ class ViewHub:
             status: returns the content of the page's status bar, to which the hub adds figures of its own. Called every
                 ``status_seconds`` while browsers are connected.
             stereo: the stereo camera; None if there is none.
+            renders: newest requests of the render endpoint, oldest first.
             page: view settings, clickable paths and controls, which clients of the tree viewer set.
             timeline: states of the scene that pages can go to; None: pages are always live.
             has_live: True if the end of the timeline is the live tree.
         """
         self.config = config
         self.resources = Resources()
-        self.renders = RecentRenders(config.max_renders, config.max_render_bytes)
         self._tree = tree
         self._status_source = status
         self._stereo = stereo
+        self._renders = renders
         self._timeline = timeline
         self._has_live = has_live
         self._page = page or LivePage()
@@ -180,7 +182,8 @@ class ViewHub:
         """Return the frame with the status, the number of browsers and the number of render requests."""
         status = self._status_source()
         facts = [*status.facts, Fact(name="viewers", value=len(self._browsers))]
-        return encode(msgspec.structs.replace(status, facts=facts, renders=self.renders.count))
+        render_count = self._renders[-1].number if self._renders else 0
+        return encode(msgspec.structs.replace(status, facts=facts, renders=render_count))
 
     def connect(self) -> Browser:
         """Add a browser.

@@ -6,13 +6,14 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Final
 
 import msgspec
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import PlainTextResponse, StreamingResponse
 
+from gateway.runtime.render_record import RenderRecord
 from gateway.scene.cameras import CameraError, NoSuchCameraError
 from gateway.scene.timeline import TimeError
 from gateway.server.disconnect import while_connected
@@ -21,7 +22,7 @@ from gateway.server.plain_error_route import PlainErrorRoute
 from gateway.server.scene_query import TIME_PARAMETER, ColorQuery, side_parameter
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.messages import StereoCapture
-from gateway.viewer.recent_renders import RecentRenders, encode_preview
+from gateway.viewer.recent_renders import encode_preview, listed
 from gateway.viewer.scene_images import BOUNDARY, ImageRequest, SceneImages, StreamsFull
 from gateway.viewer.sensor_images import SensorImages
 from gateway.viewer.sources import IMAGE_NAMES
@@ -125,7 +126,7 @@ class _ImageRoute(PlainErrorRoute):
     }
 
 
-def image_router(images: SceneImages, sensor: SensorImages | None, renders: RecentRenders) -> APIRouter:
+def image_router(images: SceneImages, sensor: SensorImages | None, renders: Sequence[RenderRecord]) -> APIRouter:
     """Return the routes of this module. ``sensor`` is None if there is no stereo camera."""
     routes = APIRouter(tags=["Browser view"], route_class=_ImageRoute)
     _add_scene_routes(routes, images)
@@ -190,18 +191,18 @@ def _json(value: Any) -> Response:
     return Response(msgspec.json.encode(value), media_type="application/json", headers=NO_STORE)
 
 
-def _add_render_routes(routes: APIRouter, renders: RecentRenders) -> None:
+def _add_render_routes(routes: APIRouter, renders: Sequence[RenderRecord]) -> None:
     @routes.get("/view/renders", include_in_schema=False)
     async def listing() -> Response:
-        return _json(renders.listing())
+        return _json(listed(renders))
 
     @routes.get("/view/renders/{number}.png", include_in_schema=False)
     async def preview(number: int, width: MaxWidth = None) -> Response:
-        summary = renders.find(number)
-        if summary is None:
+        record = next((record for record in renders if record.number == number and record.body), None)
+        if record is None:
             return PlainTextResponse(f"the image of render {number} is no longer kept", 404)
         try:
-            data = await asyncio.to_thread(encode_preview, summary, width)
+            data = await asyncio.to_thread(encode_preview, record, width)
         except ValueError as error:
             return PlainTextResponse(str(error), 415)
         return Response(data, media_type="image/png", headers={"Cache-Control": "private, max-age=3600"})

@@ -149,8 +149,10 @@ async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
                 clicks += 1
                 if clicks <= MAX_CLICKS:
                     hub.click(browser, message.node, message.point, message.button)
-    except (WebSocketDisconnect, KeyError):
-        return  # KeyError: a binary message
+    except WebSocketDisconnect:
+        return
+    except KeyError:  # of ``receive_text``: a binary message
+        await socket.close(1003, "messages of the page are text")
 
 
 _click_decoder: Final = msgspec.json.Decoder(Click)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
@@ -91,8 +91,8 @@ class Context:
     """The first stereo camera, if any."""
     stereo_sensor: StereoSource | None = None
     """Source of the stereo camera's images for the browser view, if any."""
-    render_observers: list[Callable[[RenderRecord], object]] = field(default_factory=list)
-    """Functions that are called after each request of the render endpoint."""
+    recent_renders: Sequence[RenderRecord] = ()
+    """Newest finished requests of the render endpoint, oldest first."""
 
     started: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when requests are accepted, or when the start has failed."""

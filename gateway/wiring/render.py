@@ -20,14 +20,17 @@ from gateway.wiring.style import style_of
 async def setup(context: Context) -> None:
     """Add the render endpoint."""
 
+    config = _config(context.settings)
+    if not context.settings.is_enabled("view"):
+        config = replace(config, recent_count=0)
     service = RenderService(
         context.renderer,
         context.workers,
-        _config(context.settings),
+        config,
         backdrop=await _backdrop(context),
         metrics=context.metrics,
-        observers=context.render_observers,
     )
+    context.recent_renders = service.recent
     context.app.include_router(render_router(service))
     metrics.watch_render(context.metrics, service)
     context.registry.ready("render", where=context.settings.render_path, figures=service.status)

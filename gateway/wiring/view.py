@@ -26,6 +26,7 @@ async def setup(context: Context) -> None:
         context.tree,
         status=lambda: gateway_status(context.registry, context.workers.stats),
         stereo=stereo,
+        renders=context.recent_renders,
         page=context.page,
         timeline=context.timeline,
         has_live=context.log is None,
@@ -40,10 +41,9 @@ async def setup(context: Context) -> None:
         context.timeline,
     )
     sensor = SensorImages(stereo.capture, config.capture_seconds) if stereo is not None else None
-    context.render_observers.append(hub.renders.add)
     watch_view(context.metrics, hub)
     context.app.include_router(router(hub))
-    context.app.include_router(image_router(images, sensor, hub.renders))
+    context.app.include_router(image_router(images, sensor, context.recent_renders))
     context.app.include_router(share_router(context.tree, context.page, context.timeline))
     context.run_service("view", hub, where="/view")
     if context.log is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections import Counter
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 
@@ -67,9 +67,13 @@ class Running:
     client: httpx2.AsyncClient
     service: RenderService
     workers: WorkerPool
-    records: list[RenderRecord]
     metrics: Metrics
     app: FastAPI
+
+    @property
+    def records(self) -> list[RenderRecord]:
+        """The newest requests, oldest first."""
+        return list(self.service.recent)
 
     @property
     def arriving(self) -> int:
@@ -122,19 +126,16 @@ async def running(
     max_waiting_bytes: int = 1 << 30,
     backdrop: Backdrop | None = None,
     seconds: float | None = None,
-    observers: Sequence[Callable[[RenderRecord], object]] = (),
 ) -> AsyncIterator[Running]:
     workers = WorkerPool(threads, max_waiting, max_waiting_bytes, seconds=seconds, limit_name="--render-seconds")
-    records: list[RenderRecord] = []
     metrics = Metrics()
-    observers = (*observers, records.append)
-    service = RenderService(renderer, workers, config, backdrop=backdrop, metrics=metrics, observers=observers)
+    service = RenderService(renderer, workers, config, backdrop=backdrop, metrics=metrics)
     app = FastAPI()
     app.include_router(render_router(service))
     transport = httpx2.ASGITransport(app=app)
     async with httpx2.AsyncClient(transport=transport, base_url="http://test") as client:
         try:
-            yield Running(client, service, workers, records, metrics, app)
+            yield Running(client, service, workers, metrics, app)
         finally:
             assert await workers.close(SECONDS)
 

@@ -163,9 +163,22 @@ async def test_ignored_content_is_logged_as_a_warning(start: Start, watched: Wat
     assert any("zorp" in text for text in told)
 
 
-async def test_failing_observer_does_not_affect_the_response(start: Start, watched: WatchedRenderer) -> None:
-    async with start(watched, observers=[lambda record: 1 // 0]) as server:
+@pytest.mark.parametrize(("images", "kept"), [(2, [False, True, True]), (0, [False] * 3)])
+async def test_the_newest_requests_are_kept_with_their_images(
+    start: Start, watched: WatchedRenderer, images: int, kept: list[bool]
+) -> None:
+    async with start(watched) as server:
+        size = len((await server.post(body(SCENE), CONTENT_TYPE)).content)
+    async with start(watched, RenderConfig(recent_count=3, recent_bytes=max(0, images * size))) as server:
+        for _ in range(5):
+            await server.post(body(SCENE), CONTENT_TYPE)
+        assert [record.number for record in server.records] == [3, 4, 5]
+        assert [bool(record.body) for record in server.records] == kept
+        await server.post(b"x", CONTENT_TYPE)
+        assert [bool(record.body) for record in server.records] == [*kept[1:], False]
+    async with start(watched, RenderConfig(recent_count=0)) as server:
         assert (await server.post(body(SCENE), CONTENT_TYPE)).status_code == 200
+        assert server.records == []
 
 
 async def test_other_methods_respond_with_usage(start: Start, watched: WatchedRenderer) -> None:

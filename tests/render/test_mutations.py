@@ -113,7 +113,6 @@ def assert_answered(loop: asyncio.AbstractEventLoop, server: Running, data: byte
             assert response.content.decode().strip()
         return response.status_code
 
-    server.records.clear()
     return loop.run_until_complete(post())
 
 

@@ -175,16 +175,3 @@ def test_children_end_with_a_killed_program() -> None:
         assert is_alive(child)
         program.kill()
     wait_until(lambda: not is_alive(child) and not is_alive(helper))
-
-
-def test_a_fork_of_the_program_has_a_helper_of_its_own() -> None:
-    program = """
-import multiprocessing
-from tests.runtime.test_limited_process import Processes, call
-if __name__ == "__main__":
-    call("echo", 1)
-    with multiprocessing.get_context("fork").Pool(2) as pool:
-        print(pool.map(__import__("functools").partial(call, "echo"), range(8)), call("echo", 8))
-"""
-    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert result.stdout == f"{[[n] for n in range(8)]} [8]\n"

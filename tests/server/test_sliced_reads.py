@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from gateway.server.sliced_reads import SlicedReads
+from gateway.server.http_protocol import SlicedReads
 
 
 class FakeTransport:

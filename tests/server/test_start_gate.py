@@ -30,7 +30,7 @@ def gate(started: asyncio.Event, problem: str = "", compiling: KernelProgress | 
 
 def half() -> KernelProgress:
     progress = KernelProgress({"shading": 1, "raster": 1})
-    progress.add_part("shading")
+    progress.add("shading", complete=True)
     return progress
 
 

@@ -79,7 +79,7 @@ def test_shrinking_keeps_the_aspect_ratio(width: int | None, shape: tuple[int, i
 
 
 def summary(kind: str, body: bytes, media_type: str) -> RenderRecord:
-    return RenderRecord(200, 0.0, 0.0, "", "", kind, body, media_type, "")
+    return RenderRecord(1, 0.0, 200, 0.0, 0.0, "", "", kind, body, media_type, "")
 
 
 def preview(kind: str, body: bytes, media_type: str, width: int | None) -> NDArray[np.uint8]:

@@ -159,10 +159,21 @@ async def test_status_and_stereo_rig_are_sent(hub: Any) -> None:
     assert {"name": "viewers", "value": 0} in client.latest["status"]["facts"]
     move(tree, 2.5)
     assert (await client.next_frame("rig"))["pose"][12] == 2.5
-    view.renders.add(RenderRecord(200, 0.1, 0.0, "color", "", "color", b"x", "image/png", ""))
-    while (await client.next_frame("status")).get("renders") != 1:
+    client.browser.close()
+
+
+async def test_the_status_counts_render_requests() -> None:
+    renders: list[RenderRecord] = []
+    view = ViewHub(QUICK, LiveTree(), renders=renders)
+    running = asyncio.create_task(view.run())
+    client = Client(view.connect())
+    assert "renders" not in await client.next_frame("status")
+    renders.append(RenderRecord(7, 0.0, 200, 0.1, 0.0, "color", "", "color", b"x", "image/png", ""))
+    while (await client.next_frame("status")).get("renders") != 7:
         pass
     client.browser.close()
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
 
 
 async def test_rejects_browsers_beyond_the_limit(hub: Any) -> None:

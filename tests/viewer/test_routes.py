@@ -29,7 +29,7 @@ from gateway.server.error_handlers import invalid_parameters
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.image_routes import image_router
-from gateway.viewer.recent_renders import RecentRenders, encode_preview
+from gateway.viewer.recent_renders import encode_preview, listed
 from gateway.viewer.resources import RECENT_IMAGES, Resources
 from gateway.viewer.routes import router
 from gateway.viewer.scene_images import ImageRequest, SceneImages, StreamsFull
@@ -83,7 +83,8 @@ class World:
             capture_seconds=1000.0,
             style=Style(rig=Rig(exposure=0.5)),
         )
-        self.hub = ViewHub(self.config, self.tree)
+        self.renders: list[RenderRecord] = []
+        self.hub = ViewHub(self.config, self.tree, renders=self.renders)
         self.renderer = CountingRenderer()
         flattener = Flattener(LabelTable())
         self.images = SceneImages(self.config, self.tree, flattener, self.renderer, WorkerPool(1))
@@ -91,7 +92,7 @@ class World:
         self.app = FastAPI(exception_handlers={RequestValidationError: invalid_parameters})
         self.app.include_router(router(self.hub))
         sensor = SensorImages(self.capture, self.config.capture_seconds)
-        self.app.include_router(image_router(self.images, sensor, self.hub.renders))
+        self.app.include_router(image_router(self.images, sensor, self.renders))
         self.http = httpx2.AsyncClient(transport=httpx2.ASGITransport(self.app), base_url="http://view")
 
     async def capture(self) -> StereoImages:
@@ -161,7 +162,7 @@ async def test_images_of_an_earlier_time(world: World) -> None:
         world.config, world.tree, Flattener(LabelTable()), world.renderer, WorkerPool(1), timeline=past
     )
     app = FastAPI()
-    app.include_router(image_router(images, None, world.hub.renders))
+    app.include_router(image_router(images, None, world.renders))
     async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://view") as http:
         for time in ("1002.5", "-7.5"):
             response = await http.get(f"/view/frame.jpg?width=64&height=48&time={time}")
@@ -308,10 +309,10 @@ async def test_renders_are_listed_with_previews(world: World) -> None:
         ("depth", tiff_float32(depth), "image/tiff"),
         ("depth", png_gray16(np.full((6, 8), 1500, np.uint16)), "image/png"),
     ]
-    for kind, body, media_type in kinds:
-        summary = RenderRecord(200, 0.01, 0.002, kind, "scene", kind, body, media_type, "", ("no labels",))
-        world.hub.renders.add(summary)
-    world.hub.renders.add(RenderRecord(400, 0.01, 0.0, "not understood", "", "", b"", "", "width is missing"))
+    for number, (kind, body, media_type) in enumerate(kinds, 1):
+        record = RenderRecord(number, 0.0, 200, 0.01, 0.002, kind, "scene", kind, body, media_type, "", ("no labels",))
+        world.renders.append(record)
+    world.renders.append(RenderRecord(4, 0.0, 400, 0.01, 0.0, "not understood", "", "", b"", "", "width is missing"))
     listing = (await world.http.get("/view/renders")).json()
     assert [entry["status"] for entry in listing] == [400, 200, 200, 200]
     assert listing[0]["error"] == "width is missing"
@@ -323,20 +324,6 @@ async def test_renders_are_listed_with_previews(world: World) -> None:
     assert shown[5, 7, 2] >= shown[5, 7, 0], "far is blue"
     assert (await world.http.get(f"/view/renders/{listing[1]['id']}.png?width=4")).status_code == 200
     assert (await world.http.get(f"/view/renders/{listing[0]['id']}.png")).status_code == 404
-
-
-def test_recent_renders_drop_the_oldest_images_beyond_the_byte_limit() -> None:
-    recent = RecentRenders(max_count=3, max_bytes=10)
-    for _ in range(5):
-        recent.add(RenderRecord(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
-    at_limit = RecentRenders(max_count=3, max_bytes=12)
-    for _ in range(3):
-        at_limit.add(RenderRecord(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
-    assert [entry.image for entry in at_limit.listing()] == [True, True, False]
-    listing = recent.listing()
-    assert [entry.id for entry in listing] == [5, 4, 3]
-    assert [entry.image for entry in listing] == [True, False, False]
-    assert recent.count == 5
 
 
 async def test_channel_has_values_of_finite_points_only(world: World) -> None:
@@ -363,7 +350,7 @@ def test_replaced_images_are_kept_for_pages_that_still_download_them() -> None:
 
 def test_rejects_previews_of_undecodable_images() -> None:
     with pytest.raises(ValueError, match="image/tiff"):
-        encode_preview(RenderRecord(200, 0, 0, "", "", "depth", b"no image", "image/tiff", ""), None)
+        encode_preview(RenderRecord(1, 0, 200, 0, 0, "", "", "depth", b"no image", "image/tiff", ""), None)
 
 
 class EndlessWorld(World):
@@ -380,7 +367,7 @@ class EndlessWorld(World):
 async def test_timed_out_rendering_is_not_reused() -> None:
     world = EndlessWorld(0.05)
     app = FastAPI()
-    app.include_router(image_router(world.images, None, world.hub.renders))
+    app.include_router(image_router(world.images, None, world.renders))
     async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://view") as http:
         for path in ("frame.jpg", "frame.jpg", "stream.mjpg"):
             response = await http.get(f"/view/{path}?width=64&height=48")
@@ -412,7 +399,7 @@ async def test_rendering_is_cancelled_with_its_last_caller() -> None:
 
 async def test_without_a_stereo_camera_its_images_are_missing(world: World) -> None:
     app = FastAPI()
-    app.include_router(image_router(world.images, None, world.hub.renders))
+    app.include_router(image_router(world.images, None, world.renders))
     async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://view") as http:
         state = await http.get("/view/sensor")
         image = await http.get("/view/sensor/left.jpg")
@@ -505,7 +492,7 @@ async def test_textures_that_cannot_be_decoded_fail_the_image(world: World, monk
 
 
 async def test_previews_that_are_not_images_and_those_that_were_dropped(world: World) -> None:
-    world.hub.renders.add(RenderRecord(200, 0.0, 0.0, "", "", "color", b"no image", "image/png", ""))
+    world.renders.append(RenderRecord(1, 0.0, 200, 0.0, 0.0, "", "", "color", b"no image", "image/png", ""))
     for path in ("1.png?width=4", "2.png", "0.png"):
         response = await world.http.get(f"/view/renders/{path}")
         number = path[0]
@@ -554,16 +541,8 @@ async def test_only_the_studio_look_has_several_samples(world: World, look: str,
     assert (chosen.name, chosen.samples) == (look, samples)
 
 
-@pytest.mark.parametrize(("max_bytes", "images"), [(12, 2), (11, 1), (6, 1), (5, 0)])
-def test_images_of_renders_at_the_byte_limit(max_bytes: int, images: int) -> None:
-    recent = RecentRenders(max_count=3, max_bytes=max_bytes)
-    for _ in range(3):
-        recent.add(RenderRecord(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
-    assert [entry.image for entry in recent.listing()] == [True] * images + [False] * (3 - images)
-
-
 def test_times_of_renders_are_in_milliseconds() -> None:
-    recent = RecentRenders(max_count=3, max_bytes=100)
-    recent.add(RenderRecord(200, 0.0123456, 0.0034567, "color", "scene", "color", b"x", "image/png", ""))
-    (entry,) = recent.listing()
+    record = RenderRecord(1, 5.0, 200, 0.0123456, 0.0034567, "color", "scene", "color", b"x", "image/png", "")
+    (entry,) = listed([record])
+    assert (entry.id, entry.when) == (1, 5.0)
     assert (entry.milliseconds, entry.queued) == (12.35, 3.46)

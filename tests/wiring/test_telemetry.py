@@ -178,7 +178,7 @@ def test_a_worker_thread_carries_the_span_of_its_caller(use: Callable[[TracerPro
     use(provider)
 
     def work() -> str:
-        with tracing.span("work", {"answer": 42}):
+        with tracing.span("work", attributes={"answer": 42}):
             return threading.current_thread().name
 
     async def call() -> str:
@@ -211,7 +211,6 @@ def test_without_a_collector_nothing_is_traced(use: Callable[[None], None]) -> N
         assert telemetry.config() is telemetry.NO_TELEMETRY
     with tracing.span("nothing"), tracing.lcm_message_span("CHANNEL", 3):
         assert trace.get_current_span() is trace.INVALID_SPAN
-    assert tracing.after_queue(list) is list
 
 
 def test_without_the_extra_a_warning_names_it(use: Callable[[None], None], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,6 @@
 
 - ``loading``: what the rest of the gateway calls.
 - ``parts``: which kernels are compiled together.
-- ``cache``, ``child``: child processes compile them into the cache.
+- ``cache``, ``compile_process``: child processes compile them into the cache.
 - ``progress``: how far that is, for people.
 """

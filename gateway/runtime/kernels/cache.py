@@ -106,7 +106,7 @@ async def _exclusive(progress: KernelProgress) -> AsyncIterator[None]:
 async def compile_in_children(parts: Collection[str], progress: KernelProgress, on_cached: OnCached = _ignore) -> None:
     """Compile parts in child processes, at most one per processor, and list them in the cache's manifest.
 
-    The children (``child``) read the index of their next part from a pipe.
+    The children (``compile_process``) read the index of their next part from a pipe.
 
     Args:
         parts: names in ``parts.PARTS``; at most 255.
@@ -167,12 +167,11 @@ async def _compile_in_child(
     try:
         async for line in child.stdout:
             report = json.loads(line)
-            if "kernels" in report:
-                compiled[report["part"]] = report["kernels"]
-                progress.add_part(report["part"])
-                await on_cached(report["part"])
-            else:
-                progress.add_function(report["part"])
+            part, kernels = report["part"], report.get("kernels")
+            progress.add(part, complete=kernels is not None)
+            if kernels is not None:
+                compiled[part] = kernels
+                await on_cached(part)
         await child.wait()
     except BaseException:
         if child.returncode is None:
@@ -213,27 +212,13 @@ def forbid_compiling() -> Iterator[None]:
             "`scenegate warmup`, or another start, compiles all of them"
         )
 
-    with _watch_compiler(refuse):
+    with watch_compiler(refuse):
         yield
 
 
 @contextmanager
-def report_compiled_kernels(report: Callable[[str], object]) -> Iterator[None]:
-    """Call ``report`` with the name of each kernel that this process compiles inside the block, before it does."""
-    with _watch_compiler(lambda function, depth: report(function) if depth == 1 else None):
-        yield
-
-
-@contextmanager
-def report_compiled_functions(report: Callable[[], object]) -> Iterator[None]:
-    """Call ``report`` for each function that this process compiles inside the block: kernels and their callees."""
-    with _watch_compiler(lambda function, depth: report()):
-        yield
-
-
-@contextmanager
-def _watch_compiler(on_compile: Callable[[str, int], object]) -> Iterator[None]:
-    """Call ``on_compile`` at the start of each compilation, with the function's name and its depth.
+def watch_compiler(on_compile: Callable[[str, int], object]) -> Iterator[None]:
+    """Call ``on_compile`` before this process compiles a function inside the block, with its full name and its depth.
 
     The depth of a kernel is 1. A function that is compiled for another one is one deeper.
     """

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-from functools import partial
 from typing import Any
 
 from gateway.runtime import process_tuning
@@ -34,7 +33,7 @@ def compile_parts(parts_fd: int, names: tuple[str, ...]) -> None:
     reported_ids: set[int] = set()
     while index := os.read(parts_fd, 1):
         part = names[index[0]]
-        with cache.report_compiled_functions(partial(_report, part=part)):
+        with cache.watch_compiler(lambda *_, part=part: _report(part=part)):
             PARTS[part].compile_or_load()
         _report(part=part, kernels=_take_new_folders(reported_ids))
 

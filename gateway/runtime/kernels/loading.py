@@ -109,7 +109,7 @@ class KernelLoader:
         begin = time.perf_counter()
         await asyncio.to_thread(parts.load_needed)
         _log.info("The rendering kernels are loaded", seconds=round(time.perf_counter() - begin, 1))
-        self._exit_stack.enter_context(cache.report_compiled_kernels(_log_compiled_kernel))
+        self._exit_stack.enter_context(cache.watch_compiler(_log_compiled_kernel))
         self._registry.ready(KERNELS)
 
     async def _compile_needed(self) -> None:
@@ -152,5 +152,6 @@ async def _load_background_part(name: str) -> None:
     await asyncio.to_thread(parts.load_background, name)
 
 
-def _log_compiled_kernel(kernel: str) -> None:
-    _log.error("A kernel is compiled in the serving process and blocks every interface", kernel=kernel)
+def _log_compiled_kernel(function: str, depth: int) -> None:
+    if depth == 1:
+        _log.error("A kernel is compiled in the serving process and blocks every interface", kernel=function)

@@ -60,18 +60,12 @@ class KernelProgress:
             self.waiting = waiting
             self.on_change()
 
-    def add_function(self, part: str) -> None:
-        """Note that one more function of a part is compiled."""
+    def add(self, part: str, *, complete: bool) -> None:
+        """Note that one more function of a part is compiled; or all of them, if ``complete``."""
         if math.isnan(self.first_compiled):
             self.first_compiled = time.monotonic()
-        self.compiled[part] = min(self.expected[part], self.compiled.get(part, 0) + 1)
-        self.on_change()
-
-    def add_part(self, part: str) -> None:
-        """Note that all functions of a part are compiled."""
-        if math.isnan(self.first_compiled):
-            self.first_compiled = time.monotonic()
-        self.compiled[part] = self.expected[part]
+        expected = self.expected[part]
+        self.compiled[part] = expected if complete else min(expected, self.compiled.get(part, 0) + 1)
         self.on_change()
 
     def describe(self) -> dict[str, Any]:

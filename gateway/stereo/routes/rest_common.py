@@ -9,9 +9,9 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import JSONResponse
 from fastapi.routing import APIRoute
 
-from gateway.runtime.pool_errors import DeadlineExceeded
+from gateway.runtime.pool_errors import DeadlineExceeded, UnavailableErrors
 from gateway.server.openapi import Responses, example
-from gateway.server.unavailable import UnavailableErrors, retry_after
+from gateway.server.plain_error_route import retry_after
 from gateway.stereo.service import StereoService
 
 _ERROR_SCHEMA: Final[dict[str, Any]] = {

@@ -11,7 +11,7 @@ from typing import Any, Concatenate, Final, Literal, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.runtime.tracing import span
+from gateway.runtime import tracing
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.depth.rendered_depth import ImagePair
 from gateway.stereo.device.stream_settings import StreamSettings
@@ -147,7 +147,7 @@ class FrameImages:
         chunks: list[Chunk] = [messages.timestamp_field(capture.timestamp)]
         for (number, _), value in zip(fields, values, strict=True):
             chunks += messages.field(number, value)
-        with span("serialise"):
+        with tracing.span("serialise"):
             if messages.byte_count(chunks) < messages.MIN_BYTES_WITHOUT_GIL:
                 return b"".join(chunks)
             return await self._workers.run(messages.join, chunks)
@@ -156,7 +156,7 @@ class FrameImages:
     async def depth_images(self) -> DepthImages:
         """Return the disparity, error and confidence images, by matching or from rendered depth."""
         capture, settings, config = self._depth_capture, self._settings, self._config
-        with span("depth"):
+        with tracing.span("depth"):
             pair = dark_pair = None
             if config.measures_images:
                 pair = await self._image_pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
@@ -169,7 +169,7 @@ class FrameImages:
     @once
     async def metered(self, capture: Capture) -> MeteredExposure:
         """Return the exposure of the images of a capture."""
-        with span("meter"):
+        with tracing.span("meter"):
             return await self._workers.run(self._imaging.meter, capture, self._settings)
 
     async def image(self, stream: NoiseStream, color: bool) -> SensorImage:
@@ -289,7 +289,7 @@ class FrameImages:
         self, capture: Capture, stream: NoiseStream, colors: frozenset[bool], averaged_images: int = 1
     ) -> dict[bool, SensorImage]:
         request = ImageRequest((await self.metered(capture)).exposure, stream, colors, averaged_images)
-        with span("expose", {"stereo.image": stream.name.lower()}):
+        with tracing.span("expose", attributes={"stereo.image": stream.name.lower()}):
             return await self._workers.run(self._imaging.expose, capture, request)
 
     async def _image_pair(self, capture: Capture, left: NoiseStream, right: NoiseStream) -> ImagePair:

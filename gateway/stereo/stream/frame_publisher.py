@@ -99,7 +99,7 @@ class FramePublisher:
     async def publish_sets(self, frame: FrameImages, kinds: Collection[SetKind]) -> None:
         """Make and publish the sets of a frame."""
         start = asyncio.get_running_loop().time()
-        with tracing.span("stereo frame", {"stereo.frame": frame.record.number}):
+        with tracing.span("stereo frame", attributes={"stereo.frame": frame.record.number}):
             published = await asyncio.gather(*[self._publish(frame, kind) for kind in kinds])
         if all(published):
             self.counts.problem = ""
@@ -133,7 +133,7 @@ class FramePublisher:
         """Make and publish one set of a frame; return True if it was made."""
         number = frame.record.number
         try:
-            with tracing.span("stereo set", {"stereo.set": kind.title}):
+            with tracing.span("stereo set", attributes={"stereo.set": kind.title}):
                 data = await frame.serialised(kind)
         except QueueFull:
             self.counts.dropped += 1

@@ -13,7 +13,7 @@ from llvmlite import ir
 from numba import extending, njit, types
 from numba.core.errors import TypingError
 
-from gateway.runtime.kernels.cache import report_compiled_functions
+from gateway.runtime.kernels.cache import watch_compiler
 from renderers.compiler.numba_typing import argument_types, define_fields, define_operator, intrinsic
 
 _extending: Any = extending
@@ -120,7 +120,7 @@ def clamped(value):
 
 def test_minimum_and_maximum_are_not_compiled_as_functions() -> None:
     compiled: list[None] = []
-    with report_compiled_functions(lambda: compiled.append(None)):
+    with watch_compiler(lambda *_: compiled.append(None)):
         assert clamped(12) == 10
     assert len(compiled) == 1
 

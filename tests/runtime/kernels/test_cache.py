@@ -374,9 +374,9 @@ def test_compiling_is_refused_while_kernels_are_loaded(cache: Path) -> None:
     assert fresh(1) == 2
 
 
-def test_compiling_is_reported_once_with_the_called_function(cache: Path) -> None:
+def test_compiling_is_reported_with_the_called_function(cache: Path) -> None:
     compiled: list[str] = []
-    with kernels.report_compiled_kernels(compiled.append):
+    with kernels.watch_compiler(lambda name, depth: compiled.append(f"{name.rsplit('.', 1)[1]} {depth}")):
         assert _fresh()(1) == 2
     assert _fresh()(1) == 2
-    assert [name.rsplit(".", 1)[1] for name in compiled] == ["fresh"]
+    assert compiled == ["fresh 1", "add_one 2"]

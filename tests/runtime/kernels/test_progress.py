@@ -21,12 +21,12 @@ def test_progress_counts_functions() -> None:
     progress = KernelProgress({"shading": 30, "setup": 10})
     assert (progress.fraction, progress.seconds_left) == (0.0, None)
     for _ in range(40):  # more than expected
-        progress.add_function("setup")
+        progress.add("setup", complete=False)
     assert progress.fraction == 0.25
     described = progress.describe()["compiling"]
     assert described.pop("seconds") >= 0.0
     assert described == {"percent": 25, "seconds_left": 1}
-    progress.add_part("shading")
+    progress.add("shading", complete=True)
     assert progress.fraction == 1.0
     progress.set_waiting(True)
     assert progress.describe()["waiting"] == "another process compiles the kernels"
@@ -37,7 +37,7 @@ def test_the_remaining_time_follows_from_the_time_since_the_first_function(monke
     monkeypatch.setattr("gateway.runtime.kernels.progress.time.monotonic", lambda: now)
     progress = KernelProgress({"shading": 4})
     now = 110.0
-    progress.add_function("shading")
+    progress.add("shading", complete=False)
     now = 112.0
     assert progress.seconds_left == 6
     assert str(progress) == "compiling the rendering kernels, once: 25 %, about 6 s left"
@@ -51,8 +51,8 @@ def test_a_line_for_each_fifth_without_a_terminal(monkeypatch: pytest.MonkeyPatc
         progress.set_waiting(True)
         progress.set_waiting(False)
         for _ in range(5):
-            progress.add_function("shading")
-        progress.add_part("shading")
+            progress.add("shading", complete=False)
+        progress.add("shading", complete=True)
     assert [event for event, _ in lines] == [
         "Waiting for another process that compiles the rendering kernels",
         *["Compiling the rendering kernels"] * 3,
@@ -63,7 +63,7 @@ def test_a_line_for_each_fifth_without_a_terminal(monkeypatch: pytest.MonkeyPatc
 def test_commands_write_lines_to_stderr(capsys: pytest.CaptureFixture[str]) -> None:
     progress = KernelProgress({"shading": 2})
     with show_progress_on_stderr(progress):
-        progress.add_function("shading")
+        progress.add("shading", complete=False)
     assert capsys.readouterr().err.startswith("Compiling the rendering kernels, 40 %, ")
 
 
@@ -78,7 +78,7 @@ def test_a_bar_in_a_terminal_with_log_lines_above_it(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(root, "handlers", [handler])
     progress = KernelProgress({"shading": 1, "setup": 3})
     with show_progress(progress, lambda event, **fields: pytest.fail("a line beside the bar")):
-        progress.add_part("shading")
+        progress.add("shading", complete=True)
         logging.getLogger("gateway").warning("something else")
         assert handler.stream is not terminal
     assert handler.stream is terminal

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import httpx2
 import pytest
+from fastapi import APIRouter, FastAPI
 
 from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
-from gateway.server.unavailable import UnavailableErrors, unavailable
+from gateway.server.plain_error_route import PlainErrorRoute
 from renderers.compiler.pending import KernelsDelayed
 
 
@@ -22,9 +24,18 @@ from renderers.compiler.pending import KernelsDelayed
         ),
     ],
 )
-def test_the_response_says_why_and_when_to_try_again(error: Exception, retry_after: str | None, text: str) -> None:
-    assert isinstance(error, UnavailableErrors)
-    response = unavailable(error)
-    assert response.status_code == 503
+async def test_the_response_says_why_and_when_to_try_again(
+    error: Exception, retry_after: str | None, text: str
+) -> None:
+    routes = APIRouter(route_class=PlainErrorRoute)
+
+    @routes.get("/")
+    async def fail() -> None:
+        raise error
+
+    app = FastAPI()
+    app.include_router(routes)
+    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://test") as client:
+        response = await client.get("/")
+    assert (response.status_code, response.text) == (503, text)
     assert response.headers.get("retry-after") == retry_after
-    assert bytes(response.body).decode() == text
