@@ -147,7 +147,7 @@ def test_rejects_targets_without_a_port_number(monkeypatch: pytest.MonkeyPatch) 
     with pytest.raises(StreamFailure, match="'camera' is not a port"):
         receive_all(StreamOptions("localhost:camera", count=1))
     for target in ("http://localhost:50051", None):
-        with pytest.raises(StreamFailure, match="the camera's address must be like 127.0.0.1:50051, not"):
+        with pytest.raises(StreamFailure, match=r"the camera's address must be like 127\.0\.0\.1:50051, not"):
             receive_all(StreamOptions(target, count=1))  # type: ignore[arg-type]
 
 

@@ -259,6 +259,24 @@ def test_reports_timeout() -> None:
         tree_viewer["a"].delete()
 
 
+async def test_names_a_peer_that_is_no_hub(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as the gateway's HTTP port."""
+    monkeypatch.setattr("scenegate.lcm.tcpq_transport.RETRY_SECONDS", SECONDS)  # the reason of the first attempt stays
+
+    async def refuse(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(b"HTTP/1.1 400 Bad Request")
+
+    def talk(url: str) -> None:
+        with TreeViewer(url, timeout=1) as tree_viewer:  # short: no hub
+            tree_viewer["a"].set(Sphere(1))
+
+    server = await asyncio.start_server(refuse, "127.0.0.1", 0)
+    async with server:
+        url = f"tcpq://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        with pytest.raises((ConnectionError, TimeoutError), match="it does not speak TCPQ"):
+            await in_thread(talk, url)
+
+
 def test_reports_missing_network(monkeypatch: pytest.MonkeyPatch) -> None:
     (port,) = free_ports(1)
     with pytest.raises(ConnectionError, match="no hub listens there"):

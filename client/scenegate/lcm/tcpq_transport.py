@@ -188,7 +188,7 @@ class _Connection(asyncio.BufferedProtocol):
     def publish(self, channel: str, message: bytes | bytearray) -> None:
         transport = self._transport
         if transport is None or transport.is_closing():
-            raise OSError(f"the hub has gone{f': {self.lost.result()}' if self.lost.done() else ''}")
+            raise OSError("the hub has gone")
         if transport.get_write_buffer_size() + len(message) > MAX_UNSENT_BYTES:
             raise OSError("the hub reads too slowly")
         transport.write(publish_header(channel, len(message)) + message)
