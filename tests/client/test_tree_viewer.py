@@ -263,11 +263,14 @@ async def test_names_a_peer_that_is_no_hub(monkeypatch: pytest.MonkeyPatch) -> N
     """Such as the gateway's HTTP port."""
     monkeypatch.setattr("scenegate.lcm.tcpq_transport.RETRY_SECONDS", SECONDS)  # the reason of the first attempt stays
 
-    async def refuse(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def refuse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(b"HTTP/1.1 400 Bad Request")
+        with contextlib.suppress(ConnectionError):
+            await reader.read()
+        writer.close()
 
     def talk(url: str) -> None:
-        with TreeViewer(url, timeout=1) as tree_viewer:  # short: no hub
+        with TreeViewer(url, timeout=3) as tree_viewer:  # short: no hub
             tree_viewer["a"].set(Sphere(1))
 
     server = await asyncio.start_server(refuse, "127.0.0.1", 0)
@@ -320,7 +323,7 @@ def test_names_of_the_package() -> None:
 
     assert {name for name in package.__all__ if getattr(package, name) is not None} == set(package.__all__)
     assert package.TreeViewer is viewer.TreeViewer
-    assert set(package.__all__) <= set(dir(package))
+    assert [name for name in dir(package) if not name.startswith("__")] == package.__all__
     with pytest.raises(AttributeError):
         _ = package.Nothing  # type: ignore[attr-defined]  # at run time, too
 
