@@ -98,7 +98,7 @@ def depth(disparity: pb.DisparityImage) -> NDArray[np.float32]:
     return np.asarray(metres, np.float32)
 
 
-def save(image_set: pb.ImageSet, folder: Path, *, exposure: bool = False, gpio: bool = False) -> None:
+def save(image_set: pb.ImageSet, folder: str | Path, *, exposure: bool = False, gpio: bool = False) -> None:
     """Write each image as PNG, the mesh as PLY, and an npz with all images and their parameters.
 
     File names are those of the vendor's client: ``image_<sec>.<nsec>_left.png``. A disparity PNG has 16 bits, in units
@@ -116,7 +116,7 @@ def save(image_set: pb.ImageSet, folder: Path, *, exposure: bool = False, gpio: 
         BadImageError: an image is invalid.
         OSError: a file cannot be written.
     """
-    file_stem = f"image_{timestamp_text(image_set.timestamp)}"
+    folder, file_stem = Path(folder), f"image_{timestamp_text(image_set.timestamp)}"
     arrays: dict[str, Any] = {}
     for name, image in _images(image_set).items():
         array = pixels(image)
