@@ -18,6 +18,8 @@ _NUMBER: Final = r"\d+\.\d+\.\d+"
 FIRST_RELEASE: Final = {
     "README.md": {
         "`pip install ./client .`": "`pip install scenegate`",
+        "`pip install ./client` is": "`pip install scenegate-client` is",
+        "`pip install './client[camera]'` is": "`pip install 'scenegate-client[camera]'` is",
         " Scenegate is not on the package index yet.": "",
         "Not released yet; the [changelog]": "The [changelog]",
     },

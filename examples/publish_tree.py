@@ -3,7 +3,7 @@
     python examples/publish_tree.py [tcpq://127.0.0.1:7700] [http://127.0.0.1:8000] [PICTURE.png]
 
 ``udpm://239.255.76.67:7667?ttl=0`` (LCM's default network) works as well as TCPQ. The client speaks the protocol of
-Director's remote tree viewer; it needs lcm, numpy, msgspec and Pillow, and nothing of the server.
+Director's remote tree viewer; ``scenegate-client`` is enough.
 """
 
 import math

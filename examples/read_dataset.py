@@ -3,7 +3,7 @@
     scenegate render scenes/ -o out/ --type color,depth,label --orbit 12
     python examples/read_dataset.py [out] [POINTS.npz]
 
-Needs numpy and OpenCV; nothing of the server is loaded.
+``scenegate-client[images]`` is enough.
 """
 
 import sys

@@ -19,7 +19,7 @@ from gateway.stereo.device.profile import read_profile
 from gateway.stereo.imaging.pair_files import read_geometry
 from gateway.stereo.routes.truth_routes import truth_router
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.files import BadImageError, depth, nanoseconds, pixels, preview
+from scenegate.camera.files import BadImageError, depth, intrinsics, nanoseconds, pixels, preview
 from scenegate.camera.stream import Progress, StreamFailure, StreamOptions, receive, receive_all
 from scenegate.gateway_http import GatewayError
 from tests.stereo.conftest import Start, renderer, start
@@ -146,6 +146,9 @@ def test_rejects_targets_without_a_port_number(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("scenegate.camera.stream.CONNECT_SECONDS", 0.2)
     with pytest.raises(StreamFailure, match="'camera' is not a port"):
         receive_all(StreamOptions("localhost:camera", count=1))
+    for target in ("http://localhost:50051", None):
+        with pytest.raises(StreamFailure, match=r"the camera's address must be like 127\.0\.0\.1:50051, not"):
+            receive_all(StreamOptions(target, count=1))  # type: ignore[arg-type]
 
 
 async def test_a_refusal_is_one_sentence(start: Start) -> None:
@@ -252,6 +255,22 @@ def test_depth_with_offset() -> None:
     z = depth(pb.DisparityImage(image=image, scale=0.0625, offset=2.0, invalid_data_value=0, baseline=0.1))
     assert np.isinf(z[0, 0])
     assert z[0, 1] == pytest.approx(500 * 0.1 / 12)
+
+
+def test_names_what_is_no_image_of_a_set() -> None:
+    image_set: Any = pb.ImageSet(left=pb.Image(width=1, height=1, encoding="mono8", step=1, data=b"a"))
+    with pytest.raises(BadImageError, match="the set does not have this image"):
+        pixels(image_set.right)
+    with pytest.raises(BadImageError, match="the set does not have this image"):
+        depth(image_set.disparity)
+    calls: Any = ((depth, image_set), (depth, image_set.left), (pixels, image_set.disparity), (pixels, 5))
+    for function, message in calls:
+        with pytest.raises(
+            TypeError, match=r"a message such as images\..* is needed, not (5|an ImageSet|an Image|a Disp)"
+        ):
+            function(message)
+    with pytest.raises(TypeError, match=r"such as images.left or images.disparity.image is needed, not a Disp"):
+        intrinsics(image_set.disparity)
 
 
 def test_a_set_of_timestamps_only() -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.files import disparity_to_rgb, preview
+from scenegate.camera.files import disparity_to_rgb, preview, save
 
 BLUE, RED, BLACK = (48, 18, 59), (122, 4, 3), (0, 0, 0)
 """Ends of the colour scale, and invalid pixels."""
@@ -34,6 +35,11 @@ def test_cells_are_side_by_side_in_order() -> None:
     assert shown[0, 12].tolist() == [255, 255, 255]
     for background in (shown[:, 2:6], shown[1:, 6:8], shown[:, 8:12], shown[1:, 12:]):
         assert not background.any()
+
+
+def test_the_folder_may_be_a_text(tmp_path: Path) -> None:
+    save(pb.ImageSet(left=message(np.zeros((2, 3), np.uint8))), str(tmp_path))
+    assert sorted(file.suffix for file in tmp_path.iterdir()) == [".npz", ".png"]
 
 
 def test_large_images_are_downscaled_to_the_cell() -> None:

@@ -147,7 +147,7 @@ def test_a_viewer_that_has_just_started_gets_everything(viewer: TreeViewer) -> N
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(3, "3"), ("x" * 38, repr("x" * 38)), ("x" * 39, "'" + "x" * 39 + "…"), ([1], "a list"), (None, "None")],
+    [(3, "3"), ("x" * 38, repr("x" * 38)), ("x" * 39, "'" + "x" * 39 + "…"), ([1], "[1]"), (None, "None")],
 )
 def test_other_things_than_geometries_are_refused(viewer: TreeViewer, value: Any, text: str) -> None:
     with pytest.raises(TypeError) as caught:

@@ -277,7 +277,7 @@ async def test_callbacks_that_cannot_be_called_are_refused() -> None:
         button = await in_thread(viewer.controls.add_button, "go")
         with pytest.raises(TypeError, match="must not be a coroutine; AsyncTreeViewer takes both"):
             button.on_update(coroutine)
-        with pytest.raises(TypeError, match="a callback of on_click must be a function, not a int"):
+        with pytest.raises(TypeError, match="a callback of on_click must be a function, not 3"):
             button.on_click(3)
         await in_thread(viewer.close)
 

@@ -189,6 +189,12 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
     ("construct", "reason"),
     [
         (lambda: Box((1, 2)), r"lengths must have 3 numbers, not shape \(2,\)"),
+        (lambda: Box(("a", "b", "c")), r"lengths must have 3 numbers, not \('a', 'b', 'c'\)"),  # type: ignore[arg-type]
+        (lambda: Text(5), "text must be a string, not 5"),  # type: ignore[arg-type]
+        (lambda: Text(NOTHING), "text must be a string, not None"),
+        (lambda: PointCloud(NOTHING), "points must have rows of 3, not None"),
+        (lambda: PointCloud({"x": 1}), r"points must have rows of 3, not \{'x': 1\}"),  # type: ignore[arg-type]
+        (lambda: PointCloud(POINTS, channels=[POINTS]), "channels must be a mapping such as"),  # type: ignore[arg-type]
         (lambda: Box(WORD), "lengths must have 3 numbers, not 'abc'"),
         (lambda: Box(NOTHING), "lengths must have 3 numbers, not None"),
         (lambda: Sphere(WORD), "radius must be a number, not 'abc'"),

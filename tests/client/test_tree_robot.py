@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -79,8 +80,29 @@ def test_a_wrong_joint_changes_nothing(tmp_path: Path) -> None:
     sent, robot = published(tmp_path)
     with pytest.raises(ValueError, match="the robot has no joint 'elbo'; did you mean elbow"):
         robot.set_joints({"shoulder": 1.0, "elbo": 0.0})
+    with pytest.raises(ValueError, match="revolute joint 'elbow' must be one finite number, not 'up'"):
+        robot.set_joints({"shoulder": 1.0, "elbow": "up"})
+    with pytest.raises(ValueError, match=r"joint values must be a mapping such as .* not \[0.5\]"):
+        robot.set_joints([0.5])  # type: ignore[arg-type]
     assert len(sent.changes) == 1
     assert robot.joint_values["shoulder"] == (0.0,)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "reason"),
+    [
+        (lambda node: node.set_visible("no"), TypeError, "visible must be True or False, not 'no'"),
+        (lambda node: node.set_opacity("half"), ValueError, "opacity must be a number, not 'half'"),
+        (lambda node: node.set_opacity(50), ValueError, "opacity must be from 0 to 1, not 50"),
+    ],
+)
+def test_wrong_properties_are_not_sent(
+    change: Callable[[PublishedRobot], Answer], error: type[Exception], reason: str, tmp_path: Path
+) -> None:
+    sent, robot = published(tmp_path)
+    with pytest.raises(error, match=reason):
+        change(robot)
+    assert len(sent.changes) == 1
 
 
 def test_the_robot_is_moved_and_deleted_as_a_whole(tmp_path: Path) -> None:

@@ -259,6 +259,27 @@ def test_reports_timeout() -> None:
         tree_viewer["a"].delete()
 
 
+async def test_names_a_peer_that_is_no_hub(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as the gateway's HTTP port."""
+    monkeypatch.setattr("scenegate.lcm.tcpq_transport.RETRY_SECONDS", SECONDS)  # the reason of the first attempt stays
+
+    async def refuse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(b"HTTP/1.1 400 Bad Request")
+        with contextlib.suppress(ConnectionError):
+            await reader.read()
+        writer.close()
+
+    def talk(url: str) -> None:
+        with TreeViewer(url, timeout=3) as tree_viewer:  # short: no hub
+            tree_viewer["a"].set(Sphere(1))
+
+    server = await asyncio.start_server(refuse, "127.0.0.1", 0)
+    async with server:
+        url = f"tcpq://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+        with pytest.raises((ConnectionError, TimeoutError), match="it does not speak TCPQ"):
+            await in_thread(talk, url)
+
+
 def test_reports_missing_network(monkeypatch: pytest.MonkeyPatch) -> None:
     (port,) = free_ports(1)
     with pytest.raises(ConnectionError, match="no hub listens there"):
@@ -302,7 +323,7 @@ def test_names_of_the_package() -> None:
 
     assert {name for name in package.__all__ if getattr(package, name) is not None} == set(package.__all__)
     assert package.TreeViewer is viewer.TreeViewer
-    assert set(package.__all__) <= set(dir(package))
+    assert [name for name in dir(package) if not name.startswith("__")] == package.__all__
     with pytest.raises(AttributeError):
         _ = package.Nothing  # type: ignore[attr-defined]  # at run time, too
 

@@ -83,14 +83,7 @@ def test_solids_are_closed_and_match_the_formulae(shape: Any, volume: Any, area:
 
 @pytest.mark.parametrize(
     "mesh",
-    [
-        primitives.box(),
-        primitives.sphere(),
-        primitives.cylinder(),
-        primitives.cone(),
-        primitives.capsule(2.5),
-        primitives.capsule(1e-3),
-    ],
+    [*(meshes_of(shape, MATERIAL)[0][0] for shape, *_ in SOLIDS), primitives.cone(), primitives.capsule(1e-3)],
 )
 def test_unit_meshes_have_unit_outward_normals_that_agree_with_the_winding(mesh: Mesh) -> None:
     assert mesh.normals is not None

@@ -31,6 +31,17 @@ def test_example_of_the_documentation(pytester: pytest.Pytester) -> None:
 
 
 @pytest.mark.slow
+def test_a_project_may_have_a_gateway_of_its_own(tmp_path: Path) -> None:
+    for name in ("gateway", "renderers"):
+        (tmp_path / f"{name}.py").write_text("VALVE = 1\n")
+    test = "import gateway, renderers\ndef test_it(scenegate):\n    assert gateway.VALVE and scenegate.health()\n"
+    (tmp_path / "test_project.py").write_text(test)
+    command = (sys.executable, "-m", "pytest", "-q", *ARGUMENTS)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=SECONDS, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.slow
 def test_scenes_flags_and_failure_reports(pytester: pytest.Pytester) -> None:
     box = '{"setgeometry": [{"path": ["from the file"], "geometry": {"type": "box", "lengths": [1, 1, 1]}}]}'
     pytester.makefile(".json", scene=box, other=box.replace("file", "marker"))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenegate.camera import image_interface_pb2 as pb
+from scenegate.messages.field_kinds import describe
 from scenegate.pillow import pillow
 from scenegate.png import encode_png
 
@@ -58,8 +59,12 @@ def pixels(image: pb.Image) -> NDArray[Any]:
     """Return the pixels of a received image: (H, W) uint8 or uint16, or (H, W, 3) uint8 RGB.
 
     Raises:
-        BadImageError: the encoding is unknown, or there is too little data.
+        BadImageError: the set has no such image, its encoding is unknown, or there is too little data.
+        TypeError: ``image`` is not an image.
     """
+    _check_message(image, "encoding", "images.left or images.disparity.image")
+    if not (image.encoding or image.data):
+        raise BadImageError("the set does not have this image: request it, as by StreamOptions(…, left=True)")
     formats = {"mono8": ("u1", 1), "mono16": ("u2", 1), "rgb8": ("u1", 3)}
     if image.encoding not in formats:
         raise BadImageError(f"the encoding {image.encoding!r} is not one of {', '.join(formats)}")
@@ -73,11 +78,18 @@ def pixels(image: pb.Image) -> NDArray[Any]:
     return array.reshape((image.height, image.width, 3) if channels == 3 else (image.height, image.width))
 
 
+def _check_message(message: object, field: str, examples: str) -> None:
+    """Raise TypeError if a message has no such field. Messages may be of classes that the user has generated."""
+    if not hasattr(message, field):
+        raise TypeError(f"a message such as {examples} is needed, not {describe(message)}")
+
+
 def depth(disparity: pb.DisparityImage) -> NDArray[np.float32]:
     """Return the depth in metres along the optical axis, (H, W). It is +inf where the disparity is invalid.
 
-    The depth is focal length times baseline, divided by the disparity in pixels.
+    The depth is focal length times baseline, divided by the disparity in pixels. See ``pixels`` for errors.
     """
+    _check_message(disparity, "image", "images.disparity")
     stored = pixels(disparity.image)
     disparity_pixels = stored.astype(np.float32) * disparity.scale + disparity.offset
     with np.errstate(divide="ignore"):
@@ -86,7 +98,7 @@ def depth(disparity: pb.DisparityImage) -> NDArray[np.float32]:
     return np.asarray(metres, np.float32)
 
 
-def save(image_set: pb.ImageSet, folder: Path, *, exposure: bool = False, gpio: bool = False) -> None:
+def save(image_set: pb.ImageSet, folder: str | Path, *, exposure: bool = False, gpio: bool = False) -> None:
     """Write each image as PNG, the mesh as PLY, and an npz with all images and their parameters.
 
     File names are those of the vendor's client: ``image_<sec>.<nsec>_left.png``. A disparity PNG has 16 bits, in units
@@ -104,7 +116,7 @@ def save(image_set: pb.ImageSet, folder: Path, *, exposure: bool = False, gpio: 
         BadImageError: an image is invalid.
         OSError: a file cannot be written.
     """
-    file_stem = f"image_{timestamp_text(image_set.timestamp)}"
+    folder, file_stem = Path(folder), f"image_{timestamp_text(image_set.timestamp)}"
     arrays: dict[str, Any] = {}
     for name, image in _images(image_set).items():
         array = pixels(image)
@@ -172,7 +184,8 @@ def _gpio_suffix(image: pb.Image) -> str:
 
 
 def intrinsics(image: pb.Image) -> NDArray[np.float64]:
-    """Return the camera matrix of an image in pixels, (3, 3)."""
+    """Return the camera matrix of an image in pixels, (3, 3). See ``pixels`` for errors."""
+    _check_message(image, "focal_length", "images.left or images.disparity.image")
     f = image.focal_length
     return np.array(((f, 0, image.principal_point_u), (0, f, image.principal_point_v), (0, 0, 1)), np.float64)
 

@@ -9,9 +9,10 @@ from scenegate.gateway_http import fetch
 
 _TIMEOUT_SECONDS: Final = 60.0
 """Timeout of a request. The gateway queues the frame and renders it again."""
+_ANONYMOUS: Final = Credentials()
 
 
-def fetch_truth(address: str, timestamp: str, credentials: Credentials, pipeline: int = 0) -> bytes:
+def fetch_truth(address: str, timestamp: str, credentials: Credentials = _ANONYMOUS, pipeline: int = 0) -> bytes:
     """Return the content of ``/stereo/truth.npz`` for an image set.
 
     Args:

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import json
 import math
+import reprlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Final, Protocol
 
 import numpy as np
@@ -73,11 +74,11 @@ class FieldReader(Protocol):
 class FieldKind:
     """Kind of a field of the protocol."""
 
-    read: Callable[[Any, str, FieldReader], Any]
+    read: Callable[[Any, str, FieldReader], Any] = field(repr=False)  # ``help`` shows kinds in signatures
     """Returns the value of a field for the scene. Arguments: the decoded value, not null; the field's name."""
-    write: Callable[[str, Any], Any]
+    write: Callable[[str, Any], Any] = field(repr=False)
     """Returns the protocol's value for a value of the user; raises ValueError."""
-    regular: Any = Any
+    regular: Any = field(default=Any, repr=False)
     """Type for msgspec of values that need no reading."""
 
 
@@ -160,7 +161,13 @@ def number_list(name: str, values: ArrayLike, *counts: int) -> list[float]:
 
 def describe(value: object) -> str:
     """Return a short description of any value of a user, about 40 characters, for an error text."""
-    text = repr(value) if value is None or isinstance(value, (str, int, float)) else f"a {type(value).__name__}"
+    if value is None or isinstance(value, (str, int, float)):
+        text = repr(value)
+    elif isinstance(value, (tuple, list, dict)):
+        text = reprlib.repr(value)
+    else:
+        name = type(value).__name__
+        text = f"{'an' if name[0] in 'AEIOUaeiou' else 'a'} {name}"
     return text if len(text) <= 40 else f"{text[:40]}…"
 
 
@@ -170,13 +177,13 @@ def number_rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.gene
     Raises:
         ValueError: the values have another shape, or are not numbers (integers for an integer ``dtype``).
     """
-    array = np.ascontiguousarray(values)
+    array = np.asarray(values)
     if array.size == 0:
         return np.empty((0, columns[0]) if columns[0] > 1 else (0,), dtype)
     width = array.shape[1] if array.ndim == 2 else 1
     if array.ndim != (1 if columns == (1,) else 2) or width not in columns:
         wanted = "numbers" if columns == (1,) else f"rows of {' or '.join(map(str, columns))}"
-        raise ValueError(f"{name} must have {wanted}, not shape {array.shape}")
+        raise ValueError(f"{name} must have {wanted}, not {f'shape {array.shape}' if array.ndim else describe(values)}")
     needs_integers = dtype in (np.int64, np.uint32)
     if array.dtype.kind not in ("iub" if needs_integers else "fiub"):
         raise ValueError(f"{name} must have {'integers' if needs_integers else 'numbers'}, not {array.dtype}")
@@ -280,15 +287,18 @@ def _write_scale(name: str, value: float | ArrayLike) -> list[float]:
     return number_list(name, [float(value)] * 3 if isinstance(value, (int, float)) else value, 3)
 
 
-def _write_float(name: str, value: float) -> float:
+def write_number(name: str, value: float) -> float:
+    """Return a field's number as float; raise ValueError if it is none."""
     try:
         return float(value)
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be a number, not {describe(value)}") from None
 
 
-def _write_text(_: str, value: str) -> str:
-    return str(value)
+def _write_text(name: str, value: str) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f"{name} must be a string, not {describe(value)}")
+    return value
 
 
 def _write_faces(name: str, value: ArrayLike) -> NDArray[Any]:
@@ -296,9 +306,11 @@ def _write_faces(name: str, value: ArrayLike) -> NDArray[Any]:
     return number_rows(name, value, 3, dtype=np.uint32 if is_uint32 else np.int64)
 
 
-def _write_channels(_: str, value: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
+def _write_channels(name: str, value: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
+    if not isinstance(value, Mapping):
+        raise ValueError(f"{name} must be a mapping such as {{'height': z}}, not {describe(value)}")
     columns = tuple(range(1, MAX_CHANNEL_COLUMNS + 1))
-    return {name: number_rows(name, each, *((1,) if np.ndim(each) == 1 else columns)) for name, each in value.items()}
+    return {key: number_rows(key, each, *((1,) if np.ndim(each) == 1 else columns)) for key, each in value.items()}
 
 
 def _write_heights(name: str, value: ArrayLike) -> NDArray[Any]:
@@ -322,23 +334,23 @@ def _rows(limit: str, *columns: int) -> FieldKind:
 _DISTANCE: Final = Annotated[float, Meta(ge=0, le=MAX_DISTANCE)]
 _TRIPLE: Final = tuple[_DISTANCE, _DISTANCE, _DISTANCE]  # type: ignore[valid-type]
 
-Number = Annotated[float, FieldKind(_read_number, _write_float)]
+Number = Annotated[float, FieldKind(_read_number, write_number)]
 """A drawable number of any sign."""
-Radius = Annotated[float, FieldKind(_read_radius, _write_float, _DISTANCE)]
-Length = Annotated[float, FieldKind(_read_length, _write_float, _DISTANCE)]
+Radius = Annotated[float, FieldKind(_read_radius, write_number, _DISTANCE)]
+Length = Annotated[float, FieldKind(_read_length, write_number, _DISTANCE)]
 Lengths = Annotated[Sequence[float], FieldKind(_read_lengths, _write_lengths, _TRIPLE)]
 """Three lengths."""
-Size = Annotated[float, FieldKind(_read_size, _write_float)]
+Size = Annotated[float, FieldKind(_read_size, write_number)]
 """A length for decoration, without warnings."""
-Positive = Annotated[float, FieldKind(_read_positive, _write_float)]
+Positive = Annotated[float, FieldKind(_read_positive, write_number)]
 Extents = Annotated[Sequence[float], FieldKind(_read_extents, lambda name, value: number_list(name, value, 2))]
 """Two lengths above 0."""
 AxisLength = Annotated[
     float,
-    FieldKind(_read_axis_length, _write_float, Annotated[float, Meta(ge=MIN_TRIAD_SCALE, le=MAX_DISTANCE)]),
+    FieldKind(_read_axis_length, write_number, Annotated[float, Meta(ge=MIN_TRIAD_SCALE, le=MAX_DISTANCE)]),
 ]
 Scale = Annotated[float | Sequence[float], FieldKind(_read_scale, _write_scale)]
-Pixels = Annotated[float, FieldKind(_read_pixels, _write_float)]
+Pixels = Annotated[float, FieldKind(_read_pixels, write_number)]
 Flag = Annotated[bool, FieldKind(lambda value, _name, _reader: bool(value), lambda _, value: bool(value), bool)]
 Points = Annotated[ArrayLike, _rows("points", 3)]
 Ranges = Annotated[ArrayLike, _rows("points", 1)]
@@ -350,7 +362,7 @@ Image = Annotated[
     ImageLike, FieldKind(lambda value, name, r: r.image(value, name), lambda _, value: image_field(value))
 ]
 LabelText = Annotated[str, FieldKind(lambda value, name, reader: reader.text(value, name), _write_text)]
-FileName = Annotated[str, FieldKind(_read_name, _write_text)]
+FileName = Annotated[str, FieldKind(_read_name, lambda _, value: str(value))]
 UNCONVERTED: Final = FieldKind(_as_it_is, lambda _, value: value)
 """Kind of a field that is read with others of its geometry."""
 ColorOnUse = Annotated[ArrayLike, FieldKind(_as_it_is, lambda _, value: rgba(value))]

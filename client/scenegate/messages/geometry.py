@@ -132,8 +132,11 @@ class Geometry(msgspec.Struct, frozen=True, kw_only=True, gc=False, omit_default
 
     def _fields(self) -> dict[str, Any]:
         """Return the protocol's fields of this type of geometry."""
-        values = {field.name: (field.kind, getattr(self, field.name)) for field in fields_of(type(self))}
-        return {name: kind.write(name, value) for name, (kind, value) in values.items() if value is not None}
+        return {
+            field.name: field.kind.write(field.name, value)
+            for field in fields_of(type(self))
+            if (value := getattr(self, field.name)) is not None or field.required
+        }
 
 
 @cache

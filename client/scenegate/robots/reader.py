@@ -9,8 +9,9 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
+from scenegate.messages.field_kinds import describe
 from scenegate.messages.geometry import Geometry
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.files import RobotFiles
@@ -82,6 +83,8 @@ def parse_links(
     root: Element, files: RobotFiles, use: GeometryUse, limits: RobotFileLimits, warnings: list[str]
 ) -> LinkModel:
     """Return the content of a URDF or SDF file. Warnings are appended to the list."""
+    if use not in get_args(GeometryUse):
+        raise RobotFileError(f"geometry must be 'visual' or 'collision', not {describe(use)}")
     if root.tag == "robot":
         return parse_urdf(root, use, limits, warnings)
     if root.tag == "sdf":

@@ -141,7 +141,10 @@ class Robot(Generic[PartType]):
         joint = self.joints.get(name)
         if joint is None:
             raise RobotFileError(f"the robot has no joint {name!r}{name_hint(name, self.joints)}")
-        numbers = np.atleast_1d(np.asarray(value, np.float64))
+        try:
+            numbers = np.atleast_1d(np.asarray(value, np.float64))
+        except (TypeError, ValueError):
+            numbers = np.empty(0)
         count = len(joint.default)
         if numbers.shape != (count,) or not np.isfinite(numbers).all():
             expected = "one finite number" if count == 1 else f"{count} finite numbers"

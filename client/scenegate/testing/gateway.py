@@ -63,7 +63,7 @@ class Gateway:
         with self.log_path.open("wb") as log:
             self.process = subprocess.Popen(  # noqa: S603 - this package
                 [sys.executable, "-m", "scenegate", "serve", *_DEFAULT_FLAGS, *flags],
-                env=clean_environment(),
+                env=clean_environment() | {"PYTHONSAFEPATH": "1"},  # a project may have a gateway.py of its own
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,

@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Any, Concatenate, Final, Generic, ParamSpec, TypeVar, overload
 
 from scenegate.messages.changes import Key, Path, path_of
+from scenegate.messages.field_kinds import describe
 from scenegate.tree.clicks import Callback
 from scenegate.tree.control_panel import ControlHandle, V
 from scenegate.tree.controls import ButtonHandle, ControlFolder, MaybePose, PlotHandle
@@ -103,7 +104,7 @@ def _on_loop(callback: Callable[..., Any], method: str) -> Callable[..., None]:
     """Return a function that makes the running event loop call ``callback``, which may be a coroutine."""
     loop = asyncio.get_running_loop()
     if not callable(callback):
-        raise TypeError(f"a callback of {method} must be a function, not a {type(callback).__name__}")
+        raise TypeError(f"a callback of {method} must be a function, not {describe(callback)}")
 
     def call(*args: object) -> None:
         result = callback(*args)

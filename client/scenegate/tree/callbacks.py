@@ -9,6 +9,8 @@ import threading
 from collections.abc import Callable
 from typing import Any, Final
 
+from scenegate.messages.field_kinds import describe
+
 RESEND_SECONDS: Final = 10.0
 """Interval of repeated subscriptions. A viewer drops the subscription of a client after 30 s without one."""
 
@@ -75,4 +77,4 @@ def check_callback(callback: object, method: str) -> None:
     if inspect.iscoroutinefunction(callback):
         raise TypeError(f"a callback of TreeViewer.{method} must not be a coroutine; AsyncTreeViewer takes both")
     if not callable(callback):
-        raise TypeError(f"a callback of {method} must be a function, not a {type(callback).__name__}")
+        raise TypeError(f"a callback of {method} must be a function, not {describe(callback)}")

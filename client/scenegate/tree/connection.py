@@ -52,7 +52,7 @@ class LcmConnection:
         with self._changed:
             connected = self._changed.wait_for(lambda: self.is_connected, timeout)
         if not connected:
-            problem = self._transport.status().get("warning", "no connection in time")
+            problem = self.problem or "no connection in time"
             self.close()
             raise ConnectionError(f"LCM cannot join {self.url}: {problem}")
 
@@ -70,7 +70,7 @@ class LcmConnection:
             return
         with self._changed:
             if not self._changed.wait_for(lambda: self.is_connected or self._closed, self._timeout):
-                raise ConnectionError(f"the LCM hub {self.url} has gone")
+                raise ConnectionError(f"no connection to the LCM hub {self.url}: {self.problem}")
             if self._closed:
                 raise ConnectionError("this viewer was closed")
             self._loop.call_soon_threadsafe(self._send, channel, message, failed)
@@ -89,6 +89,11 @@ class LcmConnection:
     def is_connected(self) -> bool:
         """False while the connection to a hub is lost."""
         return self._transport.is_connected
+
+    @property
+    def problem(self) -> str:
+        """Reason why the connection to a hub is lost; empty while there is one."""
+        return str(self._transport.status().get("warning", ""))
 
     def _run(self) -> None:
         """Send and receive until the connection is closed: the body of the thread."""

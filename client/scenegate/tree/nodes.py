@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scenegate.messages.changes import Changes, Entry, Key, Path, path_of
-from scenegate.messages.field_kinds import describe
+from scenegate.messages.field_kinds import describe, write_number
 from scenegate.messages.geometry import Geometry, Transform
 from scenegate.tree.answer import OK, Answer
 
@@ -50,14 +50,16 @@ class Node:
 
     def set_visible(self, visible: bool) -> Answer:
         """Show or hide this path and everything below it, in the browser and in images."""
+        if not isinstance(visible, (bool, np.bool_)):
+            raise TypeError(f"visible must be True or False, not {describe(visible)}")
         return self._send_entry(Entry(visible=bool(visible)))
 
     def set_opacity(self, opacity: float) -> Answer:
         """Set the opacity of this path, 0 to 1: a factor of the alpha of everything at and below it."""
-        opacity = float(opacity)
-        if not 0.0 <= opacity <= 1.0:
-            raise ValueError(f"opacity must be from 0 to 1, not {opacity:g}")
-        return self._send_entry(Entry(opacity=opacity))
+        number = write_number("opacity", opacity)
+        if not 0.0 <= number <= 1.0:
+            raise ValueError(f"opacity must be from 0 to 1, not {number:g}")
+        return self._send_entry(Entry(opacity=number))
 
     def delete(self) -> Answer:
         """Delete this path and everything below it."""

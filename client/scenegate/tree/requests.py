@@ -101,8 +101,11 @@ class Requests:
             return future.result(self.timeout)
         except FutureTimeoutError:
             url = self.connection.url
-            hint = "; big messages can get lost over UDP, tcpq:// loses none" if url.startswith("udpm") else ""
-            raise TimeoutError(f"no viewer answered within {self.timeout:g} s on {url}{hint}") from None
+            lost = "big messages can get lost over UDP, tcpq:// loses none"
+            hint = lost if url.startswith("udpm") else self.connection.problem
+            raise TimeoutError(
+                f"no viewer answered within {self.timeout:g} s on {url}{'; ' if hint else ''}{hint}"
+            ) from None
         finally:
             self.pending.pop(utime, None)
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenegate.messages.changes import Changes, Entry, Path, path_of
+from scenegate.messages.field_kinds import describe
 from scenegate.messages.geometry import Geometry
 from scenegate.transforms import quaternions_of
 from scenegate.tree.answer import OK, Answer
@@ -42,7 +43,7 @@ class PublishedRobot(Node):
         super().__init__(viewer, path)
         self._robot = robot
         self._lock = threading.Lock()
-        self._values = dict(joints)
+        self._values = _checked(joints)
         """Values of joints that have been set, by name."""
         self.warnings = robot.warnings
         """Sentences about content of the file that is not shown."""
@@ -88,7 +89,7 @@ class PublishedRobot(Node):
             TreeViewerError, TimeoutError, ConnectionError: See ``TreeViewer.send``.
         """
         with self._lock:
-            merged = {**self._values, **values}
+            merged = self._values | _checked(values)
             poses = self._robot.link_poses(merged)
             moved = np.flatnonzero((poses != self._poses).any(axis=(1, 2)))
             changes = Changes()
@@ -133,6 +134,13 @@ def publish_robot(
         published.delete()
         raise ValueError(f"{fspath(file)}: {strict_refusal(published.answer.warnings)}")
     return published
+
+
+def _checked(joints: Mapping[str, JointValue]) -> dict[str, JointValue]:
+    """Return a copy of joint values; raise ValueError if they are no mapping."""
+    if not isinstance(joints, Mapping):
+        raise ValueError(f"joint values must be a mapping such as {{'elbow': 0.5}}, not {describe(joints)}")
+    return dict(joints)
 
 
 def _add_poses(changes: Changes, path: Path, links: Iterable[str], poses: NDArray[np.float64]) -> None:

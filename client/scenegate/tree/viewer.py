@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from scenegate.closing import Closing
 from scenegate.messages.changes import Changes, Key, Path, PublishedTree, path_of
 from scenegate.messages.colors import rgba
+from scenegate.messages.field_kinds import describe, number_list
 from scenegate.messages.request_encoding import Response
 from scenegate.tree.answer import MISSING_PATHS, OK, UNSUPPORTED, Answer, TreeViewerError, answer_of
 from scenegate.tree.callbacks import CallbackThreads
@@ -277,8 +278,7 @@ def _home(vectors: Sequence[ArrayLike]) -> dict[str, list[float]]:
         raise ValueError(f"home must be eye, target and optionally up, not {len(vectors)} vectors")
     home: dict[str, list[float]] = {}
     for name, vector in zip(names, vectors, strict=False):
-        array = np.asarray(vector, np.float64)
-        if array.shape != (3,):
-            raise ValueError(f"{name} of home must have 3 numbers, not shape {array.shape}")
-        home[name] = array.tolist()
+        home[name] = number_list(f"{name} of home", vector, 3)
+        if not np.isfinite(home[name]).all():
+            raise ValueError(f"{name} of home must have finite numbers, not {describe(home[name])}")
     return home
