@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -110,6 +111,29 @@ def test_missing_geometry_is_sent_again(
     sent = connection(viewer).requests[-1]
     assert [entry["path"] for entry in sent["setgeometry"]] == [["a"]]
     assert [entry["path"] for entry in sent["settransform"]] == [["a"]]
+
+
+def test_a_change_of_another_thread_arrives_after_what_is_sent_again(
+    viewer: TreeViewer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fake = connection(viewer)
+    publish = fake.publish
+    other = threading.Thread(target=lambda: viewer["a"].transform((2, 0, 0)))
+
+    def publish_slowly(channel: str, message: Any, failed: Any) -> None:
+        if wire_body(message)["setgeometry"] and not other.ident:
+            other.start()
+            other.join(0.1)  # short: it has to wait until this message is on its way
+        publish(channel, message, failed)
+
+    fake.bodies = [{"status": 0}]
+    viewer["a"].set(Sphere(1))
+    monkeypatch.setattr(fake, "publish", publish_slowly)
+    fake.bodies = [{"status": 1, "missing_paths": [["a"]]}, {"status": 0}, {"status": 0}]
+    viewer["a"].transform((1, 0, 0))
+    other.join(SECONDS)
+    sent = [request["settransform"][0]["transform"]["translation"] for request in fake.requests[1:]]
+    assert sent == [[1, 0, 0], [1, 0, 0], [2, 0, 0]]
 
 
 def test_the_second_responses_error_is_raised(viewer: TreeViewer) -> None:

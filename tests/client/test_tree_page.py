@@ -233,7 +233,8 @@ async def test_a_restarted_viewer_gets_all_again() -> None:
 
 
 async def test_an_older_viewer_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(request_reader, "NEWER_COMMANDS", {})
+    known = ("delete", "setgeometry", "settransform")
+    monkeypatch.setattr(request_reader, "READERS", {name: request_reader.READERS[name] for name in known})
     live = LiveTree()
     async with serving(live=live) as service:
 

@@ -122,10 +122,9 @@ class Changes:
 
 
 class PublishedTree:
-    """Content of a viewer that executed all requests.
+    """Content of a viewer that executed all requests. Clicks and controls are recorded elsewhere.
 
-    The results of ``missing`` and ``as_changes`` share its entries. If ``update`` changes one of them before the result
-    is sent, the result has the newer values, which the viewer gets anyway. Clicks and controls are recorded elsewhere.
+    The results of ``missing`` and ``as_changes`` share its entries: they must be encoded before the next ``update``.
     """
 
     def __init__(self) -> None:

@@ -10,12 +10,20 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from typing import Any
+from typing import Any, NamedTuple
 
 from scenegate.messages import wire
 from scenegate.messages.request_encoding import Response, decode_response, encode_request
 from scenegate.tree.answer import UNKNOWN_FORMAT, UNKNOWN_VERSION
 from scenegate.tree.connection import LcmConnection
+
+
+class SentRequest(NamedTuple):
+    """A request on its way."""
+
+    utime: int
+    """Microseconds since 1970: identifies the request."""
+    response: Future[Response]
 
 
 class Requests:
@@ -69,17 +77,17 @@ class Requests:
         refused = response.status in (UNKNOWN_FORMAT, UNKNOWN_VERSION)
         if refused and self.message_format == wire.BINARY and self._negotiates_format:
             self.message_format = wire.JSON  # another viewer, without MessagePack, runs now
-            response = self._exchange(body, self.message_format)
+            response = self._exchange(body, self.message_format, encoded)
         return response
 
     def send_without_response(self, body: dict[str, Any]) -> None:
         """Send a request whose response is ignored. Nothing is sent while the connection is lost."""
         if self.connection.is_connected:
             try:
-                utime, _ = self._post(body, self.message_format or wire.JSON)
+                sent = self.post(body)
             except ConnectionError:
                 return
-            self.pending.pop(utime, None)
+            self.pending.pop(sent.utime, None)
 
     def reads_files(self) -> bool:
         """Return True if the viewer reads the content of mesh files, as Scenegate does; see ``send`` for errors."""
@@ -96,32 +104,36 @@ class Requests:
         self, body: dict[str, Any], message_format: str, encoded: Callable[[], None] = lambda: None
     ) -> Response:
         """Send one request and wait for its response."""
-        utime, future = self._post(body, message_format, encoded)
-        try:
-            return future.result(self.timeout)
-        except FutureTimeoutError:
-            url = self.connection.url
-            hint = "; big messages can get lost over UDP, tcpq:// loses none" if url.startswith("udpm") else ""
-            raise TimeoutError(f"no viewer answered within {self.timeout:g} s on {url}{hint}") from None
-        finally:
-            self.pending.pop(utime, None)
+        return self.wait(self.post(body, message_format, encoded))
 
-    def _post(
-        self, body: dict[str, Any], message_format: str, encoded: Callable[[], None] = lambda: None
-    ) -> tuple[int, Future[Response]]:
-        """Send one request, and return its ``utime`` and the future of its response."""
+    def post(
+        self, body: dict[str, Any], message_format: str | None = None, encoded: Callable[[], None] = lambda: None
+    ) -> SentRequest:
+        """Send one request without waiting for its response. ``None``: the negotiated format, JSON before that."""
         with self._lock:
             utime = self._last_utime = max(self._last_utime + 1, time.time_ns() // 1000)
             future = self.pending[utime] = Future()
         self._on_request(body, utime)
         try:
+            message_format = message_format or self.message_format or wire.JSON
             message = encode_request({"timestamp": utime, **body}, utime, message_format)
             encoded()
             self.connection.publish(f"{wire.REQUEST}_<{self.client_id}>", message, future.set_exception)
         except BaseException:
             self.pending.pop(utime, None)
             raise
-        return utime, future
+        return SentRequest(utime, future)
+
+    def wait(self, sent: SentRequest) -> Response:
+        """Wait for the response to a request; see ``send`` for errors."""
+        try:
+            return sent.response.result(self.timeout)
+        except FutureTimeoutError:
+            url = self.connection.url
+            hint = "; big messages can get lost over UDP, tcpq:// loses none" if url.startswith("udpm") else ""
+            raise TimeoutError(f"no viewer answered within {self.timeout:g} s on {url}{hint}") from None
+        finally:
+            self.pending.pop(sent.utime, None)
 
     def _receive(self, message: bytes) -> None:
         """Complete a response's future, or pass on a message of the page. Runs in the receiving thread."""

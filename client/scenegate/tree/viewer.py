@@ -51,7 +51,8 @@ class TreeViewer(NotebookViews, Closing):
         """
         self._published = PublishedTree()
         self._lock = threading.Lock()
-        """Guards ``_published``."""
+        """Guards ``_published``. Held until what was published before is on its way again: a change that another thread
+        sends meanwhile must arrive after it."""
         self._threads = CallbackThreads(self._resend_subscriptions)
         self._clicks = ClickListener(self._threads)
         self._panel = ControlPanel(self.send, self._threads, self._record)
@@ -237,9 +238,10 @@ class TreeViewer(NotebookViews, Closing):
         still missing."""
         with self._lock:
             republished = self._published.missing(missing)
-        if not republished.entries:
-            return response, missing
-        second_response = self.requests.send(republished.body())
+            if not republished.entries:
+                return response, missing
+            sent = self.requests.post(republished.body())
+        second_response = self.requests.wait(sent)
         if second_response.status == MISSING_PATHS:
             return response, _missing_paths(second_response)
         return second_response if second_response.status < OK else response, []
@@ -262,8 +264,8 @@ class TreeViewer(NotebookViews, Closing):
             self._threads.resend_now()
             with self._lock:
                 everything = self._published.as_changes()
-            if everything.entries or everything.view:
-                self.requests.send_without_response(everything.body())
+                if everything.entries or everything.view:
+                    self.requests.send_without_response(everything.body())
 
 
 def _missing_paths(response: Response) -> list[Path]:
