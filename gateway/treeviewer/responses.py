@@ -100,9 +100,9 @@ _json: Final = msgspec.json.Encoder()
 _msgpack: Final = msgspec.msgpack.Encoder()
 
 
-def encode(response: AnyMessage, *, binary: bool = False) -> bytes:
-    """Return a response as LCM message, in MessagePack if ``binary``, otherwise in JSON."""
-    if binary:
+def encode(response: AnyMessage, message_format: str = wire.JSON) -> bytes:
+    """Return a response as LCM message in the format of its request; in JSON if the viewer does not know the format."""
+    if message_format == wire.BINARY:
         return wire.encode(_msgpack.encode(response), name=wire.BINARY)
     return wire.encode(_json.encode(response))
 

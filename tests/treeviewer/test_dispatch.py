@@ -16,7 +16,7 @@ from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Node
 from gateway.treeviewer import responses
-from gateway.treeviewer.client_queue import OVERHEAD_BYTES, size_of
+from gateway.treeviewer.client_queue import OVERHEAD_BYTES
 from gateway.treeviewer.config import Limits, TreeViewerConfig
 from gateway.treeviewer.dispatch import MAX_LOGGED, Dispatcher
 from gateway.treeviewer.protocol import REQUEST, TreeViewerProtocol
@@ -51,6 +51,11 @@ class Store:
 
     def call_when_stored(self, done: Callable[[str], None], size: int) -> None:
         self.waiting.append((done, size))
+
+
+def size_of(nbytes: int) -> int:
+    """Return the memory of a queued message of ``nbytes`` bytes."""
+    return nbytes + OVERHEAD_BYTES
 
 
 def geometries(*geometries: dict[str, Any]) -> dict[str, Any]:
