@@ -144,7 +144,7 @@ async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
             elif isinstance(message, TimeCommand):
                 browser.execute(message)
             elif isinstance(message, Forgot):
-                browser.flow.forgot(message.forgot)
+                browser.forgot(message.forgot)
             elif message is not None:
                 clicks += 1
                 if clicks <= MAX_CLICKS:

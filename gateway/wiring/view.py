@@ -26,7 +26,7 @@ async def setup(context: Context) -> None:
         context.tree,
         status=lambda: gateway_status(context.registry, context.workers.stats),
         stereo=stereo,
-        page=context.page,
+        live_page=context.page,
         timeline=context.timeline,
         has_live=context.log is None,
     )

@@ -92,7 +92,7 @@ class View:
     def __init__(self, config: ViewerConfig = CONFIG) -> None:
         self.tree = LiveTree()
         self.page = LivePage()
-        self.hub = ViewHub(config, self.tree, page=self.page)
+        self.hub = ViewHub(config, self.tree, live_page=self.page)
         self.app = FastAPI()
         self.app.include_router(router(self.hub))
         self.updates = asyncio.create_task(self.hub.run())
@@ -275,7 +275,7 @@ async def test_changes_that_are_too_fast_wait(view: View, monkeypatch: pytest.Mo
 async def test_controls_of_a_client_that_vanishes_are_removed() -> None:
     view = View(ViewerConfig(max_update_rate=1000.0, status_seconds=0.01))
     view.page.controls = store = ControlStore(ControlLimits(lease_seconds=0.0))
-    view.hub = ViewHub(ViewerConfig(status_seconds=0.01), view.tree, page=view.page)
+    view.hub = ViewHub(ViewerConfig(status_seconds=0.01), view.tree, live_page=view.page)
     view.updates.cancel()
     view.updates = asyncio.create_task(view.hub.run())
     store.set_controls("client", [Button(("go",))], lambda values, after: None, 1)
