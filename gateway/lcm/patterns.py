@@ -15,7 +15,7 @@ CHANNEL_CHARS: Final = 63
 """Maximum length of a channel name in LCM's UDP networks (LCM_MAX_CHANNEL_NAME_LENGTH). TCPQ carries longer ones."""
 MAX_STEPS: Final = CHANNEL_CHARS**3
 """Maximum number of steps to match one pattern: those of three repetitions, which take half a millisecond."""
-_TOKEN: Final = re.compile(r"\\.|\[\^?\]?(?:\\.|[^]\\])*\]?|\(\?:?|.", re.DOTALL)
+_SYMBOL: Final = re.compile(r"\\.|\[\^?\]?(?:\\.|[^]\\])*\]?|\(\?:?|.", re.DOTALL)
 """An escaped character; a set, which a ] at its begin does not end; the begin of a group; any other character."""
 
 
@@ -68,22 +68,22 @@ def _count_choices(pattern: str) -> tuple[int, int]:
     choices, repetitions = 1, 0
     previous = ""
     alternatives = [1]  # numbers of alternatives in the whole pattern and in each open group
-    for token in _TOKEN.findall(pattern):
-        if token[0] == "\\" and token[1:].isdigit():
+    for symbol in _SYMBOL.findall(pattern):
+        if symbol[0] == "\\" and symbol[1:].isdigit():
             raise PatternError(f"{pattern!r} refers back to a group, which is not supported")
-        if token == "(?":
+        if symbol == "(?":
             raise PatternError(f"{pattern!r} has an extension of groups that is not supported")
-        if token in ("(", "(?:"):
+        if symbol in ("(", "(?:"):
             alternatives.append(1)
-        elif token == "|":
+        elif symbol == "|":
             alternatives[-1] += 1
-        elif token == ")" and len(alternatives) > 1:
+        elif symbol == ")" and len(alternatives) > 1:
             choices *= alternatives.pop()
-        elif token in ("*", "+", "{"):
+        elif symbol in ("*", "+", "{"):
             if previous == ")":
                 raise PatternError(f"{pattern!r} repeats a group, which is not supported")
             repetitions += 1
-        elif token == "?" and previous not in ("*", "+"):  # after these it only makes the repetition lazy
+        elif symbol == "?" and previous not in ("*", "+"):  # after these it only makes the repetition lazy
             choices *= 2
-        previous = token
+        previous = symbol
     return choices * alternatives[0], repetitions

@@ -113,8 +113,8 @@ class RequestApplier:
 
     def _has_room(self, edit: TreeEdit, command: str, index: int, path: Path, parts: tuple[Part, ...] = ()) -> bool:
         """Return True if the limits allow a command; else add a failure."""
-        nodes = edit.root.node_count + self._live.snapshot.root.node_count - edit.base.node_count
-        reason = self._quota.check(edit.root, nodes, path, len(parts))
+        node_count = edit.root.node_count + self._live.snapshot.root.node_count - edit.base.node_count
+        reason = self._quota.refusal(edit.root, node_count, path, len(parts))
         if parts and not reason:
             reason = self._quota.reserve(parts)
         if reason:
