@@ -13,7 +13,8 @@ from gateway.scene.tree import Path, TreeEdit
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.quota import TreeQuota
 from gateway.treeviewer.requests import Finding, Request, Subject
-from gateway.treeviewer.responses import ERROR_HANDLING_REQUEST, MISSING_PATHS, OK, CommandProblem, Response
+from gateway.treeviewer.responses import CommandProblem, Response
+from scenegate.messages.wire import ERROR_HANDLING_REQUEST, MISSING_PATHS, OK
 
 
 class RequestApplier:

@@ -316,13 +316,13 @@ class Dispatcher:
         if failure and isinstance(response, Response):
             reason = f"the tree has been changed, but the change could not be stored: {failure}"
             response.error = f"{response.error}; {reason}" if response.error else reason
-            response.status = responses.ERROR_HANDLING_REQUEST
+            response.status = wire.ERROR_HANDLING_REQUEST
         self._send_in_order(recipient, response)
 
     def _send_in_order(self, recipient: Recipient, response: AnyResponse) -> None:
         """Send a response: now, or later if it, or one before it on its channel, is delayed."""
         channel = recipient.channel
-        has_missing_paths = response.status == responses.MISSING_PATHS
+        has_missing_paths = response.status == wire.MISSING_PATHS
         if has_missing_paths or channel in self._delayed.queues:
             self._delayed.add(channel, partial(self._send, recipient, response), has_missing_paths=has_missing_paths)
         else:
@@ -347,7 +347,7 @@ class Dispatcher:
             counters.control_messages += 1
         else:
             counters.answered += 1
-            counters.missing += message.status == responses.MISSING_PATHS
+            counters.missing += message.status == wire.MISSING_PATHS
             counters.failed += message.status < 0
 
     def _count_undecodable(self, channel: str, error: wire.WireError) -> None:

@@ -6,18 +6,11 @@ from typing import Final
 
 import msgspec
 
-from gateway.scene.clicks import Click
 from gateway.scene.tree import Path
 from scenegate.messages import wire
+from scenegate.messages.clicks import Click
 from scenegate.messages.controls import Value
 
-OK: Final = 0
-MISSING_PATHS: Final = 1
-UNKNOWN_FORMAT: Final = -1
-UNKNOWN_FORMAT_VERSION: Final = -2
-ERROR_HANDLING_REQUEST: Final = -3
-"""A command failed. Director defines this status, but sends no response in this case. The thread of its Python client
-that handles responses ends at a negative status, so irregularities that are tolerated get a warning instead."""
 SUPPORTED_FORMATS: Final = {name: [f"{wire.VERSION[0]}.{wire.VERSION[1]}"] for name in (wire.JSON, wire.BINARY)}
 
 
@@ -64,7 +57,7 @@ class ClickMessage(msgspec.Struct):
 
     click: Click
     timestamp: int = 0
-    status: int = OK
+    status: int = wire.OK
 
 
 class ControlValue(msgspec.Struct):
@@ -81,14 +74,14 @@ class ControlsMessage(msgspec.Struct):
     after: int
     """``utime`` of the client's last request with controls or values that was executed before."""
     timestamp: int = 0
-    status: int = OK
+    status: int = wire.OK
 
 
 class ReadyMessage(msgspec.Struct):
     """Announcement that the viewer has started. Director's tests wait for it."""
 
     timestamp: int = 0
-    status: int = OK
+    status: int = wire.OK
     ready: bool = True
 
 
@@ -109,4 +102,4 @@ def encode(response: AnyMessage, message_format: str = wire.JSON) -> bytes:
 
 def failed(utime: int, reason: str) -> Response:
     """Return the response to a request of which no command was executed."""
-    return Response(utime, ERROR_HANDLING_REQUEST, [], [], [], [], error=reason)
+    return Response(utime, wire.ERROR_HANDLING_REQUEST, [], [], [], [], error=reason)

@@ -12,7 +12,6 @@ from typing import Any
 
 import msgspec
 
-from gateway.scene.clicks import Button, Click
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
 from gateway.scene.timeline import Timeline
@@ -25,6 +24,7 @@ from gateway.viewer.messages import ControlChange, Fact, Status
 from gateway.viewer.recent_renders import RecentRenders
 from gateway.viewer.resources import Resources
 from gateway.viewer.sources import StereoSource
+from scenegate.messages.clicks import Button, Click
 
 
 class ViewHub:

@@ -27,7 +27,7 @@ from tests.treeviewer.transports import free_url, join, serving
 
 pytestmark = pytest.mark.lcm
 
-ON_ARM = clicks.Click(("robot", "arm"), (1.0, 2.0, 3.0), "left")
+ON_ARM = Click(("robot", "arm"), (1.0, 2.0, 3.0), "left")
 
 
 @pytest.fixture(autouse=True)

@@ -148,7 +148,7 @@ async def test_requests_fail_with_the_reason_where_kernels_could_not_be_compiled
         await until(lambda: world.published)
     ((_, body),) = world.published
     assert "kernels that this needs could not be loaded" in json.dumps(body)
-    assert world.statuses == [responses.ERROR_HANDLING_REQUEST]
+    assert world.statuses == [wire.ERROR_HANDLING_REQUEST]
 
 
 @pytest.mark.parametrize(("limit", "offloaded"), [(0, 0), (1, 1)])
@@ -443,7 +443,7 @@ async def test_a_big_request_that_is_interrupted_changes_nothing() -> None:
     for _ in range(5):
         await asyncio.sleep(0)
     await world.dispatcher.close()
-    assert world.statuses == [responses.ERROR_HANDLING_REQUEST]
+    assert world.statuses == [wire.ERROR_HANDLING_REQUEST]
     assert world.viewer.live.snapshot.revision == 0
 
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from fastapi import FastAPI
 
-from gateway.scene.clicks import Click
 from gateway.scene.controls import ControlLimits, ControlStore
 from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
@@ -21,6 +20,7 @@ from gateway.viewer.config import ViewerConfig
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.routes import ACKNOWLEDGE, ACKNOWLEDGE_CONTROLS, MAX_MESSAGE_CHARS, router
 from renderers.drawlist import Material
+from scenegate.messages.clicks import Click
 from scenegate.messages.controls import AnyControl, Button, Gizmo, Plot, Slider, TextInput
 from scenegate.messages.geometry import Box
 from tests.support.view_frames import parse_frame

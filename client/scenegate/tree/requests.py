@@ -10,12 +10,14 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from scenegate.messages import wire
 from scenegate.messages.request_encoding import Response, decode_response, encode_request
-from scenegate.tree.answer import UNKNOWN_FORMAT, UNKNOWN_VERSION
 from scenegate.tree.connection import LcmConnection
+
+UNKNOWN_FORMATS: Final = (wire.UNKNOWN_FORMAT, wire.UNKNOWN_FORMAT_VERSION)
+"""Status codes of a viewer that does not know the format of a request."""
 
 
 class SentRequest(NamedTuple):
@@ -74,7 +76,7 @@ class Requests:
             encode_request(body, 0, wire.BINARY)
             encoded()
         response = self._exchange(body, self._negotiated_format(), encoded)
-        refused = response.status in (UNKNOWN_FORMAT, UNKNOWN_VERSION)
+        refused = response.status in UNKNOWN_FORMATS
         if refused and self.message_format == wire.BINARY and self._negotiates_format:
             self.message_format = wire.JSON  # another viewer, without MessagePack, runs now
             response = self._exchange(body, self.message_format, encoded)
@@ -97,7 +99,7 @@ class Requests:
         """Return the format of requests. An empty request negotiates it."""
         if self.message_format is None:
             status = self._exchange({}, wire.BINARY).status
-            self.message_format = wire.JSON if status in (UNKNOWN_FORMAT, UNKNOWN_VERSION) else wire.BINARY
+            self.message_format = wire.JSON if status in UNKNOWN_FORMATS else wire.BINARY
         return self.message_format
 
     def _exchange(

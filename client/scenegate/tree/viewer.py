@@ -17,7 +17,8 @@ from scenegate.closing import Closing
 from scenegate.messages.changes import Changes, Key, Path, PublishedTree, path_of
 from scenegate.messages.colors import rgba
 from scenegate.messages.request_encoding import Response
-from scenegate.tree.answer import MISSING_PATHS, OK, UNSUPPORTED, Answer, TreeViewerError, answer_of
+from scenegate.messages.wire import MISSING_PATHS, OK
+from scenegate.tree.answer import UNSUPPORTED, Answer, TreeViewerError, answer_of
 from scenegate.tree.callbacks import CallbackThreads
 from scenegate.tree.clicks import Callback, ClickListener
 from scenegate.tree.control_panel import ControlPanel
