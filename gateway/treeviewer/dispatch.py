@@ -84,12 +84,8 @@ class DurableStore(Protocol):
         """
 
 
-class _QueueKey(NamedTuple):
-    """Identifies a client's queue."""
-
-    sender: HubConnection | None
-    channel: str
-    is_local: bool
+_QueueKey = tuple[HubConnection | None, str, bool]
+"""Identifies a client's queue: its connection, the channel of its requests, ``LcmMessage.is_local``."""
 
 
 class _ClientKey(NamedTuple):
@@ -163,7 +159,7 @@ class Dispatcher:
         if self._closing:
             self._refuse(request, _SHUTTING_DOWN)
             return
-        key = _QueueKey(sender, message.channel, message.is_local)
+        key = (sender, message.channel, message.is_local)
         queue = self._queues.get(key)
         storage_full = self._store is not None and self._store.full
         if queue is None and not storage_full and self._handle_at_once(request):

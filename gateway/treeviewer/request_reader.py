@@ -138,7 +138,7 @@ def _read_geometries(value: Any, request: Request, context: ReadContext) -> None
         for index, command in enumerate(value):
             parts = parts_of(command)
             if parts is None:
-                request.fail(Finding("setgeometry", index, command.path, "geometries is missing"), context.limits)
+                request.fail(Finding("setgeometry", index, "geometries is missing", command.path), context.limits)
             else:
                 request.geometries.append((command.path, parts))
         return

@@ -24,17 +24,16 @@ class RequestError(ValueError):
     """No command of a request is executed; the message is the reason."""
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """A warning about a command, or the reason why it cannot be executed."""
+class Finding(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A warning about a command, or the reason why it cannot be executed: an element of ``Response.errors``."""
 
     command: str
     """``delete``, ``setgeometry``, ``settransform``, or a name of ``newer_commands``."""
     index: int
     """Index in the request's list of such commands; 0 if it is no list."""
-    path: Path | None
-    """None: the path could not be read."""
     reason: str
+    path: Path | None = None
+    """None: the path could not be read, or the command has none."""
 
     @property
     def text(self) -> str:

@@ -7,20 +7,12 @@ from typing import Final
 import msgspec
 
 from gateway.scene.tree import Path
+from gateway.treeviewer.requests import Finding
 from scenegate.messages import wire
 from scenegate.messages.clicks import Click
 from scenegate.messages.controls import Value
 
 SUPPORTED_FORMATS: Final = {name: [f"{wire.VERSION[0]}.{wire.VERSION[1]}"] for name in (wire.JSON, wire.BINARY)}
-
-
-class CommandProblem(msgspec.Struct, omit_defaults=True):
-    """A failed command, with the fields of ``requests.Finding``."""
-
-    command: str
-    index: int
-    reason: str
-    path: Path | None = None
 
 
 class Response(msgspec.Struct, omit_defaults=True):
@@ -35,7 +27,7 @@ class Response(msgspec.Struct, omit_defaults=True):
     missing_paths: list[Path]
     error: str = ""
     """The first error in one sentence, and the number of other errors."""
-    errors: list[CommandProblem] = []
+    errors: list[Finding] = []
     warnings: list[str] = []
     newer_commands: list[str] = []
     """Names of the request's commands that Director does not have, as a sign that this viewer knows them."""

@@ -297,6 +297,7 @@ async def test_a_binary_message_ends_the_connection(view: View) -> None:
     socket = Socket(view.app)
     await socket.update()
     socket.send(b"k")
+    assert await socket.closed() == (1003, "messages of the page are texts")
     async with asyncio.timeout(SECONDS):
         await socket.task
     assert view.browsers == 0

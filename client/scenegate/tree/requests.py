@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import secrets
 import threading
@@ -31,8 +30,6 @@ class SentRequest(NamedTuple):
 class Requests:
     """Requests and responses of one client. Thread-safe."""
 
-    _instance_numbers = itertools.count()
-
     def __init__(
         self,
         url: str | None,
@@ -58,7 +55,7 @@ class Requests:
         """``utime`` of the last request: microseconds since 1970, made unique."""
         self.pending: dict[int, Future[Response]] = {}
         """Requests without a response, by ``utime``."""
-        self.client_id = f"sg{os.getpid()}_{next(self._instance_numbers)}_{secrets.token_hex(4)}"
+        self.client_id = f"sg{os.getpid()}_{secrets.token_hex(8)}"
         handlers = {f"{wire.RESPONSE}_<{self.client_id}>": self._receive, wire.RESPONSE: self._receive_announcement}
         self.connection = LcmConnection(url, handlers, timeout)
 
