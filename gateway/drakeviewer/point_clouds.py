@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from gateway.drakeviewer.messages import Cloud, CloudField, MessageError
 from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.materials import WHITE, material
+from scenegate.messages.field_kinds import MAX_DISTANCE
 
 BIG_ENDIAN: Final = 1
 """Bit of ``Cloud.flags``: values are big-endian."""
 _DTYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy types by ``lcmt_point_cloud_field.datatype``."""
-MAX_DISTANCE: Final = 1e15
-"""Points farther away, metres, are not drawn: their coordinates would overflow in the renderer."""
 
 
 def read_cloud(cloud: Cloud, warnings: list[str]) -> tuple[Part, ...]:
