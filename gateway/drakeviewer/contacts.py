@@ -137,18 +137,20 @@ def triangles_of(polygons: NDArray[np.int32]) -> NDArray[np.int32]:
     Raises:
         MessageError: A polygon is cut off.
     """
-    counts: list[int] = []
-    numbers, start, end = polygons.tolist(), 0, len(polygons)
-    while start < end:
-        count = numbers[start]
-        counts.append(count)
-        start += 1 + count
-        if count < 0 or start > end:
+    vertex_counts: list[int] = []
+    numbers, position = polygons.tolist(), 0
+    while position < len(numbers):
+        count = numbers[position]
+        if not 0 <= count < len(numbers) - position:
             raise MessageError(f"a polygon has {count} vertices, which are not there")
-    sides = np.array(counts, np.int64)
-    first = np.cumsum(sides + 1) - sides  # index of the first vertex of each polygon
-    fans = np.maximum(sides - 2, 0)
-    second = np.arange(fans.sum()) + np.repeat(first + 1 - (np.cumsum(fans) - fans), fans)
-    corners = np.empty((len(second), 3), np.int64)
-    corners[:, 0], corners[:, 1], corners[:, 2] = np.repeat(first, fans), second, second + 1
-    return polygons[corners]
+        vertex_counts.append(count)
+        position += 1 + count
+    vertices = np.array(vertex_counts, np.int64)
+    count_in_polygon = np.maximum(vertices - 2, 0)
+    first = np.repeat(np.cumsum(vertices + 1) - vertices, count_in_polygon)  # of each triangle: position in polygons
+    index_in_polygon = np.arange(len(first)) - np.repeat(
+        np.cumsum(count_in_polygon) - count_in_polygon, count_in_polygon
+    )
+    second = first + 1 + index_in_polygon
+    triangles: NDArray[np.int32] = polygons[np.stack((first, second, second + 1), axis=1)]
+    return triangles
