@@ -299,6 +299,14 @@ async def test_responses_wait_until_the_tree_is_stored() -> None:
     assert store.waiting[1][1] < size, "a response without paths is smaller"
 
 
+async def test_a_response_that_waits_does_not_keep_the_request() -> None:
+    store, data = Store(), bytearray(ONE_BOX)
+    world = World(store)
+    world.dispatcher.receive(world.publish, LcmMessage(CHANNEL, memoryview(data)))
+    assert len(store.waiting) == 1
+    data.clear()  # raises BufferError while something refers to it
+
+
 @pytest.mark.parametrize(
     ("request_", "error"),
     [
