@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from scenegate.messages import wire
-from scenegate.messages.changes import Changes, Entry, PublishedTree, path_of
+from scenegate.messages.changes import Changes, Entry, path_of
 from scenegate.messages.geometry import Sphere
 from scenegate.messages.request_encoding import encode_request
 from scenegate.tree import requests as requests_module
@@ -201,18 +201,18 @@ def test_a_delete_discards_what_was_set_below_it() -> None:
 
 
 def test_missing_geometry_comes_with_the_transforms_of_its_parents() -> None:
-    tree, changes = PublishedTree(), Changes()
+    tree, changes = Changes(), Changes()
     changes.set_entry(("a",), Entry(transform={"x": 1}))
     changes.set_entry(("a", "b"), Entry([{}]))
     changes.set_entry(("a", "c"), Entry([{}]))
     changes.set_entry(("d",), Entry(transform={"x": 2}))
-    tree.update(changes)
+    tree.add(changes)
     again = tree.missing([("a", "b")])
     assert list(again.entries) == [("a",), ("a", "b")]
     assert (again.entries["a",].geometries, again.entries["a",].transform) == (None, {"x": 1})
     assert tree.missing([("d",)]).entries == {}, "no geometry was published there"
     update = Changes()
     update.set_entry(("a", "b"), Entry(transform={"x": 3}))
-    tree.update(update)
-    entry = tree.as_changes().entries["a", "b"]
+    tree.add(update)
+    entry = tree.entries["a", "b"]
     assert (entry.geometries, entry.transform) == ([{}], {"x": 3})

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scenegate.closing import Closing
-from scenegate.messages.changes import Changes, Key, Path, PublishedTree, path_of
+from scenegate.messages.changes import Changes, Key, Path, path_of
 from scenegate.messages.colors import rgba
 from scenegate.messages.request_encoding import Response
 from scenegate.messages.wire import MISSING_PATHS, OK
@@ -50,7 +50,8 @@ class TreeViewer(NotebookViews, Closing):
         Raises:
             ConnectionError: no hub listens, or there is no route for multicast.
         """
-        self._published = PublishedTree()
+        self._published = Changes()
+        """Content of a viewer that has executed all requests, without clicks and controls."""
         self._lock = threading.Lock()
         """Guards ``_published``. Held until what was published before is on its way again: a change that another thread
         sends meanwhile must arrive after it."""
@@ -170,7 +171,8 @@ class TreeViewer(NotebookViews, Closing):
     def _record(self, changes: Changes) -> None:
         """Record changes that are published, or that the page has made."""
         with self._lock:
-            self._published.update(changes)
+            self._published.add(changes)
+            self._published.deleted.clear()  # a viewer that has lost something has nothing to delete
 
     @contextmanager
     def batch(self) -> Iterator[Batch]:
@@ -264,9 +266,8 @@ class TreeViewer(NotebookViews, Closing):
         elif body.get("ready") is True:
             self._threads.resend_now()
             with self._lock:
-                everything = self._published.as_changes()
-                if everything.entries or everything.view:
-                    self.requests.send_without_response(everything.body())
+                if self._published.entries or self._published.view:
+                    self.requests.send_without_response(self._published.body())
 
 
 def _missing_paths(response: Response) -> list[Path]:
