@@ -77,12 +77,8 @@ class ViewHub:
         """Set when the tree or a control has changed."""
         self._controls = ControlFrames(self._live_page.controls, tree)
         self._live_page.controls.listen(self._changed.set)  # controls change on the event loop only
-        self._ready = False
-
-    @property
-    def ready(self) -> bool:
+        self.ready = False
         """True while ``run`` runs."""
-        return self._ready
 
     def status(self) -> dict[str, Any]:
         """Return the number of browsers and the revision of the scene, for health and metrics."""
@@ -94,7 +90,7 @@ class ViewHub:
         stop_listening = self._tree.listen(partial(loop.call_soon_threadsafe, self._changed.set))
         status_task = loop.create_task(self._send_status(), name="view status")
         self._changed.set()
-        self._ready = True
+        self.ready = True
         try:
             while True:
                 await self._changed.wait()
@@ -108,7 +104,7 @@ class ViewHub:
                         browser.wake()
                 await asyncio.sleep(max(0.0, update_start + 1.0 / self.config.max_update_rate - loop.time()))
         finally:
-            self._ready = False
+            self.ready = False
             status_task.cancel()
             stop_listening()
             for browser in tuple(self._browsers):
