@@ -206,7 +206,8 @@ class Browser:
         """True if an update should be sent to the page now."""
         if self.state is not BrowserState.READY:
             return self.state is BrowserState.NEW
-        return self._epoch != self._encoder.epoch or self._page_snapshot.revision != self.target.revision
+        target = self._target or self._encoder.current
+        return self._epoch != self._encoder.epoch or self._page_snapshot.revision != target.revision
 
     async def next_update(self) -> Update:
         """Return the update to the target, and set the state to ``BUSY``."""
