@@ -11,6 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
+    from scenegate.messages.clicks import Click as Click
     from scenegate.messages.geometry import Box as Box
     from scenegate.messages.geometry import Capsule as Capsule
     from scenegate.messages.geometry import Cylinder as Cylinder
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from scenegate.tree.aio import AsyncTreeViewer as AsyncTreeViewer
     from scenegate.tree.answer import Answer as Answer
     from scenegate.tree.answer import TreeViewerError as TreeViewerError
-    from scenegate.tree.clicks import Click as Click
     from scenegate.tree.nodes import Batch as Batch
     from scenegate.tree.nodes import Node as Node
     from scenegate.tree.robot import PublishedRobot as PublishedRobot
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 __version__: Final = "0.1.0"
 
 _MODULES: Final = {
+    "messages.clicks": ("Click",),
     "messages.geometry": (
         *("Box", "Capsule", "Cylinder", "Ellipsoid", "Geometry", "Line"),
         *("Mesh", "PlanarLidar", "PointCloud", "Sphere", "Transform", "Triad"),
@@ -48,7 +49,6 @@ _MODULES: Final = {
     "messages.mesh_file": ("MeshFile",),
     "tree.aio": ("AsyncTreeViewer",),
     "tree.answer": ("Answer", "TreeViewerError"),
-    "tree.clicks": ("Click",),
     "tree.nodes": ("Batch", "Node"),
     "tree.robot": ("PublishedRobot",),
     "tree.viewer": ("TreeViewer",),

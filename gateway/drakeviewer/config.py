@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
-KIB: Final = 1024
-MIB: Final = 1024 * KIB
+from scenegate.lcm.limits import MIB
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +38,7 @@ class DrakeViewerConfig:
     limits: Limits = Limits()
     strict: bool = False
     """True: a message of which something cannot be shown is refused."""
-    offload_bytes: int = 64 * KIB
+    offload_bytes: int = 64 << 10
     """Minimum size of messages that are read in a worker thread: a deformable mesh of 64 kB takes about 1 ms."""
     threads: int = 4
     """Number of threads that read big messages and mesh files. A slow file takes one of them."""

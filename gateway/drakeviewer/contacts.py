@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.drakeviewer.arrows import arrows
+from gateway.drakeviewer.float_meshes import drawable_triangles
 from gateway.drakeviewer.messages import Contacts, MessageError, SurfaceContact
 from gateway.drakeviewer.robots import ROOT
 from gateway.scene.geometry import Part, Surface
@@ -69,7 +70,7 @@ def read_contacts(contacts: Contacts, warnings: list[str]) -> dict[Path, tuple[P
             try:
                 parts[path] += _pressure_surface(surface)
             except MessageError as error:
-                warnings.append(str(error))
+                warnings.append(f"a contact surface is not shown: {error}")
     return {path: tuple(of_path) for path, of_path in parts.items()}
 
 
@@ -106,16 +107,12 @@ def _arrows(
 
 def _pressure_surface(contact: SurfaceContact) -> tuple[Part, ...]:
     """Return the contact surface, coloured by its pressure; nothing if no triangle has finite vertices."""
-    triangles = triangles_of(contact.polygons, len(contact.vertices))
     with np.errstate(over="ignore"):
         positions = contact.vertices.astype(np.float32)
-    finite = np.asarray(np.isfinite(positions).all(axis=1))
-    if not finite.all():
-        triangles = triangles[finite[triangles].all(axis=1)]
-        positions[~finite] = 0.0
+    triangles = drawable_triangles(positions, triangles_of(contact.polygons))
     if not len(triangles):
         return ()
-    mesh = Mesh(positions, np.ascontiguousarray(triangles), colors=flame_colors(contact.pressure))
+    mesh = Mesh(positions, triangles, colors=flame_colors(contact.pressure))
     return (Part(Surface(mesh), material(WHITE), kind="contact_surface"),)
 
 
@@ -131,31 +128,29 @@ def flame_colors(pressure: NDArray[np.float64]) -> NDArray[np.float32]:
     return colors
 
 
-def triangles_of(polygons: NDArray[np.int32], vertex_count: int) -> NDArray[np.uint32]:
-    """Return the triangles of convex polygons, (M, 3) uint32: fans around the first vertex of each.
+def triangles_of(polygons: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the triangles of convex polygons, (M, 3) indices of vertices: fans around the first vertex of each.
 
     Args:
-        polygons: (N,) int32, for each polygon its number of vertices, then their indices.
-        vertex_count: number of vertices that exist.
+        polygons: (N,), for each polygon its number of vertices, then their indices.
 
     Raises:
-        MessageError: A polygon is cut off, or refers to a vertex that does not exist.
+        MessageError: A polygon is cut off.
     """
-    counts: list[int] = []
-    numbers, start, end = polygons.tolist(), 0, len(polygons)
-    while start < end:
-        count = numbers[start]
-        counts.append(count)
-        start += 1 + count
-        if count < 0 or start > end:
-            raise MessageError(f"a contact surface has a polygon of {count} vertices, which are not there")
-    sides = np.array(counts, np.int64)
-    first = np.cumsum(sides + 1) - sides  # index of the first vertex of each polygon
-    fans = np.maximum(sides - 2, 0)
-    second = np.arange(fans.sum()) + np.repeat(first + 1 - (np.cumsum(fans) - fans), fans)
-    corners = np.empty((len(second), 3), np.int64)
-    corners[:, 0], corners[:, 1], corners[:, 2] = np.repeat(first, fans), second, second + 1
-    triangles: NDArray[np.uint32] = polygons[corners].astype(np.uint32)  # negative numbers become large
-    if triangles.size and triangles.max() >= vertex_count:
-        raise MessageError(f"a contact surface refers to vertex {triangles.max()} of {vertex_count}")
+    vertex_counts: list[int] = []
+    numbers, position = polygons.tolist(), 0
+    while position < len(numbers):
+        count = numbers[position]
+        if not 0 <= count < len(numbers) - position:
+            raise MessageError(f"a polygon has {count} vertices, which are not there")
+        vertex_counts.append(count)
+        position += 1 + count
+    vertices = np.array(vertex_counts, np.int64)
+    count_in_polygon = np.maximum(vertices - 2, 0)
+    first = np.repeat(np.cumsum(vertices + 1) - vertices, count_in_polygon)  # of each triangle: position in polygons
+    index_in_polygon = np.arange(len(first)) - np.repeat(
+        np.cumsum(count_in_polygon) - count_in_polygon, count_in_polygon
+    )
+    second = first + 1 + index_in_polygon
+    triangles: NDArray[np.int32] = polygons[np.stack((first, second, second + 1), axis=1)]
     return triangles

@@ -32,19 +32,18 @@ def surface_of(numbers: NDArray[np.float32], limits: Limits) -> Surface | None:
         raise MessageError(
             f"a mesh of {vertex_count} vertices and {triangle_count} triangles has {len(numbers)} numbers"
         )
-    positions = numbers[2:end].reshape(vertex_count, 3)
+    positions = numbers[2:end].reshape(vertex_count, 3).copy()
     with np.errstate(invalid="ignore"):
         indices = numbers[end:].reshape(triangle_count, 3).astype(np.int64)
-    return smooth_surface(positions, indices)
+    triangles = drawable_triangles(positions, indices)
+    return Surface(Mesh(*smooth_mesh(positions, triangles))) if len(triangles) else None
 
 
-def smooth_surface(positions: NDArray[np.floating], indices: NDArray[np.integer]) -> Surface | None:
-    """Return a mesh with smooth normals; None without drawable triangles.
-
-    Triangles with a vertex that is NaN or infinite are left out.
+def drawable_triangles(positions: NDArray[np.float32], indices: NDArray[np.integer]) -> NDArray[np.uint32]:
+    """Return the triangles whose vertices are finite, (M, 3) uint32. The other vertices become 0.
 
     Args:
-        positions: (V, 3) metres.
+        positions: (V, 3) metres, changed in place.
         indices: (T, 3).
 
     Raises:
@@ -52,16 +51,12 @@ def smooth_surface(positions: NDArray[np.floating], indices: NDArray[np.integer]
     """
     if indices.size and not (indices.min() >= 0 and indices.max() < len(positions)):
         raise MessageError(f"a triangle has the vertices {indices.min()} to {indices.max()} of {len(positions)}")
-    with np.errstate(over="ignore"):
-        vertices = np.array(positions, dtype=np.float32)
     triangles = indices.astype(np.uint32)
-    finite = np.asarray(np.isfinite(vertices).all(axis=1))
+    finite = np.asarray(np.isfinite(positions).all(axis=1))
     if not finite.all():
         triangles = triangles[finite[triangles].all(axis=1)]
-        vertices[~finite] = 0.0
-    if not len(triangles):
-        return None
-    return Surface(Mesh(*smooth_mesh(vertices, np.ascontiguousarray(triangles))))
+        positions[~finite] = 0.0
+    return np.ascontiguousarray(triangles)
 
 
 def _count(numbers: NDArray[np.float32], index: int) -> int:

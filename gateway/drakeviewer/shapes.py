@@ -55,24 +55,22 @@ def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits, warnings: li
         raise MessageError("the pose of a geometry is not finite")
     if geometry.type == GeometryType.MESH and geometry.text:
         return _mesh_file(geometry, files, warnings)
-    shape: Shape | None
-    kind = "mesh_data"
     if geometry.type == GeometryType.MESH:
-        shape = surface_of(geometry.floats, limits)
-    else:
-        reader = _SHAPES.get(geometry.type)
-        if reader is None:
-            raise MessageError(f"geometry type {geometry.type} is unknown")
-        kind, count, make = reader
-        if len(geometry.floats) != count:
-            raise MessageError(f"a {kind} has {len(geometry.floats)} numbers instead of {count}")
-        numbers = geometry.floats.tolist()
-        if not all(0.0 <= number < math.inf for number in numbers):
-            raise MessageError(f"a {kind} has the sizes {numbers}: they must be finite and from 0 on")
-        shape = make(numbers)
-    if shape is None:
-        return ()
-    return (Part(shape, material(color_of(geometry)), transform_of(geometry), kind),)
+        surface = surface_of(geometry.floats, limits)
+        return () if surface is None else (_part(geometry, surface, "mesh_data"),)
+    if geometry.type not in _SHAPES:
+        raise MessageError(f"geometry type {geometry.type} is unknown")
+    kind, count, shape_of = _SHAPES[geometry.type]
+    sizes = geometry.floats.tolist()
+    if len(sizes) != count:
+        raise MessageError(f"a {kind} has {len(sizes)} numbers instead of {count}")
+    if not all(0.0 <= size < math.inf for size in sizes):
+        raise MessageError(f"a {kind} has the sizes {sizes}: they must be finite and from 0 on")
+    return (_part(geometry, shape_of(sizes), kind),)
+
+
+def _part(geometry: Geometry, shape: Shape, kind: str) -> Part:
+    return Part(shape, material(color_of(geometry)), transform_of(geometry), kind)
 
 
 def _mesh_file(geometry: Geometry, files: MeshFiles, warnings: list[str]) -> tuple[Part, ...]:
@@ -83,11 +81,11 @@ def _mesh_file(geometry: Geometry, files: MeshFiles, warnings: list[str]) -> tup
     else:
         loaded = files.load(geometry.text, scale, warnings)
     X_link_geometry = transform_of(geometry)
-    own_color = material(color_of(geometry))
+    own_material = material(color_of(geometry))
     return tuple(
         msgspec.structs.replace(
             part,
-            material=own_color if part.material is PLAIN_MATERIAL else part.material,
+            material=own_material if part.material is PLAIN_MATERIAL else part.material,
             X_node_part=X_link_geometry @ part.X_node_part,
         )
         for part in loaded
@@ -95,11 +93,15 @@ def _mesh_file(geometry: Geometry, files: MeshFiles, warnings: list[str]) -> tup
 
 
 def _scale_of(numbers: list[float]) -> tuple[float, float, float]:
-    """Return the scale of a mesh file along x, y, z. Drake sends three numbers; a single one holds for all axes."""
-    if len(numbers) not in (0, 1, 3):
-        raise MessageError(f"a mesh file has {len(numbers)} scale numbers instead of 0, 1 or 3")
-    x, y, z = numbers if len(numbers) == 3 else (numbers or [1.0]) * 3
-    return x, y, z
+    """Return the scale of a mesh file along x, y, z. Drake sends three numbers; one holds for all, none means 1."""
+    match numbers:
+        case []:
+            return 1.0, 1.0, 1.0
+        case [scale]:
+            return scale, scale, scale
+        case [x, y, z]:
+            return x, y, z
+    raise MessageError(f"a mesh file has {len(numbers)} scale numbers instead of 0, 1 or 3")
 
 
 _SHAPES: Final[dict[int, tuple[str, int, Callable[[list[float]], Shape]]]] = {

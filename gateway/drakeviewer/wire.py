@@ -49,7 +49,7 @@ class Reader:
     All methods raise MessageError if the message ends too early, or a number is beyond its limit.
     """
 
-    __slots__ = ("_limits", "_offset", "_view")
+    __slots__ = ("_limits", "_view", "offset")
 
     def __init__(self, message: Message, fingerprint: int, name: str, limits: Limits) -> None:
         """
@@ -58,23 +58,19 @@ class Reader:
             name: name of its LCM type, for errors.
         """
         self._view = memoryview(message)
-        self._offset = 8
+        self.offset = 8
+        """Bytes before the next field."""
         self._limits = limits
         if len(message) < 8 or int.from_bytes(self._view[:8], "big") != fingerprint:
             raise MessageError(f"the message is not a {name}: fingerprint {bytes(self._view[:8]).hex()}")
 
-    @property
-    def offset(self) -> int:
-        """Bytes before the next field."""
-        return self._offset
-
     def take(self, size: int) -> memoryview:
         """Return the next ``size`` bytes."""
-        end = self._offset + size
+        end = self.offset + size
         if size < 0 or end > len(self._view):
             raise MessageError(f"the message ends after {len(self._view)} bytes, within its fields")
-        taken = self._view[self._offset : end]
-        self._offset = end
+        taken = self._view[self.offset : end]
+        self.offset = end
         return taken
 
     def integer(self, size: int = 4) -> int:

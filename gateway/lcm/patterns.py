@@ -15,6 +15,8 @@ CHANNEL_CHARS: Final = 63
 """Maximum length of a channel name in LCM's UDP networks (LCM_MAX_CHANNEL_NAME_LENGTH). TCPQ carries longer ones."""
 MAX_STEPS: Final = CHANNEL_CHARS**3
 """Maximum number of steps to match one pattern: those of three repetitions, which take half a millisecond."""
+_SYMBOL: Final = re.compile(r"\\.|\[\^?\]?(?:\\.|[^]\\])*\]?|\(\?:?|.", re.DOTALL)
+"""An escaped character; a set, which a ] at its begin does not end; the begin of a group; any other character."""
 
 
 class PatternError(ValueError):
@@ -43,56 +45,45 @@ def compile_pattern(pattern: str) -> Pattern:
     Raises:
         PatternError: the text is not a regular expression, or matching could take too long.
     """
-    choices, repetitions = _count_branches(pattern)
-    steps = choices * int(CHANNEL_CHARS**repetitions)
-    if steps > MAX_STEPS:
-        raise PatternError(f"{pattern!r} can be tried in {steps} ways, {MAX_STEPS} are possible")
+    choices, repetitions = _count_choices(pattern)
     try:
         with warnings.catch_warnings():
             # Python warns of characters such as [[ that may get a new meaning; LCM's library gives them none
             warnings.simplefilter("ignore", FutureWarning)
-            return Pattern(re.compile(pattern), choices, repetitions)
+            compiled = Pattern(re.compile(pattern), choices, repetitions)
     except (re.error, OverflowError, RecursionError) as error:
         raise PatternError(f"{pattern!r} is not a regular expression: {error}") from None
+    steps = compiled.steps(CHANNEL_CHARS)
+    if steps > MAX_STEPS:
+        raise PatternError(f"{pattern!r} can be tried in {steps} ways, {MAX_STEPS} are allowed")
+    return compiled
 
 
-def _count_branches(pattern: str) -> tuple[int, int]:
+def _count_choices(pattern: str) -> tuple[int, int]:
     """Return ``Pattern.choices`` and ``Pattern.repetitions`` of a pattern.
 
     Raises:
         PatternError: the pattern has a construct whose cost cannot be computed.
     """
     choices, repetitions = 1, 0
-    i = 0
-    previous_char = ""
+    previous = ""
     alternatives = [1]  # numbers of alternatives in the whole pattern and in each open group
-    while i < len(pattern):
-        char = pattern[i]
-        if char == "\\":
-            if pattern[i + 1 : i + 2].isdigit():
-                raise PatternError(f"{pattern!r} refers back to a group, which is not supported")
-            previous_char, i = "\\", i + 2
-            continue
-        if char == "[":
-            end = pattern.find("]", i + (3 if pattern[i + 1 : i + 2] == "^" else 2))
-            if end < 0:
-                raise PatternError(f"{pattern!r} has a set that does not end")
-            previous_char, i = "[", end + 1
-            continue
-        if char == "(" and pattern[i + 1 : i + 2] == "?" and pattern[i + 2 : i + 3] != ":":
+    for symbol in _SYMBOL.findall(pattern):
+        if symbol[0] == "\\" and symbol[1:].isdigit():
+            raise PatternError(f"{pattern!r} refers back to a group, which is not supported")
+        if symbol == "(?":
             raise PatternError(f"{pattern!r} has an extension of groups that is not supported")
-        if char == "(":
+        if symbol in ("(", "(?:"):
             alternatives.append(1)
-            i += 2 if pattern[i + 1 : i + 2] == "?" else 0
-        elif char == "|":
+        elif symbol == "|":
             alternatives[-1] += 1
-        elif char == ")" and len(alternatives) > 1:
+        elif symbol == ")" and len(alternatives) > 1:
             choices *= alternatives.pop()
-        elif char in "*+{":
-            if previous_char == ")":
+        elif symbol in ("*", "+", "{"):
+            if previous == ")":
                 raise PatternError(f"{pattern!r} repeats a group, which is not supported")
             repetitions += 1
-        elif char == "?" and previous_char not in {"*", "+", "}"}:  # ? after a repetition only makes it lazy
+        elif symbol == "?" and previous not in ("*", "+"):  # after these it only makes the repetition lazy
             choices *= 2
-        previous_char, i = char, i + 1
+        previous = symbol
     return choices * alternatives[0], repetitions

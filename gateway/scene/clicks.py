@@ -9,21 +9,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 from gateway.scene.tree import Path
-
-Button = Literal["left", "middle", "right"]
-
-
-@dataclass(frozen=True, slots=True)
-class Click:
-    """A click on the geometry of a node."""
-
-    path: Path
-    point: tuple[float, float, float]
-    """Point on the geometry in the world, metres."""
-    button: Button
+from scenegate.messages.clicks import Click
 
 
 @dataclass(frozen=True, slots=True)

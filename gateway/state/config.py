@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
-MIB: Final = 1 << 20
-"""Bytes per mebibyte."""
+from scenegate.lcm.limits import MIB
 
 
 @dataclass(frozen=True, slots=True)

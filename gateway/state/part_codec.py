@@ -165,17 +165,6 @@ class PartDecoder:
             blob: Returns the blob with a digest. Raises KeyError if there is none.
         """
         self._blob = blob
-        self._readers: dict[str, Callable[..., Any]] = {
-            "text": self._text,
-            "tuple": self._tuple,
-            "map": self._map,
-            "value": self._decode_fields,
-            "enum": self._enum,
-            "once": self._decode_shared,
-            "array": self._inline_array,
-            "blob": self._blob_array,
-            "picture": self._image,
-        }
         self._shared_values: dict[bytes, Any] = {}
         self._arrays: dict[tuple[str, tuple[int, ...], bytes], NDArray[Any]] = {}
 
@@ -187,7 +176,7 @@ class PartDecoder:
         """
         try:
             return tuple(self._part(entry) for entry in msgspec.msgpack.decode(data, type=list[Any]))
-        except (msgspec.DecodeError, ImageError, KeyError, TypeError, ValueError, IndexError) as error:
+        except (msgspec.DecodeError, ImageError, AttributeError, KeyError, TypeError, ValueError, IndexError) as error:
             raise DamagedError(f"geometry cannot be read: {type(error).__name__}: {error}") from error
 
     def _part(self, entry: Any) -> Part:
@@ -199,49 +188,51 @@ class PartDecoder:
     def _value(self, value: Any) -> Any:
         if not isinstance(value, list):
             return value
-        return self._readers[value[0]](*value[1:])
+        match value:
+            case ["value", name, fields]:
+                return CLASSES[name](**{field: self._value(each) for field, each in fields.items()})
+            case ["tuple", values]:
+                return tuple(map(self._value, values))
+            case ["once", data]:
+                return self._shared(data)
+            case ["array", dtype, shape, data]:
+                return _inline_array(dtype, shape, data)
+            case ["blob", dtype, shape, digest]:
+                return self._blob_array(dtype, shape, digest)
+            case ["map", entries]:
+                return MappingProxyType({self._value(key): self._value(each) for key, each in entries})
+            case ["enum", name, each]:
+                return _ENUMS[name](each)
+            case ["text", data]:
+                return data.decode("utf-8", "surrogatepass")
+            case ["picture", _, max_pixels, digest]:
+                return image_from_bytes(self._verified_blob(digest), max_pixels=max_pixels)
+        raise DamagedError(f"a list of {len(value)} values has no known tag")
 
-    def _text(self, data: bytes) -> str:
-        return data.decode("utf-8", "surrogatepass")
-
-    def _tuple(self, values: list[Any]) -> tuple[Any, ...]:
-        return tuple(self._value(value) for value in values)
-
-    def _map(self, entries: list[list[Any]]) -> Mapping[Any, Any]:
-        return MappingProxyType({self._value(key): self._value(value) for key, value in entries})
-
-    def _decode_fields(self, name: str, values: dict[str, Any]) -> Any:
-        return CLASSES[name](**{field: self._value(value) for field, value in values.items()})
-
-    def _enum(self, name: str, value: Any) -> Enum:
-        return _ENUMS[name](value)
-
-    def _decode_shared(self, data: bytes) -> Any:
+    def _shared(self, data: bytes) -> Any:
         value = self._shared_values.get(data)
         if value is None:
             value = self._shared_values[data] = self._value(msgspec.msgpack.decode(data))
         return value
 
-    def _inline_array(self, dtype: str, shape: list[int], data: bytes) -> NDArray[Any]:
-        if dtype == "<f8" and data == _IDENTITY and shape == [4, 4]:
-            return IDENTITY
-        element_type = np.dtype(dtype)
-        if element_type.kind not in _ARRAY_KINDS or element_type.itemsize * math.prod(shape) != len(data):
-            raise DamagedError(f"an array of {dtype} with the shape {shape} has {len(data)} bytes")
-        return np.ndarray(shape, element_type, data)
-
     def _blob_array(self, dtype: str, shape: list[int], digest: bytes) -> NDArray[Any]:
         key = (dtype, tuple(shape), digest)
         array = self._arrays.get(key)
         if array is None:
-            array = self._arrays[key] = self._inline_array(dtype, shape, self._verified_blob(digest))
+            array = self._arrays[key] = _inline_array(dtype, shape, self._verified_blob(digest))
         return array
-
-    def _image(self, _: Any, max_pixels: int, digest: bytes) -> Image:
-        return image_from_bytes(self._verified_blob(digest), max_pixels=max_pixels)
 
     def _verified_blob(self, digest: bytes) -> bytes:
         data = self._blob(digest)
         if hashlib.sha256(data).digest() != digest:
             raise DamagedError("a blob does not match its digest")
         return data
+
+
+def _inline_array(dtype: str, shape: list[int], data: bytes) -> NDArray[Any]:
+    if dtype == "<f8" and data == _IDENTITY and shape == [4, 4]:
+        return IDENTITY
+    element_type = np.dtype(dtype)
+    if element_type.kind not in _ARRAY_KINDS or element_type.itemsize * math.prod(shape) != len(data):
+        raise DamagedError(f"an array of {dtype} with the shape {shape} has {len(data)} bytes")
+    return np.ndarray(shape, element_type, data)

@@ -6,6 +6,8 @@ from collections import deque
 from collections.abc import Iterator
 from itertools import islice
 
+import msgspec
+
 from gateway.runtime.warning_list import WarningList
 from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
@@ -13,7 +15,8 @@ from gateway.scene.tree import Path, TreeEdit
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.quota import TreeQuota
 from gateway.treeviewer.requests import Finding, Request, Subject
-from gateway.treeviewer.responses import ERROR_HANDLING_REQUEST, MISSING_PATHS, OK, CommandProblem, Response
+from gateway.treeviewer.responses import Response
+from scenegate.messages.wire import ERROR_HANDLING_REQUEST, MISSING_PATHS, OK
 
 
 class RequestApplier:
@@ -69,10 +72,8 @@ class RequestApplier:
         if self._failures:
             response.status = ERROR_HANDLING_REQUEST
             response.error = _valid_text(_summary(self._failures))
-            response.errors = [
-                CommandProblem(failure.command, failure.index, _valid_text(failure.reason), failure.path)
-                for failure in self._failures[:limit]
-            ]
+            for failure in self._failures[:limit]:
+                response.errors.append(msgspec.structs.replace(failure, reason=_valid_text(failure.reason)))
         if self.request.warnings:
             response.warnings = [_valid_text(warning.text) for warning in self.request.warnings[:limit]]
         response.newer_commands = self.request.newer_commands
@@ -113,12 +114,12 @@ class RequestApplier:
 
     def _has_room(self, edit: TreeEdit, command: str, index: int, path: Path, parts: tuple[Part, ...] = ()) -> bool:
         """Return True if the limits allow a command; else add a failure."""
-        nodes = edit.root.node_count + self._live.snapshot.root.node_count - edit.base.node_count
-        reason = self._quota.check(edit.root, nodes, path, len(parts))
+        node_count = edit.root.node_count + self._live.snapshot.root.node_count - edit.base.node_count
+        reason = self._quota.refusal(edit.root, node_count, path, len(parts))
         if parts and not reason:
             reason = self._quota.reserve(parts)
         if reason:
-            self._failures.append(Finding(command, index, path, reason))
+            self._failures.append(Finding(command, index, reason, path))
         return not reason
 
     def _set_geometry(self, edit: TreeEdit, index: int, path: Path, parts: tuple[Part, ...]) -> None:

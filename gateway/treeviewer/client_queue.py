@@ -5,17 +5,27 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 from gateway.lcm.tcpq_hub import HubConnection
 from scenegate.lcm.transport import LcmMessage
-from scenegate.messages import wire
 from scenegate.messages.wire import Comms
 
 Publish = Callable[[str, bytes], None]
 """Function that publishes a message: (channel, message)."""
 OVERHEAD_BYTES: Final = 256
 """Memory of a queued message besides its data."""
+
+
+class Recipient(NamedTuple):
+    """Receives the response to a request, and messages of the page."""
+
+    publish: Publish
+    """Publishes a message; raises OSError or ValueError if it cannot be sent."""
+    channel: str
+    """Channel of the request, which names the client."""
+    format: str
+    """Format of the request: ``wire.JSON``, ``wire.BINARY``, or an unknown one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,18 +35,13 @@ class Received:
     message: LcmMessage
     comms: Comms
     """The decoded message."""
-    publish: Publish
-    """Publishes the response; raises OSError or ValueError if it cannot be sent."""
-
-    @property
-    def is_binary(self) -> bool:
-        """True for MessagePack, False for JSON; the response has the same format."""
-        return self.comms.format == wire.BINARY
+    recipient: Recipient
+    """Kept by what waits, without the data of the request."""
 
     @property
     def memory(self) -> int:
         """Memory that the request takes in a queue, in bytes."""
-        return size_of(len(self.message.data))
+        return len(self.message.data) + OVERHEAD_BYTES
 
 
 @dataclass(slots=True, eq=False)
@@ -66,8 +71,3 @@ class ClientQueue:
         memory = self._requests.popleft().memory
         self.size -= memory
         return memory
-
-
-def size_of(nbytes: int) -> int:
-    """Return the memory that a queued message of ``nbytes`` bytes takes, in bytes."""
-    return nbytes + OVERHEAD_BYTES

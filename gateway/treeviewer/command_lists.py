@@ -38,7 +38,7 @@ def read_list(
     if isinstance(value, dict) and "path" in value:
         value = [value]
     if not isinstance(value, list):
-        failure = Finding(name, 0, None, f"{name} must be a list of commands, not {show(value)}")
+        failure = Finding(name, 0, f"{name} must be a list of commands, not {show(value)}")
         request.fail(failure, context.limits)
         return
     for index, command in enumerate(value):
@@ -53,10 +53,10 @@ def read_list(
             if context.strict and context.warnings:
                 raise CommandError(strict_refusal(context.warnings))
         except CommandError as error:
-            request.fail(Finding(name, index, path, str(error)), context.limits)
+            request.fail(Finding(name, index, str(error), path), context.limits)
         else:
             results.append(result)
-        request.warnings.extend(Finding(name, index, path, text) for text in context.warnings)
+        request.warnings.extend(Finding(name, index, text, path) for text in context.warnings)
         context.warnings.clear()
 
 

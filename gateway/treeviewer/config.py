@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Final
 
 from gateway.lcm.config import LcmConfig
-
-KIB: Final = 1024
-MIB: Final = 1024 * KIB
+from scenegate.lcm.limits import MIB
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +67,7 @@ class TreeViewerConfig:
     limits: Limits = Limits()
     strict: bool = False
     """True: a geometry or transform with a warning is refused."""
-    offload_bytes: int = 256 * KIB
+    offload_bytes: int = 256 << 10
     """Maximum size of JSON requests that the event loop reads: 256 kB take 1 ms. For MessagePack, which is more
     compact, it is a quarter."""
     slice_commands: int = 2000

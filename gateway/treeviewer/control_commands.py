@@ -42,7 +42,7 @@ def _is_short(name: str, value: Any, request: Request, context: ReadContext) -> 
     """Return True if a command has as many elements as the limit allows; else add a failure."""
     limit = context.limits.controls
     if isinstance(value, list) and len(value) > limit:
-        request.fail(Finding(name, 0, None, f"{name} has {len(value)} elements, the limit is {limit}"), context.limits)
+        request.fail(Finding(name, 0, f"{name} has {len(value)} elements, the limit is {limit}"), context.limits)
         return False
     return True
 

@@ -25,32 +25,29 @@ class DelayedResponses:
     """Responses with missing paths, and those behind them: the responses of a channel stay in order."""
 
     def __init__(self) -> None:
-        self._queues: dict[str, deque[_Waiting]] = {}
-        """Responses that wait, by channel of the request."""
+        self.queues: dict[str, deque[_Waiting]] = {}
+        """Responses that wait, by channel of the request. A channel without such responses has no queue."""
 
-    def send(self, channel: str, send: Callable[[], None], *, has_missing_paths: bool) -> None:
-        """Call ``send``: after the delay if the response has missing paths, else as soon as none waits before it."""
-        if not has_missing_paths and channel not in self._queues:
-            send()
-            return
-        self._queues.setdefault(channel, deque()).append(_Waiting(send, has_missing_paths))
+    def add(self, channel: str, send: Callable[[], None], *, has_missing_paths: bool) -> None:
+        """Call ``send`` later: after the delay if the response has missing paths, else after those before it."""
+        self.queues.setdefault(channel, deque()).append(_Waiting(send, has_missing_paths))
         if has_missing_paths:
             asyncio.get_running_loop().call_later(DELAY_SECONDS, self._delay_ended, channel)
 
     def flush(self) -> None:
         """Send all responses now."""
-        queues, self._queues = self._queues, {}
+        queues, self.queues = self.queues, {}
         for queue in queues.values():
             for waiting in queue:
                 waiting.send()
 
     def _delay_ended(self, channel: str) -> None:
         """Send the oldest response, and the later ones up to the next that has a delay of its own."""
-        queue = self._queues.get(channel)
+        queue = self.queues.get(channel)
         if not queue:  # flush() has sent all
             return
         queue.popleft().send()
         while queue and not queue[0].has_missing_paths:
             queue.popleft().send()
         if not queue:
-            del self._queues[channel]
+            del self.queues[channel]

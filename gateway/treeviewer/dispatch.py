@@ -20,7 +20,7 @@ from gateway.runtime.tracing import lcm_message_span
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.treeviewer import responses
 from gateway.treeviewer.apply import RequestApplier
-from gateway.treeviewer.client_queue import OVERHEAD_BYTES, ClientQueue, Publish, Received
+from gateway.treeviewer.client_queue import OVERHEAD_BYTES, ClientQueue, Publish, Received, Recipient
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.delayed_responses import DelayedResponses
 from gateway.treeviewer.page_commands import PageClient, update_page
@@ -84,12 +84,8 @@ class DurableStore(Protocol):
         """
 
 
-class _QueueKey(NamedTuple):
-    """Identifies a client's queue."""
-
-    sender: HubConnection | None
-    channel: str
-    is_local: bool
+_QueueKey = tuple[HubConnection | None, str, bool]
+"""Identifies a client's queue: its connection, the channel of its requests, ``LcmMessage.is_local``."""
 
 
 class _ClientKey(NamedTuple):
@@ -156,14 +152,15 @@ class Dispatcher:
         self.counters.received += 1
         self.counters.received_bytes += nbytes
         try:
-            request = Received(message, wire.decode(message.data), publish)
+            comms = wire.decode(message.data)
         except wire.WireError as error:
             self._count_undecodable(message.channel, error)
             return
+        request = Received(message, comms, Recipient(publish, message.channel, comms.format))
         if self._closing:
             self._refuse(request, _SHUTTING_DOWN)
             return
-        key = _QueueKey(sender, message.channel, message.is_local)
+        key = (sender, message.channel, message.is_local)
         queue = self._queues.get(key)
         storage_full = self._store is not None and self._store.full
         if queue is None and not storage_full and self._handle_at_once(request):
@@ -245,7 +242,7 @@ class Dispatcher:
 
     def _handle_at_once(self, request: Received) -> bool:
         """Read and apply a small request on the event loop, and respond; return False if a thread must read it."""
-        slowness = _MESSAGEPACK_SLOWNESS if request.is_binary else 1
+        slowness = _MESSAGEPACK_SLOWNESS if request.comms.format == wire.BINARY else 1
         if len(request.message.data) > self._config.offload_bytes // slowness:
             return False
         try:
@@ -278,10 +275,9 @@ class Dispatcher:
         """Execute the commands for the page, and return the response to a request that was applied."""
         utime = request.comms.utime
         if applier.request.newer_commands:
-            channel = request.message.channel
-            send = partial(self._send, channel, request.publish, request.is_binary)
-            key = _ClientKey(request.publish, channel) if client_of(channel) else None
-            update_page(self._protocol.page, applier.request, PageClient(key, send), utime)
+            publish, channel, _ = recipient = request.recipient
+            key = _ClientKey(publish, channel) if client_of(channel) else None
+            update_page(self._protocol.page, applier.request, PageClient(key, partial(self._send, recipient)), utime)
         return applier.response(utime)
 
     def _failure(self, request: Received, error: Exception) -> AnyResponse:
@@ -296,17 +292,17 @@ class Dispatcher:
 
     def _refuse(self, request: Received, reason: str) -> None:
         """Respond to a request that is not handled."""
-        self._send_in_order(request, responses.failed(request.comms.utime, reason))
+        self._send_in_order(request.recipient, responses.failed(request.comms.utime, reason))
 
     def _send_when_stored(self, request: Received, response: AnyResponse) -> None:
         """Send a response as soon as the tree is stored. Never raises."""
         if self._store is None:
-            self._send_in_order(request, response)
+            self._send_in_order(request.recipient, response)
             return
         path_count = 0
         if isinstance(response, Response):
             path_count = len(response.deleted_paths) + len(response.added_geometries) + len(response.set_transforms)
-        on_stored = partial(self._on_stored, request, response)
+        on_stored = partial(self._on_stored, request.recipient, response)
         try:
             self._store.call_when_stored(on_stored, OVERHEAD_BYTES + _PATH_BYTES * path_count)
         except Exception:  # later requests must be answered  # noqa: BLE001
@@ -314,25 +310,28 @@ class Dispatcher:
             _log.exception("A response could not wait for the store", channel=request.message.channel)
             on_stored("internal error; the viewer's log says more")
 
-    def _on_stored(self, request: Received, response: AnyResponse, failure: str) -> None:
+    def _on_stored(self, recipient: Recipient, response: AnyResponse, failure: str) -> None:
         """Send a response, with status -3 if the tree could not be stored. ``failure`` is the reason, or empty."""
         if failure and isinstance(response, Response):
             reason = f"the tree has been changed, but the change could not be stored: {failure}"
             response.error = f"{response.error}; {reason}" if response.error else reason
-            response.status = responses.ERROR_HANDLING_REQUEST
-        self._send_in_order(request, response)
+            response.status = wire.ERROR_HANDLING_REQUEST
+        self._send_in_order(recipient, response)
 
-    def _send_in_order(self, request: Received, response: AnyResponse) -> None:
+    def _send_in_order(self, recipient: Recipient, response: AnyResponse) -> None:
         """Send a response: now, or later if it, or one before it on its channel, is delayed."""
-        channel = request.message.channel
-        send = partial(self._send, channel, request.publish, request.is_binary, response)
-        self._delayed.send(channel, send, has_missing_paths=response.status == responses.MISSING_PATHS)
+        channel = recipient.channel
+        has_missing_paths = response.status == wire.MISSING_PATHS
+        if has_missing_paths or channel in self._delayed.queues:
+            self._delayed.add(channel, partial(self._send, recipient, response), has_missing_paths=has_missing_paths)
+        else:
+            self._send(recipient, response)
 
-    def _send(self, channel: str, publish: Publish, binary: bool, message: AnyResponse | PageMessage) -> None:
-        """Encode and publish a message to the client of a channel of requests, and count it. Never raises."""
-        counters = self.counters
+    def _send(self, recipient: Recipient, message: AnyResponse | PageMessage) -> None:
+        """Encode and publish a message, and count it. Never raises."""
+        counters, channel = self.counters, recipient.channel
         try:
-            publish(response_channel(channel), responses.encode(message, binary=binary))
+            recipient.publish(response_channel(channel), responses.encode(message, recipient.format))
         except (OSError, ValueError) as error:
             counters.unanswerable += isinstance(message, AnyResponse)
             _log.warning("A message to a client could not be sent", channel=channel, reason=str(error))
@@ -347,7 +346,7 @@ class Dispatcher:
             counters.control_messages += 1
         else:
             counters.answered += 1
-            counters.missing += message.status == responses.MISSING_PATHS
+            counters.missing += message.status == wire.MISSING_PATHS
             counters.failed += message.status < 0
 
     def _count_undecodable(self, channel: str, error: wire.WireError) -> None:

@@ -20,7 +20,6 @@ from scenegate.warning_text import NOTHING_DRAWN
 ZERO_TRANSLATION: Final = (0.0, 0.0, 0.0)
 IDENTITY_QUATERNION: Final = (1.0, 0.0, 0.0, 0.0)
 _INT64: Final = 2**63
-_STRING_TYPE: Final = frozenset((str,))
 _IDENTITY_POSE: Final = (*ZERO_TRANSLATION, *IDENTITY_QUATERNION)
 
 
@@ -62,9 +61,6 @@ def path(command: Mapping[str, Any], context: ReadContext) -> Path:
         raise CommandError(f"path must be a list of strings, not {show(value)}")
     if len(value) > limits.path_elements:
         raise CommandError(f"path has {len(value)} elements, the limit is {limits.path_elements}")
-    is_ascii_text = _STRING_TYPE.issuperset(map(type, value)) and all(map(str.isascii, value))
-    if is_ascii_text and sum(map(len, value)) <= limits.element_chars:  # then no element is too long
-        return tuple(value)
     return tuple(_path_element(element, index, limits.element_chars) for index, element in enumerate(value))
 
 

@@ -23,7 +23,7 @@ class JsonReader(RequestReader):
 
     def __init__(self, limits: Limits | None = None) -> None:
         limits = limits or Limits()
-        super().__init__(msgspec.json.Decoder, min(SMALL_BYTES, limits.json_bytes), limits)
+        super().__init__(msgspec.json.Decoder, small_bytes=min(SMALL_BYTES, limits.json_bytes), limits=limits)
 
     def prepare_big(self, data: memoryview, context: ReadContext) -> bytes:
         """Return the JSON text without its long arrays."""

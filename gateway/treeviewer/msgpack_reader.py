@@ -46,20 +46,21 @@ class MsgpackReader(RequestReader):
     def __init__(self, limits: Limits | None = None) -> None:
         limits = limits or Limits()
         make_decoder = partial(msgspec.msgpack.Decoder, ext_hook=_decode_extension)
-        super().__init__(make_decoder, limits.binary_objects, limits)  # each object takes at least a byte
+        # a request of fewer bytes has fewer objects than the limit: each takes at least a byte
+        super().__init__(make_decoder, small_bytes=limits.binary_objects, limits=limits)
 
     def prepare_big(self, data: memoryview, context: ReadContext) -> memoryview:
         """Return the data, unless decoding would create more Python objects than the limit."""
         limit = self.limits.binary_objects
-        count = msgpack_kernels.count_values(np.frombuffer(data, np.uint8), limit)
-        if count in SYNTAX_ERRORS:
-            raise RequestError(f"the request is not valid MessagePack ({SYNTAX_ERRORS[count]})")
-        if count > limit:
+        count_or_error = msgpack_kernels.count_values(np.frombuffer(data, np.uint8), limit)
+        if count_or_error in SYNTAX_ERRORS:
+            raise RequestError(f"the request is not valid MessagePack ({SYNTAX_ERRORS[count_or_error]})")
+        if count_or_error > limit:
             raise RequestError(f"the request has more than {limit} objects besides its arrays, the limit")
         return data
 
     def decode_plain(self, data: bytes | memoryview) -> Any:
-        """Decode maps of any keys, and lists."""
+        """Decode to dicts and lists, for requests that are no maps of texts."""
         try:
             return self.any_decoder.decode(data)
         except DECODE_ERRORS as error:

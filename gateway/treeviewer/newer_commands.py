@@ -47,7 +47,7 @@ def _read_view(value: Any, request: Request, context: ReadContext) -> None:
             if name in value:
                 changes[name] = None if value[name] is None else read(value[name])
     except CommandError as error:
-        request.fail(Finding("setview", 0, None, str(error)), context.limits)
+        request.fail(Finding("setview", 0, str(error)), context.limits)
     else:
         request.view = changes
 

@@ -41,12 +41,12 @@ def update_page(page: LivePage, request: Request, client: PageClient | None, uti
     if client is None or client.key is None:
         for name in sorted({"setclicks", "setcontrols", "setvalues"} & set(request.newer_commands)):
             reason = "clicks and values are sent only on a channel with a client id"
-            request.failures.append(Finding(name, 0, None, reason))
+            request.failures.append(Finding(name, 0, reason))
         return
     if request.click_paths is not None:
         reason = page.clicks.subscribe(client.key, request.click_paths, lambda click: client.send(ClickMessage(click)))
         if reason:
-            request.failures.append(Finding("setclicks", 0, None, reason))
+            request.failures.append(Finding("setclicks", 0, reason))
         else:
             page.notify()
     _update_controls(page, request, client, utime)
@@ -58,7 +58,7 @@ def _update_controls(page: LivePage, request: Request, client: PageClient, utime
     if request.controls is not None:
         reason = store.set_controls(client.key, request.controls, client.send_values, utime)
         if reason:
-            request.failures.append(Finding("setcontrols", 0, None, reason))
+            request.failures.append(Finding("setcontrols", 0, reason))
     for change in request.control_changes:
         try:
             if change.samples is not None:
@@ -66,4 +66,4 @@ def _update_controls(page: LivePage, request: Request, client: PageClient, utime
             else:
                 store.set_value(client.key, change.path, change.value, utime)
         except ValueError as error:
-            request.failures.append(Finding("setvalues", change.index, change.path, str(error)))
+            request.failures.append(Finding("setvalues", change.index, str(error), change.path))

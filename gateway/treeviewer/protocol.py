@@ -119,9 +119,9 @@ class TreeViewerProtocol:
         supported = responses.SUPPORTED_FORMATS
         reader = self.readers.get(comms.format)
         if reader is None:
-            raise RequestRefused(responses.FormatResponse(comms.utime, responses.UNKNOWN_FORMAT, supported))
+            raise RequestRefused(responses.FormatResponse(comms.utime, wire.UNKNOWN_FORMAT, supported))
         if (comms.major, comms.minor) != wire.VERSION:
-            raise RequestRefused(responses.FormatResponse(comms.utime, responses.UNKNOWN_FORMAT_VERSION, supported))
+            raise RequestRefused(responses.FormatResponse(comms.utime, wire.UNKNOWN_FORMAT_VERSION, supported))
         if comms.fault:
             raise RequestRefused(responses.failed(comms.utime, comms.fault))
         if len(comms.data) > self.limits.message_bytes:

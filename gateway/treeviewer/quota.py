@@ -37,6 +37,7 @@ class _ObjectsInUse:
         self._counted: dict[int, weakref.ref[Any]] = {}
         """Counted objects, by ``id``."""
         self._lock = threading.RLock()
+        """Reentrant: while a thread holds it, the garbage collector may free a counted object in this thread."""
 
     def add(self, objects: list[tuple[Any, int]], maximum: float = math.inf) -> int:
         """Count objects, unless their total would exceed the maximum.
@@ -50,12 +51,13 @@ class _ObjectsInUse:
         """
         with self._lock:
             new = {id(each): (each, size) for each, size in objects if id(each) not in self._counted}
-            total = self.total + sum(size for _, size in new.values())
-            if total <= maximum:
-                for key, (each, size) in new.items():
-                    self._counted[key] = weakref.ref(each, self._on_freed(key, size))
-                self.total = total
-        return total
+            added = sum(size for _, size in new.values())
+            if self.total + added > maximum:
+                return self.total + added
+            self.total += added
+            for key, (each, size) in new.items():
+                self._counted[key] = weakref.ref(each, self._on_freed(key, size))
+            return self.total
 
     def _on_freed(self, key: int, size: int) -> Callable[[Any], None]:
         """Return the callback of a weak reference that subtracts an object."""
@@ -79,66 +81,67 @@ class TreeQuota:
         self._clock = clock
         self._last_count = -math.inf
         self.unpublished_nodes = 0
-        """Number of nodes that a request in execution adds to the tree when all its commands are executed."""
-        self._parts = 0
+        """Number of nodes that a big request has added to its own copy of the tree so far. ``RequestApplier.slices``
+        sets it while other requests run."""
+        self._part_count = 0
         """Upper bound of the number of geometries in the tree; exact after ``_recount``."""
-        self._arrays = _ObjectsInUse()
+        self._arrays_in_use = _ObjectsInUse()
         """Bytes of large arrays and images."""
-        self._labels = _ObjectsInUse()
+        self._labels_in_use = _ObjectsInUse()
         """Images of text labels."""
 
     @property
     def array_bytes(self) -> int:
         """Bytes of large arrays and images from this interface that are still in use anywhere."""
-        return self._arrays.total
+        return self._arrays_in_use.total
 
     def count_existing(self, root: Node) -> None:
         """Count a tree that exists before the first request, even if it exceeds the limits."""
-        self._parts = _count_parts(root)
+        self._part_count = _count_parts(root)
         for _, node in root.walk():
-            self._arrays.add(_large_objects(node.parts or ()))
-            self._labels.add(_labels(node.parts or ()))
+            self._arrays_in_use.add(_large_objects(node.parts or ()))
+            self._labels_in_use.add(_labels(node.parts or ()))
 
-    def check(self, root: Node, nodes: int, path: Path, parts: int = 0) -> str:
+    def refusal(self, root: Node, node_count: int, path: Path, part_count: int = 0) -> str:
         """Return the reason why geometries cannot be added at a path, or an empty string.
 
         Args:
             root: the tree that is edited.
-            nodes: number of its nodes, with those that others have added to the live tree since.
+            node_count: number of its nodes, with those that others have added to the live tree since the edit began.
             path: path of the geometries. Nodes on it that do not exist count as well.
-            parts: number of geometries.
+            part_count: number of geometries.
         """
-        nodes += self.unpublished_nodes
+        node_count += self.unpublished_nodes
         max_nodes = self._limits.nodes
-        if nodes + len(path) > max_nodes:
+        if node_count + len(path) > max_nodes:  # else no node of the path can be too many
             created = _missing_nodes(root, path)
-            if created and nodes + created > max_nodes:
-                return f"the tree has {nodes} nodes, the limit is {max_nodes}"
+            if created and node_count + created > max_nodes:
+                return f"the tree has {node_count} nodes, the limit is {max_nodes}"
         max_parts = self._limits.parts
-        if parts and self._parts + parts > max_parts:
+        if part_count and self._part_count + part_count > max_parts:
             self._recount(root)
-            if self._parts + parts > max_parts:
-                return f"the tree has {self._parts} geometries, the limit is {max_parts}"
+            if self._part_count + part_count > max_parts:
+                return f"the tree has {self._part_count} geometries, the limit is {max_parts}"
         return ""
 
     def add_parts(self, count: int) -> None:
         """Count geometries that have been added to the tree."""
-        self._parts += count
+        self._part_count += count
 
     def reserve(self, parts: Sequence[Part]) -> str:
         """Count large arrays, images and text labels of geometries until they are freed.
 
         Returns:
-            The reason why they exceed a limit, and are not counted; or an empty string.
+            The reason why they exceed a limit, or an empty string.
         """
         labels = _labels(parts)
         max_labels = self._limits.text_labels
-        if labels and (count := self._labels.add(labels, max_labels)) > max_labels:
+        if labels and (count := self._labels_in_use.add(labels, max_labels)) > max_labels:
             return f"{count} different text labels would be in use, the limit is {max_labels}"
         objects = _large_objects(parts)
         max_bytes = self._limits.geometry_bytes
         before = self.array_bytes
-        if objects and (nbytes := self._arrays.add(objects, max_bytes)) > max_bytes:
+        if objects and (nbytes := self._arrays_in_use.add(objects, max_bytes)) > max_bytes:
             return (
                 f"the tree's geometry holds {before} bytes and {nbytes - before} more are wanted, "
                 f"the limit is {max_bytes}"
@@ -150,7 +153,7 @@ class TreeQuota:
         now = self._clock()
         if now - self._last_count >= RECOUNT_SECONDS:
             self._last_count = now
-            self._parts = _count_parts(root)
+            self._part_count = _count_parts(root)
 
 
 def _missing_nodes(root: Node, path: Path) -> int:
@@ -172,7 +175,7 @@ def _large_objects(parts: Iterable[Part]) -> list[tuple[Any, int]]:
     """Return the large arrays and the images of parts, with their sizes in bytes."""
     objects: list[tuple[Any, int]] = []
     for part in parts:
-        objects.extend((array, array.nbytes) for array in _arrays(part) if array.nbytes > SMALL_ARRAY_BYTES)
+        objects.extend((array, array.nbytes) for array in _arrays_of(part) if array.nbytes > SMALL_ARRAY_BYTES)
         texture = part.material.base_color_texture
         if texture is not None:
             objects.append((texture.image, _image_bytes(texture.image)))
@@ -187,15 +190,16 @@ def _labels(parts: Iterable[Part]) -> list[tuple[Any, int]]:
 
 def _image_bytes(image: Image) -> int:
     """Return the bytes of an image from a file, encoded and decoded; 0 for other images."""
-    if not isinstance(image.decode, ImageFile):
+    file = image.decode  # an ImageFile is the function that decodes it
+    if not isinstance(file, ImageFile):
         return 0
     try:
-        return len(image.decode.data) + RGBA_BYTES * image_header(image.decode.data).pixels
+        return len(file.data) + RGBA_BYTES * image_header(file.data).pixels
     except ImageError:
-        return len(image.decode.data)
+        return len(file.data)
 
 
-def _arrays(part: Part) -> Iterable[NDArray[np.generic]]:
+def _arrays_of(part: Part) -> Iterable[NDArray[np.generic]]:
     match part.shape:
         case Surface(mesh=mesh):
             return [array for array in (mesh.positions, mesh.elements, mesh.uv0, mesh.colors) if array is not None]

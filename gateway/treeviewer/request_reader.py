@@ -28,11 +28,6 @@ from scenegate.messages.field_kinds import CommandError, show
 
 DECODE_ERRORS: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """Raised by msgspec for data that it cannot decode."""
-_COMMANDS: Final = ("delete", "setgeometry", "load", "settransform", "draw", *NEWER_COMMANDS)
-"""Names of all lists of commands. ``load`` and ``draw`` are Director's older names of setgeometry and settransform."""
-_ABSENT: Final = msgspec.Raw()
-_ENVELOPE: Final = msgspec.defstruct("Envelope", [(name, msgspec.Raw, _ABSENT) for name in _COMMANDS], gc=False)
-"""Type of a request whose lists of commands are not decoded."""
 
 
 class RequestReader:
@@ -101,7 +96,7 @@ class RequestReader:
         """
         envelope = self._envelope_decoder.decode(data)
         lists: dict[str, Any] = {}
-        for name in _COMMANDS:
+        for name in envelope.__struct_fields__:
             raw = getattr(envelope, name)
             if raw is not _ABSENT:
                 try:
@@ -121,14 +116,14 @@ class RequestReader:
             return request
         if not isinstance(message, dict):
             raise RequestError(f"the request must be {self.type_text}, not {show(message)}")
-        _read_deletes(message.get("delete"), request, context)
-        # as in Director, its older names override the newer ones
-        _read_geometries(message["load"] if "load" in message else message.get("setgeometry"), request, context)
-        _read_transforms(message["draw"] if "draw" in message else message.get("settransform"), request, context)
-        for name, read_newer in NEWER_COMMANDS.items():
+        for old_name, name in _OLD_NAMES.items():
+            if old_name in message:
+                message[name] = message[old_name]
+        for name, read_commands in READERS.items():
             if (value := message.get(name)) is not None:
-                request.newer_commands.append(name)
-                read_newer(value, request, context)
+                if name in NEWER_COMMANDS:
+                    request.newer_commands.append(name)
+                read_commands(value, request, context)
         return request
 
 
@@ -143,7 +138,7 @@ def _read_geometries(value: Any, request: Request, context: ReadContext) -> None
         for index, command in enumerate(value):
             parts = parts_of(command)
             if parts is None:
-                request.fail(Finding("setgeometry", index, command.path, "geometries is missing"), context.limits)
+                request.fail(Finding("setgeometry", index, "geometries is missing", command.path), context.limits)
             else:
                 request.geometries.append((command.path, parts))
         return
@@ -176,3 +171,19 @@ def _read_transforms(value: Any, request: Request, context: ReadContext) -> None
 def _is_regular(commands: Any) -> bool:
     """Return True for a list of typed objects."""
     return isinstance(commands, list) and bool(commands) and isinstance(commands[0], msgspec.Struct)
+
+
+READERS: Final = {
+    "delete": _read_deletes,
+    "setgeometry": _read_geometries,
+    "settransform": _read_transforms,
+    **NEWER_COMMANDS,
+}
+"""Functions that read a decoded list of commands into the request, by name, in the order of execution."""
+_OLD_NAMES: Final = {"load": "setgeometry", "draw": "settransform"}
+"""Director's older names of commands. As in Director, they override the newer ones."""
+_ABSENT: Final = msgspec.Raw()
+_ENVELOPE: Final = msgspec.defstruct(
+    "Envelope", [(name, msgspec.Raw, _ABSENT) for name in (*READERS, *_OLD_NAMES)], gc=False
+)
+"""Type of a request whose lists of commands are not decoded."""

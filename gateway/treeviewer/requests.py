@@ -24,17 +24,16 @@ class RequestError(ValueError):
     """No command of a request is executed; the message is the reason."""
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """A warning about a command, or the reason why it cannot be executed."""
+class Finding(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A warning about a command, or the reason why it cannot be executed: an element of ``Response.errors``."""
 
     command: str
     """``delete``, ``setgeometry``, ``settransform``, or a name of ``newer_commands``."""
     index: int
     """Index in the request's list of such commands; 0 if it is no list."""
-    path: Path | None
-    """None: the path could not be read."""
     reason: str
+    path: Path | None = None
+    """None: the path could not be read, or the command has none."""
 
     @property
     def text(self) -> str:
@@ -73,7 +72,7 @@ class Request(msgspec.Struct, gc=False):
     """Controls that the client has in the page from now on; None: no command."""
     control_changes: list[ControlChange] = []
     newer_commands: list[str] = []
-    """Names of the commands of ``newer_commands`` in the request."""
+    """Names of the request's commands that Director does not have."""
     failures: list[Finding] = []
     """Commands that cannot be executed."""
     warnings: list[Finding] = []
@@ -85,7 +84,10 @@ class Request(msgspec.Struct, gc=False):
         return len(self.deletes) + len(self.geometries) + len(self.transforms) + len(self.properties)
 
     def subjects(self) -> Iterator[Subject]:
-        """Yield the subjects of all commands that could be read, and their names without a path."""
+        """Yield the subjects of all commands that could be read.
+
+        The name without a path is the subject of the warnings about commands whose path could not be read.
+        """
         for name, paths in (
             ("delete", self.deletes),
             ("setgeometry", [path for path, _ in self.geometries]),
@@ -114,5 +116,5 @@ class Request(msgspec.Struct, gc=False):
         if len(self.failures) > limits.failed_commands:
             first = self.failures[0]
             raise RequestError(
-                f"more than {limits.failed_commands} commands cannot be carried out, so nothing is done; {first.text}"
+                f"more than {limits.failed_commands} commands cannot be executed, so nothing is done; {first.text}"
             )

@@ -6,28 +6,13 @@ from typing import Final
 
 import msgspec
 
-from gateway.scene.clicks import Click
 from gateway.scene.tree import Path
+from gateway.treeviewer.requests import Finding
 from scenegate.messages import wire
+from scenegate.messages.clicks import Click
 from scenegate.messages.controls import Value
 
-OK: Final = 0
-MISSING_PATHS: Final = 1
-UNKNOWN_FORMAT: Final = -1
-UNKNOWN_FORMAT_VERSION: Final = -2
-ERROR_HANDLING_REQUEST: Final = -3
-"""A command failed. Director defines this status, but sends no response in this case. The thread of its Python client
-that handles responses ends at a negative status, so irregularities that are tolerated get a warning instead."""
 SUPPORTED_FORMATS: Final = {name: [f"{wire.VERSION[0]}.{wire.VERSION[1]}"] for name in (wire.JSON, wire.BINARY)}
-
-
-class CommandProblem(msgspec.Struct, omit_defaults=True):
-    """A failed command, with the fields of ``requests.Finding``."""
-
-    command: str
-    index: int
-    reason: str
-    path: Path | None = None
 
 
 class Response(msgspec.Struct, omit_defaults=True):
@@ -42,7 +27,7 @@ class Response(msgspec.Struct, omit_defaults=True):
     missing_paths: list[Path]
     error: str = ""
     """The first error in one sentence, and the number of other errors."""
-    errors: list[CommandProblem] = []
+    errors: list[Finding] = []
     warnings: list[str] = []
     newer_commands: list[str] = []
     """Names of the request's commands that Director does not have, as a sign that this viewer knows them."""
@@ -64,7 +49,7 @@ class ClickMessage(msgspec.Struct):
 
     click: Click
     timestamp: int = 0
-    status: int = OK
+    status: int = wire.OK
 
 
 class ControlValue(msgspec.Struct):
@@ -81,14 +66,14 @@ class ControlsMessage(msgspec.Struct):
     after: int
     """``utime`` of the client's last request with controls or values that was executed before."""
     timestamp: int = 0
-    status: int = OK
+    status: int = wire.OK
 
 
 class ReadyMessage(msgspec.Struct):
     """Announcement that the viewer has started. Director's tests wait for it."""
 
     timestamp: int = 0
-    status: int = OK
+    status: int = wire.OK
     ready: bool = True
 
 
@@ -100,13 +85,13 @@ _json: Final = msgspec.json.Encoder()
 _msgpack: Final = msgspec.msgpack.Encoder()
 
 
-def encode(response: AnyMessage, *, binary: bool = False) -> bytes:
-    """Return a response as LCM message, in MessagePack if ``binary``, otherwise in JSON."""
-    if binary:
+def encode(response: AnyMessage, message_format: str = wire.JSON) -> bytes:
+    """Return a response as LCM message in the format of its request; in JSON if the viewer does not know the format."""
+    if message_format == wire.BINARY:
         return wire.encode(_msgpack.encode(response), name=wire.BINARY)
     return wire.encode(_json.encode(response))
 
 
 def failed(utime: int, reason: str) -> Response:
     """Return the response to a request of which no command was executed."""
-    return Response(utime, ERROR_HANDLING_REQUEST, [], [], [], [], error=reason)
+    return Response(utime, wire.ERROR_HANDLING_REQUEST, [], [], [], [], error=reason)

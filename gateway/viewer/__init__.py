@@ -2,8 +2,7 @@
 
 ``routes``           the page's files, the WebSocket, textures and channels of point clouds
 ``hub``              the connected browsers, and the loop that sends them updates
-``browser``          the connection to one page
-``flow_control``     the snapshot and meshes of one page, and when its next update is due; without I/O
+``browser``          the connection to one page: its snapshot and meshes, and the frames to send; without I/O
 ``playback``         the time that a page shows: live, paused, playing; commands of its time bar
 ``encoder``          updates: the differences between two revisions of the scene, encoded once for all browsers
 ``messages``         all messages to and from the page; the page's types are written from them

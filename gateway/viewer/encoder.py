@@ -1,4 +1,4 @@
-"""Encode updates of the page's scene, and its status messages. ``hub`` and ``flow_control`` use it.
+"""Encode updates of the page's scene, and its status messages. ``hub`` and ``browser`` use it.
 
 An update is one binary frame with the differences between two snapshots of the tree. The page stores nodes and meshes
 by id. Snapshots share their unchanged subtrees, so the time to encode an update depends on the number of changes.

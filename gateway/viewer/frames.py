@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.viewer.messages import Message, NodeUpdate, Span
+from gateway.viewer.messages import Message, NodeUpdate, SceneUpdate, Span
 
 MAGIC: Final = 0x31564753
 """The bytes "SGV1" as a little-endian integer."""
@@ -32,16 +32,14 @@ class FrameBuilder:
     __slots__ = ("_chunks", "_nodes", "_size")
 
     def __init__(self) -> None:
-        self._nodes = bytearray()
-        """JSON objects with commas between them."""
+        self._nodes: list[Any] = []
+        """Nodes as JSON."""
         self._chunks: list[bytes] = []
         self._size = 0
 
     def add_node(self, node: NodeUpdate) -> None:
         """Encode a node for the header's array ``nodes`` now: encoding thousands at once blocks the event loop."""
-        if self._nodes:
-            self._nodes += b","
-        self._nodes += _json.encode(node)
+        self._nodes.append(msgspec.Raw(_json.encode(node)))
 
     def add_array(self, values: NDArray[Any] | packed_array[Any]) -> Span:
         """Append an array to the body; return its offset and count for the header."""
@@ -56,12 +54,11 @@ class FrameBuilder:
 
     def finish(self, header: Message) -> bytes:
         """Return the complete frame, with the fields of ``header``, and the nodes and arrays so far."""
-        text: list[bytes | bytearray] = [_json.encode(header)]
-        if self._nodes:
-            text = [text[0][:-1], b',"nodes":[', self._nodes, b"]}"]
-        text_bytes = sum(map(len, text))
-        padding_bytes = -(text_bytes + PREFIX.size) % ALIGNMENT
-        return b"".join((PREFIX.pack(MAGIC, text_bytes + padding_bytes), *text, b" " * padding_bytes, *self._chunks))
+        if isinstance(header, SceneUpdate):
+            header.nodes = self._nodes
+        text = _json.encode(header)
+        padding_bytes = -(len(text) + PREFIX.size) % ALIGNMENT
+        return b"".join((PREFIX.pack(MAGIC, len(text) + padding_bytes), text, b" " * padding_bytes, *self._chunks))
 
 
 def encode(message: Message) -> bytes:

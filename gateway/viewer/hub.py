@@ -13,7 +13,6 @@ from typing import Any
 import msgspec
 
 from gateway.runtime.render_record import RenderRecord
-from gateway.scene.clicks import Button, Click
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
 from gateway.scene.timeline import Timeline
@@ -21,11 +20,11 @@ from gateway.viewer.browser import Browser
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.control_frames import ControlFrames, received_frame
 from gateway.viewer.encoder import Encoder, encode_page, encode_stereo_rig
-from gateway.viewer.flow_control import FlowControl
 from gateway.viewer.frames import encode
 from gateway.viewer.messages import ControlChange, Fact, Status
 from gateway.viewer.resources import Resources
 from gateway.viewer.sources import StereoSource
+from scenegate.messages.clicks import Button, Click
 
 
 class ViewHub:
@@ -45,7 +44,7 @@ class ViewHub:
         status: Callable[[], Status] = Status,
         stereo: StereoSource | None = None,
         renders: Sequence[RenderRecord] = (),
-        page: LivePage | None = None,
+        live_page: LivePage | None = None,
         timeline: Timeline | None = None,
         has_live: bool = True,
     ) -> None:
@@ -58,7 +57,7 @@ class ViewHub:
                 ``status_seconds`` while browsers are connected.
             stereo: the stereo camera; None if there is none.
             renders: newest requests of the render endpoint, oldest first.
-            page: view settings, clickable paths and controls, which clients of the tree viewer set.
+            live_page: view settings, clickable paths and controls of all pages, which clients of the tree viewer set.
             timeline: states of the scene that pages can go to; None: pages are always live.
             has_live: True if the end of the timeline is the live tree.
         """
@@ -70,22 +69,18 @@ class ViewHub:
         self._renders = renders
         self._timeline = timeline
         self._has_live = has_live
-        self._page = page or LivePage()
-        self._page.listen(self._send_page)
-        self._page_frame = encode_page(self._page)
+        self._live_page = live_page or LivePage()
+        self._live_page.listen(self._send_page_settings)
+        self._page_settings_frame = encode_page(self._live_page)
         """The frame with view settings and clickable paths that was sent last."""
         self._encoder = Encoder(self.resources, config.max_node_ids)
         self._browsers: set[Browser] = set()
         self._changed = asyncio.Event()
         """Set when the tree or a control has changed."""
-        self._controls = ControlFrames(self._page.controls, tree)
-        self._page.controls.listen(self._changed.set)
-        self._ready = False
-
-    @property
-    def ready(self) -> bool:
+        self._controls = ControlFrames(self._live_page.controls, tree)
+        self._live_page.controls.listen(self._changed.set)  # controls change on the event loop only
+        self.ready = False
         """True while ``run`` runs."""
-        return self._ready
 
     def status(self) -> dict[str, Any]:
         """Return the number of browsers and the revision of the scene, for health and metrics."""
@@ -97,46 +92,44 @@ class ViewHub:
         stop_listening = self._tree.listen(partial(loop.call_soon_threadsafe, self._changed.set))
         status_task = loop.create_task(self._send_status(), name="view status")
         self._changed.set()
-        self._ready = True
+        self.ready = True
         try:
             while True:
                 await self._changed.wait()
                 update_start = loop.time()
                 self._changed.clear()
-                if self._page.controls.clients:
-                    self._page.controls.deliver_values()
+                if self._live_page.controls.clients:
+                    self._live_page.controls.deliver_values()  # those that pages have set since the last update
                 if self._browsers:
-                    self._take_snapshot()
-                    if self.resources.removed_meshes:
-                        self._remove_meshes()
+                    self._advance()
                     for browser in self._browsers:
                         browser.wake()
                 await asyncio.sleep(max(0.0, update_start + 1.0 / self.config.max_update_rate - loop.time()))
         finally:
-            self._ready = False
+            self.ready = False
             status_task.cancel()
             stop_listening()
             for browser in tuple(self._browsers):
                 browser.close()
 
-    def _take_snapshot(self) -> None:
-        """Pass the tree's newest snapshot to the encoder; send the stereo camera's pose if it has changed."""
+    def _advance(self) -> None:
+        """Pass the tree's newest snapshot to the encoder, and the pose of a moving stereo camera to the pages."""
         self._encoder.advance(self._tree.snapshot)
         if self._stereo is not None and self._stereo.moves:
             frame = self._rig_frame(self._encoder.current)
             for browser in self._browsers:
-                if browser.flow.follows_live:
+                if browser.follows_live:
                     browser.send_rig(frame)
 
     def _rig_frame(self, snapshot: Snapshot) -> bytes:
         """Return the frame with the stereo camera's pose in a snapshot."""
         return encode_stereo_rig(self._stereo.rig(snapshot) if self._stereo is not None else None)
 
-    def _send_page(self) -> None:
+    def _send_page_settings(self) -> None:
         """Send view settings and clickable paths to all browsers if they have changed."""
-        frame = encode_page(self._page)
-        if frame != self._page_frame:
-            self._page_frame = frame
+        frame = encode_page(self._live_page)
+        if frame != self._page_settings_frame:
+            self._page_settings_frame = frame
             for browser in self._browsers:
                 browser.send_latest("page", frame)
 
@@ -146,9 +139,9 @@ class ViewHub:
         In a page that shows another time, it is a click on the path of the node that was there then.
         """
         path = self._encoder.path_of(node_id)
-        shown = self._tree.snapshot if browser.flow.follows_live else browser.flow.target
-        if path is not None and shown.root.find(path) is not None:
-            self._page.clicks.click(Click(path, point, button))
+        shown_snapshot = self._tree.snapshot if browser.follows_live else browser.target
+        if path is not None and shown_snapshot.root.find(path) is not None:
+            self._live_page.clicks.click(Click(path, point, button))
 
     def change_control(self, browser: Browser, change: ControlChange) -> None:
         """Execute a change of a control in a page."""
@@ -157,20 +150,19 @@ class ViewHub:
 
     def _remove_meshes(self) -> None:
         """Make all pages drop the meshes that no longer exist."""
-        removed = self.resources.take_removed_meshes()
-        if removed:
+        if removed := self.resources.take_removed_meshes():
             for browser in self._browsers:
                 browser.remove_meshes(removed)
 
     async def _send_status(self) -> None:
-        """Send the status to all browsers every ``status_seconds``; release the snapshots of pages that hang."""
+        """Send the status to all browsers every ``status_seconds``; forget clients, meshes and pages that have gone."""
         while True:
-            self._page.controls.remove_vanished()
+            self._live_page.controls.remove_vanished()
+            self._remove_meshes()
             if self._browsers:
                 now = asyncio.get_running_loop().time()
                 frame = self._status_frame()
-                self._remove_meshes()
-                self._send_page()  # subscriptions to clicks end without notice
+                self._send_page_settings()  # subscriptions to clicks end without notice
                 for browser in self._browsers:
                     browser.send_latest("status", frame)
                     browser.drop_snapshot_if_sent_before(now - self.config.ack_timeout_seconds)
@@ -195,13 +187,13 @@ class ViewHub:
             raise ConnectionRefusedError(
                 f"{len(self._browsers)} browsers are connected, which is the limit (max_browsers)"
             )
-        self._take_snapshot()
-        browser = Browser(FlowControl(self._encoder), self.resources, self._controls, self._browsers.discard)
+        self._advance()
+        browser = Browser(self._encoder, self.resources, self._controls, self._browsers.discard)
         browser.send_rig(self._rig_frame(self._encoder.current))
         if self._timeline is not None:
             browser.follow(self._timeline, has_live=self._has_live, rig_frame=self._rig_frame)
-        self._send_page()
-        browser.send_latest("page", self._page_frame)
+        self._send_page_settings()
+        browser.send_latest("page", self._page_settings_frame)
         browser.send_latest("status", self._status_frame())
         self._browsers.add(browser)
         return browser

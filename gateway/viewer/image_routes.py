@@ -166,7 +166,7 @@ def _add_sensor_routes(routes: APIRouter, sensor: SensorImages | None) -> None:
     async def sensor_state(request: Request) -> Response:
         if sensor is None:
             return Response(status_code=204)  # not 404, which browsers would log as an error
-        capture = await while_connected(request, sensor.capture())
+        capture = await while_connected(request, sensor.recent())
         return _json(StereoCapture(number=capture.number, captions=dict(capture.images.captions)))
 
     @routes.get(
@@ -181,7 +181,7 @@ def _add_sensor_routes(routes: APIRouter, sensor: SensorImages | None) -> None:
             return PlainTextResponse("No stereo camera runs in this gateway.", 404)
         if name not in IMAGE_NAMES:
             return PlainTextResponse(f"there is no image {name[:40]!r}; there are {', '.join(IMAGE_NAMES)}", 404)
-        capture = await while_connected(request, sensor.newest())
+        capture = await while_connected(request, sensor.of_any_age())
         data = await sensor.jpeg(capture, name, width)
         return Response(data, media_type="image/jpeg", headers={**NO_STORE, "X-Frame": str(capture.number)})
 

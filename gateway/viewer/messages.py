@@ -10,9 +10,9 @@ from typing import Annotated, Any, Final, Literal, TypeAlias
 
 from msgspec import UNSET, Meta, Struct, UnsetType, field
 
-from gateway.scene.clicks import Button
 from gateway.scene.tree import Path, PathElement
 from gateway.viewer.sources import ImageName
+from scenegate.messages.clicks import Button
 from scenegate.messages.controls import Value
 
 Vector: TypeAlias = tuple[float, float, float]

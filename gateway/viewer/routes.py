@@ -10,7 +10,7 @@ import gzip
 import hashlib
 import mimetypes
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect
@@ -21,7 +21,7 @@ from gateway.scene.geometry import PointCloud
 from gateway.server.access import same_origin
 from gateway.viewer.browser import Browser
 from gateway.viewer.hub import ViewHub
-from gateway.viewer.messages import Click, ControlChange, Forgot, TimeCommand
+from gateway.viewer.messages import REPORTS, Click, ControlChange, Forgot, TimeCommand
 from gateway.viewer.resources import channel_values
 from gateway.viewer.scene_file import STATIC
 from renderers.drawlist import Image, ImageError
@@ -144,7 +144,7 @@ async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
             elif isinstance(message, TimeCommand):
                 browser.execute(message)
             elif isinstance(message, Forgot):
-                browser.flow.forgot(message.forgot)
+                browser.forgot(message.forgot)
             elif message is not None:
                 clicks += 1
                 if clicks <= MAX_CLICKS:
@@ -155,21 +155,18 @@ async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
         await socket.close(1003, "messages of the page are text")
 
 
-_click_decoder: Final = msgspec.json.Decoder(Click)
-_change_decoder: Final = msgspec.json.Decoder(ControlChange)
-_time_decoder: Final = msgspec.json.Decoder(TimeCommand)
-_forgot_decoder: Final = msgspec.json.Decoder(Forgot)
+_decoders: Final[dict[str, msgspec.json.Decoder[Any]]] = {
+    each.__struct_fields__[0]: msgspec.json.Decoder(each) for each in REPORTS
+}
+"""Decoders of messages by their first field, which tells them apart."""
 
 
 def _read_message(text: str) -> Click | ControlChange | TimeCommand | Forgot | None:
     """Return the value of a message, or None if it is none of these."""
     try:
-        if text.startswith('{"time"'):
-            return _time_decoder.decode(text)
-        if text.startswith('{"forgot"'):
-            return _forgot_decoder.decode(text)
-        return (_change_decoder if text.startswith('{"control"') else _click_decoder).decode(text)
-    except (msgspec.DecodeError, UnicodeEncodeError):
+        message: Click | ControlChange | TimeCommand | Forgot = _decoders[text[:16].split('"')[1]].decode(text)
+        return message
+    except (IndexError, KeyError, msgspec.DecodeError, UnicodeEncodeError):
         return None
 
 

@@ -37,9 +37,9 @@ class SensorImages:
 
         Args:
             capture: captures a set of images.
-            max_age: seconds after which ``capture`` replaces the images.
+            max_age: seconds after which ``recent`` replaces the images.
         """
-        self._capture_images = capture
+        self._source = capture
         self._max_age = max_age
         self._captures: SharedResults[int, Capture] = SharedResults(1)
         self._jpegs: SharedResults[tuple[int, ImageName, int], bytes] = SharedResults(MAX_ENCODED_IMAGES)
@@ -48,7 +48,7 @@ class SensorImages:
         self._expiry_time = -math.inf
         """Time at which the newest capture becomes too old, in seconds of the event loop's clock."""
 
-    async def capture(self) -> Capture:
+    async def recent(self) -> Capture:
         """Return the newest capture; replace it if it is older than ``max_age``.
 
         Raises:
@@ -56,11 +56,11 @@ class SensorImages:
         """
         if self._newest is not None and asyncio.get_running_loop().time() < self._expiry_time:
             return self._newest
-        return await self._captures.get(self._next_number, self._capture)
+        return await self._captures.get(self._next_number, self._capture_now)  # one capture for all who wait for it
 
-    async def newest(self) -> Capture:
-        """Return the newest capture of any age. Capture now only if there is none."""
-        return self._newest or await self.capture()
+    async def of_any_age(self) -> Capture:
+        """Return the newest capture. Capture now only if there is none."""
+        return self._newest or await self.recent()
 
     async def jpeg(self, capture: Capture, name: ImageName, width: int | None) -> bytes:
         """Return an image of a capture as JPEG.
@@ -76,9 +76,9 @@ class SensorImages:
             (capture.number, name, width), lambda: asyncio.to_thread(encode_image, name, pixels, width)
         )
 
-    async def _capture(self) -> Capture:
+    async def _capture_now(self) -> Capture:
         """Capture a set of images now, and store it as the newest."""
-        images = await self._capture_images()
+        images = await self._source()
         capture = self._newest = Capture(self._next_number, images)
         self._next_number += 1
         self._expiry_time = asyncio.get_running_loop().time() + self._max_age

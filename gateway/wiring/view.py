@@ -27,7 +27,7 @@ async def setup(context: Context) -> None:
         status=lambda: gateway_status(context.registry, context.workers.stats),
         stereo=stereo,
         renders=context.recent_renders,
-        page=context.page,
+        live_page=context.page,
         timeline=context.timeline,
         has_live=context.log is None,
     )

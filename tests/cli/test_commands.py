@@ -77,7 +77,7 @@ def test_recording_ends_after_its_time(seconds: str, tmp_path: Path, monkeypatch
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ([], replay.PlayOptions(section=Section(before=STATE_CHANNELS))),
+        ([], replay.PlayOptions(section=Section(state_channels=STATE_CHANNELS))),
         (
             ["--rate", "0", "--loop", "--channels", "A", "--start", "2.5", "--duration", "3"],
             replay.PlayOptions(0.0, Section(2.5, 3.0, STATE_CHANNELS), True, "A"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -9,7 +10,7 @@ import msgspec
 import pytest
 
 from scenegate.messages import wire
-from scenegate.messages.changes import Changes, Entry, PublishedTree, path_of
+from scenegate.messages.changes import Changes, Entry, path_of
 from scenegate.messages.geometry import Sphere
 from scenegate.messages.request_encoding import encode_request
 from scenegate.tree import requests as requests_module
@@ -112,6 +113,29 @@ def test_missing_geometry_is_sent_again(
     assert [entry["path"] for entry in sent["settransform"]] == [["a"]]
 
 
+def test_a_change_of_another_thread_arrives_after_what_is_sent_again(
+    viewer: TreeViewer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fake = connection(viewer)
+    publish = fake.publish
+    other = threading.Thread(target=lambda: viewer["a"].transform((2, 0, 0)))
+
+    def publish_slowly(channel: str, message: Any, failed: Any) -> None:
+        if wire_body(message)["setgeometry"] and not other.ident:
+            other.start()
+            other.join(0.1)  # short: it has to wait until this message is on its way
+        publish(channel, message, failed)
+
+    fake.bodies = [{"status": 0}]
+    viewer["a"].set(Sphere(1))
+    monkeypatch.setattr(fake, "publish", publish_slowly)
+    fake.bodies = [{"status": 1, "missing_paths": [["a"]]}, {"status": 0}, {"status": 0}]
+    viewer["a"].transform((1, 0, 0))
+    other.join(SECONDS)
+    sent = [request["settransform"][0]["transform"]["translation"] for request in fake.requests[1:]]
+    assert sent == [[1, 0, 0], [1, 0, 0], [2, 0, 0]]
+
+
 def test_the_second_responses_error_is_raised(viewer: TreeViewer) -> None:
     connection(viewer).bodies = [
         {"status": 0},
@@ -177,18 +201,18 @@ def test_a_delete_discards_what_was_set_below_it() -> None:
 
 
 def test_missing_geometry_comes_with_the_transforms_of_its_parents() -> None:
-    tree, changes = PublishedTree(), Changes()
+    tree, changes = Changes(), Changes()
     changes.set_entry(("a",), Entry(transform={"x": 1}))
     changes.set_entry(("a", "b"), Entry([{}]))
     changes.set_entry(("a", "c"), Entry([{}]))
     changes.set_entry(("d",), Entry(transform={"x": 2}))
-    tree.update(changes)
+    tree.add(changes)
     again = tree.missing([("a", "b")])
     assert list(again.entries) == [("a",), ("a", "b")]
     assert (again.entries["a",].geometries, again.entries["a",].transform) == (None, {"x": 1})
     assert tree.missing([("d",)]).entries == {}, "no geometry was published there"
     update = Changes()
     update.set_entry(("a", "b"), Entry(transform={"x": 3}))
-    tree.update(update)
-    entry = tree.as_changes().entries["a", "b"]
+    tree.add(update)
+    entry = tree.entries["a", "b"]
     assert (entry.geometries, entry.transform) == ([{}], {"x": 3})

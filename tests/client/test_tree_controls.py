@@ -149,17 +149,17 @@ async def test_wrong_arguments_are_refused() -> None:
             with TreeViewer(hub_of(service), timeout=SECONDS) as viewer:
                 add: Any = viewer.controls
                 cases: tuple[tuple[Callable[[], Any], str], ...] = (
-                    (lambda: add.add_dropdown("d", "abc"), "options must be a list of texts, not 'abc'"),
+                    (lambda: add.add_dropdown("d", "abc"), 'options must be a list of texts, not "abc"'),
                     (lambda: add.add_dropdown("d", 5), "options must be a list of texts, not 5"),
-                    (lambda: add.add_plot("p", ["a", "b"]), r"series must be a text, not \['a', 'b'\]"),
+                    (lambda: add.add_plot("p", ["a", "b"]), r'series must be a text, not \["a", "b"\]'),
                     (
                         lambda: add.add_plot("p", "a", seconds="1"),
-                        "seconds must be a number of at most 1e\\+15, not '1'",
+                        'seconds must be a number of at most 1e\\+15, not "1"',
                     ),
-                    (lambda: add.add_button(None), "path has the name None; names are texts or integers"),
-                    (lambda: add.add_gizmo("g", None), "node has the name None; names are texts or integers"),
-                    (lambda: add.add_slider("s", None, 1), "min must be a number of at most 1e\\+15, not None"),
-                    (lambda: add.add_slider("s", 0, 1, step="x"), "step must be a number of at most 1e\\+15, not 'x'"),
+                    (lambda: add.add_button(None), "path has the name null; names are texts or integers"),
+                    (lambda: add.add_gizmo("g", None), "node has the name null; names are texts or integers"),
+                    (lambda: add.add_slider("s", None, 1), "min must be a number of at most 1e\\+15, not null"),
+                    (lambda: add.add_slider("s", 0, 1, step="x"), 'step must be a number of at most 1e\\+15, not "x"'),
                     (lambda: add.add_slider("s", 0, 1, unit=5), "unit must be a text, not 5"),
                     (lambda: add.add_joint_sliders(5), "robot must be the result of TreeViewer.robot, not 5"),
                 )

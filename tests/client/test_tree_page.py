@@ -27,7 +27,7 @@ from tests.treeviewer.transports import free_url, join, serving
 
 pytestmark = pytest.mark.lcm
 
-ON_ARM = clicks.Click(("robot", "arm"), (1.0, 2.0, 3.0), "left")
+ON_ARM = Click(("robot", "arm"), (1.0, 2.0, 3.0), "left")
 
 
 @pytest.fixture(autouse=True)
@@ -235,7 +235,8 @@ async def test_a_restarted_viewer_gets_all_again() -> None:
 
 
 async def test_an_older_viewer_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(request_reader, "NEWER_COMMANDS", {})
+    known = ("delete", "setgeometry", "settransform")
+    monkeypatch.setattr(request_reader, "READERS", {name: request_reader.READERS[name] for name in known})
     live = LiveTree()
     async with serving(live=live) as service:
 

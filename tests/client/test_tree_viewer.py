@@ -18,7 +18,6 @@ import pytest
 from gateway.lcm.config import LcmConfig
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
-from gateway.treeviewer.responses import UNKNOWN_FORMAT
 from gateway.treeviewer.service import TreeViewerService
 from scenegate import (
     AsyncTreeViewer,
@@ -34,6 +33,7 @@ from scenegate import (
 )
 from scenegate.messages import wire
 from scenegate.messages.request_encoding import encode_request
+from scenegate.messages.wire import UNKNOWN_FORMAT
 from scenegate.tree import viewer
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports

@@ -23,6 +23,7 @@ from scenegate.lcm.limits import TransportLimits
 from scenegate.lcm.network import open_transport
 from scenegate.lcm.tcpq import HUB_HELLO, publish_header
 from tests.support.liblcm import liblcm
+from tests.support.ports import free_ports
 from tests.support.waiting import until
 from tests.treeviewer.conversation import BOX, message
 from tests.treeviewer.transports import HubClient, free_url, join, lossless, serving
@@ -180,6 +181,16 @@ async def test_a_loop_of_one_message_does_not_flood(tmp_path: Path, monkeypatch:
             await replay.play(log, url, replay.PlayOptions(loop=True), progress)
         monkeypatch.undo()
     assert [count for count, seconds in slept if seconds > 3000.0] == [1, 2, 3]
+
+
+async def test_a_log_stays_if_the_network_cannot_be_joined(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = tmp_path / "out.lcmlog"
+    log.write_bytes(b"earlier")
+    monkeypatch.setattr(replay, "CONNECT_SECONDS", 0.05)  # short: no hub listens
+    url = f"tcpq://127.0.0.1:{free_ports(1)[0]}"
+    with pytest.raises(ConnectionError, match="cannot join"):
+        await replay.record(log, url, ".*", replay.Progress(), asyncio.Event())
+    assert log.read_bytes() == b"earlier"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")

@@ -89,6 +89,7 @@ def test_patterns_are_anchored_regular_expressions(pattern: str, channel: str, m
     "pattern",
     [
         *("(a+)+", "(a|a)*", "a*a*a*a*", "(?=a)", r"(a)\1", "(", "[", "*", "a{1,99999999999}", "(?P<n>a)", "(.*){9}"),
+        *(r"[\][](a+)+b]", r"[^]\](a+)+](a+)+b", "}?" * 30 + "}" * 30, "[a", r"[a\]", "[]", "a\\"),
         *("a?" * 30 + "a" * 30, "(a|aa)" * 30 + "b", "((a|aa)?)" * 20, "(?:a|aa)" * 10 + ".*.*b"),
     ],
 )

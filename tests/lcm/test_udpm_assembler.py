@@ -244,10 +244,10 @@ def test_ignores_repeated_datagrams() -> None:
     # later the same sequence number is another message, or at once if the size differs
     assert [read(assembler, piece) for piece in pieces][-1] is not None
     assert [read(assembler, piece) for piece in cut("WANTED", bytes(200_000))][-1] is not None
-    for number in range(udpm_assembler.MAX_COMPLETED + 10):
+    for number in range(udpm_assembler.MAX_ENDED + 10):
         for piece in cut("WANTED", bytes(70_000), 100 + number):
             read(assembler, piece)
-    assert len(assembler.completed) == udpm_assembler.MAX_COMPLETED
+    assert len(assembler.ended) == udpm_assembler.MAX_ENDED
 
 
 def test_gaps_never_expose_uninitialised_memory() -> None:

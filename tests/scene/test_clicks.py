@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from gateway.scene.clicks import Click, ClickLimits, ClickSubscriptions
+from gateway.scene.clicks import ClickLimits, ClickSubscriptions
 from gateway.scene.tree import Path
+from scenegate.messages.clicks import Click
 
 
 class World:

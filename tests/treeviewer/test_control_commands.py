@@ -100,7 +100,7 @@ def test_controls_with_a_text_that_is_not_unicode_are_refused(change: dict[str, 
     ("command", "reason"),
     [
         ({"value": 3}, "value is 3, it must be from 0 to 2"),
-        ({"value": "a"}, "value must be a number of at most 1e+15, not 'a'"),
+        ({"value": "a"}, 'value must be a number of at most 1e+15, not "a"'),
         ({}, "a command has either a value or samples"),
         ({"value": 1, "samples": []}, "a command has either a value or samples"),
         ({"samples": [[1, 2, 3]]}, "samples can be added to a plot, not to a slider"),

@@ -16,7 +16,7 @@ from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Node
 from gateway.treeviewer import responses
-from gateway.treeviewer.client_queue import OVERHEAD_BYTES, size_of
+from gateway.treeviewer.client_queue import OVERHEAD_BYTES
 from gateway.treeviewer.config import Limits, TreeViewerConfig
 from gateway.treeviewer.dispatch import MAX_LOGGED, Dispatcher
 from gateway.treeviewer.protocol import REQUEST, TreeViewerProtocol
@@ -51,6 +51,11 @@ class Store:
 
     def call_when_stored(self, done: Callable[[str], None], size: int) -> None:
         self.waiting.append((done, size))
+
+
+def size_of(nbytes: int) -> int:
+    """Return the memory of a queued message of ``nbytes`` bytes."""
+    return nbytes + OVERHEAD_BYTES
 
 
 def geometries(*geometries: dict[str, Any]) -> dict[str, Any]:
@@ -143,7 +148,7 @@ async def test_requests_fail_with_the_reason_where_kernels_could_not_be_compiled
         await until(lambda: world.published)
     ((_, body),) = world.published
     assert "kernels that this needs could not be loaded" in json.dumps(body)
-    assert world.statuses == [responses.ERROR_HANDLING_REQUEST]
+    assert world.statuses == [wire.ERROR_HANDLING_REQUEST]
 
 
 @pytest.mark.parametrize(("limit", "offloaded"), [(0, 0), (1, 1)])
@@ -294,6 +299,14 @@ async def test_responses_wait_until_the_tree_is_stored() -> None:
     assert store.waiting[1][1] < size, "a response without paths is smaller"
 
 
+async def test_a_response_that_waits_does_not_keep_the_request() -> None:
+    store, data = Store(), bytearray(ONE_BOX)
+    world = World(store)
+    world.dispatcher.receive(world.publish, LcmMessage(CHANNEL, memoryview(data)))
+    assert len(store.waiting) == 1
+    data.clear()  # raises BufferError while something refers to it
+
+
 @pytest.mark.parametrize(
     ("request_", "error"),
     [
@@ -438,7 +451,7 @@ async def test_a_big_request_that_is_interrupted_changes_nothing() -> None:
     for _ in range(5):
         await asyncio.sleep(0)
     await world.dispatcher.close()
-    assert world.statuses == [responses.ERROR_HANDLING_REQUEST]
+    assert world.statuses == [wire.ERROR_HANDLING_REQUEST]
     assert world.viewer.live.snapshot.revision == 0
 
 

@@ -39,7 +39,7 @@ def tell(viewer: Viewer, request: Any, **options: Any) -> dict[str, Any]:
     """Send a request and return the response, both in MessagePack."""
     data = message(request, **options)
     assert wire.decode(data).format == wire.BINARY
-    reply = wire.decode(responses.encode(viewer.protocol.handle(data), binary=True))
+    reply = wire.decode(responses.encode(viewer.protocol.handle(data), wire.BINARY))
     assert (reply.format, reply.major, reply.minor, reply.fault) == ("treeviewer_msgpack", 1, 0, "")
     answer: dict[str, Any] = msgspec.msgpack.decode(reply.data)
     return answer

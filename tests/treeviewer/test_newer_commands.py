@@ -8,13 +8,14 @@ import msgspec
 import pytest
 
 from gateway.scene.cameras import LookAtCamera
-from gateway.scene.clicks import Click, ClickLimits, ClickSubscriptions
+from gateway.scene.clicks import ClickLimits, ClickSubscriptions
 from gateway.scene.live_page import PageView
 from gateway.scene.tree import Path
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.page_commands import PageClient
 from gateway.treeviewer.responses import ClickMessage, PageMessage
 from scenegate.messages import wire
+from scenegate.messages.clicks import Click
 from scenegate.messages.controls import Value
 from tests.treeviewer.conversation import BOX, Viewer, message
 

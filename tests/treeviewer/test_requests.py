@@ -258,4 +258,4 @@ def test_limits_failed_commands(command: str) -> None:
     assert answer["error"].endswith("(and 19 more)")
     answer = viewer.tell({"setgeometry": [good], "delete": [5.5] * 10, command: [{"path": 5.5}] * 21})
     assert answer["status"] == -3
-    assert answer["error"].startswith("more than 20 commands cannot be carried out, so nothing is done; ")
+    assert answer["error"].startswith("more than 20 commands cannot be executed, so nothing is done; ")

@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.scene.controls import ControlStore
+from gateway.scene.live import LiveTree
 from gateway.scene.tree import Node, Path
+from gateway.viewer.browser import Browser
+from gateway.viewer.control_frames import ControlFrames
+from gateway.viewer.encoder import Encoder
+from gateway.viewer.resources import Resources
 from tests.support.view_frames import parse_frame
 
 IDENTITY = tuple(np.eye(4).ravel().tolist())
@@ -16,6 +22,11 @@ IDENTITY = tuple(np.eye(4).ravel().tolist())
 
 def body_array(body: memoryview, span: list[int], dtype: str) -> NDArray[Any]:
     return np.frombuffer(body, dtype, span[1], span[0])
+
+
+def browser_of(encoder: Encoder, resources: Resources) -> Browser:
+    """Return a connection to a page without controls."""
+    return Browser(encoder, resources, ControlFrames(ControlStore(), LiveTree()), lambda browser: None)
 
 
 @dataclass

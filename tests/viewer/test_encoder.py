@@ -17,14 +17,13 @@ from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node, TreeEdit
 from gateway.viewer import encoder as encoder_module
 from gateway.viewer.encoder import EMPTY_SNAPSHOT, Encoder, encode_stereo_rig
-from gateway.viewer.flow_control import FlowControl
 from gateway.viewer.geometry_messages import part_message
 from gateway.viewer.resources import Resources, channel_values, colors_to_uint8, encode_mesh, sample_order
 from gateway.viewer.sources import StereoRig
 from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
 from scenegate.messages.geometry import Box, Sphere
 from tests.support.view_frames import parse_frame
-from tests.viewer.model import Model, tree_of
+from tests.viewer.model import Model, browser_of, tree_of
 
 MATERIAL = Material()
 NAMES = st.sampled_from(["a", "b", 1, "1", "a/b", ""])
@@ -67,24 +66,24 @@ def part_json(part: Part) -> dict[str, Any]:
     return encoded
 
 
-class Browser:
-    """The flow control of a page, and the page's model."""
+class Page:
+    """The connection to a page, and the page's model."""
 
     def __init__(self, encoder: Encoder, resources: Resources) -> None:
-        self.flow = FlowControl(encoder)
+        self.browser = browser_of(encoder, resources)
         self.resources = resources
         self.model = Model()
 
     def catch_up(self) -> None:
-        if not self.flow.update_due:
+        if not self.browser.update_due:
             return
-        update = asyncio.run(self.flow.next_update())
-        for number in self.flow.take_missing_meshes(update):
+        update = asyncio.run(self.browser.next_update())
+        for number in self.browser.take_missing_meshes(update):
             frame = self.resources.mesh_frame(number)
             assert frame is not None
             self.model.receive(frame)
         self.model.receive(update.frame)
-        self.flow.acknowledge()
+        self.browser.acknowledge()
 
 
 @settings(deadline=None, max_examples=150)
@@ -95,19 +94,19 @@ class Browser:
 def test_every_page_reaches_the_newest_tree(steps: Any, max_node_ids: int) -> None:
     tree, resources = LiveTree(), Resources()
     encoder = Encoder(resources, max_node_ids)
-    browsers = [Browser(encoder, resources) for _ in range(3)]
+    pages = [Page(encoder, resources) for _ in range(3)]
     for edits, awake in steps:
         with tree.edit() as edit:
             for kind, path, value in edits:
                 apply(edit, kind, path, value)
         encoder.advance(tree.snapshot)
         for number in awake:
-            browsers[number].catch_up()
-    browsers.append(Browser(encoder, resources))
-    for browser in browsers:
-        browser.catch_up()
-        assert browser.model.tree() == tree_of(tree.snapshot.root)
-        assert not browser.flow.update_due
+            pages[number].catch_up()
+    pages.append(Page(encoder, resources))
+    for page in pages:
+        page.catch_up()
+        assert page.model.tree() == tree_of(tree.snapshot.root)
+        assert not page.browser.update_due
 
 
 def test_update_of_transforms_contains_only_ids_and_poses() -> None:
@@ -177,16 +176,16 @@ async def test_dropping_all_ids_discards_the_update_in_progress(monkeypatch: pyt
     monkeypatch.setattr(encoder_module, "MAX_BLOCKING_SECONDS", 0.0)
     encoder = Encoder(Resources(), max_node_ids=200)
     encoder.advance(Snapshot(many_boxes(400), 1))
-    flow = FlowControl(encoder)
-    sending = asyncio.create_task(flow.next_update())
+    browser = browser_of(encoder, Resources())
+    sending = asyncio.create_task(browser.next_update())
     for _ in range(250):  # one change per turn of the event loop
         await asyncio.sleep(0)
     encoder.advance(Snapshot(many_boxes(460), 2))
     assert encoder.epoch == 1
     header, _ = parse_frame((await sending).frame)
     assert (header["from"], header["revision"], len(header["nodes"])) == (0, 2, 461)
-    flow.acknowledge()
-    assert not flow.update_due
+    browser.acknowledge()
+    assert not browser.update_due
 
 
 def test_ids_are_dropped_beyond_their_limit_only() -> None:
@@ -222,22 +221,22 @@ def test_page_drops_meshes_that_no_longer_exist() -> None:
         edit.set_parts(("deep", "mesh"), (Part(Surface(mesh), MATERIAL),))
     del mesh
     encoder.advance(tree.snapshot)
-    browser = Browser(encoder, resources)
-    browser.catch_up()
+    page = Page(encoder, resources)
+    page.catch_up()
     with tree.edit() as edit:
         edit.delete(("deep",))
     encoder.advance(tree.snapshot)
-    browser.catch_up()
+    page.catch_up()
     del edit
     gc.collect()
     removed = resources.take_removed_meshes()
     assert removed
-    browser.flow.remove_meshes(removed)
-    frame = browser.flow.take_forget_frame()
+    page.browser.remove_meshes(removed)
+    frame = page.browser.take_forget_frame()
     assert frame is not None
-    browser.model.receive(frame)
-    assert browser.flow.take_forget_frame() is None
-    assert browser.model.meshes == set()
+    page.model.receive(frame)
+    assert page.browser.take_forget_frame() is None
+    assert page.model.meshes == set()
 
 
 def test_materials_and_channels_are_encoded() -> None:

@@ -249,7 +249,7 @@ async def test_the_stereo_rig_is_sent_again_only_if_it_moved(hub: Any) -> None:
 async def test_settings_of_the_page_are_sent_when_they_change_and_to_later_pages() -> None:
     page, now = LivePage(), [0.0]
     page.clicks = ClickSubscriptions(clock=lambda: now[0])
-    hub = ViewHub(QUICK, LiveTree(), page=page)
+    hub = ViewHub(QUICK, LiveTree(), live_page=page)
     running = asyncio.create_task(hub.run())
     client = Client(hub.connect())
     assert await client.next_frame("page") == {

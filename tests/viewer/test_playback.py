@@ -13,8 +13,7 @@ from gateway.scene.geometry import Part
 from gateway.scene.history import TreeHistory
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node, TreeEdit
-from gateway.viewer.browser import Browser
-from gateway.viewer.flow_control import BrowserState
+from gateway.viewer.browser import Browser, BrowserState
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.messages import TimeCommand
 from gateway.viewer.sources import StereoRig
@@ -245,7 +244,7 @@ async def test_a_page_keeps_a_moment_that_the_history_has_dropped(scene: Scene) 
         edit.delete(("box",))
         edit.set_parts(("ball",), (Part(Box((2, 2, 2)), Material()),))
     scene.history.record()
-    await page.until(lambda: page.browser.flow.state is BrowserState.RELEASED)
+    await page.until(lambda: page.browser.state is BrowserState.RELEASED)
     del page.kinds[:]
     await page.until(lambda: page.time["position"] < page.time["first"] - 50.0 and page.kinds.count("time") > 2)
     assert page.x == 1.0

@@ -410,9 +410,9 @@ async def test_without_a_stereo_camera_its_images_are_missing(world: World) -> N
 async def test_a_capture_is_used_until_it_is_too_old(world: World) -> None:
     fresh = SensorImages(world.capture, 1000.0)
     stale = SensorImages(world.capture, 0.0)
-    assert [(await fresh.capture()).number for _ in range(3)] == [1, 1, 1]
-    assert [(await stale.capture()).number for _ in range(3)] == [1, 2, 3]
-    assert (await stale.newest()).number == 3
+    assert [(await fresh.recent()).number for _ in range(3)] == [1, 1, 1]
+    assert [(await stale.recent()).number for _ in range(3)] == [1, 2, 3]
+    assert (await stale.of_any_age()).number == 3
     assert world.captures == 4
 
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from fastapi import FastAPI
 
-from gateway.scene.clicks import Click
 from gateway.scene.controls import ControlLimits, ControlStore
 from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
@@ -21,6 +20,7 @@ from gateway.viewer.config import ViewerConfig
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.routes import ACKNOWLEDGE, ACKNOWLEDGE_CONTROLS, MAX_MESSAGE_CHARS, router
 from renderers.drawlist import Material
+from scenegate.messages.clicks import Click
 from scenegate.messages.controls import AnyControl, Button, Gizmo, Plot, Slider, TextInput
 from scenegate.messages.geometry import Box
 from tests.support.view_frames import parse_frame
@@ -92,7 +92,7 @@ class View:
     def __init__(self, config: ViewerConfig = CONFIG) -> None:
         self.tree = LiveTree()
         self.page = LivePage()
-        self.hub = ViewHub(config, self.tree, page=self.page)
+        self.hub = ViewHub(config, self.tree, live_page=self.page)
         self.app = FastAPI()
         self.app.include_router(router(self.hub))
         self.updates = asyncio.create_task(self.hub.run())
@@ -275,7 +275,7 @@ async def test_changes_that_are_too_fast_wait(view: View, monkeypatch: pytest.Mo
 async def test_controls_of_a_client_that_vanishes_are_removed() -> None:
     view = View(ViewerConfig(max_update_rate=1000.0, status_seconds=0.01))
     view.page.controls = store = ControlStore(ControlLimits(lease_seconds=0.0))
-    view.hub = ViewHub(ViewerConfig(status_seconds=0.01), view.tree, page=view.page)
+    view.hub = ViewHub(ViewerConfig(status_seconds=0.01), view.tree, live_page=view.page)
     view.updates.cancel()
     view.updates = asyncio.create_task(view.hub.run())
     store.set_controls("client", [Button(("go",))], lambda values, after: None, 1)

@@ -15,7 +15,7 @@ from scenegate.lcm import replay
 from scenegate.lcm.log_section import Section, StateChannels
 from scenegate.messages import wire
 
-STATE_CHANNELS: Final = StateChannels(edits=(wire.REQUEST,), values=("DRAKE_", "CONTACT_RESULTS"))
+STATE_CHANNELS: Final = StateChannels(edit_prefixes=(wire.REQUEST,), value_prefixes=("DRAKE_", "CONTACT_RESULTS"))
 """Channels of a viewer: requests build on each other, and each message of Drake's replaces the one before."""
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import islice
 from typing import BinaryIO
 
 from scenegate.lcm.event_log import Event, read_events
@@ -18,9 +17,9 @@ class EmptySectionError(ValueError):
 class StateChannels:
     """Channels whose messages before a section still hold in it, by prefixes of their names."""
 
-    edits: tuple[str, ...] = ()
+    edit_prefixes: tuple[str, ...] = ()
     """Channels of which every message counts, because it changes what earlier ones have made."""
-    values: tuple[str, ...] = ()
+    value_prefixes: tuple[str, ...] = ()
     """Channels of which only the last message counts."""
 
 
@@ -32,7 +31,7 @@ class Section:
     """Seconds from the log's first message."""
     duration: float | None = None
     """Seconds from the start; None: to the end of the log."""
-    before: StateChannels = StateChannels()
+    state_channels: StateChannels = StateChannels()
     """Channels of the earlier messages that are played first."""
 
 
@@ -41,8 +40,8 @@ def section_events(
 ) -> Iterator[tuple[float | None, Event]]:
     """Yield the events of a section with their times in seconds from its start, as recorded.
 
-    Earlier messages of ``section.before`` come first, in the order of the log, with None as their time. Others are not
-    read: that part of the log costs only the reading of its headers.
+    Earlier messages of ``section.state_channels`` come first, with None as their time: all edits, then the last values,
+    both in the order of the log. Of other earlier messages only the headers are read.
 
     Args:
         file: log file at its begin.
@@ -52,43 +51,35 @@ def section_events(
         EventLogError: the file is not empty, but has no complete event.
         EmptySectionError: the section begins after the end of the log.
     """
-    edits, values = section.before.edits, section.before.values
+    channels = section.state_channels
     last_values: dict[str, int] = {}
-    """Positions of the last messages of ``values`` by channel."""
+    """Positions of the last messages of values by channel."""
     first_us: int | None = None
-    seconds, is_inside = 0.0, False
-
-    def is_read(channel: str) -> bool:
-        return (is_inside or channel.startswith(edits)) and wanted(channel)
-
-    for event in read_events(file, is_read):
+    log_seconds = 0.0
+    section_position: int | None = None
+    for event in read_events(file, lambda channel: channel.startswith(channels.edit_prefixes) and wanted(channel)):
         first_us = event.time_us if first_us is None else first_us
-        seconds = (event.time_us - first_us) / 1e6 - section.start
-        if not is_inside and seconds >= 0.0:
-            is_inside = True
-            for earlier in _events_at(file, [*sorted(last_values.values()), event.position]):
-                if earlier.position < event.position:
-                    yield None, earlier
-                else:
-                    event = earlier  # the same event with its data
-        if is_inside and section.duration is not None and seconds >= section.duration:
-            return
+        log_seconds = (event.time_us - first_us) / 1e6
+        if log_seconds >= section.start:
+            section_position = event.position
+            break
         if not wanted(event.channel):
             continue
-        if is_inside:
-            yield seconds, event
-        elif event.channel.startswith(edits):
+        if event.channel.startswith(channels.edit_prefixes):
             yield None, event
-        elif event.channel.startswith(values):
+        elif event.channel.startswith(channels.value_prefixes):
             last_values[event.channel] = event.position
-    if section.start and not is_inside:
-        raise EmptySectionError(f"the log has {seconds + section.start:.1f} s, and nothing at {section.start:g} s")
-
-
-def _events_at(file: BinaryIO, positions: list[int]) -> Iterator[Event]:
-    """Yield the events at these positions, then return to the file's position."""
-    after = file.tell()
-    for position in positions:
+    if first_us is None:
+        return
+    if section_position is None:
+        raise EmptySectionError(f"the log has {log_seconds:.1f} s, and nothing at {section.start:g} s")
+    for position in sorted(last_values.values()):
         file.seek(position)
-        yield from islice(read_events(file), 1)
-    file.seek(after)
+        yield None, next(read_events(file))
+    file.seek(section_position)
+    for event in read_events(file, wanted):
+        seconds = (event.time_us - first_us) / 1e6 - section.start
+        if section.duration is not None and seconds >= section.duration:
+            return
+        if wanted(event.channel):
+            yield seconds, event

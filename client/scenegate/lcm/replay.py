@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import re
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import ExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 from scenegate.lcm.event_log import pack_event
 from scenegate.lcm.limits import TransportLimits
@@ -56,7 +57,7 @@ async def record(
     """Write messages to a log until ``stop`` is set. Each message is flushed to the file at once.
 
     Args:
-        path: log file; replaced if it exists.
+        path: log file; replaced if it exists, once the network is joined.
         url: LCM URL; None: the environment variable LCM_DEFAULT_URL, or else LCM's default.
         channels: regular expression that must match the whole channel name.
         progress: counts the recorded events.
@@ -69,27 +70,26 @@ async def record(
     """
     pattern = _pattern(channels)
     failures: list[OSError] = []
-    with errors_name(path), path.open("wb") as file:
+    file: BinaryIO | None = None
 
-        def on_message(message: LcmMessage) -> None:
-            if not pattern.fullmatch(message.channel) or failures:
-                return
-            try:
-                file.write(pack_event(progress.events, message.arrival // 1000, message.channel, message.data))
-                file.flush()
-            except OSError as error:  # the disk is full
-                failures.append(error)
-                stop.set()
-                return
-            progress.events += 1
-            progress.data_bytes += len(message.data)
-
-        transport = await _connect(url, "", on_message)
+    def on_message(message: LcmMessage) -> None:
+        if file is None or failures or not pattern.fullmatch(message.channel):
+            return
         try:
+            file.write(pack_event(progress.events, message.arrival // 1000, message.channel, message.data))
+            file.flush()
+        except OSError as error:  # the disk is full
+            failures.append(error)
+            stop.set()
+            return
+        progress.events += 1
+        progress.data_bytes += len(message.data)
+
+    with errors_name(path), ExitStack() as files:
+        async with _connected(url, "", on_message):
+            file = files.enter_context(path.open("wb"))  # not before: an earlier log stays if there is no connection
             on_ready()
             await stop.wait()
-        finally:
-            await transport.close()
         if failures:
             raise failures[0]
 
@@ -122,50 +122,52 @@ async def play(path: Path, url: str | None, options: PlayOptions, progress: Prog
             does not fit into the network, or the log ends before the section.
     """
     pattern = _pattern(options.channels)
-    transport = await _connect(url, UNUSED_PREFIX, lambda *message: None)
-    try:
+    async with _connected(url, UNUSED_PREFIX, lambda message: None) as transport:
         while True:
             events_before = progress.events
-            begin = time.monotonic()
+            repetition_start = time.monotonic()
             await _play_once(path, transport, options, pattern, progress)
-            if not options.loop or progress.events == events_before:
+            is_empty = progress.events == events_before
+            if not options.loop or is_empty:
                 break
             if options.rate > 0.0:
-                await asyncio.sleep(max(0.0, begin + MIN_LOOP_SECONDS - time.monotonic()))
+                await asyncio.sleep(max(0.0, repetition_start + MIN_LOOP_SECONDS - time.monotonic()))
         await transport.finish()
-    finally:
-        await transport.close()
 
 
 async def _play_once(
     path: Path, transport: Transport, options: PlayOptions, pattern: re.Pattern[str], progress: Progress
 ) -> None:
     """Publish the section's messages once; raise ValueError if it has channels, but none that matches."""
-    others: set[str] = set()
+    unmatched: set[str] = set()
+    """Some channels that do not match, for the error."""
 
     def is_wanted(channel: str) -> bool:
         matches = pattern.fullmatch(channel) is not None
-        if not matches and len(others) < MAX_NAMED_CHANNELS:
-            others.add(channel)
+        if not matches and len(unmatched) < MAX_NAMED_CHANNELS:
+            unmatched.add(channel)
         return matches
 
-    begin: float | None = None  # of the section, by time.monotonic(); its first message is sent at once
+    section_start: float | None = None
+    """Start of the section by ``time.monotonic()``, such that its first message is due at once."""
     with open_regular(path) as file:
         for seconds, event in section_events(file, options.section, is_wanted):
             if seconds is not None and options.rate > 0.0:
-                begin = time.monotonic() - seconds / options.rate if begin is None else begin
-                delay = begin + seconds / options.rate - time.monotonic()
+                offset, now = seconds / options.rate, time.monotonic()
+                section_start = now - offset if section_start is None else section_start
+                delay = section_start + offset - now
                 if delay > MIN_SLEEP_SECONDS:
                     await asyncio.sleep(delay)
             await transport.drain(MAX_UNSENT_BYTES)
             transport.publish(event.channel, event.data)
             progress.events += 1
             progress.data_bytes += len(event.data)
-            progress.position = event.position
+            progress.position = file.tell()
             if progress.events % YIELD_EVENTS == 0:
                 await asyncio.sleep(0)
-    if others and not progress.events:
-        raise ValueError(f"no channel matches --channels {options.channels!r}; there are {', '.join(sorted(others))}")
+    if unmatched and not progress.events:
+        names = ", ".join(sorted(unmatched)) + (" and others" if len(unmatched) == MAX_NAMED_CHANNELS else "")
+        raise ValueError(f"no channel matches --channels {options.channels!r}; there are {names}")
 
 
 def _pattern(channels: str) -> re.Pattern[str]:
@@ -180,15 +182,18 @@ def _pattern(channels: str) -> re.Pattern[str]:
         raise ValueError(f"--channels {channels!r} is not a pattern: {error}") from None
 
 
-async def _connect(url: str | None, prefix: str, on_message: OnMessage) -> Transport:
-    """Return a connected transport that receives the channels with ``prefix``."""
+@asynccontextmanager
+async def _connected(url: str | None, prefix: str, on_message: OnMessage) -> AsyncIterator[Transport]:
+    """Connect a transport that receives the channels with ``prefix``."""
     transport = open_transport(resolve_url(url), (prefix,), TransportLimits())
     connected = asyncio.Event()
     transport.start(on_message, connected.set)
     try:
-        await asyncio.wait_for(connected.wait(), CONNECT_SECONDS)
-    except asyncio.TimeoutError:
-        reason = transport.status().get("warning", "")
+        try:
+            await asyncio.wait_for(connected.wait(), CONNECT_SECONDS)
+        except asyncio.TimeoutError:
+            reason = transport.status().get("warning", "")
+            raise ConnectionError(f"LCM cannot join {transport.url}: {reason}") from None
+        yield transport
+    finally:
         await transport.close()
-        raise ConnectionError(f"LCM cannot join {transport.url}: {reason}") from None
-    return transport

@@ -16,9 +16,8 @@ STALE_SECONDS: Final = 5.0
 MIN_FRAGMENT_BYTES: Final = 512
 """Minimum average size of a message's fragments. LCM's have 65,487 bytes, on macOS 1423. Each fragment takes 300 bytes
 of memory besides its data, which no other limit counts."""
-MAX_COMPLETED: Final = 256
-"""Maximum number of completed messages that are remembered, to ignore repeated datagrams. Some routes deliver each
-datagram twice."""
+MAX_ENDED: Final = 256
+"""Maximum number of messages that are remembered because further fragments of them are ignored."""
 MAX_PARTIAL: Final = 1024
 """Maximum number of incomplete messages. liblcm's limit is 1000."""
 
@@ -32,10 +31,8 @@ MessageKey = tuple[Address, int]
 class _PartialMessage:
     """An incomplete message."""
 
-    data: memoryview | None
-    """Memory for the message; None: the channel is not wanted, so fragments are only counted."""
-    size: int
-    """Bytes of the complete message."""
+    data: memoryview
+    """Memory for the message."""
     fragment_count: int
     """Number of fragments of the complete message."""
     last_arrival: float
@@ -44,8 +41,6 @@ class _PartialMessage:
     """Channel name; empty until the first fragment arrives."""
     spans: dict[int, tuple[int, int]] = field(default_factory=dict)
     """Begin and end of each received fragment in ``data``, by the fragment's index."""
-    ignored_fragments: int = 0
-    """Number of received fragments, if the channel is not wanted."""
 
 
 class Assembler:
@@ -67,8 +62,9 @@ class Assembler:
         self._max_bytes = max_bytes
         self._clock = clock
         self._partials: dict[MessageKey, _PartialMessage] = {}
-        self.completed: dict[MessageKey, tuple[int, int, float]] = {}
-        """Size, number of fragments and time of the last fragment of completed messages, oldest first."""
+        self.ended: dict[MessageKey, tuple[int, int, float]] = {}
+        """Size, number of fragments and time of the last fragment of messages whose further fragments are ignored,
+        oldest first. They are complete, and some routes deliver each datagram twice; or their channel is not wanted."""
         self.waiting_bytes = 0
         """Bytes of all incomplete messages."""
         self.incomplete = 0
@@ -93,34 +89,31 @@ class Assembler:
         """Add a fragment; return the message that it completes, or None."""
         size, count = fragment.message_size, fragment.fragment_count
         partial = self._partials.get(key)
-        if partial is not None and (partial.size, partial.fragment_count) != (size, count):
+        if partial is not None and (len(partial.data), partial.fragment_count) != (size, count):
             self._discard(key)
             partial = None
         wanted = fragment.channel is None or (fragment.channel + b"\0").startswith(self._prefixes)
         if size > self._max_message or count > size // MIN_FRAGMENT_BYTES + 2:
             self.refused += fragment.channel is not None and wanted
             return None
-        if partial is None:
-            if self._is_repeated(key, size, count):
-                return None
-            partial = self._add_partial(key, size, count)
+        if self._has_ended(key, size, count):
+            return None
+        if not wanted:
+            self._end(key, size, count)
+            return None
+        partial = partial or self._add_partial(key, size, count)
         if fragment.channel is not None:
             partial.channel = fragment.channel.decode("utf-8", "replace")
-            if not wanted:
-                self._release(partial)
         partial.last_arrival = self._clock()
-        if partial.data is None:
-            partial.ignored_fragments += 1
-            if partial.ignored_fragments >= count:
-                del self._partials[key]
-                self._add_completed(key, partial)
-            return None
         if fragment.fragment_index in partial.spans:
             return None
         end = fragment.offset + len(fragment.payload)
         partial.spans[fragment.fragment_index] = (fragment.offset, end)
         partial.data[fragment.offset : end] = fragment.payload
-        return self._complete(key, partial, partial.data) if len(partial.spans) == count else None
+        if len(partial.spans) < count:
+            return None
+        self._end(key, size, count)
+        return _message(partial)
 
     def _add_partial(self, key: MessageKey, size: int, count: int) -> _PartialMessage:
         """Return a new incomplete message; discard stale ones, and the oldest ones if they exceed a limit."""
@@ -131,50 +124,40 @@ class Assembler:
                 break
             self._discard(oldest_key)
         # the kernel allocates pages when they are written, so a false size costs no memory
-        partial = self._partials[key] = _PartialMessage(np.empty(size, np.uint8).data, size, count, now)
+        partial = self._partials[key] = _PartialMessage(np.empty(size, np.uint8).data, count, now)
         self.waiting_bytes += size
         return partial
 
-    def _complete(self, key: MessageKey, partial: _PartialMessage, data: memoryview) -> udpm.Message | None:
-        """Return the message. Returns None if its fragments leave gaps, because these are uninitialised memory."""
-        del self._partials[key]
-        spans = sorted(partial.spans.values())
-        self._release(partial)
-        self._add_completed(key, partial)
-        position = 0
-        for begin, end in spans:
-            if begin != position:
-                return None
-            position = end
-        return udpm.Message(partial.channel, data) if position == partial.size else None
+    def _end(self, key: MessageKey, size: int, count: int) -> None:
+        """Forget a message, if it has begun, and ignore further fragments of it."""
+        partial = self._partials.pop(key, None)
+        if partial is not None:
+            self.waiting_bytes -= len(partial.data)
+        if len(self.ended) >= MAX_ENDED:
+            del self.ended[next(iter(self.ended))]
+        self.ended[key] = (size, count, self._clock())
 
-    def _add_completed(self, key: MessageKey, partial: _PartialMessage) -> None:
-        """Remember a completed message, to ignore repetitions of its fragments."""
-        if len(self.completed) >= MAX_COMPLETED:
-            del self.completed[next(iter(self.completed))]
-        self.completed[key] = (partial.size, partial.fragment_count, partial.last_arrival)
-
-    def _is_repeated(self, key: MessageKey, size: int, count: int) -> bool:
-        """Return True if a fragment belongs to a message that was completed less than ``STALE_SECONDS`` ago."""
-        completed = self.completed.get(key)
-        if completed is None:
+    def _has_ended(self, key: MessageKey, size: int, count: int) -> bool:
+        """Return True if a fragment belongs to a message in ``ended``, of which one arrived in ``STALE_SECONDS``."""
+        ended = self.ended.pop(key, None)
+        now = self._clock()
+        if ended is None or ended[:2] != (size, count) or now - ended[2] >= STALE_SECONDS:
             return False
-        completed_size, completed_count, completed_at = completed
-        if (completed_size, completed_count) == (size, count) and self._clock() - completed_at < STALE_SECONDS:
-            return True
-        del self.completed[key]
-        return False
+        self.ended[key] = (size, count, now)
+        return True
 
     def _discard(self, key: MessageKey) -> None:
-        """Discard an incomplete message, and count it if it is wanted."""
+        """Discard an incomplete message, and count it."""
         partial = self._partials.pop(key)
-        self.incomplete += partial.data is not None
-        self._release(partial)
+        self.waiting_bytes -= len(partial.data)
+        self.incomplete += 1
 
-    def _release(self, partial: _PartialMessage) -> None:
-        """Free the memory of a message. Its further fragments are only counted."""
-        if partial.data is not None:
-            self.waiting_bytes -= partial.size
-            partial.data = None
-            partial.ignored_fragments = len(partial.spans)
-            partial.spans = {}
+
+def _message(partial: _PartialMessage) -> udpm.Message | None:
+    """Return the message of all fragments; None if they leave gaps, because these are uninitialised memory."""
+    position = 0
+    for begin, end in sorted(partial.spans.values()):
+        if begin != position:
+            return None
+        position = end
+    return udpm.Message(partial.channel, partial.data) if position == len(partial.data) else None

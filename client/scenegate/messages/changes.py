@@ -1,4 +1,4 @@
-"""Changes of one request, and the record of everything published, from which ``viewer`` publishes it again."""
+"""Changes of one request, or of all requests of a client, from which ``viewer`` publishes them again."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Entry:
 
 @dataclass(slots=True)
 class Changes:
-    """Changes of one request.
+    """Changes of one request, or of several.
 
     A viewer executes the deletions of a request before all else. Changes made before a deletion are therefore dropped.
     """
@@ -88,6 +88,22 @@ class Changes:
         self.deleted[path] = None
         return self
 
+    def missing(self, paths: list[Path]) -> Changes:
+        """Return those of these changes that restore ``paths`` in a viewer that has no geometry there.
+
+        They are the entries at and below the paths, and all but the geometries above them. There are none if there is
+        no geometry at or below the paths. The result shares entries: it must be encoded before the next change.
+        """
+        changes = Changes()
+        for path, entry in self.entries.items():
+            if any(is_at_or_below(path, top) for top in paths):
+                changes.entries[path] = entry
+            elif any(is_at_or_below(top, path) for top in paths):
+                changes.entries[path] = replace(entry, geometries=None)
+        if all(entry.geometries is None for entry in changes.entries.values()):
+            changes.entries.clear()
+        return changes
+
     def body(self) -> dict[str, Any]:
         """Return the request as the protocol's JSON object, without its timestamp."""
         entries = self.entries.items()
@@ -119,39 +135,3 @@ class Changes:
         if self.control_values:
             commands["setvalues"] = self.control_values
         return commands
-
-
-class PublishedTree:
-    """Content of a viewer that executed all requests.
-
-    The results of ``missing`` and ``as_changes`` share its entries. If ``update`` changes one of them before the result
-    is sent, the result has the newer values, which the viewer gets anyway. Clicks and controls are recorded elsewhere.
-    """
-
-    def __init__(self) -> None:
-        self._content = Changes()
-
-    def update(self, changes: Changes) -> None:
-        """Record the changes of a request."""
-        self._content.add(changes)
-        self._content.deleted.clear()  # a viewer that has lost something has nothing to delete
-
-    def missing(self, paths: list[Path]) -> Changes:
-        """Return changes that restore ``paths`` in a viewer that has no geometry there.
-
-        These are the entries at and below the paths, and all but the geometries above them. There are no changes if no
-        geometry was published at or below the paths.
-        """
-        changes = Changes()
-        for path, entry in self._content.entries.items():
-            if any(is_at_or_below(path, top) for top in paths):
-                changes.entries[path] = entry
-            elif any(is_at_or_below(top, path) for top in paths):
-                changes.entries[path] = replace(entry, geometries=None)
-        if all(entry.geometries is None for entry in changes.entries.values()):
-            changes.entries.clear()
-        return changes
-
-    def as_changes(self) -> Changes:
-        """Return changes that restore everything in a viewer that has just started."""
-        return Changes(entries=dict(self._content.entries), view=dict(self._content.view))

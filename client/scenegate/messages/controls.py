@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenegate.messages.changes import Path
+from scenegate.messages.field_kinds import show
 
 MAX_DEPTH: Final = 8
 """Maximum number of names in a control's path: folders are nested on the page."""
@@ -73,7 +74,7 @@ class Control(msgspec.Struct, frozen=True, tag_field="type", omit_defaults=True)
         Raises:
             ValueError: the control cannot have the value.
         """
-        raise ValueError(f"{_text(value)} cannot be set: the control has no value")
+        raise ValueError(f"{show(value)} cannot be set: the control has no value")
 
 
 class Button(Control, frozen=True, tag="button"):
@@ -85,7 +86,7 @@ class Button(Control, frozen=True, tag="button"):
     def checked(self, value: Any) -> int:
         """See ``Control``."""
         if type(value) is not int or not 0 <= value <= MAX_NUMBER:
-            raise ValueError(f"value must be a number of clicks, 0 to {MAX_NUMBER:g}, not {_text(value)}")
+            raise ValueError(f"value must be a number of clicks, 0 to {MAX_NUMBER:g}, not {show(value)}")
         return value
 
 
@@ -161,7 +162,7 @@ class TextInput(Control, frozen=True, tag="text"):
     def checked(self, value: Any) -> str:
         """See ``Control``."""
         if not isinstance(value, str):
-            raise ValueError(f"value must be a text, not {_text(value)}")
+            raise ValueError(f"value must be a text, not {show(value)}")
         return check_length(value, "value", MAX_TEXT_CHARS)
 
 
@@ -174,7 +175,7 @@ class Checkbox(Control, frozen=True, tag="checkbox"):
     def checked(self, value: Any) -> bool:
         """See ``Control``."""
         if not isinstance(value, bool):
-            raise ValueError(f"value must be true or false, not {_text(value)}")
+            raise ValueError(f"value must be true or false, not {show(value)}")
         return value
 
 
@@ -199,7 +200,7 @@ class Dropdown(Control, frozen=True, tag="dropdown"):
     def checked(self, value: Any) -> str:
         """See ``Control``."""
         if value not in self.options:
-            raise ValueError(f"value is {_text(value)}, it must be one of the {len(self.options)} options")
+            raise ValueError(f"value is {show(value)}, it must be one of the {len(self.options)} options")
         return str(value)
 
 
@@ -212,7 +213,7 @@ class ColorInput(Control, frozen=True, tag="color"):
     def checked(self, value: Any) -> tuple[float, float, float]:
         """See ``Control``."""
         if not isinstance(value, (list, tuple)) or len(value) != 3:
-            raise ValueError(f"value must be 3 numbers from 0 to 1, not {_text(value)}")
+            raise ValueError(f"value must be 3 numbers from 0 to 1, not {show(value)}")
         red, green, blue = (_within(channel, 0.0, 1.0) for channel in value)
         return red, green, blue
 
@@ -266,7 +267,7 @@ class Gizmo(Control, frozen=True, tag="gizmo"):
         try:
             pose = value if isinstance(value, Pose) else msgspec.convert(value, Pose)
         except msgspec.ValidationError:
-            raise ValueError(f"value must be a translation and a quaternion, not {_text(value)}") from None
+            raise ValueError(f"value must be a translation and a quaternion, not {show(value)}") from None
         for each in (*pose.translation, *pose.quaternion):
             number(each, "value")
         if not any(pose.quaternion):
@@ -284,7 +285,7 @@ def number(value: Any, name: str) -> float:
         ValueError: it is no number, not finite or beyond ``MAX_NUMBER``.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= MAX_NUMBER:
-        raise ValueError(f"{name} must be a number of at most {MAX_NUMBER:g}, not {_text(value)}")
+        raise ValueError(f"{name} must be a number of at most {MAX_NUMBER:g}, not {show(value)}")
     return float(value)
 
 
@@ -295,9 +296,9 @@ def check_length(text: str, name: str, limit: int = MAX_NAME_CHARS) -> str:
         ValueError: it is no text, longer than the limit, or no valid Unicode.
     """
     if not isinstance(text, str):
-        raise ValueError(f"{name} must be a text, not {_text(text)}")
+        raise ValueError(f"{name} must be a text, not {show(text)}")
     if len(text) > limit:
-        raise ValueError(f"{name} has {len(text)} characters in {_text(text)}, the limit is {limit}")
+        raise ValueError(f"{name} has {len(text)} characters in {show(text)}, the limit is {limit}")
     try:
         text.encode()
     except UnicodeEncodeError:
@@ -316,13 +317,13 @@ def _names(path: Path, field: str) -> Path:
     """Return a path. Raises ValueError if a name in it is no text and no integer."""
     for name in path:
         if isinstance(name, bool) or not isinstance(name, (str, int)):
-            raise ValueError(f"{field} has the name {_text(name)}; names are texts or integers")
+            raise ValueError(f"{field} has the name {show(name)}; names are texts or integers")
     return path
 
 
 def _check_texts(texts: tuple[str, ...], name: str, limit: int) -> None:
     if not isinstance(texts, tuple):
-        raise ValueError(f"{name} must be a list of texts, not {_text(texts)}")
+        raise ValueError(f"{name} must be a list of texts, not {show(texts)}")
     if not 1 <= len(texts) <= limit:
         raise ValueError(f"{name} has {len(texts)} texts, it must have 1 to {limit}")
     for text in texts:
@@ -332,14 +333,3 @@ def _check_texts(texts: tuple[str, ...], name: str, limit: int) -> None:
 def _check_step(step: float | None) -> None:
     if step is not None and not 0.0 < number(step, "step") <= MAX_NUMBER:
         raise ValueError(f"step is {step:g}, it must be above 0 and at most {MAX_NUMBER:g}")
-
-
-def _text(value: Any) -> str:
-    """Return a value as text of at most 60 characters, for an error."""
-    if isinstance(value, (list, tuple, dict)) and len(value) > 20:
-        return f"a {type(value).__name__} of {len(value)}"
-    try:
-        text = ascii(value[:60] if isinstance(value, str) else value)
-    except ValueError:  # an integer of thousands of digits
-        text = f"a {type(value).__name__}"
-    return text if len(text) <= 60 else f"{text[:57]}..."

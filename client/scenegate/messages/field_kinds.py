@@ -187,7 +187,7 @@ def number_rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.gene
     needs_integers = dtype in (np.int64, np.uint32)
     if array.dtype.kind not in ("iub" if needs_integers else "fiub"):
         raise ValueError(f"{name} must have {'integers' if needs_integers else 'numbers'}, not {array.dtype}")
-    copy = empty_with_header(array.shape, dtype)  # PublishedTree keeps it, so the caller's array may change
+    copy = empty_with_header(array.shape, dtype)  # TreeViewer keeps it, so the caller's array may change
     copy[...] = array
     return copy
 

@@ -19,6 +19,15 @@ REQUEST: Final = "DIRECTOR_TREE_VIEWER_REQUEST"
 """Channel of requests; ``_<client id>`` may follow."""
 RESPONSE: Final = "DIRECTOR_TREE_VIEWER_RESPONSE"
 """Channel of responses and announcements; ``_<client id>`` may follow."""
+OK: Final = 0
+"""Status of a response: everything was executed. Negative ones are failures."""
+MISSING_PATHS: Final = 1
+"""Status of a response: everything was executed, but some paths have no geometry."""
+UNKNOWN_FORMAT: Final = -1
+UNKNOWN_FORMAT_VERSION: Final = -2
+ERROR_HANDLING_REQUEST: Final = -3
+"""A command failed. Director defines this status, but sends no response in this case. The thread of its Python client
+that handles responses ends at a negative status, so irregularities that are tolerated get a warning instead."""
 MAX_FORMAT_BYTES: Final = 256
 """Maximum length of the format's name with its final NUL. A longer name means that the message is damaged."""
 

@@ -7,9 +7,8 @@ from typing import Final
 
 from scenegate.messages.changes import Path
 from scenegate.messages.request_encoding import Response
+from scenegate.messages.wire import MISSING_PATHS, OK
 
-OK, MISSING_PATHS, UNKNOWN_FORMAT, UNKNOWN_VERSION = 0, 1, -1, -2
-"""Status codes of responses. All negative codes are failures."""
 UNSUPPORTED: Final = -4
 """Status of an ``Answer`` if the viewer ignored a command. This client sets it; no viewer sends it."""
 
@@ -27,7 +26,7 @@ class Answer:
     """Result of a request."""
 
     status: int
-    """Status code of the protocol, or ``UNSUPPORTED``."""
+    """Status of the response (``scenegate.messages.wire``), or ``UNSUPPORTED``."""
     deleted: tuple[Path, ...] = ()
     """Deleted paths."""
     added: tuple[Path, ...] = ()

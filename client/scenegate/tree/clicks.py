@@ -5,27 +5,17 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
+import msgspec
+
 from scenegate.messages.changes import Path, is_at_or_below
+from scenegate.messages.clicks import Click
 from scenegate.tree.callbacks import CallbackThreads, check_callback
 
 MAX_WAITING: Final = 100
 """Maximum number of calls that wait when a click arrives; further clicks are dropped."""
-
-
-@dataclass(frozen=True, slots=True)
-class Click:
-    """A click on geometry in the browser."""
-
-    path: Path
-    """Path of the geometry."""
-    point: tuple[float, float, float]
-    """Point on the geometry in the world, metres."""
-    button: str
-    """``left``, ``middle`` or ``right``."""
 
 
 Callback = Callable[[Click], Any]
@@ -65,9 +55,8 @@ class ClickListener:
     def receive(self, fields: Any) -> None:
         """Queue the callbacks for the click of a message. Invalid ones are ignored."""
         try:
-            x, y, z = map(float, fields["point"])
-            click = Click(tuple(fields["path"]), (x, y, z), str(fields["button"]))
-        except (KeyError, TypeError, ValueError):
+            click = msgspec.convert(fields, Click)
+        except msgspec.ValidationError:
             return
         if self._threads.waiting >= MAX_WAITING:
             return

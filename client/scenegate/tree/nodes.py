@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 from scenegate.messages.changes import Changes, Entry, Key, Path, path_of
 from scenegate.messages.field_kinds import describe, write_number
 from scenegate.messages.geometry import Geometry, Transform
-from scenegate.tree.answer import OK, Answer
+from scenegate.messages.wire import OK
+from scenegate.tree.answer import Answer
 
 
 class Sender(Protocol):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import secrets
 import threading
@@ -10,18 +9,26 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 from scenegate.messages import wire
 from scenegate.messages.request_encoding import Response, decode_response, encode_request
-from scenegate.tree.answer import UNKNOWN_FORMAT, UNKNOWN_VERSION
 from scenegate.tree.connection import LcmConnection
+
+UNKNOWN_FORMATS: Final = (wire.UNKNOWN_FORMAT, wire.UNKNOWN_FORMAT_VERSION)
+"""Status codes of a viewer that does not know the format of a request."""
+
+
+class SentRequest(NamedTuple):
+    """A request on its way."""
+
+    utime: int
+    """Microseconds since 1970: identifies the request."""
+    response: Future[Response]
 
 
 class Requests:
     """Requests and responses of one client. Thread-safe."""
-
-    _instance_numbers = itertools.count()
 
     def __init__(
         self,
@@ -48,7 +55,7 @@ class Requests:
         """``utime`` of the last request: microseconds since 1970, made unique."""
         self.pending: dict[int, Future[Response]] = {}
         """Requests without a response, by ``utime``."""
-        self.client_id = f"sg{os.getpid()}_{next(self._instance_numbers)}_{secrets.token_hex(4)}"
+        self.client_id = f"sg{os.getpid()}_{secrets.token_hex(8)}"
         handlers = {f"{wire.RESPONSE}_<{self.client_id}>": self._receive, wire.RESPONSE: self._receive_announcement}
         self.connection = LcmConnection(url, handlers, timeout)
 
@@ -66,20 +73,20 @@ class Requests:
             encode_request(body, 0, wire.BINARY)
             encoded()
         response = self._exchange(body, self._negotiated_format(), encoded)
-        refused = response.status in (UNKNOWN_FORMAT, UNKNOWN_VERSION)
+        refused = response.status in UNKNOWN_FORMATS
         if refused and self.message_format == wire.BINARY and self._negotiates_format:
             self.message_format = wire.JSON  # another viewer, without MessagePack, runs now
-            response = self._exchange(body, self.message_format)
+            response = self._exchange(body, self.message_format, encoded)
         return response
 
     def send_without_response(self, body: dict[str, Any]) -> None:
         """Send a request whose response is ignored. Nothing is sent while the connection is lost."""
         if self.connection.is_connected:
             try:
-                utime, _ = self._post(body, self.message_format or wire.JSON)
+                sent = self.post(body)
             except ConnectionError:
                 return
-            self.pending.pop(utime, None)
+            self.pending.pop(sent.utime, None)
 
     def reads_files(self) -> bool:
         """Return True if the viewer reads the content of mesh files, as Scenegate does; see ``send`` for errors."""
@@ -89,16 +96,37 @@ class Requests:
         """Return the format of requests. An empty request negotiates it."""
         if self.message_format is None:
             status = self._exchange({}, wire.BINARY).status
-            self.message_format = wire.JSON if status in (UNKNOWN_FORMAT, UNKNOWN_VERSION) else wire.BINARY
+            self.message_format = wire.JSON if status in UNKNOWN_FORMATS else wire.BINARY
         return self.message_format
 
     def _exchange(
         self, body: dict[str, Any], message_format: str, encoded: Callable[[], None] = lambda: None
     ) -> Response:
         """Send one request and wait for its response."""
-        utime, future = self._post(body, message_format, encoded)
+        return self.wait(self.post(body, message_format, encoded))
+
+    def post(
+        self, body: dict[str, Any], message_format: str | None = None, encoded: Callable[[], None] = lambda: None
+    ) -> SentRequest:
+        """Send one request without waiting for its response. ``None``: the negotiated format, JSON before that."""
+        with self._lock:
+            utime = self._last_utime = max(self._last_utime + 1, time.time_ns() // 1000)
+            future = self.pending[utime] = Future()
+        self._on_request(body, utime)
         try:
-            return future.result(self.timeout)
+            message_format = message_format or self.message_format or wire.JSON
+            message = encode_request({"timestamp": utime, **body}, utime, message_format)
+            encoded()
+            self.connection.publish(f"{wire.REQUEST}_<{self.client_id}>", message, future.set_exception)
+        except BaseException:
+            self.pending.pop(utime, None)
+            raise
+        return SentRequest(utime, future)
+
+    def wait(self, sent: SentRequest) -> Response:
+        """Wait for the response to a request; see ``send`` for errors."""
+        try:
+            return sent.response.result(self.timeout)
         except FutureTimeoutError:
             url = self.connection.url
             lost = "big messages can get lost over UDP, tcpq:// loses none"
@@ -107,24 +135,7 @@ class Requests:
                 f"no viewer answered within {self.timeout:g} s on {url}{'; ' if hint else ''}{hint}"
             ) from None
         finally:
-            self.pending.pop(utime, None)
-
-    def _post(
-        self, body: dict[str, Any], message_format: str, encoded: Callable[[], None] = lambda: None
-    ) -> tuple[int, Future[Response]]:
-        """Send one request, and return its ``utime`` and the future of its response."""
-        with self._lock:
-            utime = self._last_utime = max(self._last_utime + 1, time.time_ns() // 1000)
-            future = self.pending[utime] = Future()
-        self._on_request(body, utime)
-        try:
-            message = encode_request({"timestamp": utime, **body}, utime, message_format)
-            encoded()
-            self.connection.publish(f"{wire.REQUEST}_<{self.client_id}>", message, future.set_exception)
-        except BaseException:
-            self.pending.pop(utime, None)
-            raise
-        return utime, future
+            self.pending.pop(sent.utime, None)
 
     def _receive(self, message: bytes) -> None:
         """Complete a response's future, or pass on a message of the page. Runs in the receiving thread."""

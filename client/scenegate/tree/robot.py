@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scenegate.messages.changes import Changes, Entry, Path, path_of
 from scenegate.messages.field_kinds import describe
 from scenegate.messages.geometry import Geometry
+from scenegate.messages.wire import OK
 from scenegate.transforms import quaternions_of
-from scenegate.tree.answer import OK, Answer
+from scenegate.tree.answer import Answer
 from scenegate.tree.nodes import Node, Sender
 from scenegate.warning_text import NOTHING_DRAWN, strict_refusal
 

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scenegate.closing import Closing
-from scenegate.messages.changes import Changes, Key, Path, PublishedTree, path_of
+from scenegate.messages.changes import Changes, Key, Path, path_of
 from scenegate.messages.colors import rgba
 from scenegate.messages.field_kinds import describe, number_list
 from scenegate.messages.request_encoding import Response
-from scenegate.tree.answer import MISSING_PATHS, OK, UNSUPPORTED, Answer, TreeViewerError, answer_of
+from scenegate.messages.wire import MISSING_PATHS, OK
+from scenegate.tree.answer import UNSUPPORTED, Answer, TreeViewerError, answer_of
 from scenegate.tree.callbacks import CallbackThreads
 from scenegate.tree.clicks import Callback, ClickListener
 from scenegate.tree.control_panel import ControlPanel
@@ -50,9 +51,11 @@ class TreeViewer(NotebookViews, Closing):
         Raises:
             ConnectionError: no hub listens, or there is no route for multicast.
         """
-        self._published = PublishedTree()
+        self._published = Changes()
+        """Content of a viewer that has executed all requests, without clicks and controls."""
         self._lock = threading.Lock()
-        """Guards ``_published``."""
+        """Guards ``_published``. Held until what was published before is on its way again: a change that another thread
+        sends meanwhile must arrive after it."""
         self._threads = CallbackThreads(self._resend_subscriptions)
         self._clicks = ClickListener(self._threads)
         self._panel = ControlPanel(self.send, self._threads, self._record)
@@ -169,7 +172,8 @@ class TreeViewer(NotebookViews, Closing):
     def _record(self, changes: Changes) -> None:
         """Record changes that are published, or that the page has made."""
         with self._lock:
-            self._published.update(changes)
+            self._published.add(changes)
+            self._published.deleted.clear()  # a viewer that has lost something has nothing to delete
 
     @contextmanager
     def batch(self) -> Iterator[Batch]:
@@ -238,9 +242,10 @@ class TreeViewer(NotebookViews, Closing):
         still missing."""
         with self._lock:
             republished = self._published.missing(missing)
-        if not republished.entries:
-            return response, missing
-        second_response = self.requests.send(republished.body())
+            if not republished.entries:
+                return response, missing
+            sent = self.requests.post(republished.body())
+        second_response = self.requests.wait(sent)
         if second_response.status == MISSING_PATHS:
             return response, _missing_paths(second_response)
         return second_response if second_response.status < OK else response, []
@@ -262,9 +267,8 @@ class TreeViewer(NotebookViews, Closing):
         elif body.get("ready") is True:
             self._threads.resend_now()
             with self._lock:
-                everything = self._published.as_changes()
-            if everything.entries or everything.view:
-                self.requests.send_without_response(everything.body())
+                if self._published.entries or self._published.view:
+                    self.requests.send_without_response(self._published.body())
 
 
 def _missing_paths(response: Response) -> list[Path]:

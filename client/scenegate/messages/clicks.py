@@ -1,0 +1,21 @@
+"""A click in the browser, as the viewer sends it to clients."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+import msgspec
+
+from scenegate.messages.changes import Path
+
+Button: TypeAlias = Literal["left", "middle", "right"]
+
+
+class Click(msgspec.Struct, frozen=True):
+    """A click on geometry in the browser."""
+
+    path: Path
+    """Path of the geometry."""
+    point: tuple[float, float, float]
+    """Point on the geometry in the world, metres."""
+    button: Button
