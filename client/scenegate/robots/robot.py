@@ -9,7 +9,8 @@ from typing import Final, Generic, Literal, Protocol, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scenegate.robots.errors import RobotFileError, name_hint
+from scenegate.name_hint import name_hint
+from scenegate.robots.errors import RobotFileError
 
 PartType = TypeVar("PartType")
 """Type of the geometry: ``Geometry`` to publish, or the server's own."""
