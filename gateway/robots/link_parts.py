@@ -21,10 +21,10 @@ from renderers.drawlist import Image, ImageError, Material, Texture
 from renderers.images import image_from_bytes
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.link_files import LinkFiles, color_of
-from scenegate.robots.link_model import Cone, Link, LinkGeometry, LinkMaterial, MeshReference
+from scenegate.robots.link_model import Cone, LinkGeometry, LinkMaterial, MeshReference
 
 
-class LinkParts(LinkFiles[tuple[Part, ...], tuple[Image, tuple[float, float, float]]]):
+class LinkParts(LinkFiles[Part, tuple[Part, ...], tuple[Image, tuple[float, float, float]]]):
     """Converts geometry to parts. An image comes with its mean colour."""
 
     faults = (*LinkFiles.faults, MeshFormatError, GltfError, ImageError)
@@ -37,12 +37,6 @@ class LinkParts(LinkFiles[tuple[Part, ...], tuple[Image, tuple[float, float, flo
         super().__init__(files, warnings)
         self._gltf_up: Up = "auto" if gltf_up == "y" else "z"
         self._limits = limits
-
-    def parts_of_links(self, links: tuple[Link, ...]) -> tuple[tuple[Part, ...], ...]:
-        """Return the parts of each link, in the link's frame."""
-        return tuple(
-            tuple(part for geometry in link.geometries for part in self._parts(link.name, geometry)) for link in links
-        )
 
     def _parts(self, link: str, geometry: LinkGeometry) -> list[Part]:
         shape, X = geometry.shape, geometry.X_link_geometry

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Iterable
 from pathlib import Path
 from typing import ClassVar, Final, Generic, TypeVar
 
@@ -10,8 +11,9 @@ from scenegate.messages.mesh_file import MESH_SUFFIXES
 from scenegate.regular_files import reason_of
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.files import RobotFiles
-from scenegate.robots.link_model import LinkMaterial
+from scenegate.robots.link_model import Link, LinkGeometry, LinkMaterial
 
+PartType = TypeVar("PartType")
 MeshType = TypeVar("MeshType")
 ImageType = TypeVar("ImageType")
 
@@ -21,8 +23,8 @@ _LFS_POINTER: Final = b"version https://git-lfs"
 """Start of the file that stands for a mesh until ``git lfs pull``."""
 
 
-class LinkFiles(Generic[MeshType, ImageType]):
-    """Base of the converters of geometry, which say what a mesh and an image is."""
+class LinkFiles(Generic[PartType, MeshType, ImageType]):
+    """Base of the converters of geometry, which say what a part, a mesh and an image is."""
 
     faults: ClassVar[tuple[type[Exception], ...]] = (RobotFileError, OSError)
     """Errors of files that cannot be read."""
@@ -33,6 +35,16 @@ class LinkFiles(Generic[MeshType, ImageType]):
         self._meshes: dict[Path, MeshType] = {}
         self._images: dict[str, ImageType | str] = {}
         """Images, or the reason why one cannot be read, by file name or URL."""
+
+    def parts_of(self, links: Iterable[Link]) -> tuple[tuple[PartType, ...], ...]:
+        """Return the geometry of each link, in the link's frame."""
+        return tuple(
+            tuple(part for geometry in link.geometries for part in self._parts(link.name, geometry)) for link in links
+        )
+
+    @abstractmethod
+    def _parts(self, link: str, geometry: LinkGeometry) -> Iterable[PartType]:
+        """Return a geometry of a link; nothing, with a warning, if its mesh cannot be read."""
 
     @abstractmethod
     def _read_mesh(self, link: str, name: str, path: Path, data: bytes) -> MeshType:
