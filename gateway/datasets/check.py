@@ -14,14 +14,14 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from numpy.typing import NDArray
 
 from gateway.datasets.check_images import check_values, decoded, decoded_masks, read_image
 from gateway.datasets.check_objects import object_problems
 from gateway.datasets.files import TEMPORARY_SUFFIX
 from gateway.datasets.scenes import scene_digest
-from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST_VIEW_NAME
+from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST_VIEW_NAME, check_pose
+from gateway.scene.cameras import CameraError
 from renderers.stop import check_stop
 from scenegate.datasets import manifest
 from scenegate.datasets.manifest import (
@@ -208,12 +208,10 @@ def _camera_problems(camera: CameraRecord) -> Iterator[str]:
         yield f"camera: focal lengths ({camera.fx}, {camera.fy}) must be above 0, up to {MAX_FOCAL_PIXELS:.0e}"
     if not camera.near > 0.0 or (camera.far is not None and not camera.near < camera.far):
         yield f"camera: planes near={camera.near}, far={camera.far}"
-    pose = np.array(camera.X_world_camera)
-    rotation = pose[:3, :3]
-    if not np.isfinite(pose).all() or pose[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-        yield "camera: X_world_camera has no last row 0, 0, 0, 1, or is not finite"
-    elif (np.abs(rotation.T @ rotation - np.eye(3)) >= 3 * MAX_ROTATION_ERROR).any() or np.linalg.det(rotation) < 0.0:
-        yield "camera: X_world_camera is not a rotation and translation"
+    try:
+        check_pose(camera.X_world_camera, 3 * MAX_ROTATION_ERROR)
+    except CameraError as error:
+        yield f"camera: {error}"
 
 
 def _note_unknown_files(folder: Path, path_hashes: set[int], report: Report) -> None:

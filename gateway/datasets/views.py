@@ -26,6 +26,7 @@ from gateway.scene.cameras import (
     StereoCamera,
     parse_camera,
 )
+from gateway.scene.transforms import is_rotation
 from gateway.scene.tree import Node
 from gateway.scene.viewpoints import orthographic_camera, resolve_camera
 from renderers.camera import Camera
@@ -91,7 +92,7 @@ class View:
         if isinstance(self.pose, str) and isinstance(parse_camera(self.pose), StereoCamera):
             raise CameraError("camera 'stereo': there is no stereo camera without a gateway")
         if isinstance(self.pose, tuple):
-            _check_pose(self.pose)
+            check_pose(self.pose)
         if self.intrinsics.fovy is not None and self.intrinsics.fy is not None:
             raise CameraError(f"view {self.name}: fovy and fy say the same thing; give one of them")
 
@@ -221,13 +222,12 @@ def _camera_from_file(file_camera: GltfCamera, width: int, height: int, draw_lis
         raise CameraError(f"the file's camera {file_camera.name!r}: {error}") from None
 
 
-def _check_pose(rows: Pose) -> None:
-    """Raise CameraError unless a matrix is a rotation and a translation."""
+def check_pose(rows: Pose, max_error: float = MAX_ROTATION_ERROR) -> None:
+    """Raise CameraError unless a matrix is a rotation, whose R^T R may be wrong by ``max_error``, and a translation."""
     pose = np.array(rows)
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or not (pose[3] == (0.0, 0.0, 0.0, 1.0)).all():
         raise CameraError("X_world_camera must be four rows of four finite numbers, the last of them 0, 0, 0, 1")
-    rotation = pose[:3, :3]
-    if not (np.abs(rotation.T @ rotation - np.eye(3)) < MAX_ROTATION_ERROR).all() or np.linalg.det(rotation) < 0.0:
+    if not is_rotation(pose[:3, :3], max_error):
         raise CameraError("X_world_camera must be a rotation and a translation: it is scaled, sheared or mirrored")
 
 
