@@ -16,14 +16,14 @@ from typing import Any, Final
 
 from numpy.typing import NDArray
 
-from gateway.datasets.check_images import check_values, decoded, decoded_masks, read_image
+from gateway.datasets.check_images import check_file, checked_pixels
 from gateway.datasets.check_objects import object_problems
 from gateway.datasets.files import TEMPORARY_SUFFIX
 from gateway.datasets.scenes import scene_digest
 from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST_VIEW_NAME, check_pose
 from gateway.scene.cameras import CameraError
 from renderers.stop import check_stop
-from scenegate.datasets import manifest
+from scenegate.datasets import Sample, manifest
 from scenegate.datasets.manifest import (
     CameraRecord,
     FailureRecord,
@@ -187,18 +187,18 @@ def _sample_problems(
     for image_type in description.settings.types:
         if image_type not in sample.images and not is_request and image_type != "flow":  # the last view has none
             yield f"the {image_type} image is missing in the manifest"
+    reader = Sample(folder, sample)
     pixels: dict[ImageType, NDArray[Any]] = {}
     masks: Masks | None = None
     for image_type, image in sample.images.items():
         try:
-            data = read_image(folder, image)
+            check_file(folder, image)
             if image_type == "amodal":
-                masks = decoded_masks(data, sample.camera)
+                masks = reader.silhouettes
             else:
-                pixels[image_type] = decoded(image_type, data, sample.camera)
-                check_values(image_type, pixels[image_type], scene)
+                pixels[image_type] = checked_pixels(reader, image_type, scene)
         except RecordError as error:
-            yield f"{image.path}: {error}"
+            yield f"{image.path}: {str(error).removeprefix(f'{folder / image.path}: ')}"
     yield from object_problems(sample, description.classes, scene, pixels, masks)
 
 
