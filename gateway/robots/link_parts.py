@@ -27,7 +27,7 @@ from scenegate.robots.link_model import Cone, LinkGeometry, LinkMaterial, MeshRe
 class LinkParts(LinkFiles[Part, tuple[Part, ...], tuple[Image, tuple[float, float, float]]]):
     """Converts geometry to parts. An image comes with its mean colour."""
 
-    faults = (*LinkFiles.faults, MeshFormatError, GltfError, ImageError)
+    read_errors = (*LinkFiles.read_errors, MeshFormatError, GltfError, ImageError)
 
     def __init__(self, files: RobotFiles, limits: RobotLimits, warnings: list[str], gltf_up: Literal["y", "z"]) -> None:
         """
@@ -49,7 +49,7 @@ class LinkParts(LinkFiles[Part, tuple[Part, ...], tuple[Image, tuple[float, floa
         X = X @ scaling(*shape.scale)
         return [
             msgspec.structs.replace(part, X_node_part=X @ part.X_node_part)
-            for part in with_default_materials(self._mesh(link, shape.filename) or (), material, textured)
+            for part in with_default_materials(self._mesh_or_warning(link, shape.filename) or (), material, textured)
         ]
 
     def _materials(self, link: str, material: LinkMaterial | None) -> tuple[Material, Material]:
@@ -58,7 +58,7 @@ class LinkParts(LinkFiles[Part, tuple[Part, ...], tuple[Image, tuple[float, floa
         The first has the texture's mean colour.
         """
         rgba = np.array(color_of(material))
-        texture = self._image(link, material)
+        texture = self._texture_or_warning(link, material)
         if material is None or texture is None:
             plain = diffuse_material(rgba, None)
             return plain, plain

@@ -31,9 +31,9 @@ class LinkGeometries(LinkFiles[Geometry, tuple[bytes, dict[str, bytes]], bytes])
 
     def _parts(self, link: str, geometry: LinkGeometry) -> Iterator[Geometry]:
         shape, color, transform = geometry.shape, color_of(geometry.material), Transform.of(geometry.X_link_geometry)
-        texture = self._image(link, geometry.material)
+        texture = self._texture_or_warning(link, geometry.material)
         if isinstance(shape, MeshReference):
-            mesh = self._mesh(link, shape.filename)
+            mesh = self._mesh_or_warning(link, shape.filename)
             if mesh is None:
                 return
             is_gltf = shape.filename.lower().endswith((".gltf", ".glb"))

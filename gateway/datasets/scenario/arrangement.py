@@ -45,8 +45,8 @@ class Candidate:
     def solid(self) -> Solid:
         """The object in its own frame, scaled. Raises ScenarioError for joint values that the model cannot have."""
         with errors_as(tables.ScenarioError, self.choice.file, RobotFileError):
-            hulls = self.model.hulls(self.choice.joints)
-        return Solid(tuple(body * self.choice.scale for body in hulls))
+            bodies = self.model.bodies(self.choice.joints)
+        return Solid(tuple(body * self.choice.scale for body in bodies))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ def load_usable(catalogue: Catalogue, table: tables.Model, file: str, notes: lis
         reason = str(error).removeprefix(f"{folder / file}: ")
         notes.append(f"{file}: {reason}; it is left out")
         return None
-    if not model.hulls({}):
+    if not model.bodies({}):
         notes.append(f"{file}: it draws nothing; it is left out")
         return None
     return model

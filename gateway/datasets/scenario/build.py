@@ -17,7 +17,7 @@ from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import ObjectChoice, SceneChoices
 from gateway.datasets.scenario.materials import material_of, with_material
-from gateway.datasets.scenario.models import LoadedModel, load_model, sources_of
+from gateway.datasets.scenario.models import LoadedModel, digests_by_scenario_path, load_model
 from gateway.datasets.scenario.scenery import Scenery, scenery_of
 from gateway.datasets.scenario.surfaces import node_of
 from gateway.datasets.scenario.tables import ScenarioError
@@ -143,7 +143,7 @@ class _Builder:
         animation = None if table.animation is None else AnimationTime(table.animation, self._seconds)
         roots = _roots(table, self._catalogue)
         model = load_model(self._folder / choice.file, table.up, roots, animation)
-        self._digests |= sources_of(choice.file, model)
+        self._digests |= digests_by_scenario_path(choice.file, model)
         self._warnings |= dict.fromkeys(f"{choice.file}: {warning}" for warning in model.warnings)
         joints = dict(choice.joints)
         if table.joint_track:
