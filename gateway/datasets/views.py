@@ -200,25 +200,19 @@ def usable_camera(cameras: Sequence[GltfCamera], draw_list: DrawList) -> tuple[G
 
 def _camera_from_file(file_camera: GltfCamera, width: int, height: int, draw_list: DrawList) -> Camera:
     """Return the camera of a scene file for an image size in pixels."""
-    if file_camera.yfov is None:
-        try:
-            pose = rigid_pose(file_camera.X_world_camera, file_camera.name)
-        except RequestError as error:
-            raise CameraError(f"the file's camera {file_camera.name!r}: {error}") from None
-        if not file_camera.xmag or not math.isfinite(file_camera.xmag):
-            raise CameraError(f"the file's camera {file_camera.name!r} has neither yfov nor xmag")
-        xmag = abs(file_camera.xmag)
-        return orthographic_camera(pose, width, height, xmag, draw_list, file_camera.znear, file_camera.zfar)
-    if not 0.0 < file_camera.yfov < math.pi:
-        raise CameraError(f"the file's camera {file_camera.name!r}: yfov = {file_camera.yfov:g} is not in 0 .. pi")
-    focal_length = 0.5 * height / math.tan(0.5 * file_camera.yfov)
-    far = file_camera.zfar if file_camera.zfar is not None else math.inf
+    near, far = file_camera.znear, file_camera.zfar
     try:
         pose = rigid_pose(file_camera.X_world_camera, file_camera.name)
-        return Camera(
-            width, height, focal_length, focal_length, 0.5 * width, 0.5 * height, file_camera.znear, far, pose
-        )
-    except (RequestError, ValueError) as error:
+        if file_camera.yfov is None:
+            if not file_camera.xmag or not math.isfinite(file_camera.xmag):
+                raise CameraError("it has neither yfov nor xmag")
+            return orthographic_camera(pose, width, height, abs(file_camera.xmag), draw_list, near, far)
+        if not 0.0 < file_camera.yfov < math.pi:
+            raise CameraError(f"yfov = {file_camera.yfov:g} is not in 0 .. pi")
+        focal_length = 0.5 * height / math.tan(0.5 * file_camera.yfov)
+        far = math.inf if far is None else far
+        return Camera(width, height, focal_length, focal_length, 0.5 * width, 0.5 * height, near, far, pose)
+    except (RequestError, ValueError) as error:  # CameraErrors are ValueErrors
         raise CameraError(f"the file's camera {file_camera.name!r}: {error}") from None
 
 
