@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 import msgspec
@@ -40,17 +41,10 @@ def parse_color(name: str, text: str) -> tuple[int, int, int]:
     Raises:
         ShownError: The text is not six hexadecimal digits.
     """
-    if len(text) != 6 or not text.isascii() or not text.isalnum():
-        raise _color_error(name, text)
-    try:
-        red, green, blue = bytes.fromhex(text)
-    except ValueError as error:
-        raise _color_error(name, text) from error
+    if re.fullmatch(COLOR_PATTERN, text) is None:
+        raise ShownError(f"{name}={quoted(text)} is not a colour in six hexadecimal digits such as 'cce5ff'")
+    red, green, blue = bytes.fromhex(text)
     return red, green, blue
-
-
-def _color_error(name: str, text: str) -> ShownError:
-    return ShownError(f"{name}={quoted(text)} is not a colour in six hexadecimal digits such as 'cce5ff'")
 
 
 def with_visibility(snapshot: Snapshot, hide: tuple[Path, ...], show: tuple[Path, ...]) -> Snapshot:
