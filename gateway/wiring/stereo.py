@@ -41,8 +41,8 @@ from gateway.stereo.routes.upload_routes import upload_router
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.set_kind import SetKind
 from gateway.viewer.sources import ImageName, StereoImages, StereoRig
+from gateway.wiring import metrics
 from gateway.wiring.context import Context
-from gateway.wiring.metrics import watch_stereo
 from gateway.wiring.scene_setting import read_scene_setting
 from gateway.wiring.telemetry import NO_TELEMETRY
 from renderers.stereo.depth.depth_images import DepthImages
@@ -65,7 +65,7 @@ async def setup(context: Context) -> None:
         _start_camera(context, number, replace(config, tokens=context.security.grpc), mount, scene, projectors)
         for number, (config, mount) in enumerate(zip(configs, mounts, strict=True))
     ]
-    watch_stereo(context.metrics, *services)
+    metrics.watch(context.metrics, metrics.STEREO, services)
     apps = [context.app]
     if settings.rest_port is not None:
         rest = FastAPI(openapi_url=None, telemetry=NO_TELEMETRY)

@@ -68,11 +68,10 @@ class _Placed:
 
 def load_usable(catalogue: Catalogue, table: tables.Model, file: str, notes: list[str]) -> LoadedModel | None:
     """Return the model in a file; None, and a note, if it cannot be used."""
-    folder = catalogue.path.parent
     try:
-        model = load_model(folder / file, table.up, tuple(folder / root for root in table.roots))
+        model = load_model(catalogue, table, file)
     except (SceneFileError, OSError) as error:
-        reason = str(error).removeprefix(f"{folder / file}: ")
+        reason = str(error).removeprefix(f"{catalogue.path.parent / file}: ")
         notes.append(f"{file}: {reason}; it is left out")
         return None
     if not model.bodies({}):

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.assets.scene_file import SceneFileError, Up
+from gateway.datasets.scenario.catalogue import Catalogue
+from gateway.datasets.scenario.tables import Model
 from gateway.gltf import AnimationTime
 from gateway.robots.reader import read_robot
 from gateway.robots.robot import Robot
@@ -69,17 +71,19 @@ _point_cache: Final[WeakCache[Mesh, Body]] = WeakCache("scenario_points")
 _model_cache: Final[Cache[tuple[object, ...], LoadedModel]] = Cache("scenario_models")
 
 
-def load_model(path: Path, up: Up, roots: tuple[Path, ...], animation: AnimationTime | None = None) -> LoadedModel:
-    """Load a model, or return it from the cache if its file has not changed. The files that it names must not change.
+def load_model(catalogue: Catalogue, table: Model, file: str, animation: AnimationTime | None = None) -> LoadedModel:
+    """Load a file of a table of models, or return it from the cache if it has not changed.
+
+    The files that it names must not change.
 
     Args:
-        up: up axis of a glTF file.
-        roots: folders with the packages of a robot file.
         animation: animation of a glTF file, and its time.
 
     Raises:
         SceneFileError, OSError: it cannot be loaded.
     """
+    folder, up = catalogue.path.parent, table.up
+    path, roots = folder / file, tuple(folder / root for root in table.roots)
     status = path.stat()
     key = (path, status.st_mtime_ns, status.st_size, up, roots, animation)
     model = _model_cache.get(key)
