@@ -14,7 +14,7 @@ from fastapi.exceptions import RequestValidationError
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
-from gateway.scene.mount import CameraSpec, Mount, parse_camera_spec, parse_mount_path, parse_mount_pose
+from gateway.scene.mount import Mount, MountedCamera, parse_mount_path, parse_mount_pose, parse_mounted_camera
 from gateway.scene.timeline import state_at
 from gateway.server.error_handlers import invalid_parameters
 from gateway.server.http_server import PortService
@@ -94,7 +94,7 @@ def _cameras(settings: Settings) -> tuple[list[StereoConfig], list[Mount]]:
         ValueError: a profile cannot be used, or two cameras have one name.
     """
     path = parse_mount_path(settings.stereo_path) if settings.stereo_path is not None else None
-    specs = [parse_camera_spec(text) for text in settings.stereo_cameras]
+    specs = [parse_mounted_camera(text) for text in settings.stereo_cameras]
     configs = [config_of(settings), *(config_of(settings, number, spec) for number, spec in enumerate(specs, 1))]
     names = [config.name for config in configs]
     if duplicates := {name for name in names if names.count(name) > 1}:
@@ -192,7 +192,7 @@ def _pairs(folder: Path, service: StereoService) -> PairImaging:
     return pair_imaging(service.scene_imaging, pairs, *geometry)
 
 
-def config_of(settings: Settings, number: int = 0, camera: CameraSpec | None = None) -> StereoConfig:
+def config_of(settings: Settings, number: int = 0, camera: MountedCamera | None = None) -> StereoConfig:
     """Return the configuration of a camera.
 
     Args:
