@@ -167,11 +167,12 @@ class Context:
 
     async def return_memory_when_idle(self) -> None:
         """Return the memory of earlier frames and scenes to the system after a while without work; never ends."""
-        before = returned = (0, 0)
+        before = at_last_return = (0, 0)
         while True:
             await asyncio.sleep(IDLE_SECONDS)
-            if self.workers.calls + self.camera_workers.calls == 0 and self._work_done == before != returned:
-                returned = before
+            is_idle = self.workers.calls + self.camera_workers.calls == 0 and self._work_done == before
+            if is_idle and before != at_last_return:
+                at_last_return = before
                 await asyncio.to_thread(process_tuning.return_memory)
             before = self._work_done
 
