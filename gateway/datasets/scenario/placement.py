@@ -68,8 +68,8 @@ def _boxes_apart(a: NDArray[np.float64], b: NDArray[np.float64], gap: float) -> 
 def _bodies_apart(p: Body, q: Body, gap: float) -> bool:
     """Return True if a plane separates two bodies by the gap.
 
-    ``nearest`` is a point of the Minkowski difference p - q. Each step brings it nearer to the origin, towards the corner
-    of the difference that lies farthest in the direction of the origin.
+    ``nearest`` is a point of the Minkowski difference p - q. Each step brings it nearer to the origin, towards the
+    corner of the difference that lies farthest in the direction of the origin.
     """
     nearest = p.mean(axis=0) - q.mean(axis=0)
     for _ in range(_ITERATIONS):
