@@ -7,7 +7,7 @@ from typing import Annotated, Final, Literal
 
 import typer
 
-app = typer.Typer(help="Commands for datasets written by `scenegate render`.", no_args_is_help=True)
+app = typer.Typer(help="Commands for datasets written by `scenegate render`, and for scenarios.", no_args_is_help=True)
 MAX_SHOWN: Final = 100
 """Maximum number of problems and of notes that are printed; the others are counted."""
 

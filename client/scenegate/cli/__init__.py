@@ -25,7 +25,7 @@ SERVER_COMMANDS: Final = {
     "view": "Show an LCM log in the browser, at any time of it.",
     "render": "Render scenes: one image, or a dataset of images, camera parameters and labels.",
     "export": "Write a scene and its motion into one file.",
-    "dataset": "Commands for datasets written by `scenegate render`.",
+    "dataset": "Commands for datasets written by `scenegate render`, and for scenarios.",
     "convert": "Write the scene of an LCM log to an MCAP file, for Foxglove and ROS 2.",
     "doctor": "Find what does not work, what that means and what to do.",
     "warmup": "Compile the rendering kernels into the cache, so that the next start is fast.",
