@@ -14,6 +14,7 @@ from gateway.scene.tree import Path, TreeEdit
 COLOR_PATTERN: Final = "^[0-9a-fA-F]{6}$"
 """Pattern of a colour: red, green and blue in hexadecimal."""
 
+_COLOR: Final = re.compile(COLOR_PATTERN)
 _paths_decoder: Final = msgspec.json.Decoder(tuple[Path, ...])
 
 
@@ -41,7 +42,7 @@ def parse_color(name: str, text: str) -> tuple[int, int, int]:
     Raises:
         ShownError: The text is not six hexadecimal digits.
     """
-    if re.fullmatch(COLOR_PATTERN, text) is None:
+    if _COLOR.fullmatch(text) is None:
         raise ShownError(f"{name}={quoted(text)} is not a colour in six hexadecimal digits such as 'cce5ff'")
     red, green, blue = bytes.fromhex(text)
     return red, green, blue
