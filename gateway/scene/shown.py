@@ -11,10 +11,9 @@ from gateway.scene.cameras import quoted
 from gateway.scene.live import Snapshot
 from gateway.scene.tree import Path, TreeEdit
 
-COLOR_PATTERN: Final = "^[0-9a-fA-F]{6}$"
-"""Pattern of a colour: red, green and blue in hexadecimal."""
-
-_COLOR: Final = re.compile(COLOR_PATTERN)
+_COLOR: Final = re.compile(r"[0-9a-fA-F]{6}")
+COLOR_PATTERN: Final = f"^{_COLOR.pattern}$"
+"""Pattern of a colour, for API descriptions: red, green and blue in hexadecimal."""
 _paths_decoder: Final = msgspec.json.Decoder(tuple[Path, ...])
 
 
