@@ -63,7 +63,7 @@ def write(folder: Path, samples: int) -> None:
         for view in job.default_views:  # far from the order of the manifest
             for source in job.sources:
                 journal.add(sample(source.name, view.name))
-        write_atomically(folder / manifest.MANIFEST_FILE, journal.lines())
+        write_atomically(folder / manifest.MANIFEST_FILE, journal.lines_in_job_order())
     (folder / manifest.JOURNAL_FILE).unlink()
     known = manifest.DatasetRecord(generator="", renderer="", settings=SETTINGS, conventions={})
     write_atomically(folder / manifest.DATASET_FILE, manifest.encode_indented(known))

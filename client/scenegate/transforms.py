@@ -55,6 +55,11 @@ def from_pose(translation: Sequence[float], quaternion: Sequence[float]) -> Matr
     return np.array(rows)
 
 
+def is_rotation(R: NDArray[np.float64], tolerance: float) -> bool:
+    """Return True if R, (3, 3), is a rotation: R^T R is the identity to a tolerance, and R does not mirror."""
+    return bool((np.abs(R.T @ R - np.eye(3)) <= tolerance).all()) and float(np.linalg.det(R)) > 0.0
+
+
 def quaternions_of(R: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the unit quaternions [w, x, y, z] of rotation matrices, by Shepperd's method (1978).
 

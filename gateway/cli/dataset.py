@@ -7,19 +7,14 @@ from typing import Annotated, Final, Literal
 
 import typer
 
-app = typer.Typer(help="Commands for datasets written by `scenegate render`.", no_args_is_help=True)
-MAX_SHOWN = 100
+app = typer.Typer(help="Commands for datasets written by `scenegate render`, and for scenarios.", no_args_is_help=True)
+MAX_SHOWN: Final = 100
 """Maximum number of problems and of notes that are printed; the others are counted."""
 
 SHEET_SUFFIXES: Final = (".jpg", ".jpeg", ".png")
 """Suffixes of contact sheets."""
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", exists=True, file_okay=False, help="Dataset folder.")]
-Format = Literal["bop", "coco", "webdataset", "hdf5"]
-
-
-@app.callback()
-def _common() -> None:
-    pass
+ExportFormat = Literal["bop", "coco", "webdataset", "hdf5"]
 
 
 @app.command()
@@ -37,14 +32,14 @@ def track(
     out: Annotated[Path, typer.Option("-o", "--out", metavar="CSV", help="File to write.")],
 ) -> None:
     """Write the poses of a node in an LCM log as a track for scenarios (pose_track)."""
-    from gateway.datasets.log_track import read_track_of_log
+    from gateway.datasets.log_track import track_csv_of_log
     from gateway.runtime.kernels.loading import ensure_compiled
     from gateway.scene.mount import parse_mount_path
 
     path = parse_mount_path(node)
     ensure_compiled(show=True)
-    table = read_track_of_log(log, path)
-    out.write_text(table)
+    table = track_csv_of_log(log, path)
+    out.write_text(table, "utf-8")
     typer.echo(f"{out}: {table.count(chr(10)) - 1} poses", err=True)
 
 
@@ -55,20 +50,16 @@ def check(
 ) -> None:
     """Verify a dataset: manifest, hashes, sizes and types of the images, cameras, labels."""
     from gateway.datasets.check import check_dataset
-    from gateway.runtime.kernels.cache import configure
     from gateway.runtime.scheduling import usable_cpus
     from scenegate.cli.progress_bar import progress_bar
 
-    configure()
-    with progress_bar("Checking", "samples", 1) as bar:
+    with progress_bar("Checking", "samples") as bar:  # the total is known at the first report
         report = check_dataset(
-            folder, threads or usable_cpus(), lambda done, total: bar.update(done, done, total=total)
+            folder, threads or usable_cpus(), lambda done, total: bar.update(done, count=done, total=total)
         )
-    for note in report.notes[:MAX_SHOWN]:
-        typer.echo(f"note: {note}", err=True)
-    for problem in report.problems[:MAX_SHOWN]:
-        typer.echo(f"scenegate: {problem}", err=True)
-    for what, lines in (("notes", report.notes), ("problems", report.problems)):
+    for start, what, lines in (("note", "notes", report.notes), ("scenegate", "problems", report.problems)):
+        for line in lines[:MAX_SHOWN]:
+            typer.echo(f"{start}: {line}", err=True)
         if len(lines) > MAX_SHOWN:
             typer.echo(f"... and {len(lines) - MAX_SHOWN} more {what}", err=True)
     typer.echo(
@@ -83,13 +74,13 @@ def check(
 def export(
     folder: Folder,
     destination: Annotated[Path, typer.Argument(metavar="DEST", help="Folder to write, empty or missing.")],
-    format_name: Annotated[Format, typer.Option("--format", help="Format to write.")],
+    format_name: Annotated[ExportFormat, typer.Option("--format", help="Format to write.")],
 ) -> None:
     """Write a dataset in another format: BOP, COCO, WebDataset or HDF5."""
     export_dataset(folder, destination, format_name)
 
 
-def export_dataset(folder: Path, destination: Path, format_name: Format, *, replace: bool = False) -> None:
+def export_dataset(folder: Path, destination: Path, format_name: ExportFormat, *, replace: bool = False) -> None:
     """Write a dataset in another format and show the progress; arguments and errors of ``formats.export``."""
     from scenegate.cli.progress_bar import progress_bar
     from scenegate.datasets import Dataset

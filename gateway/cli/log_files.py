@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
 if TYPE_CHECKING:
     from gateway.lcmlog.timeline import LogTimeline
+    from gateway.settings import Settings
 
 MeshRoot: TypeAlias = Annotated[
     str,
@@ -34,13 +35,9 @@ def open_log_file(path: Path, mesh_root: str) -> LogTimeline:
     """
     from gateway.assets.mesh_files import MeshFiles
     from gateway.lcmlog.timeline import open_log
-    from gateway.settings import SettingsError, load
     from scenegate.cli.progress_bar import progress_bar
 
-    try:
-        settings = load({"host": "127.0.0.1", "mesh_root": mesh_root})
-    except SettingsError as error:
-        raise typer.BadParameter(str(error)) from None
+    settings = load_settings({"host": "127.0.0.1", "mesh_root": mesh_root})
     files = MeshFiles(settings.mesh_folders, any_folder=settings.local_clients_read_all_folders)
     with progress_bar("Reading", "MB", path.stat().st_size) as bar:
         log = open_log(path, files, lambda position: bar.update(position, position // 1_000_000))
@@ -49,6 +46,16 @@ def open_log_file(path: Path, mesh_root: str) -> LogTimeline:
         text = f"{summary.damaged_bytes} of {summary.file_bytes} bytes are damaged or cut off"
         print_warnings(path, [f"{text}; {summary.events} complete messages were read"])
     return log
+
+
+def load_settings(values: dict[str, Any]) -> Settings:
+    """Return settings with these values; raises ``typer.BadParameter`` if one or an environment variable is invalid."""
+    from gateway.settings import SettingsError, load
+
+    try:
+        return load(values)
+    except SettingsError as error:
+        raise typer.BadParameter(str(error)) from None
 
 
 def print_warnings(path: Path, sentences: Iterable[str]) -> None:

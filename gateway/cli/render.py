@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 import typer
 from msgspec.structs import replace
 
-from gateway.cli.dataset import MAX_SHOWN, Format, export_dataset
+from gateway.cli.dataset import MAX_SHOWN, ExportFormat, export_dataset
 from gateway.cli.render_options import RenderOptions
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def run(options: RenderOptions) -> None:
 
 
 def _render_dataset(
-    options: RenderOptions, settings: Settings, views: tuple[View, ...], formats: tuple[Format, ...], threads: int
+    options: RenderOptions, settings: Settings, views: tuple[View, ...], formats: tuple[ExportFormat, ...], threads: int
 ) -> None:
     """Render a dataset and export it to ``formats``. Exit with status 1 if it is incomplete."""
     from gateway.cli.render_dataset import render_dataset
@@ -108,7 +108,7 @@ def _is_image(out: Path) -> bool:
     return out.suffix.lower() in IMAGE_SUFFIXES and not out.is_dir()
 
 
-def _check_options(options: RenderOptions, types: tuple[ImageType, ...], *, is_image: bool) -> tuple[Format, ...]:
+def _check_options(options: RenderOptions, types: tuple[ImageType, ...], *, is_image: bool) -> tuple[ExportFormat, ...]:
     """Check options before kernels are compiled and scenes are read; return the formats to export the dataset to.
 
     Raises:
@@ -165,7 +165,7 @@ def _parse_types(text: str) -> tuple[ImageType, ...]:
     return tuple(name for name in IMAGE_TYPES if name in wanted)
 
 
-def _checked_formats(names: list[str], types: tuple[ImageType, ...], out: Path) -> tuple[Format, ...]:
+def _checked_formats(names: list[str], types: tuple[ImageType, ...], out: Path) -> tuple[ExportFormat, ...]:
     """Return the formats of a dataset; raise ValueError if one cannot be written, now and not after the run."""
     from scenegate.datasets.formats import FORMATS, check_destination, check_types
 

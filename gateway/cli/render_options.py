@@ -8,12 +8,15 @@ from typing import Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from gateway.cli.robot_options import GltfUp, Joints, Keyframe, Roots, Strict
-
 
 def _file(text: str) -> Any:
     """Return the option of an existing file."""
     return Option(metavar="FILE", exists=True, dir_okay=False, help=text)
+
+
+def _folder(text: str) -> Any:
+    """Return the option of an existing folder."""
+    return Option(metavar="FOLDER", exists=True, file_okay=False, help=text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,13 +89,7 @@ class RenderOptions:
         Option("--scenes", metavar="NUMBERS", help="Scenes of a scenario: one number, or FIRST-LAST. Default: all."),
     ] = ""
     recorded: Annotated[
-        Path | None,
-        Option(
-            metavar="FOLDER",
-            exists=True,
-            file_okay=False,
-            help="Dataset of the same scenario, whose choices and settled poses are used again.",
-        ),
+        Path | None, _folder("Dataset of the same scenario, whose choices and settled poses are used again.")
     ] = None
     look: Annotated[
         Literal["auto", "phong", "plain", "studio", "pbr", "gltf"],
@@ -132,14 +129,33 @@ class RenderOptions:
     up: Annotated[
         Literal["auto", "y", "z"], Option(help="Up axis of glTF files; auto: z for Drake's files, else y.")
     ] = "auto"
-    joint: Joints = None
-    root: Roots = None
+    joint: Annotated[
+        list[str] | None,
+        Option(
+            metavar="NAME=VALUE",
+            help="Joint value of a robot file, in radians or metres; several numbers separated by commas for joints "
+            "that have several. Can be repeated.",
+        ),
+    ] = None
+    root: Annotated[
+        list[Path] | None,
+        _folder("Folder with the packages of a robot file's package:// names. Can be repeated."),
+    ] = None
     variant: Annotated[
         str, Option(metavar="NAME", help="Variant of the materials of glTF files (KHR_materials_variants).")
     ] = ""
-    keyframe: Keyframe = ""
-    robot_gltf_up: GltfUp = "y"
-    strict: Strict = False
+    keyframe: Annotated[str, Option(metavar="NAME", help="Keyframe of an MJCF file, which has the joints' values.")] = (
+        ""
+    )
+    robot_gltf_up: Annotated[
+        Literal["y", "z", "auto"],
+        Option(
+            help="Up axis of the glTF meshes of a URDF or SDF file; auto: the one that fits the collision geometry."
+        ),
+    ] = "y"
+    strict: Annotated[
+        bool, Option("--strict", help="Refuse a file of which something cannot be drawn, instead of a warning.")
+    ] = False
     threads: Annotated[int, Option(min=0, help="Number of cores to use; 0: all.")] = 0
     timeout: Annotated[
         float,

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
-from gateway.cli.log_files import MeshRoot
+from gateway.cli.log_files import MeshRoot, load_settings, open_log_file, print_warnings
+
+HOST: Final = "127.0.0.1"
+"""Loopback: the log may name mesh files of this machine."""
 
 
 def view(
@@ -17,16 +21,38 @@ def view(
     open_page: Annotated[bool, typer.Option("--open", help="Open the page in the default browser.")] = False,
 ) -> None:
     """Show an LCM log in the browser, at any time of it: tree viewer clients, Drake's simulations."""
-    from gateway.cli.view_log import view_log
-    from gateway.settings import SettingsError
+    from gateway.app import create_app
+    from gateway.cli.serve_app import serve_app
+    from gateway.runtime import logs, process_tuning
+    from gateway.runtime.kernels.loading import ensure_compiled
+    from gateway.wiring.log import LogService
+    from scenegate.cli.progress_bar import progress_bar
 
-    def on_url(url: str) -> None:
-        typer.echo(f"{log} is at {url} until Ctrl+C.", err=True)
-        if open_page:
-            typer.launch(url)
-
+    # Page and scene, without LCM, state file, demo or TLS, whatever the environment says.
+    fixed = {"only": "view,scene", "host": HOST, "workers": 1, "state": None, "demo": False, "history_seconds": 0.0}
+    without_tls = {"http_certificate": None, "http_key": None}
+    settings = load_settings({**fixed, **without_tls, "http_port": http_port, "mesh_root": mesh_root})
+    logs.configure("human" if sys.stderr.isatty() else settings.log_format, "warning")
     try:
-        code = view_log(log, http_port, mesh_root, on_url)
-    except SettingsError as error:
-        raise typer.BadParameter(str(error)) from None
+        listener = process_tuning.listen(HOST, http_port)
+    except OSError as error:
+        raise OSError(f"--http-port {http_port}: {process_tuning.listen_error(error, HOST, http_port)}") from None
+    with listener:
+        ensure_compiled(show=True)
+        timeline = open_log_file(log, mesh_root)
+        with progress_bar("Indexing", "% of the log", 1.0) as bar:
+
+            def on_progress(progress: float) -> None:
+                if progress < 1.0:
+                    bar.update(progress, int(100 * progress))
+                else:
+                    bar.end()
+
+            app = create_app(settings, log=LogService(timeline, on_progress))
+            url = f"http://{HOST}:{listener.getsockname()[1]}/view"
+            typer.echo(f"{log} is at {url} until Ctrl+C.", err=True)
+            if open_page:
+                typer.launch(url)
+            code = serve_app(app, listener, None)
+    print_warnings(log, timeline.incomplete.listed())
     raise typer.Exit(code)

@@ -14,16 +14,16 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from numpy.typing import NDArray
 
-from gateway.datasets.check_images import check_values, decoded, decoded_masks, read_image
+from gateway.datasets.check_images import check_file, checked_pixels
 from gateway.datasets.check_objects import object_problems
 from gateway.datasets.files import TEMPORARY_SUFFIX
 from gateway.datasets.scenes import scene_digest
-from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST_VIEW_NAME
+from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST_VIEW_NAME, check_pose
+from gateway.scene.cameras import CameraError
 from renderers.stop import check_stop
-from scenegate.datasets import manifest
+from scenegate.datasets import Sample, manifest
 from scenegate.datasets.manifest import (
     CameraRecord,
     FailureRecord,
@@ -187,18 +187,18 @@ def _sample_problems(
     for image_type in description.settings.types:
         if image_type not in sample.images and not is_request and image_type != "flow":  # the last view has none
             yield f"the {image_type} image is missing in the manifest"
+    reader = Sample(folder, sample)
     pixels: dict[ImageType, NDArray[Any]] = {}
     masks: Masks | None = None
     for image_type, image in sample.images.items():
         try:
-            data = read_image(folder, image)
+            check_file(folder, image)
             if image_type == "amodal":
-                masks = decoded_masks(data, sample.camera)
+                masks = reader.silhouettes
             else:
-                pixels[image_type] = decoded(image_type, data, sample.camera)
-                check_values(image_type, pixels[image_type], scene)
+                pixels[image_type] = checked_pixels(reader, image_type, scene)
         except RecordError as error:
-            yield f"{image.path}: {error}"
+            yield f"{image.path}: {str(error).removeprefix(f'{folder / image.path}: ')}"
     yield from object_problems(sample, description.classes, scene, pixels, masks)
 
 
@@ -208,12 +208,10 @@ def _camera_problems(camera: CameraRecord) -> Iterator[str]:
         yield f"camera: focal lengths ({camera.fx}, {camera.fy}) must be above 0, up to {MAX_FOCAL_PIXELS:.0e}"
     if not camera.near > 0.0 or (camera.far is not None and not camera.near < camera.far):
         yield f"camera: planes near={camera.near}, far={camera.far}"
-    pose = np.array(camera.X_world_camera)
-    rotation = pose[:3, :3]
-    if not np.isfinite(pose).all() or pose[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-        yield "camera: X_world_camera has no last row 0, 0, 0, 1, or is not finite"
-    elif (np.abs(rotation.T @ rotation - np.eye(3)) >= 3 * MAX_ROTATION_ERROR).any() or np.linalg.det(rotation) < 0.0:
-        yield "camera: X_world_camera is not a rotation and translation"
+    try:
+        check_pose(camera.X_world_camera, 3 * MAX_ROTATION_ERROR)
+    except CameraError as error:
+        yield f"camera: {error}"
 
 
 def _note_unknown_files(folder: Path, path_hashes: set[int], report: Report) -> None:

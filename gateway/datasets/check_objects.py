@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.scene.transforms import is_rotation
 from scenegate.datasets.boxes import box_of
 from scenegate.datasets.manifest import SCENE_FILE, ImageType, Masks, ObjectRecord, SampleRecord, SceneRecord
 
@@ -59,8 +60,7 @@ def _record_problems(
     expected = np.array(sample.camera.X_world_camera) @ X_camera_object
     if not (np.abs(expected - X_world_object) <= MAX_POSE_ERROR * (1.0 + np.abs(expected).max())).all():
         yield "X_world_object is not X_world_camera X_camera_object"
-    rotation = X_world_object[:3, :3]
-    if not (np.abs(rotation.T @ rotation - np.eye(3)) < MAX_POSE_ERROR).all() or np.linalg.det(rotation) < 0.0:
+    if not is_rotation(X_world_object[:3, :3], MAX_POSE_ERROR):
         yield "X_world_object is not a rotation and translation"
     if not (np.array(each.box_3d[0]) <= np.array(each.box_3d[1])).all() or 0.0 in each.scale:
         yield "box_3d or scale is empty"

@@ -112,12 +112,11 @@ class Job:
                 tasks.append(
                     Task(
                         source,
-                        tuple(views[index] for index in indices),
+                        tuple((views[index], self._next_view(views, index)) for index in indices),
                         str(self.out),
                         self.settings,
                         renderer_digest,
                         timeout=self.timeout,
-                        next_views=tuple(self._next_view(views, index) for index in indices),
                         classes=self.classes,
                     )
                 )
@@ -145,7 +144,8 @@ class Task:
     """Views of one scene that a worker process renders. It is sent to the process by pickle."""
 
     source: Source
-    views: tuple[View, ...]
+    views: tuple[tuple[View, View | None], ...]
+    """Views, each with the view after it if its sample depends on that."""
     out: str
     """Folder of the dataset."""
     settings: Settings
@@ -155,14 +155,12 @@ class Task:
     """Number of threads with which the worker renders an image."""
     timeout: float = 0.0
     """Maximum time for reading the scene, and for rendering each view, in seconds; 0: no limit."""
-    next_views: tuple[View | None, ...] = ()
-    """View after each of ``views``, for ``flow``; shorter: there are none."""
     classes: ClassTable = NO_CLASSES
     """Classes of objects."""
 
     def failed(self, reason: str) -> Result:
         """Return a result in which all views of this task have failed."""
-        return Result(failures=[FailureRecord(self.source.name, view.name, reason) for view in self.views])
+        return Result(failures=[FailureRecord(self.source.name, view.name, reason) for view, _ in self.views])
 
 
 @dataclass(slots=True)

@@ -35,7 +35,7 @@ class Journal:
         self.count = 0
         """Number of different samples that were added."""
 
-    def has(self, number: int) -> bool:
+    def has_sample(self, number: int) -> bool:
         """Return True if the sample with a number was added."""
         return self._offsets[number] != _ABSENT
 
@@ -43,7 +43,8 @@ class Journal:
         """Append a sample. It replaces an earlier sample with the same id."""
         planned = self._job.find(sample.id)
         assert planned is not None
-        self.count += not self.has(planned.number)
+        if not self.has_sample(planned.number):
+            self.count += 1
         self._offsets[planned.number] = self._end_offset
         self._end_offset += self._file.write(manifest.encode(sample) + b"\n")
 
@@ -51,12 +52,14 @@ class Journal:
         """Write buffered lines to the file, so that they are not lost if this process is killed."""
         self._file.flush()
 
-    def lines(self) -> Iterator[bytes]:
-        """Yield the lines of all samples, in the order of the job."""
+    def lines_in_job_order(self) -> Iterator[bytes]:
+        """Yield the lines of all samples."""
         self._file.flush()
-        for offset in self._offsets:
-            if offset != _ABSENT:
-                if self._file.tell() != offset:
-                    self._file.seek(offset)
-                yield self._file.readline()
-        self._file.seek(self._end_offset)
+        try:
+            for offset in self._offsets:
+                if offset != _ABSENT:
+                    if self._file.tell() != offset:
+                        self._file.seek(offset)
+                    yield self._file.readline()
+        finally:
+            self._file.seek(self._end_offset)  # where ``add`` goes on

@@ -17,7 +17,7 @@ from gateway.scene.transforms import Matrix, quaternions_of
 from gateway.scene.tree import Path as TreePath
 
 
-def read_track_of_log(log: Path, node: TreePath) -> str:
+def track_csv_of_log(log: Path, node: TreePath) -> str:
     """Return the poses of a node in the world as CSV, at the times at which they change.
 
     Times are seconds since the log's first message.
@@ -38,12 +38,10 @@ def read_track_of_log(log: Path, node: TreePath) -> str:
     for seconds, pose in _poses(log, node):
         if last is not None and np.array_equal(last, pose):
             continue
-        with np.errstate(all="ignore"):
-            axes = pose[:3, :3] / np.linalg.norm(pose[:3, :3], axis=0)  # tracks have no scale
-        row = (seconds, *pose[:3, 3].tolist(), *quaternions_of(axes[None])[0].tolist())
-        if not np.isfinite(row).all():
-            raise DatasetError(f"{log}: at {seconds:g} s the pose of {list(node)} is not finite, or has a scale of 0")
-        writer.writerow(row)
+        if not np.isfinite(pose).all():
+            raise DatasetError(f"{log}: at {seconds:g} s the pose of {list(node)} is not finite")
+        # Messages in logs have poses, so that all nodes are rigid.
+        writer.writerow((seconds, *pose[:3, 3].tolist(), *quaternions_of(pose[None, :3, :3])[0].tolist()))
         last = pose
     if last is None:
         raise DatasetError(f"{log}: it has no node at {list(node)}")
@@ -54,8 +52,10 @@ def _poses(log: Path, node: TreePath) -> Iterator[tuple[float, Matrix]]:
     """Yield the time and X_world_node after each message that the live tree shows, while it has the node."""
     with LogReplay(log, MeshFiles(())) as replay:  # the shapes of meshes do not matter
         begin = replay.next_time_ns
-        while (event := replay.next_event) is not None and begin is not None:
-            replay.step()
+        if begin is None:
+            return
+        while (event := replay.next_event) is not None:
+            replay.step()  # applies the event
             pose = replay.snapshot.root.world_matrix(node) if is_shown(event.channel) else None
             if pose is not None:
                 yield (replay.clock.time_ns - begin) / 1e9, pose

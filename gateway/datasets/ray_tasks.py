@@ -30,29 +30,29 @@ def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
         import ray
     except ImportError:
         raise DatasetError("Ray is not installed: pip install 'scenegate[ray]'") from None
-    must_start = not ray.is_initialized()
-    if must_start:
+    connects_here = not ray.is_initialized()
+    if connects_here:
         try:
             ray.init(address, log_to_driver=False, logging_level="ERROR", namespace="scenegate")
         except (ConnectionError, ValueError, RuntimeError, OSError) as error:
-            raise DatasetError(f"there is no Ray cluster at {address}: {str(error).splitlines()[0]}") from None
+            raise DatasetError(f"there is no Ray cluster at {address}: {_first_line(error)}") from None
     try:
         yield from _results(ray, tasks)
     finally:
-        if must_start:
+        if connects_here:
             ray.shutdown()
 
 
 def _results(ray: Any, tasks: list[Task]) -> Iterator[Result]:
     """Yield the results of tasks in the order in which they finish. ``ray`` is the imported module."""
-    remote_function = ray.remote(num_cpus=1, max_retries=MAX_RETRIES)(run_pickled_task)
+    run_remotely = ray.remote(num_cpus=1, max_retries=MAX_RETRIES)(run_pickled_task)
     pending = iter(tasks)
     running: dict[Any, Task] = {}
     while True:
         # Nodes may join and leave, so the number of cores may change.
         max_running = max(TASKS_PER_CORE * int(ray.cluster_resources().get("CPU", 1)), 1)
         while len(running) < max_running and (task := next(pending, None)) is not None:
-            running[remote_function.remote(pickle.dumps(task))] = task
+            running[run_remotely.remote(pickle.dumps(task))] = task
         if not running:
             return
         finished, _ = ray.wait(list(running))
@@ -60,15 +60,22 @@ def _results(ray: Any, tasks: list[Task]) -> Iterator[Result]:
             task = running.pop(reference)
             try:
                 yield pickle.loads(ray.get(reference))  # noqa: S301 - pickled by our own worker
+            except ray.exceptions.RayTaskError as error:  # ``run_task`` raises none, but its imports may
+                yield task.failed(f"the worker failed: {_first_line(error)}")
             except ray.exceptions.RayError as error:
-                yield task.failed(f"Ray gave up after {MAX_RETRIES} retries: {str(error).strip().splitlines()[0]}")
+                yield task.failed(f"Ray gave up after {MAX_RETRIES} retries: {_first_line(error)}")
+
+
+def _first_line(error: Exception) -> str:
+    """Return the first line of an error's text, or its type if there is none."""
+    return next(iter(str(error).strip().splitlines()), type(error).__name__)
 
 
 def run_pickled_task(task: bytes) -> bytes:
     """Run a task in a worker process of Ray; return the pickled result.
 
-    Task and result are pickled here and not by Ray, because unpickling a task imports Numba. The kernel cache must be
-    configured before that.
+    Task and result are pickled here and not by Ray, because unpickling a task imports Numba, and ``ensure_compiled``
+    configures the kernel cache before that.
     """
     from gateway.runtime.kernels.loading import ensure_compiled
 

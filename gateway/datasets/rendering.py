@@ -157,13 +157,7 @@ def render_sample(
     if "measured" in formats and inputs.sensor is not None:
         images["measured"] = png_gray16(inputs.sensor.measure(scene.draw_list, camera, look, inputs.noise_seed))
     if "flow" in formats and inputs.next_camera is not None:
-        assert frame.depth is not None
-        X = None
-        if inputs.next_scene is not None and frame.instance is not None:
-            X = instance_motions(scene.draw_list, camera, inputs.next_scene.draw_list, inputs.next_camera)[
-                frame.instance
-            ]
-        images["flow"] = flow_file(flow_between(frame.depth, camera, inputs.next_camera, X))
+        images["flow"] = _flow(frame, inputs, inputs.next_camera)
     if inputs.annotated is None:
         return images, ()
     found = annotate(renderer, inputs.annotated, camera, frame, look, with_masks="amodal" in formats)
@@ -174,6 +168,16 @@ def render_sample(
     if "amodal" in formats:
         images["amodal"] = msgspec.json.encode(found.masks)
     return images, found.objects
+
+
+def _flow(frame: Frame, inputs: SampleInputs, next_camera: Camera) -> bytes:
+    """Return the flow file of a frame, which has depth and, if objects move, instances."""
+    assert frame.depth is not None
+    X_next_camera = None
+    if inputs.next_scene is not None and frame.instance is not None:
+        motions = instance_motions(inputs.scene.draw_list, inputs.camera, inputs.next_scene.draw_list, next_camera)
+        X_next_camera = motions[frame.instance]
+    return flow_file(flow_between(frame.depth, inputs.camera, next_camera, X_next_camera))
 
 
 def _look_of(scene: LoadedScene, style: Style) -> Look:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Final
 
 from gateway import __version__
@@ -21,7 +22,7 @@ from renderers.compiler import cache_folder
 from scenegate.datasets import manifest
 from scenegate.datasets.manifest import FailureRecord, SampleRecord
 
-Execute = Callable[[list[Task]], Iterator[Result]]
+TaskRunner = Callable[[list[Task]], Iterator[Result]]
 """Function that runs tasks in worker processes, and yields their results in any order."""
 
 CONVENTIONS: Final = {
@@ -68,7 +69,7 @@ class Progress:
         return self.kept + self.rendered
 
 
-def run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Progress:
+def run(job: Job, run_tasks: TaskRunner, report: Callable[[Progress], None]) -> Progress:
     """Render the samples of a job that its folder does not have.
 
     Args:
@@ -80,58 +81,68 @@ def run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Progr
     """
     job.out.mkdir(parents=True, exist_ok=True)
     with locked(job.out):
-        return _run(job, execute, report)
+        return _run_locked(job, run_tasks, report)
 
 
-def _run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Progress:
+def _run_locked(job: Job, run_tasks: TaskRunner, report: Callable[[Progress], None]) -> Progress:
     """Run a job whose folder is locked."""
-    out = job.out
-    renderer_digest = cache_folder.sources_digest()
-    existing = existing_dataset(job)
-    is_cut = existing is not None and ends_in_partial_line(out / manifest.MANIFEST_FILE)
+    out, existing = job.out, existing_dataset(job)
+    manifest_was_cut = existing is not None and ends_in_partial_line(out / manifest.MANIFEST_FILE)
     description = manifest.DatasetRecord(
         generator=f"scenegate {__version__}",
-        renderer=renderer_digest,
+        renderer=cache_folder.sources_digest(),
         settings=job.settings,
         conventions=CONVENTIONS,
         classes=job.classes.names,
     )
-    if existing is None:
+    if existing is None:  # before all other files: the next run takes the folder for this job's, however this one ends
         write_atomically(out / manifest.DATASET_FILE, manifest.encode_indented(description))
     with temporary_name(out / manifest.JOURNAL_FILE) as temporary, temporary.open("w+b") as file:
         journal = Journal(job, file)
-        if existing is not None and existing.renderer == renderer_digest:  # another version renders all samples again
+        if existing is not None and existing.renderer == description.renderer:  # another one renders all samples again
             for sample in valid_samples(job, usable_cpus()):
                 journal.add(sample)
         journal.flush()
-        # The new journal has all valid samples. The old manifest is removed: the next run would use its samples, even
-        # if another version rendered them.
         temporary.replace(out / manifest.JOURNAL_FILE)
-        for name in (manifest.MANIFEST_FILE, manifest.FAILURES_FILE):
-            (out / name).unlink(missing_ok=True)
-        write_atomically(out / manifest.DATASET_FILE, manifest.encode_indented(description))
-        unusable_sources = (
+        if existing is not None:
+            _forget_earlier_run(out, description)
+        source_failures = (
             FailureRecord(source.printable_name, None, source.problem) for source in job.sources if source.problem
         )
-        progress = Progress(job.size, kept=journal.count, failures=dict.fromkeys(unusable_sources))
-        if is_cut:
+        progress = Progress(job.size, kept=journal.count, failures=dict.fromkeys(source_failures))
+        if manifest_was_cut:
             progress.notes.append(
                 f"the last line of {manifest.MANIFEST_FILE} was cut off; its sample is rendered again"
             )
         report(progress)
-        for result in execute(job.tasks(journal.has, renderer_digest)):
-            if result.samples and not progress.rendered:
-                _check_space(job, result.samples, job.size - journal.count)
-            for sample in result.samples:
-                journal.add(sample)
-            journal.flush()
-            progress.rendered += len(result.samples)
-            progress.failures.update(dict.fromkeys(result.failures))
-            if result.warnings and result.samples:
-                progress.warnings[result.samples[0].scene] = result.warnings
+        for result in run_tasks(job.tasks(journal.has_sample, description.renderer)):
+            _add(result, job, journal, progress)
             report(progress)
         _finish(job, journal, progress.failures)
     return progress
+
+
+def _forget_earlier_run(out: Path, description: manifest.DatasetRecord) -> None:
+    """Remove the manifest of an earlier run, whose valid samples the journal has, and replace its description.
+
+    In this order: once the description names this renderer, the next run takes all samples in the folder for its own.
+    """
+    for name in (manifest.MANIFEST_FILE, manifest.FAILURES_FILE):
+        (out / name).unlink(missing_ok=True)
+    write_atomically(out / manifest.DATASET_FILE, manifest.encode_indented(description))
+
+
+def _add(result: Result, job: Job, journal: Journal, progress: Progress) -> None:
+    """Add the result of a task to the journal and the progress."""
+    if result.samples and not progress.rendered:
+        _check_space(job, result.samples, job.size - journal.count)
+    for sample in result.samples:
+        journal.add(sample)
+    journal.flush()
+    progress.rendered += len(result.samples)
+    progress.failures.update(dict.fromkeys(result.failures))
+    if result.warnings and result.samples:
+        progress.warnings[result.samples[0].scene] = result.warnings
 
 
 def _check_space(job: Job, samples: list[SampleRecord], missing: int) -> None:
@@ -158,5 +169,5 @@ def _finish(job: Job, journal: Journal, failures: Iterable[FailureRecord]) -> No
         write_atomically(
             out / manifest.FAILURES_FILE, (manifest.encode(failure) + b"\n" for failure in sorted_failures)
         )
-    write_atomically(out / manifest.MANIFEST_FILE, journal.lines())
+    write_atomically(out / manifest.MANIFEST_FILE, journal.lines_in_job_order())
     (out / manifest.JOURNAL_FILE).unlink()

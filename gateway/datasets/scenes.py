@@ -17,7 +17,7 @@ from gateway.datasets.objects import SceneObject, objects_of
 from gateway.datasets.scenario.catalogue import Catalogue, read_catalogue
 from gateway.datasets.scenario.choices import SceneChoices
 from gateway.datasets.scenario.tables import ScenarioError
-from gateway.datasets.sources import GLTF_SUFFIXES, Source, SourceKind
+from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import SceneCamera, View, scene_views, usable_camera
 from gateway.gltf import GltfCamera, read_mesh_names
 from gateway.render.config import RenderConfig
@@ -25,7 +25,7 @@ from gateway.render.errors import RequestError
 from gateway.render.form import FormReader
 from gateway.render.labels import labels_of
 from gateway.render.request import RenderRequest
-from gateway.robots.scene_files import DEFAULT_OPTIONS, SceneOptions, read_scene
+from gateway.robots.scene_files import DEFAULT_OPTIONS, GLTF_SUFFIXES, SceneOptions, read_scene
 from gateway.runtime.warning_list import WarningList
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Part

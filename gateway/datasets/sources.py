@@ -8,9 +8,9 @@ from enum import Enum
 from pathlib import Path
 from typing import Final
 
-from gateway.assets.mesh_formats import FORMATS
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.scenario.catalogue import read_catalogue
+from gateway.robots.scene_files import AMBIGUOUS_SUFFIXES, FOLDER_SUFFIXES
 
 
 class SourceKind(Enum):
@@ -28,15 +28,12 @@ TREE_SUFFIX: Final = ".tree.json"
 """Suffix of tree viewer requests in folders. If the command names the file, .json suffices."""
 REQUEST_SUFFIX: Final = ".multipart"
 """Suffix of render requests that ``--keep-failures`` recorded. The file is the unchanged body of the POST."""
-GLTF_SUFFIXES: Final = (".gltf", ".glb")
-_MESH_SUFFIXES: Final = tuple(f".{name}" for name in sorted(FORMATS - {"gltf", "glb"}))
-_FILE_SUFFIXES: Final = (*GLTF_SUFFIXES, *_MESH_SUFFIXES, ".urdf", ".sdf", ".mjcf")
-_SUFFIXES: Final = ", ".join((*_FILE_SUFFIXES, TREE_SUFFIX, REQUEST_SUFFIX))
+_SUFFIXES: Final = ", ".join((*FOLDER_SUFFIXES, TREE_SUFFIX, REQUEST_SUFFIX))
 """Suffixes of scene files, for error messages."""
 _NAMED_SUFFIXES: Final = {
     ".json": SourceKind.TREE,
     ".toml": SourceKind.SCENARIO,
-    **dict.fromkeys((".xml", ".world", ".xacro"), SourceKind.FILE),
+    **dict.fromkeys(AMBIGUOUS_SUFFIXES, SourceKind.FILE),
 }
 """Suffixes of files that may be something else, so that they are scenes only if a command names them."""
 MAX_NAME_CHARS: Final = 200
@@ -135,4 +132,4 @@ def kind_of(path: Path) -> SourceKind | None:
         return SourceKind.TREE
     if name.endswith(REQUEST_SUFFIX):
         return SourceKind.REQUEST
-    return SourceKind.FILE if name.endswith(_FILE_SUFFIXES) else None
+    return SourceKind.FILE if name.endswith(FOLDER_SUFFIXES) else None

@@ -26,6 +26,7 @@ from gateway.scene.cameras import (
     StereoCamera,
     parse_camera,
 )
+from gateway.scene.transforms import is_rotation
 from gateway.scene.tree import Node
 from gateway.scene.viewpoints import orthographic_camera, resolve_camera
 from renderers.camera import Camera
@@ -91,7 +92,7 @@ class View:
         if isinstance(self.pose, str) and isinstance(parse_camera(self.pose), StereoCamera):
             raise CameraError("camera 'stereo': there is no stereo camera without a gateway")
         if isinstance(self.pose, tuple):
-            _check_pose(self.pose)
+            check_pose(self.pose)
         if self.intrinsics.fovy is not None and self.intrinsics.fy is not None:
             raise CameraError(f"view {self.name}: fovy and fy say the same thing; give one of them")
 
@@ -199,35 +200,28 @@ def usable_camera(cameras: Sequence[GltfCamera], draw_list: DrawList) -> tuple[G
 
 def _camera_from_file(file_camera: GltfCamera, width: int, height: int, draw_list: DrawList) -> Camera:
     """Return the camera of a scene file for an image size in pixels."""
-    if file_camera.yfov is None:
-        try:
-            pose = rigid_pose(file_camera.X_world_camera, file_camera.name)
-        except RequestError as error:
-            raise CameraError(f"the file's camera {file_camera.name!r}: {error}") from None
-        if not file_camera.xmag or not math.isfinite(file_camera.xmag):
-            raise CameraError(f"the file's camera {file_camera.name!r} has neither yfov nor xmag")
-        xmag = abs(file_camera.xmag)
-        return orthographic_camera(pose, width, height, xmag, draw_list, file_camera.znear, file_camera.zfar)
-    if not 0.0 < file_camera.yfov < math.pi:
-        raise CameraError(f"the file's camera {file_camera.name!r}: yfov = {file_camera.yfov:g} is not in 0 .. pi")
-    focal_length = 0.5 * height / math.tan(0.5 * file_camera.yfov)
-    far = file_camera.zfar if file_camera.zfar is not None else math.inf
+    near, far = file_camera.znear, file_camera.zfar
     try:
         pose = rigid_pose(file_camera.X_world_camera, file_camera.name)
-        return Camera(
-            width, height, focal_length, focal_length, 0.5 * width, 0.5 * height, file_camera.znear, far, pose
-        )
-    except (RequestError, ValueError) as error:
+        if file_camera.yfov is None:
+            if not file_camera.xmag or not math.isfinite(file_camera.xmag):
+                raise CameraError("it has neither yfov nor xmag")
+            return orthographic_camera(pose, width, height, abs(file_camera.xmag), draw_list, near, far)
+        if not 0.0 < file_camera.yfov < math.pi:
+            raise CameraError(f"yfov = {file_camera.yfov:g} is not in 0 .. pi")
+        focal_length = 0.5 * height / math.tan(0.5 * file_camera.yfov)
+        far = math.inf if far is None else far
+        return Camera(width, height, focal_length, focal_length, 0.5 * width, 0.5 * height, near, far, pose)
+    except (RequestError, ValueError) as error:  # CameraErrors are ValueErrors
         raise CameraError(f"the file's camera {file_camera.name!r}: {error}") from None
 
 
-def _check_pose(rows: Pose) -> None:
-    """Raise CameraError unless a matrix is a rotation and a translation."""
+def check_pose(rows: Pose, max_error: float = MAX_ROTATION_ERROR) -> None:
+    """Raise CameraError unless a matrix is a rotation, whose R^T R may be wrong by ``max_error``, and a translation."""
     pose = np.array(rows)
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or not (pose[3] == (0.0, 0.0, 0.0, 1.0)).all():
         raise CameraError("X_world_camera must be four rows of four finite numbers, the last of them 0, 0, 0, 1")
-    rotation = pose[:3, :3]
-    if not (np.abs(rotation.T @ rotation - np.eye(3)) < MAX_ROTATION_ERROR).all() or np.linalg.det(rotation) < 0.0:
+    if not is_rotation(pose[:3, :3], max_error):
         raise CameraError("X_world_camera must be a rotation and a translation: it is scaled, sheared or mirrored")
 
 

@@ -11,7 +11,6 @@ import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, lru_cache, partial
-from itertools import zip_longest
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -77,7 +76,7 @@ def run_task(task: Task) -> Result:
     except Exception as error:  # noqa: BLE001 - one bad scene must not end the others
         return Result(failures=[FailureRecord(scene_name, None, _error_text(error))])
     result = Result(warnings=scene.description.warnings if warning is None else (*scene.description.warnings, warning))
-    for view, next_view in zip_longest(task.views, task.next_views):
+    for view, next_view in task.views:
         try:
             render = partial(_render_sample, task, scene, annotated, view, next_view)
             result.samples.append(_with_timeout(task, render))

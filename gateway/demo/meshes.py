@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.scene.image_meshes import rectangle
 from renderers import primitives
 from renderers.drawlist import Mesh
 from renderers.tubes import tube
@@ -19,13 +20,7 @@ def tile(half_side: float, repeats: float) -> Mesh:
         half_side: half the length of a side, metres.
         repeats: number of copies of the texture along each side.
     """
-    corners = np.array(((-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)), np.float32)
-    return Mesh(
-        corners * np.float32(half_side),
-        np.array(((0, 1, 2), (0, 2, 3)), np.uint32),
-        normals=np.tile(np.array((0.0, 0.0, 1.0), np.float32), (4, 1)),
-        uv0=(corners[:, :2] * np.array((0.5, -0.5), np.float32) + np.float32(0.5)) * np.float32(repeats),
-    )
+    return rectangle(2.0 * half_side, 2.0 * half_side, repeats)
 
 
 def textured_box(x: float, y: float, z: float) -> Mesh:

@@ -162,11 +162,8 @@ class LogReplay(Closing):
     def _apply(self, event: Event) -> Sequence[str]:
         if not event.channel.startswith(wire.REQUEST):
             shown = self._drake.state.shown_at
-            if (
-                len(shown) >= MAX_CHANNELS
-                and event.channel not in shown
-                and not self._drake.has_fixed_name(event.channel)
-            ):
+            is_new = event.channel not in shown and not self._drake.has_fixed_name(event.channel)
+            if is_new and len(shown) >= MAX_CHANNELS:
                 return (f"{len(shown)} channels of clouds and frames are shown, which is the limit",)
             return self._drake.handle(event.channel, event.data)
         response = self._tree.handle(event.data)

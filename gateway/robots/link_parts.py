@@ -21,13 +21,13 @@ from renderers.drawlist import Image, ImageError, Material, Texture
 from renderers.images import image_from_bytes
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.link_files import LinkFiles, color_of
-from scenegate.robots.link_model import Cone, Link, LinkGeometry, LinkMaterial, MeshReference
+from scenegate.robots.link_model import Cone, LinkGeometry, LinkMaterial, MeshReference
 
 
-class LinkParts(LinkFiles[tuple[Part, ...], tuple[Image, tuple[float, float, float]]]):
+class LinkParts(LinkFiles[Part, tuple[Part, ...], tuple[Image, tuple[float, float, float]]]):
     """Converts geometry to parts. An image comes with its mean colour."""
 
-    faults = (*LinkFiles.faults, MeshFormatError, GltfError, ImageError)
+    read_errors = (*LinkFiles.read_errors, MeshFormatError, GltfError, ImageError)
 
     def __init__(self, files: RobotFiles, limits: RobotLimits, warnings: list[str], gltf_up: Literal["y", "z"]) -> None:
         """
@@ -37,12 +37,6 @@ class LinkParts(LinkFiles[tuple[Part, ...], tuple[Image, tuple[float, float, flo
         super().__init__(files, warnings)
         self._gltf_up: Up = "auto" if gltf_up == "y" else "z"
         self._limits = limits
-
-    def parts_of_links(self, links: tuple[Link, ...]) -> tuple[tuple[Part, ...], ...]:
-        """Return the parts of each link, in the link's frame."""
-        return tuple(
-            tuple(part for geometry in link.geometries for part in self._parts(link.name, geometry)) for link in links
-        )
 
     def _parts(self, link: str, geometry: LinkGeometry) -> list[Part]:
         shape, X = geometry.shape, geometry.X_link_geometry
@@ -55,7 +49,7 @@ class LinkParts(LinkFiles[tuple[Part, ...], tuple[Image, tuple[float, float, flo
         X = X @ scaling(*shape.scale)
         return [
             msgspec.structs.replace(part, X_node_part=X @ part.X_node_part)
-            for part in with_default_materials(self._mesh(link, shape.filename) or (), material, textured)
+            for part in with_default_materials(self._mesh_or_warning(link, shape.filename) or (), material, textured)
         ]
 
     def _materials(self, link: str, material: LinkMaterial | None) -> tuple[Material, Material]:
@@ -64,7 +58,7 @@ class LinkParts(LinkFiles[tuple[Part, ...], tuple[Image, tuple[float, float, flo
         The first has the texture's mean colour.
         """
         rgba = np.array(color_of(material))
-        texture = self._image(link, material)
+        texture = self._texture_or_warning(link, material)
         if material is None or texture is None:
             plain = diffuse_material(rgba, None)
             return plain, plain

@@ -14,7 +14,8 @@ from gateway.robots.mjcf_compiler import compile_mjcf
 from gateway.robots.mjcf_files import MjcfFiles
 from gateway.robots.mjcf_geometry import MjcfGeometry
 from gateway.robots.robot import Robot
-from scenegate.robots.errors import RobotFileError, name_hint
+from scenegate.name_hint import name_hint
+from scenegate.robots.errors import RobotFileError
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.limits import check_count
 from scenegate.robots.robot import GeometryUse, Joint, JointKind, Mimic

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from gateway.robots.mjcf_materials import MjcfMaterials
 from gateway.scene.geometry import Part, Shape, Surface
+from gateway.scene.image_meshes import rectangle
 from gateway.scene.transforms import from_pose
 from renderers.drawlist import Mesh
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
@@ -97,11 +99,9 @@ class MjcfGeometry:
     def _plane(self, index: int, size: list[float]) -> Mesh:
         """Return a rectangle at z = 0 with half side lengths ``size[:2]``, metres; 0: infinite."""
         x, y = (half if half > 0.0 else INFINITE_PLANE_HALF_SIDE for half in size[:2])
-        corners = np.array(((-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)), np.float32)
-        uv = corners[:, :2] * self._materials.plane_repeats(index, x, y)
-        normals = np.tile(np.array((0.0, 0.0, 1.0), np.float32), (4, 1))
-        triangles = np.array(((0, 1, 2), (0, 2, 3)), np.uint32)
-        return Mesh(corners, triangles, normals=normals, uv0=np.ascontiguousarray(uv, np.float32))
+        plane = rectangle(2.0 * x, 2.0 * y)
+        uv = plane.positions[:, :2] * self._materials.plane_repeats(index, x, y)
+        return replace(plane, uv0=np.ascontiguousarray(uv, np.float32))
 
     def _mesh(self, mesh: int) -> Mesh:
         """Return a mesh with one index for each corner. MuJoCo has separate indices of position, normal and uv."""

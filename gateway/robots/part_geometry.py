@@ -16,7 +16,7 @@ from gateway.scene import geometry as scene
 from gateway.scene.geometry import Part
 from gateway.scene.materials import mean_color
 from gateway.scene.meshing import meshes_of
-from gateway.scene.transforms import quaternions_of
+from gateway.scene.transforms import is_rotation, quaternions_of
 from renderers.color import srgb_from_linear
 from renderers.drawlist import Material
 from scenegate.messages.geometry import Geometry, Mesh, PointCloud, Solid, Transform
@@ -36,7 +36,7 @@ def geometries_of(part: Part, images: PartImages | None) -> Iterator[Geometry]:
         points = shape.points @ X[:3, :3].T + X[:3, 3]
         yield PointCloud(points, rgb=shape.channels.get("rgb"), color=_color(part.material))
         return
-    if isinstance(shape, Solid) and _is_rigid(X):
+    if isinstance(shape, Solid) and is_rotation(X[:3, :3], _RIGID_TOLERANCE):
         transform = Transform(X[:3, 3].tolist(), quaternions_of(X[None, :3, :3])[0].tolist())
         yield msgspec.structs.replace(shape, color=_color(part.material), transform=transform)
         return
@@ -49,12 +49,6 @@ def geometries_of(part: Part, images: PartImages | None) -> Iterator[Geometry]:
         fields = {} if images is None else images.fields(mesh, part.material)
         color = _color(part.material, with_texture="image" not in fields)
         yield Mesh(mesh.positions @ X_node_mesh[:3, :3].T + X_node_mesh[:3, 3], faces, color=color, **fields)
-
-
-def _is_rigid(X: NDArray[np.float64]) -> bool:
-    """Return True if a transform, (4, 4), neither scales nor shears nor mirrors."""
-    R = X[:3, :3]
-    return np.allclose(R.T @ R, np.eye(3), rtol=0.0, atol=_RIGID_TOLERANCE) and float(np.linalg.det(R)) > 0.0
 
 
 def _color(material: Material, *, with_texture: bool = True) -> NDArray[np.float64]:

@@ -18,9 +18,13 @@ from scenegate.robots.joint_text import parse_joints
 from scenegate.robots.reader import SUFFIXES
 from scenegate.warning_text import strict_refusal
 
-_GLTF_SUFFIXES: Final = (".gltf", ".glb")
-SCENE_SUFFIXES: Final = (*_GLTF_SUFFIXES, *sorted({f".{name}" for name in FORMATS} - set(_GLTF_SUFFIXES)), *SUFFIXES)
+GLTF_SUFFIXES: Final = (".gltf", ".glb")
+SCENE_SUFFIXES: Final = (*GLTF_SUFFIXES, *sorted({f".{name}" for name in FORMATS} - set(GLTF_SUFFIXES)), *SUFFIXES)
 """Suffixes of scene files."""
+AMBIGUOUS_SUFFIXES: Final = (".xml", ".world", ".xacro")
+"""Suffixes of robot files that other files have, too, or that are only parts of robots."""
+FOLDER_SUFFIXES: Final = tuple(suffix for suffix in SCENE_SUFFIXES if suffix not in AMBIGUOUS_SUFFIXES)
+"""Suffixes of the scene files that are found in folders. Files of the others are scenes if they are named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +67,7 @@ def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile
 
 def _read(path: Path, options: SceneOptions) -> SceneFile:
     suffix = path.suffix.lower()
-    if suffix in _GLTF_SUFFIXES:
+    if suffix in GLTF_SUFFIXES:
         return read_scene_file(path, up=options.up, variant=options.variant or None, animation=options.animation)
     if suffix in SUFFIXES:
         return _read_robot(path, options)

@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final
 
 import msgspec
 
 from gateway.scene.geometry import Part
+from gateway.scene.materials import TEXTURE_FIELDS
 from renderers.drawlist import Image, ImageError, Material, Texture
-
-_TEXTURE_FIELDS: Final = (
-    "base_color_texture",
-    "metallic_roughness_texture",
-    "normal_texture",
-    "occlusion_texture",
-    "emissive_texture",
-)
 
 
 def without_broken_textures(parts: tuple[Part, ...], max_pixels: int, warnings: list[str]) -> tuple[Part, ...]:
@@ -37,7 +29,7 @@ def without_broken_textures(parts: tuple[Part, ...], max_pixels: int, warnings: 
         if part.material in materials:
             continue
         broken: dict[str, None] = {}
-        for field in _TEXTURE_FIELDS:
+        for field in TEXTURE_FIELDS:
             texture: Texture | None = getattr(part.material, field)
             if texture is None:
                 continue

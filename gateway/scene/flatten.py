@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from gateway.scene.geometry import Part
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import Snapshot
-from gateway.scene.materials import faded
+from gateway.scene.materials import TEXTURE_FIELDS, faded
 from gateway.scene.meshing import meshes_of
 from gateway.scene.transforms import IDENTITY, Matrix, from_poses
 from gateway.scene.tree import Node, Path, PathElement
-from renderers.drawlist import LABEL_NONE, DrawList, Image, Instance, Material, Mesh
+from renderers.drawlist import LABEL_NONE, DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.stop import check_stop
 
 DRAWABLE: Final = 1e15
@@ -297,13 +297,6 @@ def images_of(materials: Iterable[Material]) -> tuple[Image, ...]:
     """Return the different images of all materials, in the order of first use."""
     images: dict[Image, None] = {}
     for material in {id(material): material for material in materials}.values():  # by id: comparing values is slow
-        for texture in (
-            material.base_color_texture,
-            material.metallic_roughness_texture,
-            material.normal_texture,
-            material.occlusion_texture,
-            material.emissive_texture,
-        ):
-            if texture is not None:
-                images[texture.image] = None
+        textures: list[Texture | None] = [getattr(material, field) for field in TEXTURE_FIELDS]
+        images |= {texture.image: None for texture in textures if texture is not None}
     return tuple(images)

@@ -48,44 +48,6 @@ class _Segment:
         return bisect_right(self.changes, timestamp, key=lambda each: each.timestamp)
 
 
-class _Rebuilt(NamedTuple):
-    segment: _Segment
-    change_count: int
-    """Number of the segment's changes that it contains."""
-    snapshot: Snapshot
-
-
-@dataclass(slots=True, eq=False)
-class _Segments:
-    """Segments with the states that were rebuilt from them last. Used with the history's lock."""
-
-    segments: deque[_Segment]
-    """Oldest first; at least one."""
-    rebuilt: deque[_Rebuilt] = field(default_factory=lambda: deque(maxlen=REBUILT_STATES))
-
-    def at(self, timestamp: int) -> _Segment:
-        """Return the segment with the state at a time; the first one if the time is earlier."""
-        index = bisect_right(self.segments, timestamp, key=lambda each: each.keyframe.timestamp)
-        return self.segments[max(0, index - 1)]
-
-    def best_base(self, segment: _Segment, change_count: int) -> _Rebuilt:
-        """Return the last known state of a segment that has at most so many changes."""
-        bases = (each for each in self.rebuilt if each.segment is segment and each.change_count <= change_count)
-        return max(bases, key=lambda each: each.change_count, default=_Rebuilt(segment, 0, segment.keyframe))
-
-    def keep(self, state: _Rebuilt) -> None:
-        """Keep a rebuilt state, unless its segment was dropped meanwhile."""
-        if state.segment in self.segments:
-            self.rebuilt.append(state)
-
-    def drop_first(self) -> None:
-        """Drop the oldest segment and its states."""
-        dropped = self.segments.popleft()
-        kept = [each for each in self.rebuilt if each.segment is not dropped]
-        self.rebuilt.clear()
-        self.rebuilt.extend(kept)
-
-
 @dataclass(frozen=True, slots=True)
 class _HeldHistory:
     """The states of a history at some time: a ``Timeline``."""
@@ -158,7 +120,7 @@ class TreeHistory:
         """First and last time that have a state. The last one is now."""
         now = max(self._clock(), self._tree.snapshot.timestamp)
         with self._lock:
-            recorded_since = max(self._recorded.segments[0].keyframe.timestamp, self._recording_start)
+            recorded_since = max(self._segments[0].keyframe.timestamp, self._recording_start)
         first = max(recorded_since, now - self._kept_nanoseconds)
         return min(first, now), now  # a clock that was set back is before what was recorded
 
@@ -166,11 +128,11 @@ class TreeHistory:
     def nbytes(self) -> int:
         """Estimate of the memory."""
         with self._lock:
-            return sum(segment.nbytes for segment in self._recorded.segments)
+            return sum(segment.nbytes for segment in self._segments)
 
     async def snapshot_at(self, timestamp: int) -> Snapshot:
         """Return the state that was valid at a time; times outside the span are clamped."""
-        return await self._state_at(timestamp, self._tree.snapshot, self._recorded)
+        return await self._state_at(timestamp, self._tree.snapshot, self._segments)
 
     def simulation_seconds_at(self, timestamp: int) -> None:
         """Return None: the live tree has no time of a simulation."""
@@ -179,10 +141,10 @@ class TreeHistory:
         """Return the states of the present span, which stay as long as the result is used."""
         span, newest = self.span, self._tree.snapshot
         with self._lock:
-            segments = _Segments(deque(self._recorded.segments))
+            segments = self._segments.copy()
         return _HeldHistory(span, partial(self._state_at, newest=newest, segments=segments))
 
-    async def _state_at(self, timestamp: int, newest: Snapshot, segments: _Segments) -> Snapshot:
+    async def _state_at(self, timestamp: int, newest: Snapshot, segments: deque[_Segment]) -> Snapshot:
         """Return the state that was valid at a time.
 
         Args:
@@ -192,20 +154,21 @@ class TreeHistory:
         if timestamp >= newest.timestamp:
             return newest
         with self._lock:
-            segment = segments.at(timestamp)
+            number = bisect_right(segments, timestamp, key=lambda each: each.keyframe.timestamp)
+            segment = segments[max(0, number - 1)]  # the first one also for earlier times
             change_count = segment.count_at(timestamp)
             if not change_count:
                 return segment.keyframe
             # A revision is one state, also in a held history. Several states may have the same timestamp.
             if segment.changes[change_count - 1].revision == self._last_recorded.revision:
                 return self._last_recorded
-        return await self._to_thread(lambda: self._rebuild(segment, change_count, segments))
+        return await self._to_thread(lambda: self._rebuild(segment, change_count))
 
     def record(self) -> None:
         """Record the newest state, and drop old ones."""
         snapshot = self._tree.snapshot
         with self._lock:
-            last, segment = self._last_recorded, self._recorded.segments[-1]
+            last, segment = self._last_recorded, self._segments[-1]
         if snapshot.timestamp < last.timestamp:  # the clock was set back
             with self._lock:
                 self._restart(snapshot)
@@ -226,7 +189,10 @@ class TreeHistory:
 
     def _restart(self, snapshot: Snapshot) -> None:
         """Forget all states but this one."""
-        self._recorded = _Segments(deque([_Segment(snapshot)]))
+        self._segments = deque([_Segment(snapshot)])
+        """Oldest first; at least one."""
+        self._rebuilt: deque[Snapshot] = deque(maxlen=REBUILT_STATES)
+        """States that were rebuilt last, also from segments of held histories."""
         self._last_recorded = snapshot
         self._recording_start = self._clock()
         """Start of the span: the state of the first keyframe may be older."""
@@ -237,30 +203,37 @@ class TreeHistory:
         segment.nbytes += change.nbytes  # what only the states before need, also if a keyframe follows
         is_long = snapshot.timestamp - segment.keyframe.timestamp >= KEYFRAME_NS
         if is_long or segment.nbytes > MAX_SEGMENT_SHARE * self._max_bytes:
-            self._recorded.segments.append(_Segment(snapshot))
+            self._segments.append(_Segment(snapshot))
         else:
             segment.changes.append(_Recorded(snapshot.timestamp, snapshot.revision, change))
 
     def _drop_old(self) -> None:
         """Drop segments that ended too long ago, and the oldest ones if all need too much memory."""
         oldest = self._clock() - self._kept_nanoseconds
-        segments = self._recorded.segments
+        segments = self._segments
         if segments[-1].changes and self._last_recorded.timestamp <= oldest:
             segments.append(_Segment(self._last_recorded))  # so that the one before, which has older states, can go
         nbytes = sum([segment.nbytes for segment in segments])
         while len(segments) > 1 and (nbytes > self._max_bytes or segments[1].keyframe.timestamp <= oldest):
             nbytes -= segments[0].nbytes
-            self._recorded.drop_first()
+            segments.popleft()
+        for state in tuple(self._rebuilt):
+            if state.timestamp < segments[0].keyframe.timestamp:
+                self._rebuilt.remove(state)
 
-    def _rebuild(self, segment: _Segment, change_count: int, segments: _Segments) -> Snapshot:
-        """Return the state after a number of changes of a segment, which is one of ``segments``."""
+    def _rebuild(self, segment: _Segment, change_count: int) -> Snapshot:
+        """Return the state after a number of changes of a segment, from the nearest state before it that is known."""
         with self._lock:
-            base = segments.best_base(segment, change_count)
-        if base.change_count == change_count:
-            return base.snapshot
-        changes = segment.changes[base.change_count : change_count]
-        root = unpack(base.snapshot.root, (each.change for each in changes), segment.ids)
+            known = {state.revision: state for state in self._rebuilt}
+        base, base_count = segment.keyframe, 0
+        for count, recorded in enumerate(segment.changes[:change_count], 1):
+            if recorded.revision in known:
+                base, base_count = known[recorded.revision], count
+        if base_count == change_count:
+            return base
+        changes = segment.changes[base_count:change_count]
+        root = unpack(base.root, (each.change for each in changes), segment.ids)
         snapshot = Snapshot(root, changes[-1].revision, changes[-1].timestamp)
         with self._lock:
-            segments.keep(_Rebuilt(segment, change_count, snapshot))
+            self._rebuilt.append(snapshot)
         return snapshot

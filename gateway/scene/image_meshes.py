@@ -13,7 +13,7 @@ _CORNERS: Final = np.array(((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)))
 """x and y of a unit square, counter-clockwise from the lower left corner."""
 
 
-def rectangle(width: float, height: float) -> Mesh:
+def rectangle(width: float, height: float, repeats: float = 1.0) -> Mesh:
     """Return a rectangle in the plane z = 0, centred on the origin, with an image that is upright as seen from +z.
 
     The image's rows run along +x, its top is towards +y.
@@ -21,12 +21,13 @@ def rectangle(width: float, height: float) -> Mesh:
     Args:
         width: Extent along x, metres.
         height: Extent along y, metres.
+        repeats: Number of images along each side.
     """
     positions = np.zeros((4, 3), np.float32)
     positions[:, :2] = _CORNERS * (width, height)
     normals = np.tile(np.array((0.0, 0.0, 1.0), np.float32), (4, 1))
-    uv = np.ascontiguousarray(np.stack((_CORNERS[:, 0] + 0.5, 0.5 - _CORNERS[:, 1]), axis=1), np.float32)
-    return Mesh(positions, np.array(((0, 1, 2), (0, 2, 3)), np.uint32), normals, uv0=uv)
+    uv = repeats * np.stack((_CORNERS[:, 0] + 0.5, 0.5 - _CORNERS[:, 1]), axis=1)
+    return Mesh(positions, np.array(((0, 1, 2), (0, 2, 3)), np.uint32), normals, uv0=uv.astype(np.float32))
 
 
 def heightmap_mesh(

@@ -11,6 +11,14 @@ from renderers.drawlist import AlphaMode, Image, ImageError, Material, Sampler, 
 
 Color = tuple[float, float, float, float]
 """Red, green, blue (sRGB) and alpha from 0 to 1."""
+TEXTURE_FIELDS: Final = (
+    "base_color_texture",
+    "metallic_roughness_texture",
+    "normal_texture",
+    "occlusion_texture",
+    "emissive_texture",
+)
+"""Fields of ``Material`` that are textures."""
 WHITE: Final[Color] = (1.0, 1.0, 1.0, 1.0)
 POINT_SIZE: Final = 2.0
 """Width of points in pixels, as in Director."""

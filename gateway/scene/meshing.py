@@ -29,6 +29,8 @@ MIN_THICKNESS_RATIO: Final = 1e-6
 """Minimum thickness of a solid, as a fraction of its largest extent. It is invisible, but it keeps the transform of a
 flat solid, such as a box of height 0, invertible for normals."""
 
+MAX_CUT: Final = 0.99
+"""Maximum part of a line's segment that arrowheads replace."""
 MIN_EXTENT: Final = 1e-12
 """Minimum extent of a shape, metres. A smaller one counts as zero, so that squares and ratios stay within float32."""
 MAX_EXTENT: Final = 1e15
@@ -45,8 +47,8 @@ def meshes_of(shape: Shape, material: Material) -> tuple[PlacedMesh, ...]:
     """Return the meshes that draw ``shape``, with their materials and their transforms to the part's frame.
 
     No value that a client can send raises an error. A shape draws nothing if its extent is zero or one of its numbers
-    is not finite. A cylinder or capsule with a radius of zero is a hairline. The signs of lengths, and of the radii of
-    ellipsoids, are ignored, since the mirrored shapes look the same.
+    is not finite. A cylinder or capsule without a positive radius is a hairline, a sphere draws nothing then. The signs
+    of lengths, and of the radii of ellipsoids, are ignored, since the mirrored shapes look the same.
     """
     return tuple(
         (mesh, _with_white_color(material) if has_own_colors else material, X_part_mesh)
@@ -70,11 +72,11 @@ def _shape_meshes(shape: Shape) -> tuple[_ShapeMesh, ...]:
         case Ellipsoid(radii):
             return _scaled_unit_mesh(primitives.sphere(), radii)
         case Cylinder(radius, length):
-            return _cylinder(radius, abs(length))
+            return _cylinder_meshes(radius, abs(length))
         case Capsule(radius, length):
-            return _capsule(radius, abs(length))
+            return _capsule_meshes(radius, abs(length))
         case Triad(scale, with_tubes):
-            return _triad(scale, with_tubes)
+            return _triad_meshes(scale, with_tubes)
         case PointCloud() | Line():
             return _cached_meshes(shape)
     raise TypeError(f"{type(shape).__name__} has no meshes")
@@ -94,7 +96,7 @@ def _is_drawable(extent: float) -> bool:
     return MIN_EXTENT <= extent <= MAX_EXTENT
 
 
-def _cylinder(radius: float, length: float) -> tuple[_ShapeMesh, ...]:
+def _cylinder_meshes(radius: float, length: float) -> tuple[_ShapeMesh, ...]:
     if not (_is_drawable(length) and radius <= MAX_EXTENT):
         return ()
     if radius < MIN_EXTENT:
@@ -102,9 +104,10 @@ def _cylinder(radius: float, length: float) -> tuple[_ShapeMesh, ...]:
     return _scaled_unit_mesh(primitives.cylinder(), (radius, radius, length))
 
 
-def _capsule(radius: float, length: float) -> tuple[_ShapeMesh, ...]:
-    if not (_is_drawable(radius) and length <= MAX_EXTENT) or length > MAX_CAPSULE_ASPECT * radius:
-        return _cylinder(radius, length)
+def _capsule_meshes(radius: float, length: float) -> tuple[_ShapeMesh, ...]:
+    is_finite = _is_drawable(radius) and length <= MAX_EXTENT  # False for NaN, too
+    if not is_finite or length > MAX_CAPSULE_ASPECT * radius:
+        return _cylinder_meshes(radius, length)  # nothing, or one whose missing ends cannot be seen
     aspect = length / radius
     mesh = primitives.capsule(aspect) if aspect > 1.0 / MAX_CAPSULE_ASPECT else primitives.sphere()
     return _scaled_unit_mesh(mesh, (radius, radius, radius))
@@ -128,7 +131,7 @@ _AXIS_COLORS: Final = ((1.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 1.0), (0.0, 0.0, 1.
 """RGBA of the x, y and z axis of a triad."""
 
 
-def _triad(scale: float, with_tubes: bool) -> tuple[_ShapeMesh, ...]:
+def _triad_meshes(scale: float, with_tubes: bool) -> tuple[_ShapeMesh, ...]:
     if not _is_drawable(abs(scale)):
         return ()
     hairlines = (_triad_lines(), True, scaling(scale, scale, scale))
@@ -147,19 +150,19 @@ def _triad_lines() -> Mesh:
 @lru_cache(maxsize=64)
 def _triad_tubes(scale: float) -> Mesh:
     """Return a triad's tubes as one mesh with vertex colours. Clients choose the scale, so the cache is bounded."""
-    tubes = [tube(np.stack((np.zeros(3), axis * scale)), TRIAD_TUBE_RADIUS) for axis in np.eye(3)]
-    meshes = [mesh for mesh in tubes if mesh is not None]
-    positions, normals = ([m.positions for m in meshes], [m.normals for m in meshes if m.normals is not None])
-    first_vertex = np.cumsum([0] + [len(p) for p in positions[:-1]], dtype=np.uint32)
-    colors = [
-        np.tile(np.array(color, dtype=np.float32), (len(p), 1))
-        for color, p in zip(_AXIS_COLORS, positions, strict=True)
-    ]
+    positions, elements, normals, colors = [], [], [], []
+    vertex_count = 0
+    for axis, color in zip(np.eye(3), _AXIS_COLORS, strict=True):
+        mesh = tube(np.stack((np.zeros(3), axis * scale)), TRIAD_TUBE_RADIUS)
+        assert mesh is not None
+        assert mesh.normals is not None
+        positions.append(mesh.positions)
+        elements.append(mesh.elements + np.uint32(vertex_count))
+        normals.append(mesh.normals)
+        colors.append(np.tile(np.array(color, dtype=np.float32), (len(mesh.positions), 1)))
+        vertex_count += len(mesh.positions)
     return Mesh(
-        np.concatenate(positions),
-        np.concatenate([m.elements + offset for m, offset in zip(meshes, first_vertex, strict=True)]),
-        np.concatenate(normals),
-        colors=np.concatenate(colors),
+        np.concatenate(positions), np.concatenate(elements), np.concatenate(normals), colors=np.concatenate(colors)
     )
 
 
@@ -172,13 +175,13 @@ def _cached_meshes(shape: PointCloud | Line) -> tuple[_ShapeMesh, ...]:
     with _meshes_lock:
         meshes = _meshes_by_shape.get(shape)
     if meshes is None:
-        meshes = _point_cloud(shape) if isinstance(shape, PointCloud) else _line(shape)
+        meshes = _cloud_meshes(shape) if isinstance(shape, PointCloud) else _line_meshes(shape)
         with _meshes_lock:
             meshes = _meshes_by_shape.setdefault(shape, meshes)
     return meshes
 
 
-def _point_cloud(cloud: PointCloud) -> tuple[_ShapeMesh, ...]:
+def _cloud_meshes(cloud: PointCloud) -> tuple[_ShapeMesh, ...]:
     """Return a mesh of those points that are finite, with the colours of ``_cloud_colors``."""
     points, colors = np.ascontiguousarray(cloud.points, dtype=np.float32), _cloud_colors(cloud)
     if not (points.min(initial=0.0) > -MAX_EXTENT and points.max(initial=0.0) < MAX_EXTENT):  # false for NaN, too
@@ -193,7 +196,7 @@ def _point_cloud(cloud: PointCloud) -> tuple[_ShapeMesh, ...]:
 def _cloud_colors(cloud: PointCloud) -> NDArray[np.float32] | None:
     """Return the linear colours of all points, (N, 4) float32, from ``rgb``, or else in grey from ``intensity``.
 
-    Channels are sRGB. Those of the wrong shape are ignored: some clients send empty ones. None if neither is usable.
+    Channels are sRGB, 0 to 1. Those of the wrong shape are ignored: some clients send empty ones. None if none is left.
     """
     count = len(cloud.points)
     rgb = cloud.channels.get("rgb")
@@ -210,7 +213,7 @@ def _cloud_colors(cloud: PointCloud) -> NDArray[np.float32] | None:
     return colors
 
 
-def _line(line: Line) -> tuple[_ShapeMesh, ...]:
+def _line_meshes(line: Line) -> tuple[_ShapeMesh, ...]:
     points = clean_polyline(line.points, MAX_EXTENT, closed=line.closed)
     if len(points) < 2:
         return ()
@@ -226,7 +229,7 @@ def _line_heads(line: Line, points: NDArray[np.float64]) -> tuple[list[_ShapeMes
     """Return the cones at the ends of a line, and the points of the shaft, which is shortened at these ends.
 
     As in Director, the tip of a cone lies at the end point, its base one head length behind the tip, and the shaft ends
-    half a head length before the tip. If the last segment is shorter than that, a hundredth of the segment is left.
+    half a head length before the tip, but at most ``MAX_CUT`` of its segment. A closed line has no end to shorten.
     """
     radius = float(line.head_radius)
     length = radius if line.head_length is None else float(line.head_length)
@@ -235,7 +238,8 @@ def _line_heads(line: Line, points: NDArray[np.float64]) -> tuple[list[_ShapeMes
         return [], points
     shaft = points.copy()
     heads: list[_ShapeMesh] = []
-    max_cut = 0.495 if all(has_head) and len(points) == 2 else 0.99  # fraction of a segment to cut off at one end
+    is_shared = all(has_head) and len(points) == 2  # both ends shorten the only segment
+    max_cut = 0.5 * MAX_CUT if is_shared else MAX_CUT
     for end, neighbour in ((0, 1), (-1, -2)):
         if not has_head[end]:
             continue

@@ -62,7 +62,7 @@ class Mount:
 
 
 @dataclass(frozen=True, slots=True)
-class CameraSpec:
+class MountedCamera:
     """A camera as users write it: ``name=wrist;profile=rgbd;`` and a mount. Name and profile are optional."""
 
     mount: str
@@ -79,7 +79,7 @@ class CameraSpec:
         return Mount(parse_mount_pose(self.mount))
 
 
-def parse_camera_spec(text: str) -> CameraSpec:
+def parse_mounted_camera(text: str) -> MountedCamera:
     """Parse an entry of ``--stereo-cameras``.
 
     Raises:
@@ -99,6 +99,6 @@ def parse_camera_spec(text: str) -> CameraSpec:
             raise CameraError(f"name={value!r} of a camera must not be a number: numbers are those of pipelines")
         options[name] = value
         rest = rest[match.end() :].lstrip()
-    camera = CameraSpec(rest, **options)
+    camera = MountedCamera(rest, **options)
     camera.new_mount()  # raises an error for an invalid mount
     return camera

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 import msgspec
@@ -10,9 +11,9 @@ from gateway.scene.cameras import quoted
 from gateway.scene.live import Snapshot
 from gateway.scene.tree import Path, TreeEdit
 
-COLOR_PATTERN: Final = "^[0-9a-fA-F]{6}$"
-"""Pattern of a colour: red, green and blue in hexadecimal."""
-
+_COLOR: Final = re.compile(r"[0-9a-fA-F]{6}")
+COLOR_PATTERN: Final = f"^{_COLOR.pattern}$"
+"""Pattern of a colour, for API descriptions: red, green and blue in hexadecimal."""
 _paths_decoder: Final = msgspec.json.Decoder(tuple[Path, ...])
 
 
@@ -40,17 +41,10 @@ def parse_color(name: str, text: str) -> tuple[int, int, int]:
     Raises:
         ShownError: The text is not six hexadecimal digits.
     """
-    if len(text) != 6 or not text.isascii() or not text.isalnum():
-        raise _color_error(name, text)
-    try:
-        red, green, blue = bytes.fromhex(text)
-    except ValueError as error:
-        raise _color_error(name, text) from error
+    if _COLOR.fullmatch(text) is None:
+        raise ShownError(f"{name}={quoted(text)} is not a colour in six hexadecimal digits such as 'cce5ff'")
+    red, green, blue = bytes.fromhex(text)
     return red, green, blue
-
-
-def _color_error(name: str, text: str) -> ShownError:
-    return ShownError(f"{name}={quoted(text)} is not a colour in six hexadecimal digits such as 'cce5ff'")
 
 
 def with_visibility(snapshot: Snapshot, hide: tuple[Path, ...], show: tuple[Path, ...]) -> Snapshot:

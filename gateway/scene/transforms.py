@@ -12,6 +12,7 @@ from scenegate.transforms import IDENTITY as IDENTITY
 from scenegate.transforms import SAFE_SQUARED_NORMS as SAFE_SQUARED_NORMS
 from scenegate.transforms import Matrix as Matrix
 from scenegate.transforms import from_pose as from_pose
+from scenegate.transforms import is_rotation as is_rotation
 from scenegate.transforms import quaternions_of as quaternions_of
 from scenegate.transforms import scaling as scaling
 from scenegate.transforms import translation as translation

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from typing import Final
 
@@ -98,7 +99,8 @@ def resolve_camera(
         return orthographic_camera(pose, width, height, spec.xmag, draw_list, near, far)
     focal_length = 0.5 * height / math.tan(math.radians(0.5 * fovy))
     near, far = _clipping_planes(near, far, _fitted_planes(loose_bounds(draw_list), pose))
-    return _checked_camera(width, height, focal_length, focal_length, width / 2, height / 2, near, far, pose)
+    with _camera_errors():
+        return Camera(width, height, focal_length, focal_length, width / 2, height / 2, near, far, pose)
 
 
 def orthographic_camera(
@@ -134,10 +136,9 @@ def orthographic_camera(
     eye = pose.copy()
     eye[:3, 3] -= distance * pose[:3, 2]
     focal_length = 0.5 * width / xmag * (distance + 0.5 * (first + last))
-    camera = _checked_camera(
-        width, height, focal_length, focal_length, width / 2, height / 2, distance + near, distance + far, eye
-    )
-    return replace(camera, depth_origin=distance)
+    near, far = distance + near, distance + far
+    with _camera_errors():
+        return Camera(width, height, focal_length, focal_length, width / 2, height / 2, near, far, eye, distance)
 
 
 def _clipping_planes(near: float | None, far: float | None, fitted: tuple[float, float]) -> tuple[float, float]:
@@ -148,19 +149,11 @@ def _clipping_planes(near: float | None, far: float | None, fitted: tuple[float,
     return near, (far or max(fitted_far, 2.0 * near))
 
 
-def _checked_camera(
-    width: int,
-    height: int,
-    fx: float,
-    fy: float,
-    cx: float,
-    cy: float,
-    near: float,
-    far: float,
-    pose: NDArray[np.float64],
-) -> Camera:
+@contextmanager
+def _camera_errors() -> Iterator[None]:
+    """Raise CameraError for numbers that a camera cannot have."""
     try:
-        return Camera(width, height, fx, fy, cx, cy, near, far, pose)
+        yield
     except ValueError as error:
         raise CameraError(f"camera: {error}") from error
 
@@ -169,17 +162,11 @@ def _resized(stereo: Camera, width: int, height: int, near: float | None, far: f
     """Return the sensor's camera for another image size, with the same horizontal field of view and pixel aspect."""
     scale = width / stereo.width
     near, far = _clipping_planes(near, far, (stereo.near, stereo.far))
-    return _checked_camera(
-        width,
-        height,
-        stereo.fx * scale,
-        stereo.fy * scale,
-        stereo.cx * scale,
-        0.5 * height + (stereo.cy - 0.5 * stereo.height) * scale,
-        near,
-        far,
-        stereo.X_world_camera,
-    )
+    cy = 0.5 * height + (stereo.cy - 0.5 * stereo.height) * scale
+    with _camera_errors():
+        return Camera(
+            width, height, stereo.fx * scale, stereo.fy * scale, stereo.cx * scale, cy, near, far, stereo.X_world_camera
+        )
 
 
 def _node_pose(root: Node, path: Path) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from gateway.settings.types import AnyCamera, Byte, Port
 ENV_PREFIX = "SCENEGATE_"
 
 
-def option(default: Any, group: str, text: str, *, flag: str | None = None, **limits: Any) -> Any:
+def option(group: str, default: Any, text: str, *, flag: str | None = None, **limits: Any) -> Any:
     """Return a pydantic field.
 
     Args:

@@ -76,7 +76,7 @@ ProcessCount = Annotated[int, BeforeValidator(lambda value: 0 if value == "auto"
 PortOrOff = Annotated[Port | None, BeforeValidator(lambda value: None if value == "off" else value)]
 MountPose = Annotated[str, _parsed_by("parse_mount_pose")]
 MountPath = Annotated[str, _parsed_by("parse_mount_path")]
-AnyCamera = Annotated[str, _parsed_by("parse_camera_spec")]
+AnyCamera = Annotated[str, _parsed_by("parse_mounted_camera")]
 Cameras = Annotated[tuple[AnyCamera, ...], NoDecode, _split("|"), Field(max_length=15)]
 Paths = Annotated[tuple[Path, ...], NoDecode, _split(os.pathsep)]
 Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, BeforeValidator(_check_color)]

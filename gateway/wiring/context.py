@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Final
 
 import structlog
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from gateway.stereo.service import StereoService
     from gateway.viewer.sources import StereoSource
     from gateway.wiring.log import LogService
-    from renderers.raster import CpuRenderer
 
 _log = structlog.get_logger("gateway")
 
@@ -49,7 +48,7 @@ IDLE_SECONDS: Final = 10.0
 """Time without work after which the memory of earlier frames and scenes is returned to the system."""
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(eq=False)
 class Context:
     """Shared objects of one application. ``create_app`` creates it; the interfaces fill it at the start."""
 
@@ -108,9 +107,6 @@ class Context:
     exit_stack: ExitStack = field(default_factory=ExitStack)
     """Context managers that are closed by ``close``."""
 
-    _renderer: CpuRenderer | None = None
-    _mesh_files: MeshFiles | None = None
-    _local_mesh_files: MeshFiles | None = None
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
     _queue_closer: asyncio.Task[None] | None = None
     _deadline: float = 0.0
@@ -120,36 +116,30 @@ class Context:
         self.flattener = Flattener(self.labels)
         self.kernels = KernelLoader(self.registry, self.exit_stack, bar=self.reports is None)
 
-    @property
+    @cached_property
     def renderer(self) -> Renderer:
         """The renderer of all interfaces. The first use imports compiled kernels, which must be in the cache."""
-        if self._renderer is None:
-            from renderers.raster import CpuRenderer
+        from renderers.raster import CpuRenderer
 
-            frame_threads = self.settings.frame_threads
-            spare_threads = partial(self.workers.spare_threads, self.camera_workers, frame_threads)
-            self._renderer = CpuRenderer(frame_threads or self.workers.threads, spare_threads)
-        return self._renderer
+        frame_threads = self.settings.frame_threads
+        spare_threads = partial(self.workers.spare_threads, self.camera_workers, frame_threads)
+        return CpuRenderer(frame_threads or self.workers.threads, spare_threads)
 
-    @property
+    @cached_property
     def mesh_files(self) -> MeshFiles:
         """Mesh files that all clients may name (``--mesh-root``). The first use imports compiled kernels."""
-        if self._mesh_files is None:
-            from gateway.assets.mesh_files import MeshFiles
+        from gateway.assets.mesh_files import MeshFiles
 
-            self._mesh_files = MeshFiles(self.settings.mesh_folders)
-        return self._mesh_files
+        return MeshFiles(self.settings.mesh_folders)
 
-    @property
+    @cached_property
     def local_mesh_files(self) -> MeshFiles:
         """Mesh files that programs on this machine may name; with ``--mesh-root auto``, those in all folders."""
         if not self.settings.local_clients_read_all_folders:
             return self.mesh_files
-        if self._local_mesh_files is None:
-            from gateway.assets.mesh_files import MeshFiles
+        from gateway.assets.mesh_files import MeshFiles
 
-            self._local_mesh_files = MeshFiles(self.settings.mesh_folders, any_folder=True)
-        return self._local_mesh_files
+        return MeshFiles(self.settings.mesh_folders, any_folder=True)
 
     def start_history(self) -> None:
         """Record the live tree until ``close``, if an interface shows it."""
@@ -167,11 +157,12 @@ class Context:
 
     async def return_memory_when_idle(self) -> None:
         """Return the memory of earlier frames and scenes to the system after a while without work; never ends."""
-        before = returned = (0, 0)
+        before = at_last_return = (0, 0)
         while True:
             await asyncio.sleep(IDLE_SECONDS)
-            if self.workers.calls + self.camera_workers.calls == 0 and self._work_done == before != returned:
-                returned = before
+            is_idle = self.workers.calls + self.camera_workers.calls == 0 and self._work_done == before
+            if is_idle and before != at_last_return:
+                at_last_return = before
                 await asyncio.to_thread(process_tuning.return_memory)
             before = self._work_done
 

@@ -7,6 +7,7 @@ import time
 from typing import Final
 
 import structlog
+from fastapi import FastAPI
 
 from gateway import __version__
 from gateway.runtime.kernels.loading import KERNELS
@@ -29,22 +30,21 @@ async def start(context: Context) -> None:
     """
     begin = time.perf_counter()
     async with asyncio.TaskGroup() as tasks:
-        part = KERNELS
+        stage = KERNELS
         try:
             await context.kernels.load_needed()
             tasks.create_task(context.kernels.load_background())  # interfaces may wait for these kernels
-            part = STATE
+            stage = STATE
             await restore_state(context)
         except Exception as error:  # noqa: BLE001 - logged; the process ends
-            context.fail(part, error)
+            context.fail(stage, error)
             context.reject_requests("it cannot work; its log has the reason")
             context.on_fatal()
             return
         await _start_interfaces(context)
         context.started.set()
-        context.app.openapi_schema = None  # may be cached from before the routes were added
-        await asyncio.to_thread(context.app.openapi)  # fills the cache, which takes tens of milliseconds
-        await _log_started(context, begin)
+        await _renew_openapi(context.app)
+        await _announce_start(context, begin)
 
 
 async def _start_interfaces(context: Context) -> None:
@@ -59,8 +59,17 @@ async def _start_interfaces(context: Context) -> None:
                 context.registry.ready(name)
 
 
-async def _log_started(context: Context, begin: float) -> None:
-    """Wait until the services are ready, at most ``SETTLE_SECONDS``, then log one line and call ``on_started``."""
+async def _renew_openapi(app: FastAPI) -> None:
+    """Make the OpenAPI description again, in a thread, as it takes tens of milliseconds.
+
+    FastAPI keeps the description of its first use, which may be from before the interfaces added their routes.
+    """
+    app.openapi_schema = None
+    await asyncio.to_thread(app.openapi)
+
+
+async def _announce_start(context: Context, begin: float) -> None:
+    """Wait until the services are ready, at most ``SETTLE_SECONDS``, then call ``on_started`` and log one line."""
     deadline = time.perf_counter() + SETTLE_SECONDS
     while context.registry.verdict() == "starting" and time.perf_counter() < deadline:  # noqa: ASYNC110 - no event
         await asyncio.sleep(0.02)

@@ -14,7 +14,7 @@ from fastapi.exceptions import RequestValidationError
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
-from gateway.scene.mount import CameraSpec, Mount, parse_camera_spec, parse_mount_path, parse_mount_pose
+from gateway.scene.mount import Mount, MountedCamera, parse_mount_path, parse_mount_pose, parse_mounted_camera
 from gateway.scene.timeline import state_at
 from gateway.server.error_handlers import invalid_parameters
 from gateway.server.http_server import PortService
@@ -40,8 +40,8 @@ from gateway.stereo.routes.upload_routes import upload_router
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.set_kind import SetKind
 from gateway.viewer.sources import ImageName, StereoImages, StereoRig
+from gateway.wiring import metrics
 from gateway.wiring.context import Context
-from gateway.wiring.metrics import watch_stereo
 from gateway.wiring.scene_setting import read_scene_setting
 from gateway.wiring.telemetry import NO_TELEMETRY
 from renderers.stereo.depth.depth_images import DepthImages
@@ -64,7 +64,7 @@ async def setup(context: Context) -> None:
         _start_camera(context, number, replace(config, tokens=context.security.grpc), mount, scene, projectors)
         for number, (config, mount) in enumerate(zip(configs, mounts, strict=True))
     ]
-    watch_stereo(context.metrics, *services)
+    metrics.watch(context.metrics, metrics.STEREO, services)
     apps = [context.app]
     if settings.rest_port is not None:
         rest = FastAPI(openapi_url=None, telemetry=NO_TELEMETRY)
@@ -93,7 +93,7 @@ def _cameras(settings: Settings) -> tuple[list[StereoConfig], list[Mount]]:
         ValueError: a profile cannot be used, or two cameras have one name.
     """
     path = parse_mount_path(settings.stereo_path) if settings.stereo_path is not None else None
-    specs = [parse_camera_spec(text) for text in settings.stereo_cameras]
+    specs = [parse_mounted_camera(text) for text in settings.stereo_cameras]
     configs = [config_of(settings), *(config_of(settings, number, spec) for number, spec in enumerate(specs, 1))]
     names = [config.name for config in configs]
     if duplicates := {name for name in names if names.count(name) > 1}:
@@ -189,7 +189,7 @@ def _pairs(folder: Path, service: StereoService) -> PairImaging:
     return pair_imaging(service.scene_imaging, pairs, *geometry)
 
 
-def config_of(settings: Settings, number: int = 0, camera: CameraSpec | None = None) -> StereoConfig:
+def config_of(settings: Settings, number: int = 0, camera: MountedCamera | None = None) -> StereoConfig:
     """Return the configuration of a camera.
 
     Args:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from gateway.lcm.config import LcmConfig
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.service import TreeViewerService
+from gateway.wiring import metrics
 from gateway.wiring.context import Context
-from gateway.wiring.metrics import watch_treeviewer
 
 
 async def setup(context: Context) -> None:
@@ -23,6 +23,6 @@ async def setup(context: Context) -> None:
         page=context.page,
         local_meshfiles=context.local_mesh_files,
     )
-    watch_treeviewer(context.metrics, service)
+    metrics.watch(context.metrics, metrics.TREE_VIEWER, service)
     tcpq_only = settings.lcm_url == "off" and settings.tcpq_port is not None
     context.run_service("treeviewer", service, where="TCPQ" if tcpq_only else settings.lcm_url or "LCM")

@@ -12,8 +12,8 @@ from gateway.viewer.routes import router
 from gateway.viewer.scene_images import SceneImages
 from gateway.viewer.sensor_images import SensorImages
 from gateway.viewer.share_routes import share_router
+from gateway.wiring import metrics
 from gateway.wiring.context import Context
-from gateway.wiring.metrics import watch_view
 from gateway.wiring.style import style_of
 
 
@@ -41,7 +41,7 @@ async def setup(context: Context) -> None:
         context.timeline,
     )
     sensor = SensorImages(stereo.capture, config.capture_seconds) if stereo is not None else None
-    watch_view(context.metrics, hub)
+    metrics.watch(context.metrics, metrics.VIEW, hub)
     context.app.include_router(router(hub))
     context.app.include_router(image_router(images, sensor, context.recent_renders))
     context.app.include_router(share_router(context.tree, context.page, context.timeline))

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from gateway.assets.scene_file import SceneFile, SceneFileError, Up, read_scene_file
-from gateway.scene.bounds import scene_bounds
 from gateway.scene.flatten import flatten
 from tests.support import forms
+from tests.support.bounds import scene_bounds
 
 
 def written(folder: Path, **changes: Any) -> Path:

@@ -56,7 +56,21 @@ def test_help_lists_the_commands_of_both_distributions() -> None:
     for name in (*cli.CLIENT_COMMANDS, *cli.SERVER_COMMANDS):
         assert f"\n    {name} " in shown.stdout
     assert (scenegate().exit_code, scenegate().stdout) == (0, shown.stdout)
-    assert scenegate("publsh").exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [
+        (["strem"], "there is no command 'strem'; did you mean stream?"),
+        (["--verison"], "there is no command '--verison'; did you mean --version?"),
+        (["play", __file__, "--duratoin", "3"], "unrecognized arguments: --duratoin 3; did you mean --duration"),
+        (["serve", "--http-prot", "0"], "--http-port"),
+    ],
+)
+def test_a_misspelt_name_gets_a_suggestion(arguments: list[str], hint: str) -> None:
+    ran = scenegate(*arguments)
+    assert ran.exit_code == 2
+    assert hint in ran.stderr
 
 
 def test_commands_of_the_server_have_entry_points() -> None:

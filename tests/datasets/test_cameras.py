@@ -157,7 +157,7 @@ def test_without_a_pose_the_camera_of_the_file_is_used(scenes: Path) -> None:
     assert (camera.cx, camera.cy) == (1.0, 24.0)
     assert (camera.near, camera.far) == (0.5, np.inf)
     assert camera_of(View("v", None), root, drawn, replace(own, zfar=3.0), 64, 48, 45.0).far == 3.0
-    with pytest.raises(CameraError, match="'main' has neither yfov nor xmag"):
+    with pytest.raises(CameraError, match="'main': it has neither yfov nor xmag"):
         camera_of(View("v", None), root, drawn, replace(own, yfov=None), 64, 48, 45.0)
     with pytest.raises(CameraError, match="the file's camera 'main': "):
         camera_of(View("v", None), root, drawn, replace(own, X_world_camera=np.zeros((4, 4))), 64, 48, 45.0)

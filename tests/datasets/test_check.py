@@ -78,7 +78,7 @@ def test_a_whole_dataset(dataset: Path, threads: int) -> None:
         (lambda d: replace_by_pipe(d / "scenes/a.gltf/scene.json"), "scene.json: it is not a regular file"),
         (lambda d: edit(d, 0, lambda s: s["camera"].update(fx=-1.0)), "focal lengths (-1.0"),
         (lambda d: edit(d, 0, lambda s: s["camera"].update(near=5.0, far=1.0)), "planes near=5.0, far=1.0"),
-        (lambda d: edit(d, 0, lambda s: s["camera"]["X_world_camera"][0].__setitem__(0, 9.0)), "not a rotation"),
+        (lambda d: edit(d, 0, lambda s: s["camera"]["X_world_camera"][0].__setitem__(0, 9.0)), "must be a rotation"),
         (lambda d: edit(d, 0, lambda s: s["camera"].update(width=33)), "32x24 pixels, the camera has 33x24"),
         (lambda d: edit(d, 0, lambda s: s["images"].pop("label")), "the label image is missing in the manifest"),
         (lambda d: edit(d, 1, lambda s: s.update(id="a.gltf/orbit-0")), "a.gltf/orbit-0 is there twice"),
@@ -90,10 +90,13 @@ def test_a_whole_dataset(dataset: Path, threads: int) -> None:
         (lambda d: edit(d, 0, lambda s: s["camera"].update(fx=1e308)), "(1e+308, "),
         (lambda d: (d / manifest.MANIFEST_FILE).write_bytes(b""), "manifest.jsonl has no samples"),
         (lambda d: edit(d, 0, lambda s: s["camera"].update(near=0.0)), "planes near=0.0"),
-        (lambda d: edit(d, 0, lambda s: s["camera"]["X_world_camera"][3].__setitem__(0, 1.0)), "no last row"),
+        (
+            lambda d: edit(d, 0, lambda s: s["camera"]["X_world_camera"][3].__setitem__(0, 1.0)),
+            "the last of them 0, 0, 0, 1",
+        ),
         (
             lambda d: edit(d, 0, lambda s: [row.__setitem__(0, -row[0]) for row in s["camera"]["X_world_camera"]]),
-            "not a r",
+            "scaled, sheared or mirrored",
         ),
         (lambda d: edit(d, 0, lambda s: s["camera"].update(height=25)), "32x24 pixels, the camera has 32x25"),
         (

@@ -90,15 +90,15 @@ def test_the_journal_yields_samples_in_the_order_of_the_job() -> None:
     job = Job((Source("a.stl", "/a.stl", SourceKind.FILE),), views, {}, SETTINGS, Path("/out"))
     file = io.BytesIO()
     journal = Journal(job, file)
-    assert list(journal.lines()) == []
+    assert list(journal.lines_in_job_order()) == []
     for name in "dab":
         journal.add(sample(name))
     journal.add(sample("a", "1"))
-    assert [journal.has(number) for number in range(4)] == [True, True, False, True]
+    assert [journal.has_sample(number) for number in range(4)] == [True, True, False, True]
     assert journal.count == 3
     expected = [encode(each) + b"\n" for each in (sample("a", "1"), sample("b"), sample("d"))]
-    assert list(journal.lines()) == expected
+    assert list(journal.lines_in_job_order()) == expected
     journal.add(sample("c"))
-    assert list(journal.lines()) == [expected[0], expected[1], encode(sample("c")) + b"\n", expected[2]]
+    assert list(journal.lines_in_job_order()) == [expected[0], expected[1], encode(sample("c")) + b"\n", expected[2]]
     assert journal.count == 4
     assert len(file.getvalue().splitlines()) == 5

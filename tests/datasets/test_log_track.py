@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from gateway.cli.commands import app
 from gateway.datasets.errors import DatasetError
-from gateway.datasets.log_track import read_track_of_log
+from gateway.datasets.log_track import track_csv_of_log
 from gateway.datasets.scenario.tracks import read_track
 from gateway.scene.transforms import from_pose
 from scenegate.lcm.event_log import EventLogError, pack_event
@@ -59,10 +59,10 @@ def test_poses_are_those_in_the_world(tmp_path: Path) -> None:
 def test_what_is_no_track(tmp_path: Path) -> None:
     log = log_of(tmp_path / "run.lcm", (0.0, moved(["arm"], [1, 0, 0], [1, 0, 0, 0])))
     with pytest.raises(DatasetError, match=r"run\.lcm: it has no node at \['leg'\]$"):
-        read_track_of_log(log, ("leg",))
+        track_csv_of_log(log, ("leg",))
     (tmp_path / "text.lcm").write_text("no log")
     with pytest.raises(EventLogError):
-        read_track_of_log(tmp_path / "text.lcm", ("arm",))
+        track_csv_of_log(tmp_path / "text.lcm", ("arm",))
     out = tmp_path / "leg.csv"
     result = CliRunner().invoke(app, ["dataset", "track", str(log), "leg", "-o", str(out)])
     assert "camera path 'leg' is not a JSON list" in str(result.exception)
@@ -74,7 +74,7 @@ def test_a_simulation_of_drake(tmp_path: Path) -> None:
     log = corpus_dir() / "drakeviewer" / "drake_default.lcmlog"
     if not log.is_file():
         pytest.skip("SCENEGATE_CORPUS has no log of Drake's channels")
-    (tmp_path / "ball.csv").write_text(read_track_of_log(log, ("drake", "proximity", "plant", "ball", "ball")))
+    (tmp_path / "ball.csv").write_text(track_csv_of_log(log, ("drake", "proximity", "plant", "ball", "ball")))
     track = read_track(tmp_path / "ball.csv", poses=True)
     assert len(track.times) > 100
     heights = track.values[:, track.names.index("z")]

@@ -141,12 +141,12 @@ def test_signals_wait_until_a_process_has_started(
 class FakeRay(SimpleNamespace):
     """Ray's API, with references that are numbers; the oldest task finishes first."""
 
-    def __init__(self, cores: Any, fails: tuple[str, ...] = ()) -> None:
+    def __init__(self, cores: Any, fails: tuple[str, ...] = (), raises: tuple[str, ...] = ()) -> None:
         super().__init__()
         error = type("RayError", (Exception,), {})
-        self.exceptions = SimpleNamespace(RayError=error)
+        self.exceptions = SimpleNamespace(RayError=error, RayTaskError=type("RayTaskError", (error,), {}))
         self.resources = {} if cores is None else {"CPU": cores}
-        self.fails = fails
+        self.fails, self.raises = fails, raises
         self.options: dict[str, Any] = {}
         self.tasks: list[Task] = []
         self.most_running = self.finished = 0
@@ -183,6 +183,8 @@ class FakeRay(SimpleNamespace):
 
     def get(self, reference: int) -> bytes:
         out = self.tasks[reference].out
+        if out in self.raises:
+            raise self.exceptions.RayTaskError()
         if out in self.fails:
             raise self.exceptions.RayError(f"  the node of {out} is gone\nTraceback\n")
         return pickle.dumps(Result(warnings=(out,)))
@@ -210,11 +212,12 @@ def test_ray_that_runs_already_is_left_running(task: Task, monkeypatch: pytest.M
 
 
 def test_a_task_that_ray_gave_up_fails_alone(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "ray", FakeRay(1, fails=("1",)))
-    first, second, third = ray_tasks.run_ray(numbered(task, 3), "auto")
+    monkeypatch.setitem(sys.modules, "ray", FakeRay(1, fails=("1",), raises=("3",)))
+    first, second, third, fourth = ray_tasks.run_ray(numbered(task, 4), "auto")
     assert (first.warnings, third.warnings) == (("0",), ("2",))
     reasons = {failure.reason for failure in second.failures}
     assert reasons == {"Ray gave up after 3 retries: the node of 1 is gone"}
+    assert {failure.reason for failure in fourth.failures} == {"the worker failed: RayTaskError"}
 
 
 def test_ray_without_a_cluster_and_without_ray(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,11 +8,11 @@ from gateway import demo
 from gateway.demo import PERIOD, ROOT, Demo
 from gateway.gltf import read_gltf
 from gateway.gltf.export import export_glb
-from gateway.scene.bounds import scene_bounds
 from gateway.scene.flatten import flatten
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import changes
 from renderers.drawlist import AlphaMode, Topology
+from tests.support.bounds import scene_bounds
 
 
 def at(t: float) -> LiveTree:

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from gateway import demo
-from gateway.scene.bounds import scene_bounds
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Part
 from gateway.scene.meshing import meshes_of
 from gateway.scene.tree import Node
 from renderers.drawlist import Material, Mesh, Texture
+from tests.support.bounds import scene_bounds
 
 FILE = Path(__file__).with_name("objects.json")
 TIMES = (0.0, 1.3, 4.1)

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from gateway.gltf import read_gltf
 from gateway.gltf.export import export_glb
 from gateway.scene import transforms as tf
-from gateway.scene.bounds import scene_bounds
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Line, Part, PointCloud, Surface
 from gateway.scene.sampling import FileTooLargeError
@@ -37,6 +36,7 @@ from renderers.drawlist import (
 from renderers.encode import png_rgba
 from renderers.images import image_from_bytes
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Sphere, Triad
+from tests.support.bounds import scene_bounds
 from tests.support.corpus import corpus_dir
 
 RED = Material(base_color=(1, 0, 0, 1), metallic=0.0, roughness=0.5, double_sided=True)

@@ -28,6 +28,8 @@ def test_a_mimic_joint_follows_unless_it_has_a_value(tmp_path: Path) -> None:
         ({"xyz": 0}, "the robot has no joint 'xyz'; there are shoulder, elbow, grip"),
         ({"GRIP": 0}, "did you mean grip?"),
         ({"elbow": float("nan")}, "the value of the revolute joint 'elbow' must be one finite number, not nan"),
+        ({"elbow": "abc"}, "the value of the revolute joint 'elbow' must be one finite number, not 'abc'"),
+        ({"elbow": [(1,), (1, 2)]}, "the value of the revolute joint 'elbow' must be one finite number, not [(1,), (1"),
         ({"elbow": (1, 2)}, "the value of the revolute joint 'elbow' must be one finite number, not (1, 2)"),
     ],
 )
@@ -103,3 +105,18 @@ def test_long_chains_of_mimics_are_cut(tmp_path: Path) -> None:
     (warning,) = robot.warnings
     assert warning.startswith("joint 'j0': it mimics a chain of more than 100 joints")
     assert robot.joint_values({f"j{count - 1}": 2.0})["j1"] == (2.0,)
+
+
+def test_only_a_joint_of_a_circle_of_mimics_loses_its_rule(tmp_path: Path) -> None:
+    """``c`` is read first and follows the circle of ``a`` and ``b``."""
+    leaders = {"c": "a", "a": "b", "b": "a"}
+    joints = "".join(
+        f'<joint name="{name}" type="prismatic"><parent link="base"/><child link="{name}_link"/>'
+        f'<mimic joint="{leader}" multiplier="2"/></joint>'
+        for name, leader in leaders.items()
+    )
+    links = "".join(f'<link name="{name}"/>' for name in ("base", "a_link", "b_link", "c_link"))
+    robot = read(tmp_path, f"<robot>{links}{joints}</robot>")
+    (warning,) = robot.warnings
+    assert warning == "joint 'a': the joints a, b mimic each other in a circle; it does not follow another joint"
+    assert robot.joint_values({"a": 1.0}) == {"c": (2.0,), "a": (1.0,), "b": (2.0,)}

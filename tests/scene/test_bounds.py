@@ -16,6 +16,7 @@ from gateway.scene.tree import Node, TreeEdit
 from renderers import primitives
 from renderers.drawlist import DrawList, Instance, Material, Mesh
 from scenegate.messages.geometry import Box, Sphere
+from tests.support.bounds import scene_bounds
 
 MATERIAL = Material()
 
@@ -124,7 +125,7 @@ def test_instance_bounds_and_loose_bounds(placed: Any) -> None:
     for box, instance in zip(boxes, instances, strict=True):
         assert box is not None
         np.testing.assert_allclose(box, brute(instance.mesh, instance.X_world_mesh), atol=1e-9)
-    exact, loose = bd.scene_bounds(DrawList(instances)), bd.loose_bounds(DrawList(instances))
+    exact, loose = scene_bounds(DrawList(instances)), bd.loose_bounds(DrawList(instances))
     assert exact is not None
     assert loose is not None
     assert (loose[0] <= exact[0] + 1e-9).all()
@@ -149,11 +150,11 @@ def test_scene_and_focus_bounds() -> None:
     ground = ("ground", Part(Box((100, 100, 0.1)), MATERIAL), tf.translation(0, 0, -0.05))
     ball = ("ball", Part(Sphere(0.5), MATERIAL), tf.translation(1, 0, 0.5))
     both = flatten(scene(ground, ball))
-    assert_box(bd.scene_bounds(both), [(-50, -50, -0.1), (50, 50, 1)])
+    assert_box(scene_bounds(both), [(-50, -50, -0.1), (50, 50, 1)])
     assert_box(bd.focus_bounds(both), [(0.5, -0.5, 0), (1.5, 0.5, 1)])
     alone = flatten(scene(ground))
     assert_box(bd.focus_bounds(alone), [(-50, -50, -0.1), (50, 50, 0)])
-    assert bd.scene_bounds(DrawList()) is None
+    assert scene_bounds(DrawList()) is None
     assert bd.focus_bounds(DrawList()) is None
 
 

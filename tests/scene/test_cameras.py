@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.scene import transforms as tf
-from gateway.scene.bounds import corners_of, scene_bounds
+from gateway.scene.bounds import corners_of
 from gateway.scene.cameras import (
     MAX_CAMERA_CHARACTERS,
     CameraError,
@@ -30,6 +30,7 @@ from renderers.interface import Output
 from renderers.primitives import box
 from renderers.raster import CpuRenderer
 from scenegate.messages.geometry import Box, Sphere
+from tests.support.bounds import scene_bounds
 
 
 def project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

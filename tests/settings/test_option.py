@@ -60,7 +60,7 @@ def test_names() -> None:
 
 
 def test_an_option_has_a_group_a_text_and_limits() -> None:
-    field = option(3, "Group", "Text.", flag="short", ge=1)
+    field = option("Group", 3, "Text.", flag="short", ge=1)
     assert (field.default, group_of(field), second_flag_of(field), field.description) == (3, "Group", "short", "Text.")
     assert field.metadata[0].ge == 1
-    assert second_flag_of(option(3, "Group", "Text.")) is None
+    assert second_flag_of(option("Group", 3, "Text.")) is None

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Final
+
+from scenegate.name_hint import name_hint
 
 CLIENT_COMMANDS: Final = {
     "publish": ("scenegate.cli.publish", "Publish a file at a path of a viewer's live scene."),
@@ -22,7 +25,7 @@ SERVER_COMMANDS: Final = {
     "view": "Show an LCM log in the browser, at any time of it.",
     "render": "Render scenes: one image, or a dataset of images, camera parameters and labels.",
     "export": "Write a scene and its motion into one file.",
-    "dataset": "Commands for datasets written by `scenegate render`.",
+    "dataset": "Commands for datasets written by `scenegate render`, and for scenarios.",
     "convert": "Write the scene of an LCM log to an MCAP file, for Foxglove and ROS 2.",
     "doctor": "Find what does not work, what that means and what to do.",
     "warmup": "Compile the rendering kernels into the cache, so that the next start is fast.",
@@ -43,12 +46,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
             _run_of_server("serve", arguments)  # Typer completes words, those of the server's commands
         elif name in CLIENT_COMMANDS:
             parser = command_parser(name)
-            options = parser.parse_args(arguments[1:])
+            options, unknown = parser.parse_known_args(arguments[1:])
+            if unknown:
+                hint = name_hint(unknown[0], re.findall(r"--[\w-]+", parser.format_usage()))
+                parser.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
             try:
                 import_module(CLIENT_COMMANDS[name][0]).run(options)
             except argparse.ArgumentTypeError as error:  # options that do not go together
                 parser.error(str(error))
         else:
+            known = (*CLIENT_COMMANDS, *SERVER_COMMANDS, "--help", "--version")
+            if name not in (*known, "-h"):
+                _parser().error(f"there is no command {name!r}{name_hint(name, known)}")
             _parser().parse_args([name])
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)

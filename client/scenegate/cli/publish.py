@@ -71,53 +71,66 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Publish a file, in place of everything at and below the path."""
     source: Path = options.source
-    top, name = path_of(options.path), source.stem if source.is_file() else "robot"
-    is_robot = source.suffix.lower() in SUFFIXES or not (source.suffix or source.is_file())
-    if is_robot:
-        if options.reload and not source.is_file():
+    is_pipe = not source.is_file()
+    if source.suffix.lower() in SUFFIXES or (is_pipe and not source.suffix):
+        if options.reload and is_pipe:
             raise ValueError(f"{source}: --reload needs a file, not a pipe")
-
-        def publish_robot(viewer: TreeViewer) -> PublishedRobot:
-            return viewer.robot(
-                top or (name,),
-                source,
-                joints=parse_joints(options.joint),
-                roots=options.root,
-                geometry="collision" if options.collision else "visual",
-                textures=options.textures,
-                keyframe=options.keyframe,
-                gltf_up=options.robot_gltf_up,
-                strict=options.strict,
-            )
-
-        with contextlib.suppress(KeyboardInterrupt), TreeViewer(options.lcm_url, options.timeout) as viewer:
-            signal.signal(signal.SIGTERM, signal.default_int_handler)  # the sliders are removed
-            if options.reload:
-                _publish_on_change(viewer, source, publish_robot, options.sliders)
-                return
-            robot = publish_robot(viewer)
-            _print_robot(source, robot)
-            if robot.drawn_count == 0 and (robot.warnings or robot.answer.warnings):
-                raise ValueError(f"{source}: nothing of the robot is drawn")
-            if options.sliders and _add_sliders(viewer, robot) is not None:
-                print("The page shows a slider for each joint, until Ctrl+C.", file=sys.stderr, flush=True)
-                while True:  # not an event: on Windows, Ctrl+C does not interrupt waiting for one
-                    time.sleep(1.0)
+        _publish_robot(options, path_of(options.path) or ("robot" if is_pipe else source.stem,))
         return
     if options.joint or options.root or options.keyframe or options.collision or options.reload:
         flags = "--joint, --root, --keyframe, --collision and --reload"
         raise ValueError(f"{source}: {flags} are for robot files ({', '.join(SUFFIXES)})")
-    changes = Changes()
     if source.suffix.lower() == ".json":
-        _read_request(source, top, changes)
+        changes = Changes()
+        _read_request(source, path_of(options.path), changes)
+        with TreeViewer(options.lcm_url, options.timeout) as viewer:
+            _print(viewer.send(changes))
     else:
-        top = top or (source.stem,)
-        changes.delete(top)
-        changes.set_entry(top, Entry([MeshFile.read(source).body()]))
+        _publish_mesh(options, path_of(options.path) or (source.stem,))
+
+
+def _publish_robot(options: argparse.Namespace, top: NodePath) -> None:
+    """Publish a robot at a path. With sliders or ``--reload``, this goes on until Ctrl+C."""
+    source: Path = options.source
+
+    def publish(viewer: TreeViewer) -> PublishedRobot:
+        return viewer.robot(
+            top,
+            source,
+            joints=parse_joints(options.joint),
+            roots=options.root,
+            geometry="collision" if options.collision else "visual",
+            textures=options.textures,
+            keyframe=options.keyframe,
+            gltf_up=options.robot_gltf_up,
+            strict=options.strict,
+        )
+
+    with contextlib.suppress(KeyboardInterrupt), TreeViewer(options.lcm_url, options.timeout) as viewer:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # the sliders are removed
+        if options.reload:
+            _publish_on_change(viewer, source, publish, options.sliders)
+            return
+        robot = publish(viewer)
+        _print_robot(source, robot)
+        if robot.drawn_count == 0 and (robot.warnings or robot.answer.warnings):
+            raise ValueError(f"{source}: nothing of the robot is drawn")
+        if options.sliders and _add_sliders(viewer, robot) is not None:
+            print("The page shows a slider for each joint, until Ctrl+C.", file=sys.stderr, flush=True)
+            while True:  # not an event: on Windows, Ctrl+C does not interrupt waiting for one
+                time.sleep(1.0)
+
+
+def _publish_mesh(options: argparse.Namespace, top: NodePath) -> None:
+    """Publish a mesh file at a path; remove it again if nothing of it is drawn, or ``--strict`` refuses it."""
+    source: Path = options.source
+    changes = Changes()
+    changes.delete(top)
+    changes.set_entry(top, Entry([MeshFile.read(source).body()]))
     with TreeViewer(options.lcm_url, options.timeout) as viewer:
         answer = viewer.send(changes)
         failed = [warning for warning in answer.warnings if options.strict or warning.endswith(NOTHING_DRAWN)]
-        if source.suffix.lower() != ".json" and failed:
+        if failed:
             viewer[top].delete()
             raise ValueError(f"{source}: {strict_refusal(failed) if options.strict else joined_warnings(failed)}")
     _print(answer)

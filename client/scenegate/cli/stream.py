@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments and options."""
     add = parser.add_argument
     add("target", metavar="HOST:PORT", help="address of the camera; the default port is 50051")
-    images = parser.add_argument_group("images", "Default: left and disparity.").add_argument
+    add_image = parser.add_argument_group("images", "Default: left and disparity.").add_argument
     for flag, text in (
         ("--left", "left image"),
         ("--right", "right image"),
@@ -28,28 +28,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--depth", "depth in millimetres, 16 bits"),
         ("--aligned", "with --depth: as seen by the colour camera"),
     ):
-        images(flag, action="store_true", help=text)
+        add_image(flag, action="store_true", help=text)
     text = "maximum number of points of a mesh, at least 1000; 0: no limit (default: 0)"
-    images("--max-points", type=at_least(0), default=0, metavar="N", help=text)
+    add_image("--max-points", type=at_least(0), default=0, metavar="N", help=text)
     text = "take the nearest point of each bin of a mesh instead of the mean"
-    images("--min-depth", action="store_true", help=text)
-    images("--watertight", action="store_true", help="mesh without holes")
-    images("--textured", action="store_true", help="mesh with colours")
-    files = parser.add_argument_group("files").add_argument
+    add_image("--min-depth", action="store_true", help=text)
+    add_image("--watertight", action="store_true", help="mesh without holes")
+    add_image("--textured", action="store_true", help="mesh with colours")
+    add_file = parser.add_argument_group("files").add_argument
     text = "write PNG, PLY, npz and parameter files for cvkit there"
-    files("-o", "--out", type=Path, metavar="FOLDER", help=text)
+    add_file("-o", "--out", type=Path, metavar="FOLDER", help=text)
     text = "with -o: write exposure time, gain, noise and brightness of each image"
-    files("--exposure", action="store_true", help=text)
+    add_file("--exposure", action="store_true", help=text)
     text = "with -o: write the GPIOs of each image, and their bits in the file names"
-    files("--gpio", action="store_true", help=text)
+    add_file("--gpio", action="store_true", help=text)
     text = "with -o: write exact depth and labels of each set, from this gateway's HTTP port http://HOST:PORT"
-    files("--truth", metavar="URL", help=text)
+    add_file("--truth", metavar="URL", help=text)
     text = "with -o: write imu.csv with accelerations and angular velocities, from this gateway's HTTP port"
-    files("--imu", metavar="URL", help=text)
+    add_file("--imu", metavar="URL", help=text)
     text = "number of the camera of --truth and --imu, if there are several (default: 0)"
-    files("--pipeline", type=at_least(0), default=0, metavar="N", help=text)
+    add_file("--pipeline", type=at_least(0), default=0, metavar="N", help=text)
     text = "image of the newest set, all images side by side, disparity in colours"
-    files("--preview", type=Path, metavar="FILE", help=text)
+    add_file("--preview", type=Path, metavar="FILE", help=text)
     text = "end after this number of sets; 0: when interrupted (default: 0)"
     add("--count", type=at_least(0), default=0, metavar="N", help=text)
     text = "end with an error after this number of seconds; 0: never (default: 0)"
@@ -68,15 +68,15 @@ def run(options: argparse.Namespace) -> None:
     credentials = pop_credentials(values)
     timeout = values.pop("timeout") or None
     stream = StreamOptions(**values, output=output, credentials=credentials, timeout=timeout)
-    newest = Progress()
-    sets = f"of {stream.count} sets" if stream.count else "sets"
-    with contextlib.suppress(KeyboardInterrupt), progress_bar("Receiving", sets, stream.count or None) as bar:
+    newest = Progress()  # the last one of ``report``, if Ctrl+C ends ``receive_all``
+    unit = f"of {stream.count} sets" if stream.count else "sets"
+    with contextlib.suppress(KeyboardInterrupt), progress_bar("Receiving", unit, stream.count or None) as bar:
 
         def report(progress: Progress) -> None:
             # On a terminal there is a bar, otherwise one line per second.
             nonlocal newest
             newest = progress
-            bar.update(progress.sets, progress.sets, note=f"newest {progress.timestamp}")
+            bar.update(progress.sets, count=progress.sets, note=f"newest {progress.timestamp}")
             if not bar.shown and progress.second_passed():
                 print(progress.line(), file=sys.stderr)
 

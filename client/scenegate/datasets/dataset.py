@@ -71,7 +71,7 @@ class Sample:
     @property
     def depth(self) -> NDArray[np.float32]:
         """Depth along the optical axis in metres, (H, W). It is infinite for the background."""
-        stored = self._read("depth")
+        stored = self.stored("depth")
         if stored.dtype != np.uint16:
             return stored.astype(np.float32, copy=False)
         return np.where(stored == np.iinfo(np.uint16).max, np.float32(np.inf), stored / np.float32(1000.0))
@@ -79,8 +79,7 @@ class Sample:
     @property
     def label(self) -> NDArray[np.uint32]:
         """Labels, (H, W): ``NO_LABEL`` for the background. ``Dataset.labels`` returns the paths of each label."""
-        rgb = self._read("label").astype(np.uint32)
-        return np.ascontiguousarray(rgb[..., 0] | rgb[..., 1] << 8 | rgb[..., 2] << 16)
+        return label_numbers(self.stored("label"))
 
     @property
     def objects(self) -> tuple[manifest.ObjectRecord, ...]:
@@ -90,12 +89,12 @@ class Sample:
     @property
     def instance(self) -> NDArray[np.uint16]:
         """``ObjectRecord.instance`` of the object in each pixel, (H, W); 0: none."""
-        return self._read("instance").astype(np.uint16, copy=False)
+        return self.stored("instance").astype(np.uint16, copy=False)
 
     @property
     def class_ids(self) -> NDArray[np.uint16]:
         """``ObjectRecord.class_id`` of the object in each pixel, (H, W); 0: none."""
-        return self._read("class").astype(np.uint16, copy=False)
+        return self.stored("class").astype(np.uint16, copy=False)
 
     @property
     def normal(self) -> NDArray[np.float32]:
@@ -103,7 +102,7 @@ class Sample:
 
         The file has 8 bits per coordinate: an angle is exact to 0.4 degrees.
         """
-        stored = self._read("normal")[..., :3].astype(np.float32) - np.float32(128.0)
+        stored = self.stored("normal")[..., :3].astype(np.float32) - np.float32(128.0)
         length = np.linalg.norm(stored, axis=-1, keepdims=True)
         return np.asarray(stored / np.maximum(length, np.float32(1.0)), np.float32)
 
@@ -120,7 +119,7 @@ class Sample:
     @property
     def measured(self) -> NDArray[np.float32]:
         """Depth as the stereo camera measures it, along the optical axis in metres, (H, W). NaN: not measured."""
-        stored = self._read("measured")
+        stored = self.stored("measured")
         return np.where(stored == 0, np.float32(np.nan), stored / np.float32(1000.0))
 
     @property
@@ -137,11 +136,19 @@ class Sample:
         Raises:
             RecordError: the sample has no such object, or no amodal masks.
         """
+        silhouettes = self.silhouettes
+        if str(instance) not in silhouettes.counts:
+            raise RecordError(f"{self.id}: there is no mask of instance {instance}")
+        return silhouettes.mask(str(instance))
+
+    @property
+    def silhouettes(self) -> manifest.Masks:
+        """Amodal masks of all objects, as run lengths."""
         path = self.path("amodal")
         masks = manifest.decode_masks(self._read_file(path), str(path))
-        if masks.size != (self.record.camera.height, self.record.camera.width) or str(instance) not in masks.counts:
-            raise RecordError(f"{path}: there is no mask of instance {instance} and of the camera's size")
-        return masks.mask(str(instance))
+        height, width = masks.size
+        self._check_size(path, width, height)
+        return masks
 
     @property
     def rays(self) -> NDArray[np.float64]:
@@ -197,8 +204,12 @@ class Sample:
             arrays[f"objects/{field}"] = np.array([NO_BOX if value is None else value for value in values])
         return arrays
 
-    def _read(self, image_type: ImageType) -> NDArray[Any]:
-        """Return the pixels of an image."""
+    def stored(self, image_type: ImageType) -> NDArray[Any]:
+        """Return the pixels of an image as its file has them: 8-bit RGB, 16-bit numbers, or depth in float32.
+
+        Raises:
+            RecordError: as ``file_bytes``.
+        """
         _, image = self._open_image(image_type)
         try:
             return np.array(image)  # writable, as tensors have to be
@@ -219,7 +230,7 @@ class Sample:
 
     def _read_rgb(self, image_type: ImageType) -> NDArray[np.uint8]:
         """Return an image without its alpha."""
-        return np.ascontiguousarray(self._read(image_type)[..., :3], np.uint8)
+        return np.ascontiguousarray(self.stored(image_type)[..., :3], np.uint8)
 
     def _check_size(self, path: Path, width: int, height: int) -> None:
         camera = self.record.camera
@@ -230,6 +241,12 @@ class Sample:
         """Return the content of an image file."""
         with errors_as(RecordError, path):
             return read_regular(path)
+
+
+def label_numbers(rgb: NDArray[np.uint8]) -> NDArray[np.uint32]:
+    """Return the labels, (H, W), in the pixels of a label image, (H, W, 3)."""
+    channels = rgb.astype(np.uint32)
+    return np.ascontiguousarray(channels[..., 0] | channels[..., 1] << 8 | channels[..., 2] << 16)
 
 
 def decode_flow(data: bytes, location: str) -> NDArray[np.float32]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from scenegate.recording.values import Cloud, Color, Primitive
 from scenegate.recording.view_frames import ViewFrame, ViewFrameError
-from scenegate.transforms import from_pose, quaternions_of
+from scenegate.transforms import from_pose, is_rotation, quaternions_of
 
 POINTS: Final = 1
 """Topology of point clouds."""
@@ -81,7 +81,7 @@ def split_rigid(
     if parent_stretch is not IDENTITY:
         matrix[:3] = parent_stretch @ X[:3]
     linear = matrix[:3, :3]
-    if np.abs(linear.T @ linear - IDENTITY).max() < 1e-6 and np.linalg.det(linear) > 0.0:
+    if is_rotation(linear, 1e-6):
         return matrix, IDENTITY
     U, _, Vt = np.linalg.svd(linear)
     rotation = U @ np.diag((1.0, 1.0, np.sign(np.linalg.det(U @ Vt)) or 1.0)) @ Vt

@@ -90,12 +90,13 @@ class SceneWriter:
             self.files.next_file()
         change = self._mirror.apply(value, log_time_ns) if isinstance(value, ViewFrame) else None
         due_ns = self._whole_scene_ns
-        is_due = change is not None and due_ns is not None and log_time_ns >= due_ns
-        if is_due or (is_new_file and due_ns is not None):
+        is_due = is_new_file or (change is not None and due_ns is not None and log_time_ns >= due_ns)
+        if due_ns is not None and is_due:
             self._write_whole(log_time_ns, change)
         elif change is not None:
             size = self._write_all(self._profile.scene(change), log_time_ns, change.time_ns)
-            if due_ns is None and isinstance(value, ViewFrame) and value.header["kind"] == "update":
+            is_update = isinstance(value, ViewFrame) and value.header["kind"] == "update"
+            if due_ns is None and is_update:  # the first one has the whole scene
                 self._plan_whole(log_time_ns, size)
         if isinstance(value, ImuSample):
             self._write_all(self._profile.imu(value), log_time_ns, value.time_ns)

@@ -28,11 +28,11 @@ from scenegate.robots.ros_packages import (
 
 _PACKAGE_SCHEMES: Final = ("package", "model")
 """URL schemes whose first path element is a package. URDF uses Gazebo's ``model://`` like ``package://``."""
-_NO_PACKAGES: Final = ("", ".", "..")
+_NOT_PACKAGES: Final = ("", ".", "..")
 """First path elements of package URLs that name no package."""
 _MAX_CONFIG_BYTES: Final = 1 << 16
 """Maximum size of a ``model.config``, which usually has less than 2 kB."""
-_CONFIG_FILE: Final = re.compile(r"<sdf[^<>]*>([^<>]+)</sdf>")
+_SDF_ELEMENT: Final = re.compile(r"<sdf[^<>]*>([^<>]+)</sdf>")
 """Name of an SDF file in a ``model.config``."""
 
 
@@ -44,17 +44,18 @@ class RobotFiles:
         path: Path,
         roots: Iterable[Path],
         limits: RobotFileLimits,
-        check: Callable[[], object] = lambda: None,
+        check_cancelled: Callable[[], object] = lambda: None,
     ) -> None:
         """
         Args:
             path: The robot file, which may be a pipe.
             roots: Folders to search for packages, and for relative file names.
-            check: Called again and again while a pipe is read; may raise an exception to cancel it.
+            check_cancelled: Called again and again while a pipe is read; may raise an exception to cancel it.
         """
-        self._check = check
+        self._check_cancelled = check_cancelled
         self.is_pipe = path.exists() and not path.is_file() and not path.is_dir()
-        """True for a pipe, as in ``publish <(xacro …)``. Its relative names start at the working directory."""
+        """True for a pipe, as in ``publish <(xacro …)``. ``path`` is then a name in the working directory, where its
+        relative names start; there need not be such a file."""
         self._source = path
         self.path = Path.cwd() / path.name if self.is_pipe else Path(os.path.realpath(path))
         self._folder = self.path.parent
@@ -71,8 +72,8 @@ class RobotFiles:
         """Return the bytes of the robot file; raises OSError, or RobotFileError beyond the limit."""
         if not self.is_pipe:
             return self._read(self.path, self._limits.max_file_bytes)
-        data = read_file_or_pipe(self._source, self._limits.max_file_bytes, self._check)
-        self.digests[self.path.name] = hashlib.sha256(data).hexdigest()
+        data = read_file_or_pipe(self._source, self._limits.max_file_bytes, self._check_cancelled)
+        self._note(self.path, data)
         return data
 
     def find(self, name: str) -> Path:
@@ -86,11 +87,7 @@ class RobotFiles:
         Raises:
             RobotFileError: There is no such file.
         """
-        if not name or "\0" in name or len(name) > 4096:
-            raise RobotFileError(f"{name[:100]!r} is not a file name")
-        scheme, rest = split_url(name)
-        if scheme not in ("", "file", *_PACKAGE_SCHEMES):
-            raise RobotFileError("only files, package:// and file:// can be read, nothing is fetched")
+        scheme, rest = _split_name(name)
         missing: list[Path] = []
         for spelling in _spellings(rest):
             for candidate in self._candidates(scheme, spelling):
@@ -106,8 +103,9 @@ class RobotFiles:
             uri: File or folder. In a folder, ``model.config`` names the file; the default is ``model.sdf``.
             folder: Folder of the file that includes it.
         """
-        scheme, rest = split_url(uri)
-        for candidate in self._candidates(scheme, rest) if scheme else (folder / uri,):
+        scheme, rest = _split_name(uri)
+        candidates = self._candidates(scheme, rest) if scheme else (folder / uri,)
+        for candidate in candidates:
             if candidate.is_file():
                 return candidate
             if candidate.is_dir():
@@ -118,7 +116,7 @@ class RobotFiles:
 
     def find_package(self, name: str) -> Path | None:
         """Return the folder of a package; None if there is none."""
-        return None if name in _NO_PACKAGES else next(filter(Path.is_dir, self._package_folders(name)), None)
+        return None if name in _NOT_PACKAGES else next(filter(Path.is_dir, self._package_folders(name)), None)
 
     def read(self, path: Path) -> bytes:
         """Return the bytes of a file that ``find`` returned; raises OSError, or RobotFileError beyond the limits."""
@@ -136,23 +134,24 @@ class RobotFiles:
 
     def _candidates(self, scheme: str, path: str) -> Iterator[Path]:
         """Yield the paths that a file may have, in order of preference."""
-        if scheme == "file":
-            yield Path("/" + path.lstrip("/"))
-        if not scheme or (scheme == "file" and not path.startswith("/")):  # some write file://meshes/a.stl
-            yield from (folder / path for folder in (self._folder, *self._roots))
-        elif scheme != "file":
-            package, _, path_in_package = path.lstrip("/").partition("/")
-            path_in_package = path_in_package.lstrip("/")
-            if package not in _NO_PACKAGES:
+        if scheme in _PACKAGE_SCHEMES:
+            package, path_in_package = _split_package(path)
+            if package not in _NOT_PACKAGES:
                 yield from (folder / path_in_package for folder in self._package_folders(package))
                 # Outside of ROS, the file may lie beside the robot file without its package's folder, as in PyBullet.
                 yield from (folder / path_in_package for folder in self.path.parents)
+            return
+        if scheme == "file":
+            yield Path("/" + path.lstrip("/"))
+        if not scheme or not path.startswith("/"):  # some write file://meshes/a.stl
+            yield from (folder / path for folder in (self._folder, *self._roots))
 
     def _package_folders(self, package: str) -> Iterator[Path]:
         """Yield folders that may be a package.
 
         - Folders that contain the robot file, with that folder name or package name.
-        - Folders with that folder name or package name at or below a root, then a folder of ``PATH_VARIABLES``.
+        - Folders with that folder name or package name at or below a root; the folders of ``PATH_VARIABLES`` are roots,
+          too, and come last.
         - The package below a prefix of ``AMENT_PREFIX_PATH``.
         - Folders of that name beside the robot file, or beside a folder that contains it.
         """
@@ -168,13 +167,13 @@ class RobotFiles:
         yield from (prefix / "share" / package for prefix in folders_of("AMENT_PREFIX_PATH"))
         yield from (folder / package for folder in self.path.parents)
 
-    def _not_found(self, name: str, scheme: str, candidates: list[Path]) -> str:
+    def _not_found(self, name: str, scheme: str, missing: list[Path]) -> str:
         """Return the reason why there is no file, with a similar name or the folders that were searched if possible.
 
         Args:
-            candidates: Paths that the file could have had.
+            missing: Paths that the file could have had.
         """
-        for candidate in candidates:
+        for candidate in missing:
             if candidate.exists() and not candidate.is_dir():
                 return "it is not a regular file"
             other = _other_case(candidate)
@@ -182,7 +181,7 @@ class RobotFiles:
                 return f"there is no such file, but one whose name differs in upper and lower case: {other}"
         if scheme not in _PACKAGE_SCHEMES:
             return "there is no such file"
-        package = name.partition("://")[2].lstrip("/").partition("/")[0]
+        package, _ = _split_package(name.partition("://")[2])
         folder = self.find_package(package)
         if folder is not None:
             return f"there is no such file in {folder}"
@@ -201,9 +200,29 @@ class RobotFiles:
             if error.errno == errno.EINVAL:
                 raise RobotFileError(f"{path.name} is not a regular file") from None
             raise
+        self._note(path, data)
+        return data
+
+    def _note(self, path: Path, data: bytes) -> None:
+        """Count the bytes of a file that was read, and note its digest."""
         self._remaining_bytes -= len(data)
         self.digests[Path(os.path.relpath(path, self._folder)).as_posix()] = hashlib.sha256(data).hexdigest()
-        return data
+
+
+def _split_name(name: str) -> tuple[str, str]:
+    """Return the scheme and the rest of a name in a robot file; raises RobotFileError if it cannot name a file."""
+    if not name or "\0" in name or len(name) > 4096:
+        raise RobotFileError(f"{name[:100]!r} is not a file name")
+    scheme, rest = split_url(name)
+    if scheme not in ("", "file", *_PACKAGE_SCHEMES):
+        raise RobotFileError("only files, package:// and file:// can be read, nothing is fetched")
+    return scheme, rest
+
+
+def _split_package(path: str) -> tuple[str, str]:
+    """Return the package that the rest of a package URL names, and the path in it."""
+    package, _, path_in_package = path.lstrip("/").partition("/")
+    return package, path_in_package.lstrip("/")
 
 
 def _files_of_config(config: Path) -> list[str]:
@@ -212,7 +231,7 @@ def _files_of_config(config: Path) -> list[str]:
         text = read_regular(config, _MAX_CONFIG_BYTES).decode("utf-8", "replace")
     except OSError:
         return []
-    return [name.strip() for name in _CONFIG_FILE.findall(text)[::-1]]
+    return [name.strip() for name in _SDF_ELEMENT.findall(text)[::-1]]
 
 
 def _spellings(name: str) -> list[str]:

@@ -1,8 +1,9 @@
-"""Reads the mesh and image files of a URDF or SDF robot, each once. What cannot be read is a warning."""
+"""Reads the mesh and image files that the links of a URDF or SDF robot name. What cannot be read is a warning."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import ClassVar, Final, Generic, TypeVar
 
@@ -10,69 +11,93 @@ from scenegate.messages.mesh_file import MESH_SUFFIXES
 from scenegate.regular_files import reason_of
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.files import RobotFiles
-from scenegate.robots.link_model import LinkMaterial
+from scenegate.robots.link_model import Link, LinkGeometry, LinkMaterial
 
+PartType = TypeVar("PartType")
 MeshType = TypeVar("MeshType")
 ImageType = TypeVar("ImageType")
 
 DEFAULT_RGBA: Final = (0.9, 0.9, 0.9, 1.0)
 """Colour of geometry without a material, as in Drake."""
 _LFS_POINTER: Final = b"version https://git-lfs"
-"""Start of the file that stands for a mesh until ``git lfs pull``."""
+"""Start of the file that stands for another one until ``git lfs pull``."""
 
 
-class LinkFiles(Generic[MeshType, ImageType]):
-    """Base of the converters of geometry, which say what a mesh and an image is."""
+Content = TypeVar("Content")
 
-    faults: ClassVar[tuple[type[Exception], ...]] = (RobotFileError, OSError)
+
+class LinkFiles(ABC, Generic[PartType, MeshType, ImageType]):
+    """Base class that finds and reads files, each name once. Subclasses parse them, and make parts of geometry."""
+
+    read_errors: ClassVar[tuple[type[Exception], ...]] = (RobotFileError, OSError)
     """Errors of files that cannot be read."""
 
     def __init__(self, files: RobotFiles, warnings: list[str]) -> None:
         self._files = files
         self._warnings = warnings
-        self._meshes: dict[Path, MeshType] = {}
+        self._meshes: dict[str, MeshType | str] = {}
+        """Meshes, or the reason why one cannot be read, by file name or URL."""
         self._images: dict[str, ImageType | str] = {}
-        """Images, or the reason why one cannot be read, by file name or URL."""
+        """Images in the same way."""
+
+    def parts_of(self, links: Iterable[Link]) -> tuple[tuple[PartType, ...], ...]:
+        """Return the geometry of each link, in the link's frame."""
+        return tuple(
+            tuple(part for geometry in link.geometries for part in self._parts(link.name, geometry)) for link in links
+        )
+
+    @abstractmethod
+    def _parts(self, link: str, geometry: LinkGeometry) -> Iterable[PartType]:
+        """Return a geometry of a link; nothing, with a warning, if its mesh cannot be read."""
 
     @abstractmethod
     def _read_mesh(self, link: str, name: str, path: Path, data: bytes) -> MeshType:
-        """Return the mesh in a file with the given content, which a link names; raises ``faults``."""
+        """Return the mesh in a file with the given content, which a link names first; raises ``read_errors``."""
 
     @abstractmethod
     def _read_image(self, data: bytes) -> ImageType:
-        """Return the image in a file with the given content; raises ``faults``."""
+        """Return the image in a file with the given content; raises ``read_errors``."""
 
-    def _mesh(self, link: str, name: str) -> MeshType | None:
+    def _mesh_or_warning(self, link: str, name: str) -> MeshType | None:
         """Return a mesh; None, with a warning, if it cannot be read."""
-        try:
+
+        def read() -> MeshType:
             if Path(name).suffix.lower() not in MESH_SUFFIXES:
                 raise RobotFileError(f"it is not one of the formats {', '.join(each[1:] for each in MESH_SUFFIXES)}")
-            path = self._files.find(name)
-            if path not in self._meshes:
-                data = self._files.read(path)
-                if data.startswith(_LFS_POINTER):
-                    raise RobotFileError("it is a pointer of Git LFS, not the mesh: run git lfs pull")
-                self._meshes[path] = self._read_mesh(link, name, path, data)
-            return self._meshes[path]
-        except self.faults as error:
-            self._warnings.append(f"link {link!r}: the mesh {name} is not shown: {reason_of(error)}")
-            return None
+            return self._read_mesh(link, name, *self._read(name))
 
-    def _image(self, link: str, material: LinkMaterial | None) -> ImageType | None:
+        return self._content_or_warning(self._meshes, name, read, f"link {link!r}: the mesh {name} is not shown")
+
+    def _texture_or_warning(self, link: str, material: LinkMaterial | None) -> ImageType | None:
         """Return the texture of a material; None if it has none or, with a warning, if it cannot be read."""
         if material is None or material.texture is None:
             return None
         name = material.texture
-        if name not in self._images:
+        warning = f"link {link!r}: the texture {name} of its material is not shown"
+        return self._content_or_warning(self._images, name, lambda: self._read_image(self._read(name)[1]), warning)
+
+    def _content_or_warning(
+        self, cache: dict[str, Content | str], name: str, read: Callable[[], Content], warning: str
+    ) -> Content | None:
+        """Return what a file has, which is read once; None, with a warning and the reason, if it cannot be read."""
+        if name not in cache:
             try:
-                self._images[name] = self._read_image(self._files.read(self._files.find(name)))
-            except self.faults as error:
-                self._images[name] = reason_of(error)
-        image = self._images[name]
-        if isinstance(image, str):
-            self._warnings.append(f"link {link!r}: the texture {name} of its material is not shown: {image}")
+                cache[name] = read()
+            except self.read_errors as error:
+                cache[name] = reason_of(error)
+        content = cache[name]
+        if isinstance(content, str):
+            self._warnings.append(f"{warning}: {content}")
             return None
-        return image
+        return content
+
+    def _read(self, name: str) -> tuple[Path, bytes]:
+        """Return the path and the content of a file; raises OSError or RobotFileError."""
+        path = self._files.find(name)
+        data = self._files.read(path)
+        if data.startswith(_LFS_POINTER):
+            raise RobotFileError("it is a pointer of Git LFS, not the file: run git lfs pull")
+        return path, data
 
 
 def color_of(material: LinkMaterial | None) -> tuple[float, float, float, float]:

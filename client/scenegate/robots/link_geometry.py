@@ -13,12 +13,12 @@ from scenegate.messages.geometry import Geometry, Mesh, Transform
 from scenegate.messages.mesh_file import MeshFile, referenced_files
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.link_files import LinkFiles, color_of
-from scenegate.robots.link_model import Cone, Link, LinkGeometry, MeshReference
+from scenegate.robots.link_model import Cone, LinkGeometry, MeshReference
 
 _CONE_SEGMENTS: Final = 48
 
 
-class LinkGeometries(LinkFiles[tuple[bytes, dict[str, bytes]], bytes]):
+class LinkGeometries(LinkFiles[Geometry, tuple[bytes, dict[str, bytes]], bytes]):
     """Converts geometry. Mesh and image files are sent as they are, with the files that meshes refer to."""
 
     def __init__(self, files: RobotFiles, warnings: list[str], gltf_up: Literal["y", "z"]) -> None:
@@ -29,17 +29,11 @@ class LinkGeometries(LinkFiles[tuple[bytes, dict[str, bytes]], bytes]):
         super().__init__(files, warnings)
         self._gltf_up = gltf_up
 
-    def geometries_of(self, links: tuple[Link, ...]) -> tuple[tuple[Geometry, ...], ...]:
-        """Return the geometries of each link, in the link's frame."""
-        return tuple(
-            tuple(each for geometry in link.geometries for each in self._one(link.name, geometry)) for link in links
-        )
-
-    def _one(self, link: str, geometry: LinkGeometry) -> Iterator[Geometry]:
+    def _parts(self, link: str, geometry: LinkGeometry) -> Iterator[Geometry]:
         shape, color, transform = geometry.shape, color_of(geometry.material), Transform.of(geometry.X_link_geometry)
-        texture = self._image(link, geometry.material)
+        texture = self._texture_or_warning(link, geometry.material)
         if isinstance(shape, MeshReference):
-            mesh = self._mesh(link, shape.filename)
+            mesh = self._mesh_or_warning(link, shape.filename)
             if mesh is None:
                 return
             is_gltf = shape.filename.lower().endswith((".gltf", ".glb"))

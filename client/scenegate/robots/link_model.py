@@ -61,7 +61,7 @@ class Link:
 
     name: str
     geometries: tuple[LinkGeometry, ...]
-    """Visual or collision geometries."""
+    """Geometries of the use that the caller asked for, ``GeometryUse``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +79,7 @@ class LinkJoint:
     """Unit vector in the joint's frame."""
     motion: Joint | None
     """Kind, default value, limits and mimic rule; None: the joint is fixed."""
-    X_joint_child: NDArray[np.float64] = field(default_factory=lambda: IDENTITY)
+    X_joint_child: NDArray[np.float64] = field(default_factory=lambda: IDENTITY)  # an array is no valid default
     """(4, 4) float64: pose of the child in the joint's frame at the neutral value. In URDF it is the identity."""
 
 

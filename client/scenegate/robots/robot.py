@@ -9,7 +9,8 @@ from typing import Final, Generic, Literal, Protocol, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scenegate.robots.errors import RobotFileError, name_hint
+from scenegate.name_hint import name_hint
+from scenegate.robots.errors import RobotFileError
 
 PartType = TypeVar("PartType")
 """Type of the geometry: ``Geometry`` to publish, or the server's own."""
@@ -20,7 +21,8 @@ JointKind = Literal["revolute", "prismatic", "ball", "planar", "floating"]
 JointValue: TypeAlias = ArrayLike
 """Value of a joint: a number, or a sequence; see ``NEUTRAL``."""
 MAX_MIMIC_CHAIN: Final = 100
-"""Maximum length of a chain of joints that mimic each other: long ones take minutes. Robots have fewer than 10."""
+"""Maximum length of a chain of joints that mimic each other. Each joint's value is computed along its whole chain, so a
+chain of N joints takes N² steps. Robots have fewer than 10."""
 
 NEUTRAL: Final[Mapping[JointKind, tuple[float, ...]]] = {
     "revolute": (0.0,),
@@ -110,7 +112,7 @@ class Robot(Generic[PartType]):
             RobotFileError: There is no such joint, or a value has the wrong length, a number that is not finite, or a
                 quaternion of zeros.
         """
-        given = {name: self._validated(name, value) for name, value in values.items()}
+        given = {name: self._value_of(name, value) for name, value in values.items()}
         complete = {}
         for name, joint in self.joints.items():
             value = given.get(name)
@@ -137,13 +139,14 @@ class Robot(Generic[PartType]):
             raise RobotFileError(f"the pose of the link {link!r} is not finite: numbers that lead to it are too large")
         return poses
 
-    def _validated(self, name: str, value: JointValue) -> tuple[float, ...]:
+    def _value_of(self, name: str, value: JointValue) -> tuple[float, ...]:
+        """Return a given value as a tuple; raises RobotFileError if the joint cannot have it."""
         joint = self.joints.get(name)
         if joint is None:
             raise RobotFileError(f"the robot has no joint {name!r}{name_hint(name, self.joints)}")
         try:
             numbers = np.atleast_1d(np.asarray(value, np.float64))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError):  # a text, or lists of different lengths
             numbers = np.empty(0)
         count = len(joint.default)
         if numbers.shape != (count,) or not np.isfinite(numbers).all():
@@ -154,15 +157,15 @@ class Robot(Generic[PartType]):
         return tuple(numbers.tolist())
 
     def _mimicked_value(self, joint: Joint, given: Mapping[str, tuple[float, ...]]) -> float:
-        """Return the value of a joint that follows a leader, through all leaders of its chain."""
-        chain = [joint]
-        while (last := chain[-1]).mimic is not None and last.name not in given:
-            chain.append(self.joints[last.mimic.joint])
-        last = chain.pop()
-        (value,) = given.get(last.name, last.default)
-        for follower in reversed(chain):
-            assert follower.mimic is not None
-            value = follower.mimic.value(value)
+        """Return the value of a joint that follows a leader, which may follow another one."""
+        rules: list[Mimic] = []
+        leader = joint
+        while leader.mimic is not None and leader.name not in given:
+            rules.append(leader.mimic)
+            leader = self.joints[leader.mimic.joint]
+        (value,) = given.get(leader.name, leader.default)
+        for rule in reversed(rules):
+            value = rule.value(value)
         return value
 
 
@@ -191,7 +194,9 @@ def _mimic_problem(joint: Joint, joints: Mapping[str, Joint]) -> str | None:
             return f"it mimics {name!r}, which is not a joint that moves{name_hint(name, joints)}"
         if len(leader.default) != 1 or len(follower.default) != 1:
             return f"it cannot mimic {leader.name!r}, as one of them has several values"
-        if leader.name in chain:
+        if leader.name in chain[1:]:
+            return None  # a circle of other joints, one of which loses its rule
+        if leader.name == joint.name:
             return f"the joints {', '.join(chain)} mimic each other in a circle"
         if len(chain) > MAX_MIMIC_CHAIN:
             return f"it mimics a chain of more than {MAX_MIMIC_CHAIN} joints, which is the limit"

@@ -13,8 +13,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from scenegate.name_hint import name_hint
 from scenegate.regular_files import reason_of
-from scenegate.robots.errors import RobotFileError, name_hint, no_links
+from scenegate.robots.errors import RobotFileError, no_links
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.limits import RobotFileLimits, check_count
 from scenegate.robots.link_model import Link, LinkGeometry, LinkJoint, LinkModel, MeshReference

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Iterator, Mapping
 from typing import Final
 
-from scenegate.robots.errors import name_hint
+from scenegate.name_hint import name_hint
 from scenegate.robots.link_model import LinkJoint
 from scenegate.robots.robot import NEUTRAL, Joint, JointKind, Mimic
 from scenegate.robots.xml_text import Element, attribute, numbers, pose_of_origin

@@ -20,18 +20,7 @@ STOP_SECONDS: Final = 30.0
 """Seconds after SIGTERM before the process is killed."""
 LOG_CHARS: Final = 20_000
 """Maximum number of characters of the log in a failed test's report. The newest lines are kept."""
-_DEFAULT_FLAGS: Final = (
-    "--http-port",
-    "0",
-    "--grpc-port",
-    "0",
-    "--tcpq-port",
-    "0",
-    "--lcm-url",
-    "off",
-    "--log-format",
-    "json",
-)
+_DEFAULT_FLAGS: Final = ("--http-port=0", "--grpc-port=0", "--tcpq-port=0", "--lcm-url=off", "--log-format=json")
 """Flags that come before the flags of a test, which override them."""
 
 

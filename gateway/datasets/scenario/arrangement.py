@@ -45,8 +45,8 @@ class Candidate:
     def solid(self) -> Solid:
         """The object in its own frame, scaled. Raises ScenarioError for joint values that the model cannot have."""
         with errors_as(tables.ScenarioError, self.choice.file, RobotFileError):
-            hulls = self.model.hulls(self.choice.joints)
-        return Solid(tuple(body * self.choice.scale for body in hulls))
+            bodies = self.model.bodies(self.choice.joints)
+        return Solid(tuple(body * self.choice.scale for body in bodies))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,14 +68,13 @@ class _Placed:
 
 def load_usable(catalogue: Catalogue, table: tables.Model, file: str, notes: list[str]) -> LoadedModel | None:
     """Return the model in a file; None, and a note, if it cannot be used."""
-    folder = catalogue.path.parent
     try:
-        model = load_model(folder / file, table.up, tuple(folder / root for root in table.roots))
+        model = load_model(catalogue, table, file)
     except (SceneFileError, OSError) as error:
-        reason = str(error).removeprefix(f"{folder / file}: ")
+        reason = str(error).removeprefix(f"{catalogue.path.parent / file}: ")
         notes.append(f"{file}: {reason}; it is left out")
         return None
-    if not model.hulls({}):
+    if not model.bodies({}):
         notes.append(f"{file}: it draws nothing; it is left out")
         return None
     return model
@@ -94,38 +93,54 @@ class Arrangement:
 
     def add(self, candidate: Candidate) -> None:
         """Find a place for an object; without one it is left out, with a note."""
-        table, placement = candidate.table, self.scenario.placement
         solid, rotation = candidate.solid, np.array(candidate.choice.X_world_object)
         extent = float(np.ptp(solid.box, axis=0).max())
         if not extent >= MIN_EXTENT:
             reason = f"({candidate.choice.file}) has an extent of {extent:g} m, {MIN_EXTENT:g} m are the least"
             self._leave_out(candidate, reason)
-            return
-        if table.pose_track:
+        elif candidate.table.pose_track:
             self._placed.append(_Placed(candidate, solid, rotation, None))
-            return
-        others = [placed.in_world for placed in self._placed if not placed.candidate.table.pose_track]
-        if table.position is not None:
-            is_fixed = not any(isinstance(each, tuple) for each in table.position)
-            for _ in range(1 if is_fixed else placement.tries):
-                X = translation(*(uniform(self.random, each) for each in table.position)) @ rotation
-                moved = solid.moved(X)
-                if all(are_apart(moved, other, placement.gap) for other in others):
-                    self._placed.append(_Placed(candidate, solid, X, None))
-                    return
-            self._leave_out(candidate, "has no free place at its position")
-            return
-        indices = [k for k, surface in enumerate(self.scenario.surfaces) if table.on in ("", surface.name)]
-        index = indices[int(self.random.integers(len(indices)))]
+        else:
+            others = [placed.in_world for placed in self._placed if not placed.candidate.table.pose_track]
+            if candidate.table.position is not None:
+                self._add_at_position(candidate, solid, rotation, candidate.table.position, others)
+            else:
+                self._add_on_surface(candidate, solid, rotation, others)
+
+    def _add_at_position(
+        self,
+        candidate: Candidate,
+        solid: Solid,
+        rotation: NDArray[np.float64],
+        position: tuple[tables.Range[float], ...],
+        others: list[Solid],
+    ) -> None:
+        """Place an object at a drawn position in the world, apart from the others."""
+        is_fixed = not any(isinstance(each, tuple) for each in position)
+        for _ in range(1 if is_fixed else self.scenario.placement.tries):
+            X = translation(*(uniform(self.random, each) for each in position)) @ rotation
+            moved = solid.moved(X)
+            if all(are_apart(moved, other, self.scenario.placement.gap) for other in others):
+                self._placed.append(_Placed(candidate, solid, X, None))
+                return
+        self._leave_out(candidate, "has no free place at its position")
+
+    def _add_on_surface(
+        self, candidate: Candidate, solid: Solid, rotation: NDArray[np.float64], others: list[Solid]
+    ) -> None:
+        """Place an object on a surface or, if objects drop, above it at the lowest of ``DROP_HEIGHTS`` that is free."""
+        placement = self.scenario.placement
+        allowed = [k for k, each in enumerate(self.scenario.surfaces) if candidate.table.on in ("", each.name)]
+        index = allowed[int(self.random.integers(len(allowed)))]
         surface, X_world_surface = self.surfaces[index], np.array(self.surfaces[index].X_world_surface)
         for k, each in enumerate(self.surfaces):
-            others += solids_of(each)[1 if k == index else 0 :]
+            others = [*others, *solids_of(each)[1 if k == index else 0 :]]  # not the top of the surface itself
         area = self.scenario.surfaces[index].area or surface.size
         drops = placement.physics == "mujoco"
+        tries = max(1, placement.tries // 10) if drops else placement.tries
         height = float(np.ptp(solid.moved(rotation).box[:, 2]))
         for level in range(DROP_HEIGHTS if drops else 1):
             above = translation(0.0, 0.0, placement.gap + level * 0.3 * height) if drops else np.eye(4)
-            tries = max(1, placement.tries // 10) if drops else placement.tries
             X_above = above @ X_world_surface
             place = place_on(solid, rotation, X_above, area, others, placement.gap, tries, self.random)
             if place is not None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -17,7 +16,7 @@ from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import ObjectChoice, SceneChoices
 from gateway.datasets.scenario.materials import material_of, with_material
-from gateway.datasets.scenario.models import LoadedModel, load_model, sources_of
+from gateway.datasets.scenario.models import LoadedModel, digests_by_scenario_path, load_model
 from gateway.datasets.scenario.scenery import Scenery, scenery_of
 from gateway.datasets.scenario.surfaces import node_of
 from gateway.datasets.scenario.tables import ScenarioError
@@ -76,7 +75,7 @@ def model_names(catalogue: Catalogue) -> frozenset[str]:
                 names.add(name)
                 continue
             try:
-                root = load_model(catalogue.path.parent / file, table.up, _roots(table, catalogue)).root
+                root = load_model(catalogue, table, file).root
                 names.update(each.model for each in _part_objects(root, name, ()))
             except (OSError, SceneFileError):  # a note of each scene that draws the file
                 continue
@@ -93,10 +92,6 @@ def _part_objects(node: Node, model: str, path: tuple[PathElement, ...]) -> Iter
     for each, child in node.walk(path):
         if child.parts:
             yield SceneObject(each, f"{model}/{each[-1]}" if each else model)
-
-
-def _roots(table: tables.Model, catalogue: Catalogue) -> tuple[Path, ...]:
-    return tuple(catalogue.path.parent / root for root in table.roots)
 
 
 class _Builder:
@@ -141,9 +136,8 @@ class _Builder:
     def _object(self, choice: ObjectChoice, table: tables.Model) -> Node:
         """Return the node of an object at the frame's time."""
         animation = None if table.animation is None else AnimationTime(table.animation, self._seconds)
-        roots = _roots(table, self._catalogue)
-        model = load_model(self._folder / choice.file, table.up, roots, animation)
-        self._digests |= sources_of(choice.file, model)
+        model = load_model(self._catalogue, table, choice.file, animation)
+        self._digests |= digests_by_scenario_path(choice.file, model)
         self._warnings |= dict.fromkeys(f"{choice.file}: {warning}" for warning in model.warnings)
         joints = dict(choice.joints)
         if table.joint_track:

@@ -18,7 +18,11 @@ DEFAULT_FRAMES: Final = FrameRange(count=1)
 CLEARANCE: Final = 0.02
 """Minimum distance of a camera from the boxes of objects, metres."""
 _TRIES: Final = 100
+"""Number of places that are drawn until one is outside of all boxes."""
 _SHAKE_HERTZ: Final = (1.1, 2.3, 4.7)
+"""Frequencies of a hand's shaking; the amplitude of each is the first one's divided by its number, from 1."""
+_AZIMUTH: Final = 2
+"""Index of the azimuth in a place (``_draw_place``)."""
 
 
 def uniform(random: np.random.Generator, values: Range[float]) -> float:
@@ -98,10 +102,10 @@ def _path(
 ) -> list[Matrix]:
     """Return a pose for each frame: a Catmull-Rom curve through the drawn places, and the shaking of a hand."""
     places = np.array([_draw_place(camera, boxes, fovy, random) for _ in range(camera.waypoints)])
-    places[1:, 2] = places[0, 2] + camera.sweep * (random.random(camera.waypoints - 1) - 0.5)
+    places[1:, _AZIMUTH] = places[0, _AZIMUTH] + camera.sweep * (random.random(camera.waypoints - 1) - 0.5)
     rolls = [uniform(random, camera.roll) for _ in places]
     knots = np.column_stack((places, rolls))
-    knots = np.concatenate((knots[:1], knots, knots[-1:]))
+    knots = np.concatenate((knots[:1], knots, knots[-1:]))  # the curve goes through all but the first and the last
     phases = math.tau * random.random((len(_SHAKE_HERTZ), 1, 6))
     seconds = np.arange(frames.count) / frames.rate
     angles = math.tau * np.multiply.outer(_SHAKE_HERTZ, seconds)[..., None] + phases
@@ -112,9 +116,10 @@ def _path(
         first = min(int(position), camera.waypoints - 2)
         t = position - first
         a, b, c, d = knots[first : first + 4]
+        # Catmull-Rom: from b to c.
         place = 0.5 * (2 * b + (c - a) * t + (2 * a - 5 * b + 4 * c - d) * t**2 + (3 * b - a - 3 * c + d) * t**3)
-        place[3:6] += shake[:3]
+        place[3:6] += shake[:3]  # the target
         pose = _pose(place[:6], float(place[6]))
-        pose[:3, 3] += shake[3:]
+        pose[:3, 3] += shake[3:]  # the eye
         poses.append(pose)
     return poses

@@ -16,14 +16,12 @@ import msgspec
 
 from gateway.datasets.scenario.file import read_scenario
 from gateway.datasets.scenario.tables import Scenario, ScenarioError
-from gateway.robots.scene_files import SCENE_SUFFIXES
+from gateway.robots.scene_files import FOLDER_SUFFIXES, SCENE_SUFFIXES
 from renderers.stop import check_stop
 from scenegate.regular_files import errors_as
 
 MAX_ENTRIES: Final = 100_000
 """Maximum number of files and folders in the folders of a path or pattern."""
-MODEL_SUFFIXES: Final = tuple(suffix for suffix in SCENE_SUFFIXES if suffix not in (".xml", ".world", ".xacro"))
-"""Suffixes of models in folders. A path or pattern that ends with another suffix of a scene file names those, too."""
 IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".webp")
 RIG_SUFFIXES: Final = (".toml", ".hdr")
 _CACHED_CATALOGUES: Final = 8
@@ -41,7 +39,7 @@ class Catalogue:
         """Files of each table of models, by the table's name and index."""
         scenario = self.scenario
         return {
-            (kind, index): self.files(model.path, MODEL_SUFFIXES, f"{kind}[{index}].path")
+            (kind, index): self.files(model.path, FOLDER_SUFFIXES, f"{kind}[{index}].path")
             for kind, models in (("models", scenario.models), ("distractors", scenario.distractors))
             for index, model in enumerate(models)
         }
@@ -105,7 +103,7 @@ class Catalogue:
             return (pattern,)
         is_folder = (folder / pattern).is_dir()
         search = f"{glob.escape(pattern)}/**/*" if is_folder else pattern
-        wanted = SCENE_SUFFIXES if suffixes is MODEL_SUFFIXES and not is_folder else suffixes
+        wanted = SCENE_SUFFIXES if suffixes is FOLDER_SUFFIXES and not is_folder else suffixes
         found: set[str] = set()
         for count, name in enumerate(_matches(folder, search)):
             check_stop()

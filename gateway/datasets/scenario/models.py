@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import posixpath
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.assets.scene_file import SceneFileError, Up
+from gateway.datasets.scenario.catalogue import Catalogue
+from gateway.datasets.scenario.tables import Model
 from gateway.gltf import AnimationTime
 from gateway.robots.reader import read_robot
 from gateway.robots.robot import Robot
@@ -25,11 +26,13 @@ from renderers.drawlist import Mesh, used_vertices
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.reader import SUFFIXES as ROBOT_SUFFIXES
 
-MAX_HULLS: Final = 16
-"""Maximum number of parts of a model that count as convex bodies of their own; more are one body."""
+MAX_BODIES: Final = 16
+"""Maximum number of parts of a model that are bodies of their own; more are one body."""
+_MODEL_BYTES: Final = 1 << 16
+"""Memory of a model besides its arrays, in the cache's limit."""
 
-Points = NDArray[np.float64]
-"""(N, 3) float64, whose convex hull is a body; metres."""
+Body = NDArray[np.float64]
+"""(N, 3) float64, metres: points whose convex hull is a solid body."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,37 +58,39 @@ class LoadedModel:
             raise RobotFileError(f"it has no joints, but there is a value for {next(iter(joints))!r}")
         return self.robot.tree(joints)
 
-    def hulls(self, joints: Mapping[str, tuple[float, ...]]) -> tuple[Points, ...]:
+    def bodies(self, joints: Mapping[str, tuple[float, ...]]) -> tuple[Body, ...]:
         """Return the bodies of the model for joint values, in its own frame."""
-        return hulls_of(self.tree(joints)) if joints else self._default_hulls
+        return _bodies_of(self.tree(joints)) if joints else self._default_bodies
 
     @cached_property
-    def _default_hulls(self) -> tuple[Points, ...]:
-        return hulls_of(self.root)
+    def _default_bodies(self) -> tuple[Body, ...]:
+        return _bodies_of(self.root)
 
 
-_points: Final[WeakCache[Mesh, Points]] = WeakCache("scenario_points")
-_models: Final[Cache[tuple[object, ...], LoadedModel]] = Cache("scenario_models")
+_point_cache: Final[WeakCache[Mesh, Body]] = WeakCache("scenario_points")
+_model_cache: Final[Cache[tuple[object, ...], LoadedModel]] = Cache("scenario_models")
 
 
-def load_model(path: Path, up: Up, roots: tuple[Path, ...], animation: AnimationTime | None = None) -> LoadedModel:
-    """Load a model, or return it from the cache if its file has not changed.
+def load_model(catalogue: Catalogue, table: Model, file: str, animation: AnimationTime | None = None) -> LoadedModel:
+    """Load a file of a table of models, or return it from the cache if it has not changed.
+
+    The files that it names must not change.
 
     Args:
-        up: up axis of a glTF file.
-        roots: folders with the packages of a robot file.
         animation: animation of a glTF file, and its time.
 
     Raises:
         SceneFileError, OSError: it cannot be loaded.
     """
+    folder, up = catalogue.path.parent, table.up
+    path, roots = folder / file, tuple(folder / root for root in table.roots)
     status = path.stat()
     key = (path, status.st_mtime_ns, status.st_size, up, roots, animation)
-    model = _models.get(key)
+    model = _model_cache.get(key)
     if model is None:
         model = _load(path, up, roots, animation)
         nbytes = sum(part.array_bytes for _, node in model.root.walk() for part in node.parts or ())
-        _models.put(key, model, nbytes + (1 << 16))
+        _model_cache.put(key, model, nbytes + _MODEL_BYTES)
     return model
 
 
@@ -97,31 +102,36 @@ def _load(path: Path, up: Up, roots: tuple[Path, ...], animation: AnimationTime 
         robot = read_robot(path, roots=roots)
         return LoadedModel(robot.tree({}), robot, robot.warnings, robot.digests)
     except (RobotFileError, ImportError) as error:
-        raise SceneFileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+        reason = str(error).removeprefix(f"{path}: ")  # some errors name the file already
+        raise SceneFileError(f"{path}: {reason}") from None
 
 
-def hulls_of(root: Node) -> tuple[Points, ...]:
-    """Return the points of each part of a tree, without duplicates; of all together if there are many parts."""
-    bodies: list[Points] = []
+def _bodies_of(root: Node) -> tuple[Body, ...]:
+    """Return a body for each part of a tree, or one for all of them if there are more than ``MAX_BODIES``."""
+    bodies: list[Body] = []
     for instance in flatten(root).instances:
         points = _points_of(instance.mesh)
         if len(points):
             bodies.append(points @ instance.X_world_mesh[:3, :3].T + instance.X_world_mesh[:3, 3])
-    return tuple(bodies) if len(bodies) <= MAX_HULLS else (np.concatenate(bodies),)
+    return tuple(bodies) if len(bodies) <= MAX_BODIES else (np.concatenate(bodies),)
 
 
-def _points_of(mesh: Mesh) -> Points:
+def _points_of(mesh: Mesh) -> Body:
     """Return the different vertices in use of a mesh, from the cache if it has them."""
-    points = _points.get(mesh)
+    points = _point_cache.get(mesh)
     if points is None:
         used, _ = used_vertices(mesh.elements, len(mesh.positions))
         points = np.unique(mesh.positions[used], axis=0).astype(np.float64)
         points = points[np.isfinite(points).all(axis=1)]
-        _points.put(mesh, points, points.nbytes)
+        _point_cache.put(mesh, points, points.nbytes)
     return points
 
 
-def sources_of(file: str, model: LoadedModel) -> dict[str, str]:
-    """Return the digests of a model's files, by path relative to the scenario's folder."""
-    folder = os.path.dirname(file)  # noqa: PTH120 - a name of the scenario, not a path here
+def digests_by_scenario_path(file: str, model: LoadedModel) -> dict[str, str]:
+    """Return the digests of a model's files, by path as in the scenario.
+
+    Args:
+        file: path of the model as in the scenario: relative to its folder, or absolute, with slashes.
+    """
+    folder = posixpath.dirname(file)
     return {posixpath.normpath(posixpath.join(folder, name)): digest for name, digest in model.digests.items()}

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.datasets.scenario.models import Points
+from gateway.datasets.scenario.models import Body
 from gateway.datasets.scenario.placement import Solid
 from gateway.datasets.scenario.tables import ScenarioError
 from gateway.scene.transforms import from_pose, quaternions_of
@@ -92,7 +92,7 @@ def _add_hulls(mujoco: Any, spec: Any, body: Any, solid: Solid, name: str) -> No
         geom.condim, geom.friction, geom.solref, geom.margin, geom.density = 6, FRICTION, STIFFNESS, MARGIN, 500.0
 
 
-def _thick(points: Points) -> Points:
+def _thick(points: Body) -> Body:
     """Return points that are not in a plane: flat bodies get ``MIN_THICKNESS``."""
     _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=len(points) < 3)
     for axis in axes:

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.datasets.scenario.models import Points
+from gateway.datasets.scenario.models import Body
 from renderers.stop import check_stop
 from scenegate.datasets.boxes import box_corners
 
@@ -27,7 +27,7 @@ _ITERATIONS: Final = 100
 class Solid:
     """An object or a part of a surface in the world."""
 
-    bodies: tuple[Points, ...]
+    bodies: tuple[Body, ...]
 
     @cached_property
     def boxes(self) -> NDArray[np.float64]:
@@ -65,7 +65,12 @@ def _boxes_apart(a: NDArray[np.float64], b: NDArray[np.float64], gap: float) -> 
     return bool((a[0] > b[1] + gap).any() or (b[0] > a[1] + gap).any())
 
 
-def _bodies_apart(p: Points, q: Points, gap: float) -> bool:
+def _bodies_apart(p: Body, q: Body, gap: float) -> bool:
+    """Return True if a plane separates two bodies by the gap.
+
+    ``nearest`` is a point of the Minkowski difference p - q. Each step brings it nearer to the origin, towards the
+    corner of the difference that lies farthest in the direction of the origin.
+    """
     nearest = p.mean(axis=0) - q.mean(axis=0)
     for _ in range(_ITERATIONS):
         distance = float(np.linalg.norm(nearest))

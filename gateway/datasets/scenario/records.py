@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -11,6 +11,10 @@ import numpy as np
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import Coordinates, ObjectChoice, SceneChoices
 from gateway.datasets.scenario.tables import ScenarioError
+from gateway.scene.transforms import is_rotation
+
+MAX_ROTATION_ERROR: Final = 1e-6
+"""Maximum deviation of an element of R^T R from the identity."""
 
 
 def choices_of(record: Any, catalogue: Catalogue, number: int) -> SceneChoices:
@@ -76,6 +80,5 @@ def _file_problems(place: str, used: set[str], catalogue: Catalogue, key: str) -
 
 
 def _pose_problems(key: str, pose: Coordinates) -> Iterator[str]:
-    X = np.array(pose)
-    if not np.allclose(X[:3, :3] @ X[:3, :3].T, np.eye(3), atol=1e-6) or pose[3] != (0.0, 0.0, 0.0, 1.0):
+    if not is_rotation(np.array(pose)[:3, :3], MAX_ROTATION_ERROR) or pose[3] != (0.0, 0.0, 0.0, 1.0):
         yield f"{key}: {[list(row) for row in pose]} is not a rigid pose"

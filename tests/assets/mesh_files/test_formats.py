@@ -12,13 +12,13 @@ from PIL import Image
 
 from gateway.assets.mesh_files import MeshFileError, MeshFileLimits, MeshFiles
 from gateway.gltf import GltfLimits
-from gateway.scene.bounds import scene_bounds
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Part, PointCloud, Surface
 from gateway.scene.tree import Node
 from renderers import primitives
 from renderers.drawlist import AlphaMode, Mesh
 from tests.assets.mesh_files.files import CUBE, CUBE_MTL, DAE, TRIANGLE, gltf, png, stl, write
+from tests.support.bounds import scene_bounds
 
 
 def bounds(parts: tuple[Part, ...]) -> np.ndarray:

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from gateway.scene.cameras import CameraError
-from gateway.scene.mount import parse_camera_spec
+from gateway.scene.mount import parse_mounted_camera
 from gateway.settings import Settings
 from gateway.stereo.device.parameters import ParameterError, Parameters
 from gateway.stereo.device.profile import (
@@ -131,9 +131,9 @@ def test_unknown_profiles_name_the_shipped_ones() -> None:
 
 
 def test_text_of_a_camera() -> None:
-    camera = parse_camera_spec('profile=rgbd;name=wrist; ["robot", "a;b"]')
+    camera = parse_mounted_camera('profile=rgbd;name=wrist; ["robot", "a;b"]')
     assert (camera.name, camera.profile, camera.mount) == ("wrist", "rgbd", '["robot", "a;b"]')
-    assert parse_camera_spec("eye=1,0,0;target=0,0,0").name == ""
+    assert parse_mounted_camera("eye=1,0,0;target=0,0,0").name == ""
     for text, message in (
         ("name=a;name=b;0,0,0,1,0,0,0", "name= twice"),
         ("name=a b;0,0,0,1,0,0,0", "name='a b' of a camera must have 1 to 64"),
@@ -142,4 +142,4 @@ def test_text_of_a_camera() -> None:
         ("name=a;", "neither x,y,z,qw,qx,qy,qz"),
     ):
         with pytest.raises(CameraError, match=message):
-            parse_camera_spec(text)
+            parse_mounted_camera(text)

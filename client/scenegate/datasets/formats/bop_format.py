@@ -7,6 +7,7 @@ millimetres. ``cam_K`` counts pixels as OpenCV does: the centre of the top left 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from itertools import groupby
 from pathlib import Path
@@ -23,8 +24,8 @@ from scenegate.png import encode_png
 SPLIT: Final = "train_pbr"
 """Folder of the scenes, by BOP's name for rendered training images."""
 MILLIMETRES: Final = 1000.0
-DEPTH_SCALES: Final = (0.1, 1.0)
-"""Millimetres of one unit of depth images. The first that reaches all far planes is used, else the last."""
+FINE_DEPTH, COARSE_DEPTH = 0.1, 1.0
+"""Millimetres of one unit of depth images. The fine one is used if its numbers reach all far planes."""
 MAX_DEPTH_UNITS: Final = 65535
 
 
@@ -38,24 +39,24 @@ def write(dataset: Dataset, folder: Path, samples: Iterator[Sample]) -> None:
         names[f"{number:06d}"] = scene
         models = dataset.scene(scene).models
         camera = _write_scene(folder / SPLIT / f"{number:06d}", views, models, object_ids, depth_scale)
-    objects = {str(number): {"model": key.name, "scale": key.scale} for key, number in object_ids.items()}
+    objects = {str(object_id): {"model": key.name, "scale": key.scale} for key, object_id in object_ids.items()}
     _write_json(folder / "dataset_info.json", {"scenes": names, "objects": objects})
-    if camera is not None:
+    if camera is not None:  # BOP has one camera for all images: here the last one
         _write_json(folder / "camera.json", {**_intrinsics(camera), "depth_scale": depth_scale})
 
 
 def _plan(dataset: Dataset) -> tuple[dict[ModelKey, int], float]:
-    """Return BOP's numbers of the models of a dataset, from 1, and one of ``DEPTH_SCALES``."""
+    """Return BOP's numbers of the models of a dataset, from 1, and the unit of depth images in millimetres."""
     keys: set[ModelKey] = set()
-    far: float | None = 0.0
+    far = 0.0
     for scene, views in groupby(dataset, key=lambda sample: sample.record.scene):
         models = dataset.scene(scene).models
         for sample in views:
             camera = sample.record.camera
-            far = None if far is None or camera.far is None else max(far, camera.far + camera.depth_origin)
+            far = max(far, math.inf if camera.far is None else camera.far)
             keys.update(model_key(record, models) for record in sample.objects)
-    reach = far is not None and far * MILLIMETRES <= MAX_DEPTH_UNITS * DEPTH_SCALES[0]
-    return {key: number for number, key in enumerate(sorted(keys), 1)}, DEPTH_SCALES[0 if reach else 1]
+    fits = far * MILLIMETRES <= MAX_DEPTH_UNITS * FINE_DEPTH
+    return {key: number for number, key in enumerate(sorted(keys), 1)}, FINE_DEPTH if fits else COARSE_DEPTH
 
 
 def _write_scene(
@@ -76,16 +77,16 @@ def _write_scene(
         (folder / "rgb" / f"{number:06d}{suffix}").write_bytes(sample.file_bytes("color"))
         depth = _depth_units(sample, depth_scale)
         (folder / "depth" / f"{number:06d}.png").write_bytes(encode_png(depth))
-        cameras[str(number)] = _camera(sample.record.camera, depth_scale)
-        poses[str(number)] = [_pose(record, object_ids[model_key(record, models)]) for record in sample.objects]
+        cameras[str(number)] = _camera_entry(sample.record.camera, depth_scale)
+        poses[str(number)] = [_pose_entry(record, object_ids[model_key(record, models)]) for record in sample.objects]
         infos[str(number)] = []
-        instances = sample.instance
+        instance_image = sample.instance
         for index, record in enumerate(sample.objects):
             mask = sample.amodal_mask(record.instance)
-            for name, pixels in (("mask", mask), ("mask_visib", instances == record.instance)):
+            for name, pixels in (("mask", mask), ("mask_visib", instance_image == record.instance)):
                 path = folder / name / f"{number:06d}_{index:06d}.png"
                 path.write_bytes(encode_png(np.where(pixels, np.uint8(255), np.uint8(0))))
-            infos[str(number)].append(_info(record, int(np.count_nonzero(depth[mask]))))
+            infos[str(number)].append(_info_entry(record, int(np.count_nonzero(depth[mask]))))
         camera = sample.record.camera
     for name, content in (("scene_camera", cameras), ("scene_gt", poses), ("scene_gt_info", infos)):
         _write_json(folder / f"{name}.json", content)
@@ -93,7 +94,7 @@ def _write_scene(
 
 
 def _depth_units(sample: Sample, scale: float) -> NDArray[np.uint16]:
-    """Return the depth image in units of ``scale`` millimetres; 0 for the background, and for what is too far."""
+    """Return the depth image in units of ``scale`` millimetres from the camera; 0: background, or too far."""
     units = np.rint((sample.depth + sample.record.camera.depth_origin) * (MILLIMETRES / scale))
     return np.where(units <= MAX_DEPTH_UNITS, units, 0.0).astype(np.uint16)
 
@@ -110,20 +111,20 @@ def _intrinsics(camera: CameraRecord) -> dict[str, float]:
     }
 
 
-def _camera(camera: CameraRecord, depth_scale: float) -> dict[str, Any]:
+def _camera_entry(camera: CameraRecord, depth_scale: float) -> dict[str, Any]:
     """Return an image's entry in ``scene_camera.json``."""
-    K = _intrinsics(camera)
+    intrinsics = _intrinsics(camera)
     X = np.array(camera.X_world_camera)
     R = X[:3, :3].T
     return {
-        "cam_K": [K["fx"], 0.0, K["cx"], 0.0, K["fy"], K["cy"], 0.0, 0.0, 1.0],
+        "cam_K": [intrinsics["fx"], 0.0, intrinsics["cx"], 0.0, intrinsics["fy"], intrinsics["cy"], 0.0, 0.0, 1.0],
         "cam_R_w2c": R.ravel().tolist(),
         "cam_t_w2c": (-R @ X[:3, 3] * MILLIMETRES).tolist(),
         "depth_scale": depth_scale,
     }
 
 
-def _pose(record: ObjectRecord, object_id: int) -> dict[str, Any]:
+def _pose_entry(record: ObjectRecord, object_id: int) -> dict[str, Any]:
     """Return an object's entry in ``scene_gt.json``."""
     X = np.array(record.X_camera_object)
     return {
@@ -133,10 +134,10 @@ def _pose(record: ObjectRecord, object_id: int) -> dict[str, Any]:
     }
 
 
-def _info(record: ObjectRecord, pixels_with_depth: int) -> dict[str, Any]:
+def _info_entry(record: ObjectRecord, pixels_with_depth: int) -> dict[str, Any]:
     """Return an object's entry in ``scene_gt_info.json``."""
     return {
-        "bbox_obj": _box(record.box_amodal if record.visible_pixels else None),
+        "bbox_obj": _box(record.box_amodal if record.visible_pixels else None),  # the toolkit's of hidden ones is none
         "bbox_visib": _box(record.box_visible),
         "px_count_all": record.amodal_pixels,
         "px_count_valid": pixels_with_depth,
