@@ -14,7 +14,8 @@ from trimesh.visual.material import SimpleMaterial
 
 from gateway.parsers.collada import read_collada
 from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshLimits, Shape
-from gateway.parsers.obj import without_broken_faces
+from gateway.parsers.obj import with_absolute_faces, without_broken_faces
+from gateway.parsers.ply import triangles_of_strips, with_line_feeds, with_triangles
 from gateway.parsers.shapes import checked_triangles, shape_of
 from gateway.parsers.texture_files import ReadFile, TextureFiles
 from gateway.parsers.vtk import read_vtk
@@ -70,6 +71,10 @@ def _read(read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, 
         return _single(positions, triangles)
     if extension == "dae":
         return read_collada(data, read_file, limits, use_up_axis)
+    if extension == "obj":
+        data = with_absolute_faces(data)
+    elif extension == "ply":
+        data = with_line_feeds(data)
     result = MeshData()
     textures = TextureFiles(read_file, result)
     resolver = _Resolver(read_file, textures)
@@ -82,9 +87,12 @@ def _read(read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, 
     try:
         scene = load(data)
     except (ValueError, IndexError):
-        if extension != "obj":
+        if extension == "obj":
+            scene = load(without_broken_faces(data, result.warnings))
+        elif extension == "ply":
+            scene = load(with_triangles(data))
+        else:
             raise
-        scene = load(without_broken_faces(data, result.warnings))
     if resolver.materials:
         result.warnings += _undefined_materials(data, resolver.materials)
     _add_content(scene, textures, limits, result)
@@ -157,7 +165,10 @@ def _shape(geometry: Any, textures: TextureFiles, warnings: list[str]) -> Shape 
         return None
     colors = _vertex_colors(geometry, len(positions))
     if not hasattr(geometry, "faces"):
-        return shape_of(positions, None, warnings, colors=colors)
+        strips = triangles_of_strips(geometry.metadata)
+        if strips is not None:
+            strips = checked_triangles(strips, len(positions), warnings)
+        return shape_of(positions, strips, warnings, colors=colors)
     triangles = checked_triangles(np.asarray(geometry.faces, np.int64).reshape(-1, 3), len(positions), warnings)
     uv, color, image = _material(geometry, textures)
     # trimesh's property computes missing normals. Its cache has only the normals of the file.
@@ -184,7 +195,7 @@ def _material(
 ) -> tuple[NDArray[np.float64] | None, tuple[float, float, float, float] | None, int | None]:
     """Return texture coordinates, diffuse colour and texture; None for those that are missing or unused.
 
-    Without an MTL file, coordinates are kept: the material of a robot file may have a texture for them.
+    Coordinates are kept without a texture: the material of a robot file may have one for them.
     """
     visual = geometry.visual
     if getattr(visual, "kind", None) == "face":
@@ -209,7 +220,7 @@ def _material(
     diffuse = getattr(material, "diffuse", None) if diffuse is None else diffuse
     color = np.ones(4) if diffuse is None else np.append(np.asarray(diffuse, np.float64)[:4] / 255.0, 1.0)[:4]
     color[3] *= _mtl_opacity(statements)
-    return uv if image is not None else None, _rgba(color), image
+    return uv, _rgba(color), image
 
 
 def _rgba(color: NDArray[np.float64]) -> tuple[float, float, float, float]:
