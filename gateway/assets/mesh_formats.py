@@ -104,17 +104,21 @@ def parse_mesh(
     return without_broken_textures(parts, limits.max_total_image_pixels, warnings)
 
 
-def with_default_materials(parts: Iterable[Part], plain: Material, textured: Material) -> tuple[Part, ...]:
+def with_default_materials(
+    parts: Iterable[Part], plain: Material, textured: Material, *, override: bool = False
+) -> tuple[Part, ...]:
     """Return parts with materials in place of ``PLAIN_MATERIAL``. Those of the file override, as in RViz.
 
     Args:
         plain: Material of meshes without texture coordinates.
         textured: Material of the others.
+        override: True: the file's own materials are replaced, too.
     """
 
     def material_of(part: Part) -> Material:
         mesh = part.shape.mesh if isinstance(part.shape, Surface) else None
-        if part.material != PLAIN_MATERIAL or (mesh is not None and mesh.colors is not None):
+        has_own = part.material != PLAIN_MATERIAL or (mesh is not None and mesh.colors is not None)
+        if has_own and not override:
             return part.material
         return textured if mesh is not None and mesh.uv0 is not None else plain
 

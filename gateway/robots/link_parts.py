@@ -53,10 +53,9 @@ class LinkParts(LinkFiles[tuple[Part, ...], tuple[Image, tuple[float, float, flo
         if not isinstance(shape, MeshReference):
             return [Part(shape, material, X)]
         X = X @ scaling(*shape.scale)
-        return [
-            msgspec.structs.replace(part, X_node_part=X @ part.X_node_part)
-            for part in with_default_materials(self._mesh(link, shape.filename) or (), material, textured)
-        ]
+        override = geometry.material is not None and geometry.material.overrides
+        parts = with_default_materials(self._mesh(link, shape.filename) or (), material, textured, override=override)
+        return [msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in parts]
 
     def _materials(self, link: str, material: LinkMaterial | None) -> tuple[Material, Material]:
         """Return two materials: for geometry without texture coordinates, and for geometry with them.
