@@ -31,11 +31,14 @@ _UP_AXES: Final = {"X_UP": np.array(_X_UP), "Y_UP": np.array(_Y_UP), "Z_UP": np.
 """Rotation to Z up. X_UP: up +X to +Z, right -Y to +X, towards the viewer +Z to -Y (COLLADA 1.4, 5-19)."""
 
 
-def read_collada(data: bytes, read_file: ReadFile, limits: MeshLimits, use_up_axis: bool) -> MeshData:
+def read_collada(
+    data: bytes, read_file: ReadFile, limits: MeshLimits, use_up_axis: bool, submesh: str = ""
+) -> MeshData:
     """Return the content of a COLLADA file, in metres.
 
     Args:
         use_up_axis: True: the file's up axis is rotated to Z. False: the file is taken as Z up.
+        submesh: name of the node whose geometry is returned; empty: all geometry.
 
     Raises:
         MeshFaultError: The file is damaged, or beyond a limit.
@@ -49,8 +52,10 @@ def read_collada(data: bytes, read_file: ReadFile, limits: MeshLimits, use_up_ax
         document = collada.Collada(io.BytesIO(_without_lost_materials(document, data)), ignore=[collada.DaeError])
     if document.scene is None:
         return MeshData()
-    reader = _SceneReader(limits, read_file, _axes(document, use_up_axis))
+    reader = _SceneReader(limits, read_file, _axes(document, use_up_axis), submesh)
     reader.read(document.scene.nodes)
+    if submesh and not reader.result.instances:
+        raise MeshFaultError(f"it has no node {submesh[:60]!r} with geometry")
     sentences = dict.fromkeys(" ".join(str(error.msg).split())[:200] for error in errors)
     # Lights and cameras are not used anyway.
     lost = [text for text in sentences if not text.startswith(("Light ", "Camera "))]
@@ -112,11 +117,13 @@ def _axes(document: Any, use_up_axis: bool) -> NDArray[np.float64]:
 class _SceneReader:
     """Collects the instances of geometry in a scene. Instances with the same materials share their shapes."""
 
-    def __init__(self, limits: MeshLimits, read_file: ReadFile, axes: NDArray[np.float64]) -> None:
+    def __init__(self, limits: MeshLimits, read_file: ReadFile, axes: NDArray[np.float64], submesh: str) -> None:
         """
         Args:
             axes: (4, 4) transform of the scene to metres and its up axis.
+            submesh: Name of the node whose geometry is read; empty: all nodes.
         """
+        self._submesh = submesh
         self._limits = limits
         self._axes = axes
         self._sizes: dict[int, tuple[int, int, int]] = {}
@@ -135,7 +142,7 @@ class _SceneReader:
         if visited > MAX_VISITED_NODES:
             raise MeshFaultError(f"it has {_about(visited)} nodes, the limit is {MAX_VISITED_NODES}")
         for node in nodes:
-            self._add(node, self._axes)
+            self._add(node, self._axes, "")
 
     def _size(self, node: Any, level: int) -> tuple[int, int, int]:
         """Return the number of parts, nodes and levels in a node's subtree. A shared subtree is walked only once.
@@ -165,10 +172,16 @@ class _SceneReader:
             raise MeshFaultError(f"it has more than {self._limits.max_node_depth} levels of nodes")
         return size
 
-    def _add(self, node: Any, X: NDArray[np.float64]) -> None:
-        """Add the instances of a node and those below it. Recursion is limited by ``max_node_depth``."""
+    def _add(self, node: Any, X: NDArray[np.float64], name: str) -> None:
+        """Add the instances of a node and those below it. Recursion is limited by ``max_node_depth``.
+
+        Args:
+            name: Name of the nearest node above that has one.
+        """
         geometry = _geometry_of(node)
         if geometry is not None:
+            if self._submesh not in ("", name):
+                return
             if isinstance(node, collada.scene.ControllerNode):
                 X = self._X_bind(node.controller, X)
             for shape, triangles in self._shapes_of(geometry, node.materials):
@@ -178,8 +191,9 @@ class _SceneReader:
                 self.result.instances.append((shape, X.tobytes()))
         elif self._size(node, 0)[0]:
             X_child = X @ np.asarray(node.matrix, np.float64)
+            name = node.xmlnode.get("name") or name
             for child in node.children or ():
-                self._add(child, X_child)
+                self._add(child, X_child, name)
 
     def _X_bind(self, controller: Any, X_node: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (4, 4) pose of a skinned or morphed geometry without its animation.

@@ -30,7 +30,7 @@ _MAX_NAMED: Final = 5
 
 
 def read_mesh(
-    read_file: ReadFile, data: bytes, extension: str, limits: dict[str, Any], use_up_axis: bool
+    read_file: ReadFile, data: bytes, extension: str, limits: dict[str, Any], use_up_axis: bool, submesh: str = ""
 ) -> MeshData | str:
     """Return the content of a mesh file, or the reason why it cannot be used.
 
@@ -38,9 +38,10 @@ def read_mesh(
         extension: obj, stl, ply, dae or vtk.
         limits: ``MeshLimits``.
         use_up_axis: True: a COLLADA file's up axis is rotated to Z. False: the file is taken as Z up.
+        submesh: name of the node of a COLLADA file whose content is returned; empty: all content.
     """
     try:
-        result = _read(read_file, data, extension, msgspec.convert(limits, MeshLimits), use_up_axis)
+        result = _read(read_file, data, extension, msgspec.convert(limits, MeshLimits), use_up_axis, submesh)
     except MemoryError:
         raise
     except MeshFaultError as error:
@@ -65,12 +66,14 @@ def _make_visible(content: MeshData) -> None:
         content.warnings.append("all its materials have an opacity of 0; it is drawn opaque")
 
 
-def _read(read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, use_up_axis: bool) -> MeshData:
+def _read(
+    read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, use_up_axis: bool, submesh: str
+) -> MeshData:
     if extension == "vtk":
         positions, triangles = read_vtk(data, limits.max_vertices, limits.max_elements)
         return _single(positions, triangles)
     if extension == "dae":
-        return read_collada(data, read_file, limits, use_up_axis)
+        return read_collada(data, read_file, limits, use_up_axis, submesh)
     if extension == "obj":
         data = with_absolute_faces(data)
     elif extension == "ply":

@@ -16,7 +16,7 @@ from gateway.scene.geometry import Shape, Surface
 from renderers.color import linear_from_srgb
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.errors import RobotFileError
-from tests.assets.mesh_files.files import png
+from tests.assets.mesh_files.files import DAE, png
 from tests.robots.files import TRIANGLE, write
 from tests.support.waiting import SECONDS
 
@@ -399,6 +399,25 @@ def test_material_scripts_replace_the_materials_of_meshes(tmp_path: Path) -> Non
     assert unknown.warnings == (
         "link 'a', visual: the material script 'Paint' is not known, the default colour is used",
     )
+
+
+def test_a_submesh_is_the_only_node_that_is_shown(tmp_path: Path) -> None:
+    """Its bounds are 0 0 0 to 1 2 0, 10 above the origin. The unnamed node above it belongs to the named one."""
+    start, _, end = DAE.format(asset="").partition('<node id="n">')
+    node = '<node name="wheel"><node><translate>0 0 5</translate>'
+    body = '<node name="body"><instance_geometry url="#g"/></node>'
+    write(tmp_path, f"{start}{body}{node}{end.replace('</node>', '</node></node>', 1)}", "m.dae")
+    mesh = "<mesh><uri>m.dae</uri><scale>2 2 2</scale><submesh><name>{}</name><center>{}</center></submesh></mesh>"
+    for center, offset in (("false", (0, 0, 20)), ("1", (-1, -2, 0))):
+        robot = read(tmp_path, geometry(mesh.format("wheel", center)))
+        assert robot.warnings == ()
+        ((part,),) = robot.parts
+        np.testing.assert_allclose(part.X_node_part[:3, 3], offset)
+    (warning,) = read(tmp_path, geometry(mesh.format("door", "false"))).warnings
+    assert warning.endswith("m.dae is not shown: it has no node 'door' with geometry")
+    write(tmp_path, TRIANGLE, "m.obj")
+    (warning,) = read(tmp_path, geometry(mesh.format("wheel", "false").replace(".dae", ".obj"))).warnings
+    assert warning.endswith("<submesh> is ignored, the whole mesh is shown")
 
 
 @pytest.mark.parametrize("name", ["paint.png", "model://other/materials/textures/paint.png"])

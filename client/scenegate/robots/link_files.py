@@ -10,7 +10,7 @@ from scenegate.messages.mesh_file import MESH_SUFFIXES
 from scenegate.regular_files import reason_of
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.files import RobotFiles
-from scenegate.robots.link_model import LinkMaterial
+from scenegate.robots.link_model import LinkMaterial, MeshReference
 
 MeshType = TypeVar("MeshType")
 ImageType = TypeVar("ImageType")
@@ -30,30 +30,33 @@ class LinkFiles(Generic[MeshType, ImageType]):
     def __init__(self, files: RobotFiles, warnings: list[str]) -> None:
         self._files = files
         self._warnings = warnings
-        self._meshes: dict[Path, MeshType] = {}
+        self._meshes: dict[tuple[Path, str], MeshType] = {}
+        """Meshes by file and submesh."""
         self._images: dict[str, ImageType | str] = {}
         """Images, or the reason why one cannot be read, by file name or URL."""
 
     @abstractmethod
-    def _read_mesh(self, link: str, name: str, path: Path, data: bytes) -> MeshType:
+    def _read_mesh(self, link: str, mesh: MeshReference, path: Path, data: bytes) -> MeshType:
         """Return the mesh in a file with the given content, which a link names; raises ``faults``."""
 
     @abstractmethod
     def _read_image(self, data: bytes) -> ImageType:
         """Return the image in a file with the given content; raises ``faults``."""
 
-    def _mesh(self, link: str, name: str) -> MeshType | None:
+    def _mesh(self, link: str, mesh: MeshReference) -> MeshType | None:
         """Return a mesh; None, with a warning, if it cannot be read."""
+        name = mesh.filename
         try:
             if Path(name).suffix.lower() not in MESH_SUFFIXES:
                 raise RobotFileError(f"it is not one of the formats {', '.join(each[1:] for each in MESH_SUFFIXES)}")
             path = self._files.find(name)
-            if path not in self._meshes:
+            key = path, mesh.submesh
+            if key not in self._meshes:
                 data = self._files.read(path)
                 if data.startswith(_LFS_POINTER):
                     raise RobotFileError("it is a pointer of Git LFS, not the mesh: run git lfs pull")
-                self._meshes[path] = self._read_mesh(link, name, path, data)
-            return self._meshes[path]
+                self._meshes[key] = self._read_mesh(link, mesh, path, data)
+            return self._meshes[key]
         except self.faults as error:
             self._warnings.append(f"link {link!r}: the mesh {name} is not shown: {reason_of(error)}")
             return None

@@ -32,6 +32,10 @@ class MeshReference:
     """File name or URL, as in the robot file."""
     scale: tuple[float, float, float]
     """Factors along the mesh's x, y and z; negative ones mirror it."""
+    submesh: str = ""
+    """Name of the node of a COLLADA file that is shown, as in SDF; empty: all of them."""
+    center: bool = False
+    """True: before it is scaled, the mesh is moved so that the centre of its bounds is at the origin."""
 
 
 @dataclass(frozen=True, slots=True)

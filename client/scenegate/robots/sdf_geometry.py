@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenegate.messages.geometry import Box
-from scenegate.robots.link_model import Cone, LinkGeometry, LinkMaterial, LinkShape
+from scenegate.robots.link_model import Cone, LinkGeometry, LinkMaterial, LinkShape, MeshReference
 from scenegate.robots.material_scripts import MaterialScripts
 from scenegate.robots.robot import GeometryUse
 from scenegate.robots.sdf_frames import read_pose
@@ -84,11 +85,14 @@ def _shape(geometry: Element | None, where: str, warnings: list[str]) -> tuple[L
     if cone is not None:
         radius, length = sizes(children_as_attributes(cone), where, warnings, "radius", "length")
         return Cone(radius, length), IDENTITY
-    if geometry.find("mesh/submesh") is not None:
-        warnings.append(f"{where}: <submesh> is ignored, the whole mesh is shown")
     as_urdf = Element("geometry")
     as_urdf.extend(_with_filename(children_as_attributes(shape)) for shape in geometry)
-    return read_shape(as_urdf, where, warnings), IDENTITY
+    read = read_shape(as_urdf, where, warnings)
+    submesh = geometry.find("mesh/submesh")
+    if submesh is not None and isinstance(read, MeshReference):
+        center = (submesh.findtext("center") or "").strip() in ("true", "1")
+        read = replace(read, submesh=(submesh.findtext("name") or "").strip(), center=center)
+    return read, IDENTITY
 
 
 def _with_filename(shape: Element) -> Element:
