@@ -73,6 +73,7 @@ def parse_mesh(
     *,
     collada_up_axis: bool = True,
     gltf_up: Up = "auto",
+    submesh: str = "",
 ) -> tuple[Part, ...]:
     """Return the parts of a mesh file, in metres and Z up.
 
@@ -88,6 +89,7 @@ def parse_mesh(
         limits: Limits of glTF. Those on vertices, elements, instances and pixels hold for all formats.
         warnings: Sentences about content that is left out or repaired are appended to this list.
         collada_up_axis: False: COLLADA files are taken as Z up whatever they state, as robot software does.
+        submesh: Name of the node of a COLLADA file whose parts are returned; empty: all parts.
         gltf_up: Up axis of glTF files; ``auto``: Y, but Z for files that Drake wrote.
 
     Raises:
@@ -98,23 +100,29 @@ def parse_mesh(
     if extension in _GLTF_FORMATS:
         parts = _parts_of_gltf(data, resolve, limits, warnings, gltf_up)
     else:
-        content = _parse_in_child(data, extension, _warning_resolve(resolve, warnings), limits, collada_up_axis)
+        content = _parse_in_child(
+            data, extension, _warning_resolve(resolve, warnings), limits, collada_up_axis, submesh
+        )
         warnings += content.warnings
         parts = _parts_of_content(content, limits)
     return without_broken_textures(parts, limits.max_total_image_pixels, warnings)
 
 
-def with_default_materials(parts: Iterable[Part], plain: Material, textured: Material) -> tuple[Part, ...]:
+def with_default_materials(
+    parts: Iterable[Part], plain: Material, textured: Material, *, override: bool = False
+) -> tuple[Part, ...]:
     """Return parts with materials in place of ``PLAIN_MATERIAL``. Those of the file override, as in RViz.
 
     Args:
         plain: Material of meshes without texture coordinates.
         textured: Material of the others.
+        override: True: the file's own materials are replaced, too.
     """
 
     def material_of(part: Part) -> Material:
         mesh = part.shape.mesh if isinstance(part.shape, Surface) else None
-        if part.material != PLAIN_MATERIAL or (mesh is not None and mesh.colors is not None):
+        has_own = part.material != PLAIN_MATERIAL or (mesh is not None and mesh.colors is not None)
+        if has_own and not override:
             return part.material
         return textured if mesh is not None and mesh.uv0 is not None else plain
 
@@ -152,10 +160,10 @@ def _warning_resolve(resolve: Resolve, warnings: list[str]) -> Resolve:
 
 
 def _parse_in_child(
-    data: bytes, extension: str, resolve: Resolve, limits: GltfLimits, collada_up_axis: bool
+    data: bytes, extension: str, resolve: Resolve, limits: GltfLimits, collada_up_axis: bool, submesh: str
 ) -> MeshData:
     names = MeshLimits.__struct_fields__
-    arguments = (data, extension, {name: getattr(limits, name) for name in names}, collada_up_axis)
+    arguments = (data, extension, {name: getattr(limits, name) for name in names}, collada_up_axis, submesh)
     process_limits = PARSER_LIMITS.of(len(data))
     try:
         result: MeshData | str = _result_decoder.decode(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from typing import Any, Final
+from xml.etree import ElementTree
 from xml.parsers import expat
 
 import collada
@@ -15,6 +16,7 @@ from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshLimits, Shap
 from gateway.parsers.shapes import shape_of
 from gateway.parsers.texture_files import ReadFile, TextureFiles
 
+_END: Final = b"</COLLADA>"
 MAX_ELEMENTS: Final = 1_000_000
 """Maximum number of XML elements: each takes up to 1 kB while the file is read. Large scenes have some thousands."""
 MAX_ERRORS: Final = 20
@@ -29,24 +31,51 @@ _UP_AXES: Final = {"X_UP": np.array(_X_UP), "Y_UP": np.array(_Y_UP), "Z_UP": np.
 """Rotation to Z up. X_UP: up +X to +Z, right -Y to +X, towards the viewer +Z to -Y (COLLADA 1.4, 5-19)."""
 
 
-def read_collada(data: bytes, read_file: ReadFile, limits: MeshLimits, use_up_axis: bool) -> MeshData:
+def read_collada(
+    data: bytes, read_file: ReadFile, limits: MeshLimits, use_up_axis: bool, submesh: str = ""
+) -> MeshData:
     """Return the content of a COLLADA file, in metres.
 
     Args:
         use_up_axis: True: the file's up axis is rotated to Z. False: the file is taken as Z up.
+        submesh: name of the node whose geometry is returned; empty: all geometry.
 
     Raises:
         MeshFaultError: The file is damaged, or beyond a limit.
     """
+    data = data.replace(b'="<', b'="&lt;')  # Assimp calls the root of STL files <STL_BINARY>
+    data = data[: data.find(_END) + len(_END)] if _END in data else data  # some exporters leave rests of older files
     _check_xml(data)
     document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
+    errors = document.errors
+    if any(isinstance(error, collada.DaeBrokenRefError) and "Material" in str(error.msg) for error in errors):
+        document = collada.Collada(io.BytesIO(_without_lost_materials(document, data)), ignore=[collada.DaeError])
     if document.scene is None:
         return MeshData()
-    reader = _SceneReader(limits, read_file)
-    reader.read(document.scene.nodes, _axes(document, use_up_axis))
-    errors = dict.fromkeys(" ".join(str(error.msg).split())[:200] for error in document.errors)
-    reader.result.warnings += [f"left out: {error}" for error in list(errors)[:MAX_ERRORS]]
+    reader = _SceneReader(limits, read_file, _axes(document, use_up_axis), submesh)
+    reader.read(document.scene.nodes)
+    if submesh and not reader.result.instances:
+        raise MeshFaultError(f"it has no node {submesh[:60]!r} with geometry")
+    sentences = dict.fromkeys(" ".join(str(error.msg).split())[:200] for error in errors)
+    # Lights and cameras are not used anyway.
+    lost = [text for text in sentences if not text.startswith(("Light ", "Camera "))]
+    reader.result.warnings += [f"left out: {error}" for error in lost[:MAX_ERRORS]]
     return reader.result
+
+
+def _without_lost_materials(document: Any, data: bytes) -> bytes:
+    """Return a document without its references to materials that could not be read: pycollada leaves out their meshes.
+
+    Args:
+        document: What pycollada read of ``data``.
+    """
+    root = ElementTree.fromstring(data)  # noqa: S314 - _check_xml refused what could be dangerous
+    known = {f"#{material.id}" for material in document.materials}
+    for parent in root.iter():
+        for child in list(parent):
+            if child.tag.endswith("}instance_material") and child.get("target") not in known:
+                parent.remove(child)
+    return ElementTree.tostring(root)
 
 
 def _check_xml(data: bytes) -> None:
@@ -88,8 +117,15 @@ def _axes(document: Any, use_up_axis: bool) -> NDArray[np.float64]:
 class _SceneReader:
     """Collects the instances of geometry in a scene. Instances with the same materials share their shapes."""
 
-    def __init__(self, limits: MeshLimits, read_file: ReadFile) -> None:
+    def __init__(self, limits: MeshLimits, read_file: ReadFile, axes: NDArray[np.float64], submesh: str) -> None:
+        """
+        Args:
+            axes: (4, 4) transform of the scene to metres and its up axis.
+            submesh: Name of the node whose geometry is read; empty: all nodes.
+        """
+        self._submesh = submesh
         self._limits = limits
+        self._axes = axes
         self._sizes: dict[int, tuple[int, int, int]] = {}
         """Number of parts, nodes and levels in the subtree of each node, by the node's ``id``."""
         self._shapes: dict[tuple[int, tuple[tuple[str, int], ...]], list[tuple[int, int]]] = {}
@@ -98,7 +134,7 @@ class _SceneReader:
         self.result = MeshData()
         self._textures = TextureFiles(read_file, self.result)
 
-    def read(self, nodes: list[Any], X: NDArray[np.float64]) -> None:
+    def read(self, nodes: list[Any]) -> None:
         sizes = [self._size(node, 1) for node in nodes]
         parts, visited = sum(size[0] for size in sizes), sum(size[1] for size in sizes)
         if parts > self._limits.max_instances:
@@ -106,7 +142,7 @@ class _SceneReader:
         if visited > MAX_VISITED_NODES:
             raise MeshFaultError(f"it has {_about(visited)} nodes, the limit is {MAX_VISITED_NODES}")
         for node in nodes:
-            self._add(node, X)
+            self._add(node, self._axes, "")
 
     def _size(self, node: Any, level: int) -> tuple[int, int, int]:
         """Return the number of parts, nodes and levels in a node's subtree. A shared subtree is walked only once.
@@ -114,9 +150,10 @@ class _SceneReader:
         Raises:
             MeshFaultError: There are too many levels.
         """
-        if isinstance(node, collada.scene.GeometryNode):
-            return max(1, len(node.geometry.primitives)), 1, 1
-        if not isinstance(node, collada.scene.Node):  # a camera, light or controller
+        geometry = _geometry_of(node)
+        if geometry is not None:
+            return max(1, len(geometry.primitives)), 1, 1
+        if not isinstance(node, collada.scene.Node):  # a camera or light
             return 0, 0, 1
         target = node.node if isinstance(node, collada.scene.NodeNode) else node
         size = self._sizes.get(id(target))
@@ -135,25 +172,47 @@ class _SceneReader:
             raise MeshFaultError(f"it has more than {self._limits.max_node_depth} levels of nodes")
         return size
 
-    def _add(self, node: Any, X: NDArray[np.float64]) -> None:
-        """Add the instances of a node and those below it. Recursion is limited by ``max_node_depth``."""
-        if isinstance(node, collada.scene.GeometryNode):
-            for shape, triangles in self._shapes_of(node):
+    def _add(self, node: Any, X: NDArray[np.float64], name: str) -> None:
+        """Add the instances of a node and those below it. Recursion is limited by ``max_node_depth``.
+
+        Args:
+            name: Name of the nearest node above that has one.
+        """
+        geometry = _geometry_of(node)
+        if geometry is not None:
+            if self._submesh not in ("", name):
+                return
+            if isinstance(node, collada.scene.ControllerNode):
+                X = self._X_bind(node.controller, X)
+            for shape, triangles in self._shapes_of(geometry, node.materials):
                 self._drawn += triangles
                 if self._drawn > self._limits.max_drawn_elements:
                     raise MeshFaultError(f"its parts draw more than {self._limits.max_drawn_elements} triangles")
                 self.result.instances.append((shape, X.tobytes()))
         elif self._size(node, 0)[0]:
             X_child = X @ np.asarray(node.matrix, np.float64)
+            name = node.xmlnode.get("name") or name
             for child in node.children or ():
-                self._add(child, X_child)
+                self._add(child, X_child, name)
 
-    def _shapes_of(self, node: Any) -> list[tuple[int, int]]:
-        materials = {each.symbol: each.target.effect for each in node.materials}
-        key = (id(node.geometry), tuple(sorted((str(symbol), id(effect)) for symbol, effect in materials.items())))
+    def _X_bind(self, controller: Any, X_node: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (4, 4) pose of a skinned or morphed geometry without its animation.
+
+        Skinned vertices are in the coordinates of the skeleton, not of the node (COLLADA 1.4, 4-20).
+        """
+        warning = "skinned and morphed meshes are shown in their bind pose"
+        if warning not in self.result.warnings:
+            self.result.warnings.append(warning)
+        if not isinstance(controller, collada.controller.Skin):
+            return X_node
+        return self._axes @ np.asarray(controller.bind_shape_matrix, np.float64).reshape(4, 4)
+
+    def _shapes_of(self, geometry: Any, material_nodes: list[Any]) -> list[tuple[int, int]]:
+        materials = {each.symbol: each.target.effect for each in material_nodes}
+        key = (id(geometry), tuple(sorted((str(symbol), id(effect)) for symbol, effect in materials.items())))
         shapes = self._shapes.get(key)
         if shapes is None:
-            shapes = self._shapes[key] = list(self._read_geometry(node.geometry, materials))
+            shapes = self._shapes[key] = list(self._read_geometry(geometry, materials))
         return shapes
 
     def _read_geometry(self, geometry: Any, materials: dict[str, Any]) -> Iterator[tuple[int, int]]:
@@ -178,7 +237,7 @@ class _SceneReader:
         if primitive.normal is not None:
             normals = _corners(primitive.normal, primitive.normal_index, "normals")
         color, image = (None, None) if effect is None else self._material(effect)
-        if image is not None and primitive.texcoordset:
+        if primitive.texcoordset:  # kept without an image, too: the material of a robot file may have one
             uv = _corners(primitive.texcoordset[0], primitive.texcoord_indexset[0], "texture coordinates")[:, :2]
         color_inputs = primitive.sources.get("COLOR")
         if effect is None and color_inputs:
@@ -194,7 +253,8 @@ class _SceneReader:
         """Return the diffuse colour and the texture of an effect."""
         rgba, image = (1.0, 1.0, 1.0, 1.0), None
         if isinstance(effect.diffuse, collada.material.Map):
-            image = self._textures.index(effect.diffuse.sampler.surface.image.path)
+            path = effect.diffuse.sampler.surface.image.path
+            image = self._textures.index(path) if path else None
         elif effect.diffuse is not None:
             r, g, b, a = (*map(float, effect.diffuse), 1.0)[:4]
             rgba = (r, g, b, a)
@@ -202,6 +262,14 @@ class _SceneReader:
         if transparent is not None and not isinstance(transparent, collada.material.Map):
             rgba = (*rgba[:3], _opacity(transparent, effect.opaque_mode))
         return rgba, image
+
+
+def _geometry_of(node: Any) -> Any:
+    """Return the geometry that a node instantiates, directly or through a skin or morph; None if there is none."""
+    if isinstance(node, collada.scene.ControllerNode):
+        skinned = isinstance(node.controller, collada.controller.Skin)
+        return node.controller.geometry if skinned else node.controller.source_geometry
+    return node.geometry if isinstance(node, collada.scene.GeometryNode) else None
 
 
 def _opacity(transparent: tuple[float, ...], mode: str) -> float:

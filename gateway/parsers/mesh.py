@@ -14,7 +14,8 @@ from trimesh.visual.material import SimpleMaterial
 
 from gateway.parsers.collada import read_collada
 from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshLimits, Shape
-from gateway.parsers.obj import without_broken_faces
+from gateway.parsers.obj import with_absolute_faces, without_broken_faces
+from gateway.parsers.ply import triangles_of_strips, with_line_feeds, with_triangles
 from gateway.parsers.shapes import checked_triangles, shape_of
 from gateway.parsers.texture_files import ReadFile, TextureFiles
 from gateway.parsers.vtk import read_vtk
@@ -29,7 +30,7 @@ _MAX_NAMED: Final = 5
 
 
 def read_mesh(
-    read_file: ReadFile, data: bytes, extension: str, limits: dict[str, Any], use_up_axis: bool
+    read_file: ReadFile, data: bytes, extension: str, limits: dict[str, Any], use_up_axis: bool, submesh: str = ""
 ) -> MeshData | str:
     """Return the content of a mesh file, or the reason why it cannot be used.
 
@@ -37,9 +38,10 @@ def read_mesh(
         extension: obj, stl, ply, dae or vtk.
         limits: ``MeshLimits``.
         use_up_axis: True: a COLLADA file's up axis is rotated to Z. False: the file is taken as Z up.
+        submesh: name of the node of a COLLADA file whose content is returned; empty: all content.
     """
     try:
-        result = _read(read_file, data, extension, msgspec.convert(limits, MeshLimits), use_up_axis)
+        result = _read(read_file, data, extension, msgspec.convert(limits, MeshLimits), use_up_axis, submesh)
     except MemoryError:
         raise
     except MeshFaultError as error:
@@ -64,12 +66,18 @@ def _make_visible(content: MeshData) -> None:
         content.warnings.append("all its materials have an opacity of 0; it is drawn opaque")
 
 
-def _read(read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, use_up_axis: bool) -> MeshData:
+def _read(
+    read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, use_up_axis: bool, submesh: str
+) -> MeshData:
     if extension == "vtk":
         positions, triangles = read_vtk(data, limits.max_vertices, limits.max_elements)
         return _single(positions, triangles)
     if extension == "dae":
-        return read_collada(data, read_file, limits, use_up_axis)
+        return read_collada(data, read_file, limits, use_up_axis, submesh)
+    if extension == "obj":
+        data = with_absolute_faces(data)
+    elif extension == "ply":
+        data = with_line_feeds(data)
     result = MeshData()
     textures = TextureFiles(read_file, result)
     resolver = _Resolver(read_file, textures)
@@ -82,9 +90,12 @@ def _read(read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, 
     try:
         scene = load(data)
     except (ValueError, IndexError):
-        if extension != "obj":
+        if extension == "obj":
+            scene = load(without_broken_faces(data, result.warnings))
+        elif extension == "ply":
+            scene = load(with_triangles(data))
+        else:
             raise
-        scene = load(without_broken_faces(data, result.warnings))
     if resolver.materials:
         result.warnings += _undefined_materials(data, resolver.materials)
     _add_content(scene, textures, limits, result)
@@ -157,7 +168,10 @@ def _shape(geometry: Any, textures: TextureFiles, warnings: list[str]) -> Shape 
         return None
     colors = _vertex_colors(geometry, len(positions))
     if not hasattr(geometry, "faces"):
-        return shape_of(positions, None, warnings, colors=colors)
+        strips = triangles_of_strips(geometry.metadata)
+        if strips is not None:
+            strips = checked_triangles(strips, len(positions), warnings)
+        return shape_of(positions, strips, warnings, colors=colors)
     triangles = checked_triangles(np.asarray(geometry.faces, np.int64).reshape(-1, 3), len(positions), warnings)
     uv, color, image = _material(geometry, textures)
     # trimesh's property computes missing normals. Its cache has only the normals of the file.
@@ -184,7 +198,7 @@ def _material(
 ) -> tuple[NDArray[np.float64] | None, tuple[float, float, float, float] | None, int | None]:
     """Return texture coordinates, diffuse colour and texture; None for those that are missing or unused.
 
-    Without an MTL file, coordinates are kept: the material of a robot file may have a texture for them.
+    Coordinates are kept without a texture: the material of a robot file may have one for them.
     """
     visual = geometry.visual
     if getattr(visual, "kind", None) == "face":
@@ -209,7 +223,7 @@ def _material(
     diffuse = getattr(material, "diffuse", None) if diffuse is None else diffuse
     color = np.ones(4) if diffuse is None else np.append(np.asarray(diffuse, np.float64)[:4] / 255.0, 1.0)[:4]
     color[3] *= _mtl_opacity(statements)
-    return uv if image is not None else None, _rgba(color), image
+    return uv, _rgba(color), image
 
 
 def _rgba(color: NDArray[np.float64]) -> tuple[float, float, float, float]:

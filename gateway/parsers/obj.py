@@ -1,4 +1,4 @@
-"""Removes the broken faces of an OBJ file, with which trimesh would refuse the file."""
+"""Rewrites faces of OBJ files that trimesh would refuse or misread."""
 
 from __future__ import annotations
 
@@ -11,6 +11,43 @@ _CORNER: Final = re.compile(rb"(-?\d{1,9})(?:/(-?\d{1,9})?)?(?:/(-?\d{1,9})?)?")
 """Corner of a face: vertex, texture coordinates and normal, counted from 1, or from the end if negative."""
 _KINDS: Final = (b"v", b"vt", b"vn")
 """Statements that the three numbers of a corner count."""
+
+
+_RELATIVE_FACE: Final = re.compile(rb"^[ \t]*f[ \t][^\r\n]*[ \t/]-\d", re.MULTILINE)
+_NEGATIVE: Final = re.compile(rb"-\d{1,9}")
+
+
+def with_absolute_faces(data: bytes) -> bytes:
+    """Return the file with negative indices of faces replaced by positive ones.
+
+    A negative index counts back from the face's own line. trimesh counts from the end of the file.
+    """
+    if not _RELATIVE_FACE.search(data):
+        return data
+    lines = data.splitlines()
+    counts = dict.fromkeys(_KINDS, 0)
+    for number, line in enumerate(lines):
+        statement = line.split(maxsplit=1)[:1]
+        if statement == [b"f"]:
+            corners = (corner.split(b"/") for corner in line.partition(b"#")[0].split()[1:])
+            lines[number] = b"f " + b" ".join(_absolute(corner, counts) for corner in corners)
+        elif statement and statement[0] in counts:
+            counts[statement[0]] += 1
+    return b"\n".join(lines)
+
+
+def _absolute(corner: list[bytes], counts: dict[bytes, int]) -> bytes:
+    """Return a corner of a face with positive indices.
+
+    Args:
+        corner: Indices of vertex, texture coordinates and normal.
+        counts: Number of each of them in the lines before the face.
+    """
+    indices = [
+        b"%d" % (count + 1 + int(index)) if _NEGATIVE.fullmatch(index) else index
+        for index, count in zip(corner, counts.values(), strict=False)
+    ]
+    return b"/".join(indices)
 
 
 def without_broken_faces(data: bytes, warnings: list[str]) -> bytes:

@@ -8,6 +8,7 @@ from typing import Literal
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from gateway.assets.mesh_formats import MeshFormatError, diffuse_material, parse_mesh, with_default_materials
 from gateway.assets.scene_file import Up
@@ -47,10 +48,12 @@ class LinkParts(LinkFiles[Part, tuple[Part, ...], tuple[Image, tuple[float, floa
         if not isinstance(shape, MeshReference):
             return [Part(shape, material, X)]
         X = X @ scaling(*shape.scale)
-        return [
-            msgspec.structs.replace(part, X_node_part=X @ part.X_node_part)
-            for part in with_default_materials(self._mesh_or_warning(link, shape.filename) or (), material, textured)
-        ]
+        read = self._mesh_or_warning(link, shape) or ()
+        if shape.center and read:
+            X = X @ translation(*-_centre(read))
+        override = geometry.material is not None and geometry.material.overrides
+        parts = with_default_materials(read, material, textured, override=override)
+        return [msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in parts]
 
     def _materials(self, link: str, material: LinkMaterial | None) -> tuple[Material, Material]:
         """Return two materials: for geometry without texture coordinates, and for geometry with them.
@@ -66,21 +69,36 @@ class LinkParts(LinkFiles[Part, tuple[Part, ...], tuple[Image, tuple[float, floa
         textured = diffuse_material(rgba, Texture(image, name=material.texture or ""))
         return replace(textured, base_color=(*mean, rgba[3]), base_color_texture=None), textured
 
-    def _read_mesh(self, link: str, name: str, path: Path, data: bytes) -> tuple[Part, ...]:
+    def _read_mesh(self, link: str, mesh: MeshReference, path: Path, data: bytes) -> tuple[Part, ...]:
         warnings: list[str] = []
+        extension = Path(mesh.filename).suffix[1:].lower()
+        if mesh.submesh and extension != "dae":
+            warnings.append("<submesh> is ignored, the whole mesh is shown")
         parts = parse_mesh(
             data,
-            Path(name).suffix[1:].lower(),
+            extension,
             lambda other: self._files.read_beside(path, other),
             self._limits.mesh,
             warnings,
             collada_up_axis=False,
             gltf_up=self._gltf_up,
+            submesh=mesh.submesh,
         )
-        self._warnings += [f"link {link!r}, {name}: {text}" for text in warnings]
+        self._warnings += [f"link {link!r}, {mesh.filename}: {text}" for text in warnings]
         return parts
 
     def _read_image(self, data: bytes) -> tuple[Image, tuple[float, float, float]]:
         image = image_from_bytes(data, max_pixels=self._limits.mesh.max_image_pixels)
         image.decode()
         return image, mean_color(image)
+
+
+def _centre(parts: tuple[Part, ...]) -> NDArray[np.float64]:
+    """Return the centre of the bounds of a mesh's parts, (3,)."""
+    points = [
+        part.shape.mesh.positions @ part.X_node_part[:3, :3].T + part.X_node_part[:3, 3]
+        for part in parts
+        if isinstance(part.shape, Surface)
+    ]
+    bounds = np.concatenate([*points, np.zeros((0, 3))])
+    return 0.5 * (bounds.min(axis=0) + bounds.max(axis=0)) if len(bounds) else np.zeros(3)

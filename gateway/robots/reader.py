@@ -63,8 +63,14 @@ def read_robot(
 def _read(files: RobotFiles, geometry: GeometryUse, keyframe: str, gltf_up: RobotGltfUp, limits: RobotLimits) -> Robot:
     warnings: list[str] = []
     root = parse_xml(files.read_robot_file(), limits.max_elements, warnings)
-    if files.path.suffix.lower() == ".xacro" or uses_xacro(root):
-        root = parse_xml(expand_xacro(files, limits), limits.max_elements, warnings)
+    is_xacro = files.path.suffix.lower() == ".xacro"
+    if is_xacro or uses_xacro(root):
+        try:
+            root = parse_xml(expand_xacro(files, limits), limits.max_elements, warnings)
+        except RobotFileError as error:
+            if is_xacro:
+                raise
+            warnings.append(f"{error}; its xacro elements are ignored")  # rests of an expanded file
     if root.tag == "mujoco":
         if files.is_pipe:
             raise RobotFileError("MuJoCo reads files only, not pipes: write it into a file first")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import struct
 import threading
 from itertools import pairwise
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from gateway.assets.mesh_formats import MESH_LIMITS, PARSER_LIMITS, MeshFormatError, parse_mesh
@@ -127,6 +129,112 @@ def test_broken_faces_of_ply_files_are_left_out() -> None:
     (shape,) = read.shapes
     assert len(shape.triangles or b"") == 12
     assert read.warnings == ["1 of 2 triangles refer to vertices that do not exist (9 of 3)"]
+
+
+PLY_POINTS = "element vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
+CORNERS = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1)]
+
+
+def ply(order: str, faces: list[list[int]], flags: bool) -> bytes:
+    """Return a binary PLY file of ``CORNERS``."""
+    name = "little" if order == "<" else "big"
+    extra = "property uchar flags\n" if flags else ""
+    head = f"ply\nformat binary_{name}_endian 1.0\n{PLY_POINTS}element face {len(faces)}\n"
+    rows = [struct.pack(f"{order}B{len(face)}i", len(face), *face) + b"\1" * flags for face in faces]
+    points = np.array(CORNERS, f"{order}f4").tobytes()
+    return f"{head}property list uchar int vertex_indices\n{extra}end_header\n".encode() + points + b"".join(rows)
+
+
+def area(data: str | bytes, extension: str) -> float:
+    """Return the area of all triangles of a file."""
+    total = 0.0
+    for shape in content(data, extension).shapes:
+        corners = np.frombuffer(shape.positions, np.float32).reshape(-1, 3)[
+            np.frombuffer(shape.triangles or b"", np.uint32)
+        ]
+        sides = np.diff(corners.reshape(-1, 3, 3), axis=1)
+        total += float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()) / 2.0
+    return total
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("flags", [False, True])
+def test_binary_ply_of_faces_with_different_numbers_of_corners(order: str, flags: bool) -> None:
+    """A square and a triangle, as in files of Blender. A header of carriage returns is one of Rhinoceros."""
+    data = ply(order, [[0, 1, 2, 3], [0, 1, 4]], flags)
+    assert area(data, "ply") == pytest.approx(1.5)
+    header, end, body = data.partition(b"end_header\n")
+    assert area((header + end).replace(b"\n", b"\r") + body, "ply") == pytest.approx(1.5)
+    assert "shorter than its header says" in fault(data[:-2], "ply")
+
+
+def test_strips_of_ply_files_are_triangles() -> None:
+    header = (
+        f"ply\nformat ascii 1.0\n{PLY_POINTS}element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    )
+    points = "".join(f"{x} {y} {z}\n" for x, y, z in CORNERS)
+    (shape,) = content(f"{header}{points}8 0 1 3 2 -1 0 1 4\n", "ply").shapes
+    triangles = np.frombuffer(shape.triangles or b"", np.uint32).reshape(-1, 3)
+    np.testing.assert_array_equal(triangles, [(0, 1, 3), (2, 3, 1), (0, 1, 4)])
+
+
+def test_negative_indices_of_obj_files_count_from_their_line() -> None:
+    first, second = "v 0 0 0\nv 1 0 0\nv 0 1 0\n", "v 0 0 9\nv 2 0 9\nv 0 2 9\n"
+    assert area(f"{first}f -3 -2 -1\n{second}f -3 -2 -1 # the last three\n", "obj") == pytest.approx(0.5 + 2.0)
+
+
+def with_material(image: str) -> str:
+    """Return ``PLAIN`` with a material whose texture is this ``<image>``."""
+    texture = '<phong><diffuse><texture texture="i" texcoord="t"/></diffuse></phong>'
+    effect = f'<effect id="e"><profile_COMMON><technique sid="c">{texture}</technique></profile_COMMON></effect>'
+    library = (
+        f"<library_images>{image}</library_images><library_effects>{effect}</library_effects>"
+        '<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>'
+    )
+    bound = "<bind_material><technique_common><instance_material symbol='s' target='#m'/></technique_common>"
+    geometry = f'<instance_geometry url="#g">{bound}</bind_material></instance_geometry>'
+    return PLAIN.replace('<instance_geometry url="#g"/>', geometry).replace(
+        "<library_geometries>", f"{library}<library_geometries>"
+    )
+
+
+@pytest.mark.parametrize("image", ["", '<image id="i"><init_from/></image>'])
+def test_a_mesh_with_a_broken_material_is_drawn(image: str) -> None:
+    assert len(content(with_material(image)).instances) == 1
+
+
+def test_collada_as_exporters_write_it() -> None:
+    """A name of Assimp's exporter, rests after the document, and lights and cameras, which are not used anyway."""
+    nodes = '<node id="<STL>"><instance_geometry url="#g"/></node><node><instance_light url="#gone"/></node>'
+    read = content(scene("", nodes) + "</mesh></COLLADA>")
+    assert (len(read.instances), read.warnings) == (1, [])
+
+
+def test_skinned_meshes_are_drawn_in_their_bind_pose() -> None:
+    """Their node's translation does not hold: the vertices are in the coordinates of the skeleton."""
+    floats = '<float_array id="{0}a" count="{1}">{2}</float_array><technique_common><accessor source="#{0}a" '
+    joints = '<source id="j"><Name_array id="ja" count="1">b</Name_array><technique_common><accessor source="#ja" '
+    skin = (
+        '<skin source="#g"><bind_shape_matrix>1 0 0 3 0 1 0 0 0 0 1 0 0 0 0 1</bind_shape_matrix>'
+        f'{joints}count="1" stride="1"><param name="JOINT" type="name"/></accessor></technique_common></source>'
+        f'<source id="b">{floats.format("b", 16, "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1")}count="1" stride="16">'
+        '<param name="TRANSFORM" type="float4x4"/></accessor></technique_common></source>'
+        f'<source id="w">{floats.format("w", 1, "1")}count="1" stride="1"><param name="WEIGHT" type="float"/>'
+        '</accessor></technique_common></source><joints><input semantic="JOINT" source="#j"/>'
+        '<input semantic="INV_BIND_MATRIX" source="#b"/></joints><vertex_weights count="3">'
+        '<input semantic="JOINT" source="#j" offset="0"/><input semantic="WEIGHT" source="#w" offset="1"/>'
+        "<vcount>1 1 1</vcount><v>0 0 0 0 0 0</v></vertex_weights></skin>"
+    )
+    data = PLAIN.replace('instance_geometry url="#g"', 'instance_controller url="#k"').replace(
+        "<library_visual",
+        f'<library_controllers><controller id="k">{skin}</controller></library_controllers><library_visual',
+        1,
+    )
+    read = content(data)
+    assert read.warnings == ["skinned and morphed meshes are shown in their bind pose"]
+    ((_, transform),) = read.instances
+    # Y up: +y of the file is +z.
+    np.testing.assert_allclose(np.frombuffer(transform).reshape(4, 4)[:3, 3], (3.0, 0.0, 0.0), atol=1e-12)
 
 
 def test_what_pycollada_leaves_out_is_a_warning() -> None:

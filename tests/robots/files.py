@@ -46,11 +46,11 @@ def visual(geometry: str, rest: str = "") -> str:
     return link(f"<visual><geometry>{geometry}</geometry>{rest}</visual>")
 
 
-def write(folder: Path, content: str, name: str = "robot.urdf") -> Path:
+def write(folder: Path, content: str | bytes, name: str = "robot.urdf") -> Path:
     """Write a file below a folder."""
     path = folder / name
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(content)
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
     return path
 
 

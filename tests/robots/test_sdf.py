@@ -16,6 +16,7 @@ from gateway.scene.geometry import Shape, Surface
 from renderers.color import linear_from_srgb
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.errors import RobotFileError
+from tests.assets.mesh_files.files import DAE, png
 from tests.robots.files import TRIANGLE, write
 from tests.support.waiting import SECONDS
 
@@ -312,6 +313,122 @@ def test_a_model_that_includes_itself_ends(tmp_path: Path) -> None:
     twice = "<include><uri>.</uri><name>x</name></include><include><uri>.</uri><name>y</name></include>"
     with pytest.raises(RobotFileError, match=r"nested more than 20 deep|includes more than 1000 models"):
         read_robot(write(tmp_path, model(f'<link name="a"/>{twice}'), "model.sdf"))
+
+
+@pytest.mark.parametrize("uri", ["hand", "model://hand"])
+def test_models_are_found_by_name(tmp_path: Path, uri: str) -> None:
+    write(tmp_path, "<sdf><model name='hand'><link name='palm'/></model></sdf>", "models/hand/model.sdf")
+    path = write(tmp_path, model(f"<include><uri>{uri}</uri></include><link name='a'/>"), "models/arm/model.sdf")
+    robot = read_robot(path)
+    assert (robot.links, robot.warnings) == (("hand::palm", "a"), ())
+
+
+@pytest.mark.parametrize(
+    ("uri", "reason"),
+    [
+        ("model://gone", "the package 'gone' is not above or beside the robot file"),
+        ("https://fuel.gazebosim.org/1.0/models/hand", "only files, package:// and file:// can be read"),
+    ],
+)
+def test_an_included_model_that_is_missing_is_a_warning(tmp_path: Path, uri: str, reason: str) -> None:
+    """The model's own folder, which has a ``model.config``, is not taken for it."""
+    write(tmp_path, "<model><sdf>robot.sdf</sdf></model>", "model.config")
+    robot = read(tmp_path, model(f"<include><uri>{uri}</uri></include><link name='a'/>"))
+    assert robot.links == ("a",)
+    (warning,) = robot.warnings
+    assert f"the included model {uri} is not shown: {reason}" in warning
+
+
+def test_an_included_light_gives_no_warning(tmp_path: Path) -> None:
+    write(tmp_path, "<sdf version='1.9'><light name='sun'/></sdf>", "sun/model.sdf")
+    assert read(tmp_path, model("<include><uri>model://sun</uri></include><link name='a'/>")).warnings == ()
+
+
+def test_the_root_element_before_version_1_3(tmp_path: Path) -> None:
+    old = "<gazebo version='1.2'><model name='m'><link name='a'><pose>1 0 0 0 0 0</pose></link></model></gazebo>"
+    robot = read(tmp_path, old)
+    assert (robot.links, robot.warnings) == (("a",), ())
+    assert robot.link_poses({})[0, 0, 3] == 1.0
+
+
+def test_a_joint_with_the_name_of_a_link_is_renamed(tmp_path: Path) -> None:
+    """As by libsdformat."""
+    joint = "<joint name='wheel' type='revolute'><parent>a</parent><child>wheel</child></joint>"
+    robot = read(tmp_path, model(f"{joint}<link name='a'/><link name='wheel'><pose>0 1 0 0 0 0</pose></link>", "1.4"))
+    assert ([*robot.joints], robot.warnings) == (["wheel_joint"], ())
+    assert robot.link_poses({})[1, 1, 3] == 1.0
+
+
+SCRIPT = """// a material of Gazebo
+material Other
+{
+}
+material Model/Paint
+{
+  technique
+  {
+    pass
+    {
+      diffuse 0.5 1 0.5
+      texture_unit
+      {
+        texture paint.png
+      }
+    }
+  }
+}
+"""
+
+
+def test_material_scripts_replace_the_materials_of_meshes(tmp_path: Path) -> None:
+    write(tmp_path, SCRIPT, "m/materials/scripts/m.material")
+    write(tmp_path, png((255, 0, 0), (255, 0, 0)), "m/materials/textures/paint.png")
+    write(tmp_path, "mtllib m.mtl\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl own\nf 1/1 2/1 3/1"), "m/mesh/m.obj")
+    write(tmp_path, "newmtl own\nKd 0 0 1\n", "m/mesh/m.mtl")
+    uris = "<uri>model://m/materials/scripts</uri><uri>file://media/none</uri>"
+    material = f"<material><script>{uris}<name>Model/Paint</name></script></material>"
+    mesh = "<mesh><uri>model://m/mesh/m.obj</uri></mesh>"
+    robot = read(tmp_path, geometry(mesh, material))
+    assert robot.warnings == ()
+    ((part,),) = robot.parts
+    assert part.material.base_color_texture is not None
+    np.testing.assert_allclose(part.material.base_color, np.ones(4))
+    box = read(tmp_path, geometry("<box><size>1 1 1</size></box>", material))
+    np.testing.assert_allclose(box.parts[0][0].material.base_color[:3], (1, 0, 0), atol=1e-6)
+    unknown = read(tmp_path, geometry(mesh, material.replace("Model/Paint", "Paint")))
+    assert unknown.warnings == (
+        "link 'a', visual: the material script 'Paint' is not known, the default colour is used",
+    )
+
+
+def test_a_submesh_is_the_only_node_that_is_shown(tmp_path: Path) -> None:
+    """Its bounds are 0 0 0 to 1 2 0, 10 above the origin. The unnamed node above it belongs to the named one."""
+    start, _, end = DAE.format(asset="").partition('<node id="n">')
+    node = '<node name="wheel"><node><translate>0 0 5</translate>'
+    body = '<node name="body"><instance_geometry url="#g"/></node>'
+    write(tmp_path, f"{start}{body}{node}{end.replace('</node>', '</node></node>', 1)}", "m.dae")
+    mesh = "<mesh><uri>m.dae</uri><scale>2 2 2</scale><submesh><name>{}</name><center>{}</center></submesh></mesh>"
+    for center, offset in (("false", (0, 0, 20)), ("1", (-1, -2, 0))):
+        robot = read(tmp_path, geometry(mesh.format("wheel", center)))
+        assert robot.warnings == ()
+        ((part,),) = robot.parts
+        np.testing.assert_allclose(part.X_node_part[:3, 3], offset)
+    (warning,) = read(tmp_path, geometry(mesh.format("door", "false"))).warnings
+    assert warning.endswith("m.dae is not shown: it has no node 'door' with geometry")
+    write(tmp_path, TRIANGLE, "m.obj")
+    (warning,) = read(tmp_path, geometry(mesh.format("wheel", "false").replace(".dae", ".obj"))).warnings
+    assert warning.endswith("<submesh> is ignored, the whole mesh is shown")
+
+
+@pytest.mark.parametrize("name", ["paint.png", "model://other/materials/textures/paint.png"])
+def test_textures_of_meshes_in_the_folders_of_gazebo(tmp_path: Path, name: str) -> None:
+    folder = "m" if name == "paint.png" else "other"
+    write(tmp_path, png((255, 0, 0), (255, 0, 0)), f"{folder}/materials/textures/paint.png")
+    write(tmp_path, "mtllib m.mtl\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl own\nf 1/1 2/1 3/1"), "m/mesh/m.obj")
+    write(tmp_path, f"newmtl own\nmap_Kd {name}\n", "m/mesh/m.mtl")
+    robot = read(tmp_path, geometry("<mesh><uri>model://m/mesh/m.obj</uri></mesh>"))
+    assert robot.warnings == ()
+    assert robot.parts[0][0].material.base_color_texture is not None
 
 
 def test_colors_and_empty_geometry_of_visuals(tmp_path: Path) -> None:

@@ -254,6 +254,9 @@ def test_geometry_that_is_not_shown_gives_no_warning(tmp_path: Path) -> None:
     assert "the shape <plane> is not supported" in read_robot(tmp_path / "robot.urdf", geometry="collision").warnings[0]
 
 
+COMMENTS = "comments before its declaration, with -- inside or in another encoding, which XML forbids, are ignored"
+
+
 @pytest.mark.parametrize(
     ("content", "warnings"),
     [
@@ -263,14 +266,23 @@ def test_geometry_that_is_not_shown_gives_no_warning(tmp_path: Path) -> None:
         ("<robot><link name='a'/><sensor:camera x:y='1'/></robot>", ()),
         (
             "<robot><!-- a -- b --><link name='a'/><!-----></robot>",
-            ("comments with -- inside or in another encoding, which XML forbids, are ignored",),
+            (COMMENTS,),
         ),
+        ("<!-- made by -- a program --><?xml version='1.0'?><robot><link name='a'/></robot>", (COMMENTS,)),
     ],
 )
 def test_xml_as_people_write_it(tmp_path: Path, content: str, warnings: tuple[str, ...]) -> None:
     robot = read(tmp_path, content)
     assert robot.links == ("a",)
     assert robot.warnings == warnings
+
+
+def test_the_world_needs_no_link(tmp_path: Path) -> None:
+    """As in Drake, whose own robots have a joint to it."""
+    joint = '<joint name="j" type="revolute"><parent link="world"/><child link="a"/><origin xyz="0 0 2"/></joint>'
+    robot = read(tmp_path, f'<robot><link name="a"/>{joint}</robot>')
+    assert (robot.links, [*robot.joints], robot.warnings) == (("a", "world"), ["j"], ())
+    assert robot.link_poses({})[0, 2, 3] == 2.0
 
 
 def test_utf_16_is_read(tmp_path: Path) -> None:

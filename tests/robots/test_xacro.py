@@ -62,3 +62,14 @@ def test_pipes_are_refused(tmp_path: Path) -> None:
 def test_errors(tmp_path: Path, content: str, message: str) -> None:
     with pytest.raises(RobotFileError, match=message):
         read_robot(write(tmp_path, xacro(content), "robot.urdf.xacro"))
+
+
+def test_rests_of_an_expanded_file_are_ignored(tmp_path: Path) -> None:
+    content = xacro('<link name="a"/><xacro:unknown/>')
+    robot = read_robot(write(tmp_path, content, "robot.urdf"))
+    assert robot.links == ("a",)
+    (warning,) = robot.warnings
+    assert warning.startswith("xacro cannot expand it: ")
+    assert warning.endswith("; its xacro elements are ignored")
+    with pytest.raises(RobotFileError, match="xacro cannot expand it: "):
+        read_robot(write(tmp_path, content, "robot.xacro"))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import itertools
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -101,11 +102,11 @@ class RobotFiles:
 
         Args:
             uri: File or folder. In a folder, ``model.config`` names the file; the default is ``model.sdf``.
-            folder: Folder of the file that includes it.
+            folder: Folder of the file that includes it. What is not there is looked for like ``model://``.
         """
         scheme, rest = _split_name(uri)
-        candidates = self._candidates(scheme, rest) if scheme else (folder / uri,)
-        for candidate in candidates:
+        candidates = self._candidates(scheme or "model", rest)
+        for candidate in candidates if scheme else itertools.chain((folder / uri,), candidates):
             if candidate.is_file():
                 return candidate
             if candidate.is_dir():
@@ -113,6 +114,13 @@ class RobotFiles:
                     if (candidate / name).is_file():
                         return candidate / name
         raise RobotFileError(self._not_found(uri, scheme, []))
+
+    def find_path(self, uri: str) -> Path | None:
+        """Return the path of a file or folder; None if there is none."""
+        try:
+            return next(filter(Path.exists, self._candidates(*_split_name(uri))), None)
+        except (RobotFileError, ValueError, OSError):  # a name that no file can have
+            return None
 
     def find_package(self, name: str) -> Path | None:
         """Return the folder of a package; None if there is none."""
@@ -127,9 +135,14 @@ class RobotFiles:
 
         Args:
             mesh: Path of the mesh file.
-            name: Path relative to the mesh file, with URL escapes.
+            name: URL, or path relative to the mesh file with URL escapes. As in Gazebo, images of a model may also lie
+                in its folder ``materials/textures``, beside the folder of its meshes.
         """
+        if split_url(name)[0]:
+            return self.read(self.find(name))
         paths = [mesh.parent / spelling for spelling in _spellings(name)]
+        textures = mesh.parent.parent / "materials" / "textures"
+        paths += [textures / path.name for path in paths]
         return self.read(next((path for path in paths if path.is_file()), paths[0]))
 
     def _candidates(self, scheme: str, path: str) -> Iterator[Path]:
@@ -139,7 +152,8 @@ class RobotFiles:
             if package not in _NOT_PACKAGES:
                 yield from (folder / path_in_package for folder in self._package_folders(package))
                 # Outside of ROS, the file may lie beside the robot file without its package's folder, as in PyBullet.
-                yield from (folder / path_in_package for folder in self.path.parents)
+                if path_in_package:
+                    yield from (folder / path_in_package for folder in self.path.parents)
             return
         if scheme == "file":
             yield Path("/" + path.lstrip("/"))

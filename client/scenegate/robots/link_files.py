@@ -11,7 +11,7 @@ from scenegate.messages.mesh_file import MESH_SUFFIXES
 from scenegate.regular_files import reason_of
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.files import RobotFiles
-from scenegate.robots.link_model import Link, LinkGeometry, LinkMaterial
+from scenegate.robots.link_model import Link, LinkGeometry, LinkMaterial, MeshReference
 
 PartType = TypeVar("PartType")
 MeshType = TypeVar("MeshType")
@@ -24,6 +24,7 @@ _LFS_POINTER: Final = b"version https://git-lfs"
 
 
 Content = TypeVar("Content")
+Key = TypeVar("Key")
 
 
 class LinkFiles(ABC, Generic[PartType, MeshType, ImageType]):
@@ -35,8 +36,8 @@ class LinkFiles(ABC, Generic[PartType, MeshType, ImageType]):
     def __init__(self, files: RobotFiles, warnings: list[str]) -> None:
         self._files = files
         self._warnings = warnings
-        self._meshes: dict[str, MeshType | str] = {}
-        """Meshes, or the reason why one cannot be read, by file name or URL."""
+        self._meshes: dict[tuple[str, str], MeshType | str] = {}
+        """Meshes, or the reason why one cannot be read, by file name or URL, and submesh."""
         self._images: dict[str, ImageType | str] = {}
         """Images in the same way."""
 
@@ -51,22 +52,24 @@ class LinkFiles(ABC, Generic[PartType, MeshType, ImageType]):
         """Return a geometry of a link; nothing, with a warning, if its mesh cannot be read."""
 
     @abstractmethod
-    def _read_mesh(self, link: str, name: str, path: Path, data: bytes) -> MeshType:
+    def _read_mesh(self, link: str, mesh: MeshReference, path: Path, data: bytes) -> MeshType:
         """Return the mesh in a file with the given content, which a link names first; raises ``read_errors``."""
 
     @abstractmethod
     def _read_image(self, data: bytes) -> ImageType:
         """Return the image in a file with the given content; raises ``read_errors``."""
 
-    def _mesh_or_warning(self, link: str, name: str) -> MeshType | None:
+    def _mesh_or_warning(self, link: str, mesh: MeshReference) -> MeshType | None:
         """Return a mesh; None, with a warning, if it cannot be read."""
+        name = mesh.filename
 
         def read() -> MeshType:
             if Path(name).suffix.lower() not in MESH_SUFFIXES:
                 raise RobotFileError(f"it is not one of the formats {', '.join(each[1:] for each in MESH_SUFFIXES)}")
-            return self._read_mesh(link, name, *self._read(name))
+            return self._read_mesh(link, mesh, *self._read(name))
 
-        return self._content_or_warning(self._meshes, name, read, f"link {link!r}: the mesh {name} is not shown")
+        warning = f"link {link!r}: the mesh {name} is not shown"
+        return self._content_or_warning(self._meshes, (name, mesh.submesh), read, warning)
 
     def _texture_or_warning(self, link: str, material: LinkMaterial | None) -> ImageType | None:
         """Return the texture of a material; None if it has none or, with a warning, if it cannot be read."""
@@ -77,15 +80,15 @@ class LinkFiles(ABC, Generic[PartType, MeshType, ImageType]):
         return self._content_or_warning(self._images, name, lambda: self._read_image(self._read(name)[1]), warning)
 
     def _content_or_warning(
-        self, cache: dict[str, Content | str], name: str, read: Callable[[], Content], warning: str
+        self, cache: dict[Key, Content | str], key: Key, read: Callable[[], Content], warning: str
     ) -> Content | None:
         """Return what a file has, which is read once; None, with a warning and the reason, if it cannot be read."""
-        if name not in cache:
+        if key not in cache:
             try:
-                cache[name] = read()
+                cache[key] = read()
             except self.read_errors as error:
-                cache[name] = reason_of(error)
-        content = cache[name]
+                cache[key] = reason_of(error)
+        content = cache[key]
         if isinstance(content, str):
             self._warnings.append(f"{warning}: {content}")
             return None

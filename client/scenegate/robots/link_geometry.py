@@ -33,7 +33,7 @@ class LinkGeometries(LinkFiles[Geometry, tuple[bytes, dict[str, bytes]], bytes])
         shape, color, transform = geometry.shape, color_of(geometry.material), Transform.of(geometry.X_link_geometry)
         texture = self._texture_or_warning(link, geometry.material)
         if isinstance(shape, MeshReference):
-            mesh = self._mesh_or_warning(link, shape.filename)
+            mesh = self._mesh_or_warning(link, shape)
             if mesh is None:
                 return
             is_gltf = shape.filename.lower().endswith((".gltf", ".glb"))
@@ -55,8 +55,10 @@ class LinkGeometries(LinkFiles[Geometry, tuple[bytes, dict[str, bytes]], bytes])
         else:
             yield msgspec.structs.replace(shape, color=color, transform=transform)
 
-    def _read_mesh(self, link: str, name: str, path: Path, data: bytes) -> tuple[bytes, dict[str, bytes]]:
-        suffix = Path(name).suffix.lower()
+    def _read_mesh(self, link: str, mesh: MeshReference, path: Path, data: bytes) -> tuple[bytes, dict[str, bytes]]:
+        if mesh.submesh:
+            self._warnings.append(f"link {link!r}, {mesh.filename}: <submesh> is ignored, the whole mesh is shown")
+        suffix = Path(mesh.filename).suffix.lower()
         return data, referenced_files(data, suffix, lambda other: self._files.read_beside(path, other))
 
     def _read_image(self, data: bytes) -> bytes:

@@ -32,6 +32,10 @@ class MeshReference:
     """File name or URL, as in the robot file."""
     scale: tuple[float, float, float]
     """Factors along the mesh's x, y and z; negative ones mirror it."""
+    submesh: str = ""
+    """Name of the node of a COLLADA file that is shown, as in SDF; empty: all of them."""
+    center: bool = False
+    """True: before it is scaled, the mesh is moved so that the centre of its bounds is at the origin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +46,8 @@ class LinkMaterial:
     """sRGB and opacity, 0 to 1; None: the file gives no colour."""
     texture: str | None
     """Name of an image file; None: the material has none."""
+    overrides: bool = False
+    """True: a mesh file's own materials are replaced, too."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -87,7 +87,7 @@ def parse_links(
         raise RobotFileError(f"geometry must be 'visual' or 'collision', not {describe(use)}")
     if root.tag == "robot":
         return parse_urdf(root, use, limits, warnings)
-    if root.tag == "sdf":
+    if root.tag in ("sdf", "gazebo"):  # gazebo: SDF before version 1.3
         return parse_sdf(root, files, use, limits, warnings)
     start = f"its first element is <{root.tag[:60]}>"
     raise RobotFileError(f"{start}; URDF starts with <robot>, SDF with <sdf>, MJCF with <mujoco>")

@@ -19,6 +19,7 @@ from scenegate.robots.errors import RobotFileError, no_links
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.limits import RobotFileLimits, check_count
 from scenegate.robots.link_model import Link, LinkGeometry, LinkJoint, LinkModel, MeshReference
+from scenegate.robots.material_scripts import MaterialScripts
 from scenegate.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind
 from scenegate.robots.ros_packages import split_url
 from scenegate.robots.sdf_frames import SEPARATOR, WORLD, Frame, Frames, read_pose, scoped
@@ -84,6 +85,7 @@ class _SdfReader:
         self._links: dict[str, tuple[Element, _Scope]] = {}
         self._joints: dict[str, tuple[Element, _Scope]] = {}
         self._include_count = 0
+        self._scripts = MaterialScripts(files)
 
     def read(self, root: Element) -> LinkModel:
         scope = _Scope(WORLD, WORLD, self._files.path.parent, _version(root), 0)
@@ -108,7 +110,7 @@ class _SdfReader:
         """Add the models, links, joints and frames of a world or model."""
         if scope.depth > MAX_MODEL_DEPTH:
             raise RobotFileError(f"models are nested more than {MAX_MODEL_DEPTH} deep, which is the limit")
-        for child in element:
+        for child in sorted(element, key=lambda each: each.tag == "joint"):  # joints last: see _add_joint
             match child.tag:
                 case "model":
                     self._add_model(child, scope, attribute(child, "name"))
@@ -164,7 +166,8 @@ class _SdfReader:
             return
         model = root if root.tag == "model" else root.find("model")
         if model is None:
-            self._warnings.append(f"the included file {uri[:200]} has no <model>, it is not shown")
+            if root.find("light") is None:  # lights, such as Gazebo's sun, are not used anywhere
+                self._warnings.append(f"the included file {uri[:200]} has no <model>, it is not shown")
             return
         name = (include.findtext("name") or attribute(model, "name")).strip()
         merge = attribute(include, "merge") in ("true", "1")
@@ -186,6 +189,8 @@ class _SdfReader:
 
     def _add_joint(self, joint: Element, scope: _Scope) -> None:
         full_name = scoped(scope.name, attribute(joint, "name") or f"joint_{len(self._joints)}")
+        if full_name in self._frames:  # a link or model of that name; libsdformat renames the joint, too
+            full_name += "_joint"
         check_count(len(self._joints) + 1, self._limits.max_links, "joints")
         child = scoped(scope.name, (joint.findtext("child") or "").strip())
         X, relative_to = read_pose(joint, f"joint {full_name!r}", self._warnings)
@@ -204,7 +209,7 @@ class _SdfReader:
             X_world_link = self._frames.X_world(name)
             return np.linalg.inv(X_world_link) @ self._frames.X_world(_resolve(scope, frame))
 
-        geometries = read_geometries(element, name, self._use, X_link, self._warnings)
+        geometries = read_geometries(element, name, self._use, X_link, self._scripts, self._warnings)
         return Link(name, tuple(_in_folder(geometry, scope.folder) for geometry in geometries))
 
     def _tree(self) -> tuple[tuple[LinkJoint, ...], dict[str, NDArray[np.float64]]]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenegate.messages.geometry import Box
-from scenegate.robots.link_model import Cone, LinkGeometry, LinkMaterial, LinkShape
+from scenegate.robots.link_model import Cone, LinkGeometry, LinkMaterial, LinkShape, MeshReference
+from scenegate.robots.material_scripts import MaterialScripts
 from scenegate.robots.robot import GeometryUse
 from scenegate.robots.sdf_frames import read_pose
 from scenegate.robots.urdf_geometry import read_color
@@ -20,26 +22,41 @@ from scenegate.transforms import IDENTITY
 _GAZEBO_COLORS: Final[dict[str, tuple[float, float, float]]] = {
     "Black": (0.0, 0.0, 0.0),
     "Blue": (0.0, 0.0, 1.0),
+    "DarkGray": (0.175, 0.175, 0.175),
     "DarkGrey": (0.175, 0.175, 0.175),
+    "DarkYellow": (0.7, 0.7, 0.0),
+    "FlatBlack": (0.1, 0.1, 0.1),
+    "Gold": (0.8, 0.64869, 0.120759),
+    "Gray": (0.7, 0.7, 0.7),
     "Green": (0.0, 1.0, 0.0),
     "Grey": (0.7, 0.7, 0.7),
+    "Indigo": (0.33, 0.0, 0.5),
     "Orange": (1.0, 0.5088, 0.0468),
     "Purple": (1.0, 0.0, 1.0),
     "Red": (1.0, 0.0, 0.0),
+    "RedBright": (0.87, 0.26, 0.07),
+    "SkyBlue": (0.0, 0.0, 1.0),
     "Turquoise": (0.0, 1.0, 1.0),
     "White": (1.0, 1.0, 1.0),
     "Yellow": (1.0, 1.0, 0.0),
+    "ZincYellow": (0.9725, 0.9529, 0.2078),
 }
-"""Diffuse colours of Gazebo's material scripts, which are named ``Gazebo/Red``."""
+"""Diffuse colours of Gazebo's own material scripts, which are named ``Gazebo/Red``."""
 
 
 def read_geometries(
-    link: Element, name: str, use: GeometryUse, X_link: Callable[[str], NDArray[np.float64]], warnings: list[str]
+    link: Element,
+    name: str,
+    use: GeometryUse,
+    X_link: Callable[[str], NDArray[np.float64]],
+    scripts: MaterialScripts,
+    warnings: list[str],
 ) -> tuple[LinkGeometry, ...]:
     """Return the geometries of a link. Those without a shape that can be drawn are left out with a warning.
 
     Args:
         X_link: Function that returns X_link_frame, (4, 4), for the name of a frame of the model.
+        scripts: Material scripts of models.
     """
     geometries = []
     for element, where in named_elements(link, use, f"link {name!r}, {use}"):
@@ -53,7 +70,7 @@ def read_geometries(
         except InvalidAttributeError as error:
             warnings.append(f"{where}: {error}; it is not shown")
             continue
-        geometries.append(LinkGeometry(shape, X @ X_shape, _material(element, where, warnings)))
+        geometries.append(LinkGeometry(shape, X @ X_shape, _material(element, where, scripts, warnings)))
     return tuple(geometries)
 
 
@@ -68,11 +85,14 @@ def _shape(geometry: Element | None, where: str, warnings: list[str]) -> tuple[L
     if cone is not None:
         radius, length = sizes(children_as_attributes(cone), where, warnings, "radius", "length")
         return Cone(radius, length), IDENTITY
-    if geometry.find("mesh/submesh") is not None:
-        warnings.append(f"{where}: <submesh> is ignored, the whole mesh is shown")
     as_urdf = Element("geometry")
     as_urdf.extend(_with_filename(children_as_attributes(shape)) for shape in geometry)
-    return read_shape(as_urdf, where, warnings), IDENTITY
+    read = read_shape(as_urdf, where, warnings)
+    submesh = geometry.find("mesh/submesh")
+    if submesh is not None and isinstance(read, MeshReference):
+        center = (submesh.findtext("center") or "").strip() in ("true", "1")
+        read = replace(read, submesh=(submesh.findtext("name") or "").strip(), center=center)
+    return read, IDENTITY
 
 
 def _with_filename(shape: Element) -> Element:
@@ -98,7 +118,7 @@ def _plane(plane: Element, where: str, warnings: list[str]) -> tuple[Box, NDArra
     return Box((width, height, 0.0)), X
 
 
-def _material(element: Element, where: str, warnings: list[str]) -> LinkMaterial | None:
+def _material(element: Element, where: str, scripts: MaterialScripts, warnings: list[str]) -> LinkMaterial | None:
     material = element.find("material")
     if material is None:
         return None
@@ -113,7 +133,10 @@ def _material(element: Element, where: str, warnings: list[str]) -> LinkMaterial
     if not script:
         return LinkMaterial(None, texture)
     color = _GAZEBO_COLORS.get(script.removeprefix("Gazebo/"))
-    if color is None:
-        warnings.append(f"{where}: the material script {script[:60]!r} is not known, the default colour is used")
-        return LinkMaterial(None, texture)
-    return LinkMaterial((*color, 1.0), texture)
+    if color is not None:
+        return LinkMaterial((*color, 1.0), texture)
+    found = scripts.material(script, [(uri.text or "").strip() for uri in material.findall("script/uri")])
+    if found is not None:
+        return found
+    warnings.append(f"{where}: the material script {script[:60]!r} is not known, the default colour is used")
+    return LinkMaterial(None, texture)

@@ -9,6 +9,7 @@ from scenegate.robots.errors import RobotFileError, no_links
 from scenegate.robots.limits import RobotFileLimits, check_count
 from scenegate.robots.link_model import Link, LinkModel
 from scenegate.robots.robot import GeometryUse
+from scenegate.robots.sdf_frames import WORLD
 from scenegate.robots.urdf_geometry import UrdfGeometryReader
 from scenegate.robots.urdf_joints import JOINT_TAGS, UrdfJointReader
 from scenegate.robots.xml_text import Element, attribute
@@ -42,6 +43,8 @@ def parse_urdf(root: Element, use: GeometryUse, limits: RobotFileLimits, warning
         links[name] = Link(name, reader.geometries(element, name))
     if not links:
         raise no_links(warnings)
+    if any(attribute(joint.find("parent"), "link") == WORLD for joint in joint_elements):
+        links.setdefault(WORLD, Link(WORLD, ()))  # in Drake and Gazebo, it needs no <link>
     joints = UrdfJointReader(links, warnings).read(joint_elements)
     return LinkModel(attribute(root, "name"), tuple(links.values()), joints)
 

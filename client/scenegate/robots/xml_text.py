@@ -40,9 +40,10 @@ def parse_xml(data: bytes, max_elements: int, warnings: list[str]) -> Element:
     except (expat.ExpatError, LookupError) as error:  # LookupError: an unknown encoding
         reason = str(error)
     # First only without comments, then in another encoding, too. The error is that of the file as it is.
-    without_comments = _remove_comments(data)
+    without_comments = _remove_comments(data).lstrip()
+    forbidden = "comments before its declaration, with -- inside or in another encoding, which XML forbids, are ignored"
     attempts = (
-        (without_comments, None, "comments with -- inside or in another encoding, which XML forbids, are ignored"),
+        (without_comments, None, forbidden),
         (without_comments, "iso-8859-1", "it is not in the encoding that it names; it is read as Latin-1"),
     )
     for text, encoding, warning in attempts:
