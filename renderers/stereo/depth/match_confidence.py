@@ -1,6 +1,6 @@
 """Error and confidence of matches, from the images around them.
 
-Each match has the ``FEATURES``. Two of them give its disparity error. Small decision trees give its confidence, the
+Each match has the ``FEATURES``. Three of them give its disparity error. Small decision trees give its confidence, the
 probability that it is right (within 3 disparity errors): a tree compares five features with borders, the results are
 the bits of the index of a weight, and the confidence is the logistic function of the sum of all trees' weights.
 ``match_confidence.json`` has errors and trees. ``python -m bench.sensor_confidence`` writes it.
@@ -27,7 +27,7 @@ FEATURES: Final = {
     "texture": "texture of the window",
     "wide_texture": "texture of the wide window: it guides semi-global matching where the window has none",
     "even_texture": "the same, without the excess of strong gradients: high where texture covers the window",
-    "residual": "difference of both images in the window at the match, relative to the gradients",
+    "residual": "difference of both images in the window at the match, relative to the gradients, without local means",
     "distinctness": "how much more both images differ 2 pixels beside the match, relative to the difference at it",
     "matched_share": "share of pixels with a match in the medium window",
     "disparity_range": "range of the disparities in the window, pixels",
@@ -36,8 +36,9 @@ FEATURES: Final = {
 """Names of the features and their meanings, in the order of their planes. Texture is the root mean square of the
 horizontal gradient beyond the image noise, relative to it."""
 ERROR_BORDERS: Final = {
-    "distinctness": (0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0),
-    "disparity_range": (0.3, 0.6, 1.0, 1.5, 3.0, 6.0, 16.0),
+    "distinctness": (0.2, 0.6, 1.5, 4.0, 10.0),
+    "disparity_range": (0.3, 0.6, 1.0, 2.0, 6.0),
+    "even_texture": (1.1, 1.4, 1.6, 1.7, 1.8),
 }
 """Borders between the bins of the features that give the error."""
 TREE_DEPTH: Final = 5
@@ -56,11 +57,13 @@ _MAX_SQUARE: Final = (2**31 - 1) // _WIDE_WINDOW**2
 """Limit of squared gradients, squared units of 1/32 level: their sum over the wide window fits into 32 bits."""
 _EVEN_LIMIT: Final = 4.0
 """Limit of squared gradients in ``even_texture``, relative to the variance of the image noise."""
+_WHITE: Final = 255 * 16
+"""White, units of 1/16 grey level."""
 _STEP: Final = 2
 """Distance from the match to the disparities with which it is compared, pixels."""
-_FIRST, _SECOND = (list(FEATURES).index(name) for name in ERROR_BORDERS)
+_FIRST, _SECOND, _THIRD = (list(FEATURES).index(name) for name in ERROR_BORDERS)
 _ERROR_BORDERS: Final = np.array(list(ERROR_BORDERS.values()), np.float32)
-"""(2, 7) float32."""
+"""(3, 5) float32."""
 _MAX_SUM: Final = 255
 """Maximum absolute value of a sum of weights: confidences are between 0.0003 and 0.9997."""
 _SUMS: Final = np.arange(-_MAX_SUM, _MAX_SUM + 1)
@@ -73,7 +76,7 @@ class Tables:
     """Content of ``match_confidence.json``."""
 
     error: NDArray[np.uint8]
-    """(8, 8) uint8, disparity error by the bins of ``ERROR_BORDERS``, units of 1/16 pixel."""
+    """(6, 6, 6) uint8, disparity error by the bins of ``ERROR_BORDERS``, units of 1/16 pixel."""
     features: NDArray[np.int64]
     """(T, ``TREE_DEPTH``) int64, numbers of the features that a tree compares, first the one of the highest bit."""
     borders: NDArray[np.float32]
@@ -96,6 +99,19 @@ def tables() -> Tables:
     )
 
 
+def without_local_mean(image: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Return each pixel relative to the mean of its window, plus white, (H, W) uint16.
+
+    Vignetting, and highlights that move with the viewpoint, make one camera see a surface a few grey levels brighter
+    than the other one. In weak texture, that is more than the texture.
+
+    Args:
+        image: (H, W) uint16, units of 1/16 grey level.
+    """
+    mean = cv2.boxFilter(image, -1, (_WINDOW, _WINDOW))
+    return np.asarray(cv2.subtract(image + np.uint16(_WHITE), mean), np.uint16)
+
+
 def match_features(
     left: NDArray[np.uint16], right: NDArray[np.uint16], disparity: NDArray[np.uint16], noise_sigma: float
 ) -> NDArray[np.float32]:
@@ -111,7 +127,7 @@ def match_features(
     squared, even = np.empty((2, *left.shape), np.int32)
     _gradients(left, int(min(_EVEN_LIMIT * (32.0 * noise_sigma) ** 2, _MAX_SQUARE)), gradient, size, squared, even)
     differences = np.empty((3, *left.shape), np.int32)
-    _compare(left, right, disparity, differences)
+    _compare(without_local_mean(left), without_local_mean(right), disparity, differences)
     box = np.ones((_WINDOW, _WINDOW), np.uint8)
     nearest = cv2.dilate(disparity, box)
     farthest = cv2.erode(np.where(disparity > 0, disparity, np.uint16(65535)), box)
@@ -164,11 +180,15 @@ def _box_sum(values: NDArray[Any], side: int) -> NDArray[np.int32]:
 
 @inlined
 def _difference(left, right, column, units, width):
-    """Return the difference of the left image at a column from the right image at a disparity, 1/16 level."""
+    """Return the difference of the left image at a column from the right image at a disparity, 1/16 level.
+
+    It is at most white, so that sums of its squares over a window fit into 32 bits.
+    """
     position = min(max(column * 16 - units, 0), (width - 1) * 16)
     whole, fraction = position >> 4, position & 15
     level = np.int32(right[whole]) * (16 - fraction) + np.int32(right[min(whole + 1, width - 1)]) * fraction
-    return np.int32(left[column]) - np.int32((level + 8) >> 4)
+    difference = np.int32(left[column]) - np.int32((level + 8) >> 4)
+    return min(max(difference, np.int32(-_WHITE)), np.int32(_WHITE))
 
 
 @kernel("void(uint16[:,::1], int64, int16[:,::1], int16[:,::1], int32[:,::1], int32[:,::1])")
@@ -199,7 +219,7 @@ def _compare(left, right, disparity, differences):
     """Write the squared differences of both images at each match and beside it.
 
     Args:
-        left: (H, W) uint16, units of 1/16 level.
+        left: (H, W) uint16, ``without_local_mean``, units of 1/16 level.
         right: (H, W) uint16, likewise.
         disparity: (H, W) uint16, units of 1/16 pixel, 0: no match.
         differences: (3, H, W) int32, output: at the match, and at ``_STEP`` pixels less and more; 0 where there is no
@@ -262,25 +282,26 @@ def _write_features(
             )
 
 
-@kernel("void(float32[:,:,::1], uint16[:,::1], float32[:,::1], uint8[:,::1], uint8[:,::1])")
+@kernel("void(float32[:,:,::1], uint16[:,::1], float32[:,::1], uint8[:,:,::1], uint8[:,::1])")
 def _write_error(features, disparity, borders, errors, error):
     """Write the error of each match, 0 elsewhere.
 
     Args:
         features: (9, H, W) float32.
         disparity: (H, W) uint16, 0: no match.
-        borders: (2, 7) float32, borders between the bins.
-        errors: (8, 8) uint8, error by the two bins.
+        borders: (3, 5) float32, borders between the bins.
+        errors: (6, 6, 6) uint8, error by the three bins.
         error: (H, W) uint8, output.
     """
     height, width = disparity.shape
     for row in range(height):
         for column in range(width):
-            first, second = np.int64(0), np.int64(0)
+            first, second, third = np.int64(0), np.int64(0), np.int64(0)
             for border in range(borders.shape[1]):
                 first += np.int64(features[_FIRST, row, column] >= borders[0, border])
                 second += np.int64(features[_SECOND, row, column] >= borders[1, border])
-            error[row, column] = errors[first, second] if disparity[row, column] > 0 else np.uint8(0)
+                third += np.int64(features[_THIRD, row, column] >= borders[2, border])
+            error[row, column] = errors[first, second, third] if disparity[row, column] > 0 else np.uint8(0)
 
 
 @kernel("void(float32[:,:,::1], uint16[:,::1], int64[:,::1], float32[:,::1], int32[:,::1], uint8[::1], uint8[:,::1])")

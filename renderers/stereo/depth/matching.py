@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.downscale import grey_levels
-from renderers.stereo.depth.match_confidence import error_and_confidence, match_features, with_texture
+from renderers.stereo.depth.match_confidence import (
+    error_and_confidence,
+    match_features,
+    with_texture,
+    without_local_mean,
+)
 from renderers.stereo.depth.pixel_classes import MIN_NOISE_SIGMA
 from renderers.stereo.depth.residual_shift import residual_shift
 from renderers.stereo.model import DISPARITY_SCALE
@@ -58,8 +63,9 @@ def find_matches(
     matches = _semi_global_matches(grey_levels(left), grey_levels(right), disparity_count)
     start = matches.astype(np.float32) * np.float32(DISPARITY_SCALE)
     refined = _smoothed(start)
+    even_left, even_right = without_local_mean(left), without_local_mean(right)
     for _ in range(REFINEMENTS):
-        shift = residual_shift(left, right, refined, REFINEMENT_RADIUS, noise_sigma)
+        shift = residual_shift(even_left, even_right, refined, REFINEMENT_RADIUS, noise_sigma)
         refined = np.where(start > 0.0, np.maximum(refined + shift, np.float32(DISPARITY_SCALE)), np.float32(0.0))
     is_refined = np.abs(refined - start) <= MAX_REFINEMENT
     return np.where(is_refined, np.rint(refined / np.float32(DISPARITY_SCALE)), matches).astype(np.uint16)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from renderers.stereo.depth.match_confidence import (
@@ -58,6 +59,14 @@ def features_of(image: NDArray[np.uint16]) -> dict[str, NDArray[np.float32]]:
     """Return the features of right matches, by name."""
     matches = np.full(image.shape, SHIFT * 16, np.uint16)
     return dict(zip(FEATURES, match_features(image, np.roll(image, -SHIFT, 1), matches, SIGMA), strict=True))
+
+
+def test_brightness_that_differs_between_the_cameras_is_no_disagreement() -> None:
+    """Vignetting darkens a surface differently in both images."""
+    left = texture(2.0)
+    right = np.roll(left, -SHIFT, axis=1)
+    brighter = right + np.linspace(0.0, 8.0 * 16, WIDTH).astype(np.uint16)
+    assert judged(left, brighter, SHIFT)[1] == pytest.approx(judged(left, right, SHIFT)[1], abs=0.01)
 
 
 def test_texture_outside_the_window_counts() -> None:
