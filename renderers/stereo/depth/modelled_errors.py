@@ -27,6 +27,7 @@ move with the surface. The confidence is the share of right pixels among those t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import cv2
@@ -61,6 +62,7 @@ so high that streaks are seen keep the errors of normals. With less, errors stay
 ERROR_COLUMN: Final = 11
 """Height of the columns over which errors are averaged, pixels. Lower ones make errors of normals worse: the configured
 errors are three times those of ``matching``."""
+_COLUMN_MEAN: Final = np.full(ERROR_COLUMN, 1.0 / ERROR_COLUMN)
 WEAK_SHIFT: Final = 0.025
 """Standard deviation of the shift that ``residual_shift`` expects in windows without texture, pixels. It belongs to the
 surroundings, which guide semi-global matching, and makes such errors less noisy."""
@@ -73,8 +75,8 @@ _LOCKING_BY_PHASE: Final = (LOCKING * np.sin(np.arange(17) / 8.0 * np.pi)).astyp
 """(17,) float32, disparity errors by sixteenths of the disparity; the last one for pixels without disparity."""
 REPEATED: Final = 0.5
 """Added to the rank of pixels in repeated texture: about this share of them has no match."""
-UNTEXTURED: Final = 2
-"""Highest class of texture of plain surfaces."""
+PLAIN_CLASSES: Final = 3 * DISAGREEMENTS * EDGES
+"""Classes below this one are those of plain surfaces: the three lowest ones of texture."""
 TEXTURED: Final = 4
 """Lowest class of texture whose disparities are carried into plain surfaces."""
 CARRIED: Final = 50.0
@@ -150,40 +152,51 @@ def measured_images(
     levels, right_levels = grey_levels(left), grey_levels(right)
     noise_sigma = max(model.noise_sigma, MIN_NOISE_SIGMA)
     classes = classify(levels, right_levels, exact, nearest, farthest, noise_sigma)
-    phases = (exact & np.uint16(15)).astype(np.uint8)
+    # No class is above HIDDEN_CLASS, and no phase above 15.
     is_hidden = exact == 0
-    np.copyto(classes, np.uint8(HIDDEN_CLASS), where=is_hidden)
-    np.copyto(phases, np.uint8(16), where=is_hidden)
-    outcome = _surroundings(levels)
-    _standardise(outcome, classes)
-    expected = outcome * np.float32(WEAK_SHIFT)
+    classes = np.maximum(classes, is_hidden * np.uint8(HIDDEN_CLASS))
+    phases = np.maximum((exact & np.uint16(15)).astype(np.uint8), is_hidden * np.uint8(16))
+    surroundings = _surroundings(levels)
+    _standardise(surroundings, classes)
+    expected = surroundings * np.float32(WEAK_SHIFT)
     shift = residual_shift(left, right, true_disparity, ERROR_RADIUS, model.noise_sigma, expected)
     # A second step from the result of the first one adds the shift again, less its mean in the window.
     mean_shift = cv2.blur(shift, (2 * ERROR_RADIUS + 1,) * 2)
     both_steps = cv2.addWeighted(shift, 1.0 + SECOND_STEP, mean_shift, -SECOND_STEP, 0.0)
-    noise = np.asarray(cv2.blur(both_steps, (1, ERROR_COLUMN)), np.float32)
+    noise = np.asarray(cv2.sepFilter2D(both_steps, -1, np.ones(1), _COLUMN_MEAN), np.float32)
     _standardise(noise, classes)
     _standardise(noise, phases)
-    outcome += np.float32(0.5) * noise
+    outcome = surroundings + np.float32(0.5) * noise
     _rank(outcome, classes)
-    _move_matches_to_texture(outcome, classes)
+    carried = _carried_factors(classes)
     second = second_match(levels, right_levels, true_disparity)
-    outcome += np.float32(REPEATED) * (second > 0.0)
     images = DepthImages(exact, np.empty_like(levels), np.empty_like(levels), model.error_scale)
     _write_measured(
-        true_disparity, nearest, farthest, second, classes, phases, noise, outcome, _LOCKING_BY_PHASE,
-        _class_table(model), statistics.wrong_spread(), images.disparity, images.error, images.confidence,
+        true_disparity, nearest, farthest, second, classes, phases, noise, outcome, carried, _LOCKING_BY_PHASE,
+        _class_table(model.kind, model.sigma, model.error_scale), statistics.wrong_spread(), images.disparity, images.error, images.confidence,
     )  # fmt: skip
     return images
 
 
 def _sixteenths(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
     """Return disparities in units of 1/16 pixel, (H, W) uint16; 0 stays 0, and others are at least 1."""
-    units = np.minimum(disparity * np.float32(16.0) + np.float32(0.5), np.float32(65535.0)).astype(np.uint16)
-    return np.asarray(np.maximum(units, disparity > 0.0), np.uint16)
+    units = np.empty(disparity.shape, np.uint16)
+    _write_sixteenths(disparity, units)
+    return units
 
 
-def _class_table(model: ErrorModel) -> NDArray[np.float32]:
+@kernel("void(float32[:,::1], uint16[:,::1])")
+def _write_sixteenths(disparity, units):
+    """Write ``_sixteenths``."""
+    for row in range(disparity.shape[0]):
+        for column in range(disparity.shape[1]):
+            value = disparity[row, column] * np.float32(16.0) + np.float32(0.5)
+            smallest = np.int32(disparity[row, column] > np.float32(0.0))
+            units[row, column] = max(np.int32(min(value, np.float32(65535.0))), smallest)
+
+
+@lru_cache(8)
+def _class_table(kind: ImageKind, sigma: float, error_scale: float) -> NDArray[np.float32]:
     """Return (``CLASSES`` + 1, 7) float32, a row for each class, the last one for ``HIDDEN_CLASS``.
 
     Columns:
@@ -195,36 +208,34 @@ def _class_table(model: ErrorModel) -> NDArray[np.float32]:
     * ``_CONFIDENCE``, ``_NEIGHBOUR_CONFIDENCE``: confidence of a pixel with the disparity of its own surface, and with
       that of the other side of an edge, units of 1/255.
     """
-    table = statistics.table(model.kind)
+    table = statistics.table(kind)
     found, right = table["found"], table["right"]
-    sigma = model.sigma * table["relative_error"]
-    units = np.clip(np.rint(sigma / model.error_scale), 1, 255)
+    sigmas = sigma * table["relative_error"]
+    units = np.clip(np.rint(sigmas / error_scale), 1, 255)
     # Rounding to 1/16 pixel is uniform noise of variance 1/12 unit.
-    before_rounding = np.sqrt(np.maximum((sigma / DISPARITY_SCALE) ** 2 - 1.0 / 12.0, 1e-12))
-    wrong = 3.0 * units * model.error_scale / DISPARITY_SCALE + 1.1  # 1.1: rounding must not make it a right one
+    before_rounding = np.sqrt(np.maximum((sigmas / DISPARITY_SCALE) ** 2 - 1.0 / 12.0, 1e-12))
+    wrong = 3.0 * units * error_scale / DISPARITY_SCALE + 1.1  # 1.1: rounding must not make it a right one
     confidences = np.floor(np.stack((table["confidence"], table["neighbour_confidence"])) * 255.0)
     columns = (found * right, found, before_rounding, wrong, units, *confidences)
     return np.ascontiguousarray(np.stack(columns, axis=1), np.float32)
 
 
-def _move_matches_to_texture(outcome: NDArray[np.float32], classes: NDArray[np.uint8]) -> None:
-    """Raise the ranks of plain pixels in place by their distance from texture (``CARRIED``).
+def _carried_factors(classes: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return the factors by which distance from texture raises the ranks of plain pixels, (H, W) float32 (``CARRIED``).
 
     Args:
-        outcome: (H, W) float32, rank in the class, 0 to 1.
         classes: (H, W) uint8.
     """
-    is_plain = classes < (UNTEXTURED + 1) * DISAGREEMENTS * EDGES
-    if not is_plain.any():
-        return
     height, width = classes.shape
+    if classes.min() >= PLAIN_CLASSES:
+        return np.ones((height, width), np.float32)
     blocks = max(width // CARRIED_SCALE, 1), max(height // CARRIED_SCALE, 1)
     is_textured = (classes >= TEXTURED * DISAGREEMENTS * EDGES) & (classes != HIDDEN_CLASS)
     # Single windows reach that class by noise alone. All windows of a block do so on a textured surface.
     textured = cv2.resize(is_textured.view(np.uint8) * np.uint8(255), blocks, interpolation=cv2.INTER_AREA)
     distance = cv2.distanceTransform(np.not_equal(textured, 255).view(np.uint8), cv2.DIST_L2, 3)
     factors = np.maximum(distance * np.float32(CARRIED_SCALE / CARRIED), np.float32(1.0))
-    np.multiply(outcome, cv2.resize(factors, (width, height)), out=outcome, where=is_plain)
+    return np.asarray(cv2.resize(factors, (width, height)), np.float32)
 
 
 def _surroundings(levels: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -308,11 +319,12 @@ def _rank(values, groups):
 
 @kernel(
     "void(float32[:,::1], uint16[:,::1], uint16[:,::1], float32[:,::1], uint8[:,::1], uint8[:,::1], float32[:,::1], "
-    "float32[:,::1], float32[::1], float32[:,::1], float64, uint16[:,::1], uint8[:,::1], uint8[:,::1])"
+    "float32[:,::1], float32[:,::1], float32[::1], float32[:,::1], float64, uint16[:,::1], uint8[:,::1], "
+    "uint8[:,::1])"
 )
 def _write_measured(
-    true_disparity, nearest, farthest, second, classes, phases, noise, outcome, locking, class_table, wrong_spread,
-    disparity, error, confidence,
+    true_disparity, nearest, farthest, second, classes, phases, noise, outcome, carried, locking, class_table,
+    wrong_spread, disparity, error, confidence,
 ):  # fmt: skip
     """Write the measured disparity with its error and confidence.
 
@@ -325,6 +337,7 @@ def _write_measured(
         phases: (H, W) uint8, index of ``locking``.
         noise: (H, W) float32, error, of variance 1 in each class.
         outcome: (H, W) float32, rank in the class, 0 to 1: small ones are right, large ones holes.
+        carried: (H, W) float32, ``_carried_factors``.
         locking: (17,) float32, ``_LOCKING_BY_PHASE``.
         class_table: (``CLASSES`` + 1, 7) float32, ``_class_table``.
         wrong_spread: spread of wrong pixels beyond 3 errors, units of 1/16 pixel.
@@ -338,6 +351,10 @@ def _write_measured(
     for row in range(height):
         for column in range(width):
             entry, pixel_outcome = class_table[np.uint64(classes[row, column])], outcome[row, column]
+            if classes[row, column] < PLAIN_CLASSES:
+                pixel_outcome *= carried[row, column]
+            if second[row, column] > zero:
+                pixel_outcome += np.float32(REPEATED)
             pixel_noise = noise_share * noise[row, column] - locking[np.uint64(phases[row, column])]
             measured = true_disparity[row, column] * np.float32(16.0)
             deviation, pixel_confidence = entry[_SIGMA] * pixel_noise, entry[_CONFIDENCE]
