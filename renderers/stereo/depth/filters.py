@@ -158,7 +158,7 @@ def _first_run(runs, run):
     return run
 
 
-@kernel("int64(uint16[:,::1], int32, int32[:,::1])")
+@kernel("int64(uint16[:,::1], int64, int32[:,::1])")
 def _find_runs(disparity, max_step, runs):
     """Write ``_connected_runs`` and return their number."""
     height, width = disparity.shape

@@ -90,6 +90,8 @@ MAX_NOISE: Final = 3.0
 """Maximum error of a right pixel, standard deviations."""
 SUMS: Final = 4
 """Number of partial sums of each group, which the CPU adds independently."""
+SAMPLED: Final = 2
+"""Statistics of groups are those of every second row: neighbours in a column have nearly the same error."""
 _WRONG_FROM, _HOLE_FROM, _SIGMA, _MIN_WRONG, _ERROR, _CONFIDENCE, _NEIGHBOUR_CONFIDENCE = range(7)
 """Columns of the class table (``_class_table``)."""
 
@@ -255,7 +257,7 @@ def _standardise(values, groups):
     height, width = values.shape
     # Neighbouring pixels are often in one group. With partial sums, their additions do not wait for each other.
     sums, squares, counts = np.zeros((SUMS, 256)), np.zeros((SUMS, 256)), np.zeros((SUMS, 256))
-    for row in range(height):
+    for row in range(0, height, SAMPLED):
         for column in range(width):
             part, group = np.uint64(column % SUMS), np.uint64(groups[row, column])
             value = np.float64(values[row, column])
@@ -267,7 +269,9 @@ def _standardise(values, groups):
         count = max(counts[:, index].sum(), 1.0)
         mean = sums[:, index].sum() / count
         means[index] = mean
-        factors[index] = 1.0 / np.sqrt(max(squares[:, index].sum() / count - mean * mean, 1e-12))
+        # No error in groups of fewer than two sampled pixels.
+        variance = max(squares[:, index].sum() / count - mean * mean, 1e-12)
+        factors[index] = 1.0 / np.sqrt(variance) if count > 1.0 else 0.0
     limit = np.float32(MAX_NOISE)
     for row in range(height):
         for column in range(width):
@@ -286,7 +290,7 @@ def _rank(values, groups):
     """
     height, width = values.shape
     sums, counts = np.zeros((SUMS, 256)), np.zeros((SUMS, 256))
-    for row in range(height):
+    for row in range(0, height, SAMPLED):
         for column in range(width):
             part, group = np.uint64(column % SUMS), np.uint64(groups[row, column])
             sums[part, group] += np.float64(abs(values[row, column]))
@@ -301,8 +305,10 @@ def _rank(values, groups):
     for row in range(height):
         for column in range(width):
             group, value = np.uint64(groups[row, column]), values[row, column]
-            position = min((np.float32(1.0) + value / (abs(value) + spreads[group])) * half, last)
-            values[row, column] = position
+            values[row, column] = min((np.float32(1.0) + value / (abs(value) + spreads[group])) * half, last)
+    for row in range(0, height, SAMPLED):
+        for column in range(width):
+            group, position = np.uint64(groups[row, column]), values[row, column]
             histogram[group, np.uint64(position) + np.uint64(1)] += np.float32(1.0)
     for index in range(256):
         for position_bin in range(RANK_BINS):
@@ -358,7 +364,8 @@ def _write_measured(
             pixel_noise = noise_share * noise[row, column] - locking[np.uint64(phases[row, column])]
             measured = true_disparity[row, column] * np.float32(16.0)
             deviation, pixel_confidence = entry[_SIGMA] * pixel_noise, entry[_CONFIDENCE]
-            if pixel_outcome >= entry[_WRONG_FROM]:
+            is_found = pixel_outcome < entry[_HOLE_FROM]
+            if is_found & (pixel_outcome >= entry[_WRONG_FROM]):
                 front, back = np.float32(nearest[row, column]), np.float32(farthest[row, column])
                 is_behind = front >= measured + np.float32(EDGE_STEP)
                 if is_behind or measured >= back + np.float32(EDGE_STEP):
@@ -371,7 +378,7 @@ def _write_measured(
                         deviation = -deviation
             units = int(min(max(measured + deviation, one), largest) + half)
             # A match beyond `column` would lie left of the right image. No branches: a quarter of the time.
-            is_valid = (pixel_outcome < entry[_HOLE_FROM]) & (measured > zero) & (units <= column * 16 + 8)
+            is_valid = is_found & (measured > zero) & (units <= column * 16 + 8)
             disparity[row, column] = units if is_valid else 0
             error[row, column] = int(entry[_ERROR]) if is_valid else 0
             confidence[row, column] = int(pixel_confidence) if is_valid else 0
