@@ -149,7 +149,7 @@ def _is_connected(one, other, max_step):
     return (one == 0) == (other == 0) and abs(np.int32(one) - np.int32(other)) <= max_step
 
 
-@inlined
+@device_function
 def _first_run(runs, run):
     """Return the first run that is known to be connected to a run, and shorten the path to it."""
     while runs[run, _FIRST] != run:

@@ -3,8 +3,8 @@
 The device's manual defines the disparity error (d_eps) as the standard deviation of the measured disparity, and the
 confidence as the probability that the measured disparity is within 3 disparity errors of the true one. Each pixel of
 the left image has a class: its texture, the agreement of both images at the exact disparity, and edges in its window
-(``pixel_classes``). For each class ``matcher_statistics`` has the share of pixels with a match, and the share of right
-matches among these. A match is right if it is within 3 disparity errors. The outcome of each pixel follows from them:
+(``pixel_classes``). For each class ``statistics`` has the share of pixels with a match, and the share of right matches
+among these. A match is right if it is within 3 disparity errors. The outcome of each pixel follows from them:
 
 * Hole: no match, as on surfaces without texture, in highlights, on translucent surfaces and in repeated patterns.
 * Right: with the error that the steps of ``matching`` would leave in these images (``residual_shift``), scaled so
@@ -35,18 +35,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
-from renderers.stereo.depth import matcher_statistics as statistics
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.downscale import grey_levels
-from renderers.stereo.depth.matcher_statistics import HIDDEN_CLASS
 from renderers.stereo.depth.pixel_classes import (
     DISAGREEMENTS,
     EDGE_STEP,
     EDGES,
+    HIDDEN_CLASS,
     MIN_NOISE_SIGMA,
     ImageKind,
     classify,
+    statistics,
     window_range,
+    wrong_spread,
 )
 from renderers.stereo.depth.repetition import second_match
 from renderers.stereo.depth.residual_shift import residual_shift
@@ -66,8 +67,11 @@ _COLUMN_MEAN: Final = np.full(ERROR_COLUMN, 1.0 / ERROR_COLUMN)
 WEAK_SHIFT: Final = 0.025
 """Standard deviation of the shift that ``residual_shift`` expects in windows without texture, pixels. It belongs to the
 surroundings, which guide semi-global matching, and makes such errors less noisy."""
-BANDS: Final = (11, 31)
-"""Sides of two boxes, pixels: our choice. The difference of their mean brightness is that of a pixel's surroundings."""
+BANDS: Final = (3, 7)
+"""Sides of two boxes, pixels at 1/``COARSE``: our choice. The difference of their mean brightness is that of a pixel's
+surroundings."""
+COARSE: Final = 4
+"""Surroundings and distances from texture are measured at 1/4 of the resolution."""
 LOCKING: Final = 0.3
 """Preference for whole disparities: amplitude of the mean error by sub-pixel phase, relative to the disparity error.
 Real devices have 0.03 to 0.06 pixels. Without it, the mean error of each phase is 0."""
@@ -82,8 +86,6 @@ TEXTURED: Final = 4
 CARRIED: Final = 50.0
 """Distance from such texture up to which plain surfaces have the share of matches of their class, pixels. Farther away,
 the share falls with the inverse of the distance."""
-CARRIED_SCALE: Final = 4
-"""These distances are measured at 1/4 of the resolution."""
 RANK_BINS: Final = 256
 """Bins of the histogram by which the pixels of a class are ordered."""
 MAX_NOISE: Final = 3.0
@@ -92,7 +94,7 @@ SUMS: Final = 4
 """Number of partial sums of each group, which the CPU adds independently."""
 SAMPLED: Final = 2
 """Statistics of groups are those of every second row: neighbours in a column have nearly the same error."""
-_WRONG_FROM, _HOLE_FROM, _SIGMA, _MIN_WRONG, _ERROR, _CONFIDENCE, _NEIGHBOUR_CONFIDENCE = range(7)
+_WRONG_FROM, _HOLE_FROM, _SIGMA, _MIN_WRONG, _WRONG_SPREAD, _ERROR, _CONFIDENCE, _NEIGHBOUR_CONFIDENCE = range(8)
 """Columns of the class table (``_class_table``)."""
 
 
@@ -175,7 +177,7 @@ def measured_images(
     images = DepthImages(exact, np.empty_like(levels), np.empty_like(levels), model.error_scale)
     _write_measured(
         true_disparity, nearest, farthest, second, classes, phases, noise, outcome, carried, _LOCKING_BY_PHASE,
-        _class_table(model.kind, model.sigma, model.error_scale), statistics.wrong_spread(), images.disparity, images.error, images.confidence,
+        _class_table(model.kind, model.sigma, model.error_scale), images.disparity, images.error, images.confidence,
     )  # fmt: skip
     return images
 
@@ -199,18 +201,19 @@ def _write_sixteenths(disparity, units):
 
 @lru_cache(8)
 def _class_table(kind: ImageKind, sigma: float, error_scale: float) -> NDArray[np.float32]:
-    """Return (``CLASSES`` + 1, 7) float32, a row for each class, the last one for ``HIDDEN_CLASS``.
+    """Return (``CLASSES`` + 1, 8) float32, a row for each class, the last one for ``HIDDEN_CLASS``.
 
     Columns:
 
     * ``_WRONG_FROM``, ``_HOLE_FROM``: rank in the class from which a pixel is wrong, and from which it is a hole.
     * ``_SIGMA``: standard deviation of the error before rounding, units of 1/16 pixel.
-    * ``_MIN_WRONG``: minimum error of a wrong pixel away from edges, units of 1/16 pixel.
+    * ``_MIN_WRONG``, ``_WRONG_SPREAD``: minimum error of a wrong pixel away from edges, and the spread beyond it, units
+      of 1/16 pixel.
     * ``_ERROR``: disparity error, units of the error image.
     * ``_CONFIDENCE``, ``_NEIGHBOUR_CONFIDENCE``: confidence of a pixel with the disparity of its own surface, and with
       that of the other side of an edge, units of 1/255.
     """
-    table = statistics.table(kind)
+    table = statistics(kind)
     found, right = table["found"], table["right"]
     sigmas = sigma * table["relative_error"]
     units = np.clip(np.rint(sigmas / error_scale), 1, 255)
@@ -218,7 +221,8 @@ def _class_table(kind: ImageKind, sigma: float, error_scale: float) -> NDArray[n
     before_rounding = np.sqrt(np.maximum((sigmas / DISPARITY_SCALE) ** 2 - 1.0 / 12.0, 1e-12))
     wrong = 3.0 * units * error_scale / DISPARITY_SCALE + 1.1  # 1.1: rounding must not make it a right one
     confidences = np.floor(np.stack((table["confidence"], table["neighbour_confidence"])) * 255.0)
-    columns = (found * right, found, before_rounding, wrong, units, *confidences)
+    spread = np.full_like(found, wrong_spread())
+    columns = (found * right, found, before_rounding, wrong, spread, units, *confidences)
     return np.ascontiguousarray(np.stack(columns, axis=1), np.float32)
 
 
@@ -231,19 +235,26 @@ def _carried_factors(classes: NDArray[np.uint8]) -> NDArray[np.float32]:
     height, width = classes.shape
     if classes.min() >= PLAIN_CLASSES:
         return np.ones((height, width), np.float32)
-    blocks = max(width // CARRIED_SCALE, 1), max(height // CARRIED_SCALE, 1)
     is_textured = (classes >= TEXTURED * DISAGREEMENTS * EDGES) & (classes != HIDDEN_CLASS)
     # Single windows reach that class by noise alone. All windows of a block do so on a textured surface.
-    textured = cv2.resize(is_textured.view(np.uint8) * np.uint8(255), blocks, interpolation=cv2.INTER_AREA)
+    share = is_textured.view(np.uint8) * np.uint8(255)
+    textured = cv2.resize(share, _coarse_size(classes.shape), interpolation=cv2.INTER_AREA)
     distance = cv2.distanceTransform(np.not_equal(textured, 255).view(np.uint8), cv2.DIST_L2, 3)
-    factors = np.maximum(distance * np.float32(CARRIED_SCALE / CARRIED), np.float32(1.0))
+    factors = np.maximum(distance * np.float32(COARSE / CARRIED), np.float32(1.0))
     return np.asarray(cv2.resize(factors, (width, height)), np.float32)
 
 
 def _surroundings(levels: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return the difference between the means over the two boxes of ``BANDS``, (H, W) float32, grey levels."""
-    small, large = (cv2.boxFilter(levels, cv2.CV_32F, (side, side)) for side in BANDS)
-    return np.asarray(small - large, np.float32)
+    height, width = levels.shape
+    coarse = cv2.resize(levels, _coarse_size(levels.shape), interpolation=cv2.INTER_AREA)
+    small, large = (cv2.boxFilter(coarse, cv2.CV_32F, (side, side)) for side in BANDS)
+    return np.asarray(cv2.resize(small - large, (width, height)), np.float32)
+
+
+def _coarse_size(shape: tuple[int, int]) -> tuple[int, int]:
+    """Return width and height of an image of this shape at 1/``COARSE`` of its resolution."""
+    return max(shape[1] // COARSE, 1), max(shape[0] // COARSE, 1)
 
 
 @kernel("void(float32[:,::1], uint8[:,::1])")
@@ -325,12 +336,12 @@ def _rank(values, groups):
 
 @kernel(
     "void(float32[:,::1], uint16[:,::1], uint16[:,::1], float32[:,::1], uint8[:,::1], uint8[:,::1], float32[:,::1], "
-    "float32[:,::1], float32[:,::1], float32[::1], float32[:,::1], float64, uint16[:,::1], uint8[:,::1], "
+    "float32[:,::1], float32[:,::1], float32[::1], float32[:,::1], uint16[:,::1], uint8[:,::1], "
     "uint8[:,::1])"
 )
 def _write_measured(
     true_disparity, nearest, farthest, second, classes, phases, noise, outcome, carried, locking, class_table,
-    wrong_spread, disparity, error, confidence,
+    disparity, error, confidence,
 ):  # fmt: skip
     """Write the measured disparity with its error and confidence.
 
@@ -345,15 +356,14 @@ def _write_measured(
         outcome: (H, W) float32, rank in the class, 0 to 1: small ones are right, large ones holes.
         carried: (H, W) float32, ``_carried_factors``.
         locking: (17,) float32, ``_LOCKING_BY_PHASE``.
-        class_table: (``CLASSES`` + 1, 7) float32, ``_class_table``.
-        wrong_spread: spread of wrong pixels beyond 3 errors, units of 1/16 pixel.
+        class_table: (``CLASSES`` + 1, 8) float32, ``_class_table``.
         disparity: (H, W) uint16, output, units of 1/16 pixel.
         error: (H, W) uint8, output, units of the error image.
         confidence: (H, W) uint8, output, units of 1/255.
     """
     height, width = true_disparity.shape
     zero, one, half, largest = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(65535.0)
-    noise_share, spread = np.float32((1.0 - LOCKING**2 / 2.0) ** 0.5), np.float32(wrong_spread)
+    noise_share = np.float32((1.0 - LOCKING**2 / 2.0) ** 0.5)
     for row in range(height):
         for column in range(width):
             entry, pixel_outcome = class_table[np.uint64(classes[row, column])], outcome[row, column]
@@ -373,7 +383,7 @@ def _write_measured(
                 elif second[row, column] > zero:
                     measured = second[row, column] * np.float32(16.0)
                 else:
-                    deviation = entry[_MIN_WRONG] + spread * abs(pixel_noise)
+                    deviation = entry[_MIN_WRONG] + entry[_WRONG_SPREAD] * abs(pixel_noise)
                     if pixel_noise < zero:
                         deviation = -deviation
             units = int(min(max(measured + deviation, one), largest) + half)

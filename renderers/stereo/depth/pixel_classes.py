@@ -1,12 +1,15 @@
 """Classes of pixels by how well a window matcher can measure them: texture, agreement of the images, nearby edges.
 
-``matcher_statistics`` has the matcher's results in each class.
+``matcher_statistics.json`` has the results of our matcher in each class. ``python -m bench.sensor_fit`` writes it.
 """
 
 from __future__ import annotations
 
+import json
 from enum import IntEnum
-from typing import Final
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -53,8 +56,38 @@ DISAGREEMENTS: Final = len(DISAGREEMENT_STEPS) + 1
 """Number of classes of disagreement."""
 CLASSES: Final = TEXTURES * DISAGREEMENTS * EDGES
 """Number of classes. ``class = (texture * DISAGREEMENTS + disagreement) * EDGES + edge``."""
+STATISTICS_FILE: Final = Path(__file__).with_name("matcher_statistics.json")
+STATISTICS: Final = {
+    "found": "share of pixels that have a match, by class at the exact disparity",
+    "right": "share of these matches within 3 disparity errors of the exact disparity",
+    "confidence": "share of right pixels among all that look like a right one of the class",
+    "neighbour_confidence": "the same for pixels with the disparity of the other side of an edge",
+    "relative_error": "standard deviation of right matches, relative to that on good texture",
+}
+"""Names and meanings of the statistics of a class."""
+HIDDEN_CLASS: Final = CLASSES
+"""Class of pixels without a measurable disparity, the last one of the statistics. Next to a nearer surface they may get
+its disparity: ``found`` is the share of those that do, ``neighbour_confidence`` the share of right ones among all with
+the disparity of the front side of an edge."""
 _TEXTURE_STEPS: Final = np.array(TEXTURE_STEPS, np.float32)
 _DISAGREEMENT_STEPS: Final = np.array(DISAGREEMENT_STEPS, np.float32)
+
+
+@cache
+def _content() -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(STATISTICS_FILE.read_text("utf-8"))
+    return content
+
+
+def wrong_spread() -> float:
+    """Return the spread of wrong matches beyond 3 disparity errors, units of 1/16 pixel."""
+    return float(_content()["wrong_spread"])
+
+
+@cache
+def statistics(kind: ImageKind) -> dict[str, NDArray[np.float64]]:
+    """Return the ``STATISTICS`` of a kind of images, (``CLASSES`` + 1,) float64 each."""
+    return {name: np.array(_content()[kind.name][name]) for name in STATISTICS}
 
 
 def window_range(disparity: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:

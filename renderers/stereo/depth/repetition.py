@@ -49,12 +49,12 @@ def second_match(
         return np.zeros((height, width), np.float32)
     small_right = cv2.resize(right, (columns, rows), interpolation=cv2.INTER_AREA)
     half_pixels = cv2.addWeighted(small_right, 0.5, np.roll(small_right, 1, axis=1), 0.5, 0.0)
-    border = (WINDOW // 2,) * 4
-    padded = [cv2.copyMakeBorder(each, *border, cv2.BORDER_REPLICATE) for each in (small_left, small_right, half_pixels)]
+    border = WINDOW // 2
+    images = np.pad((small_left, small_right, half_pixels), ((0, 0), (border, border), (border, border)), "edge")
     exact = cv2.resize(disparity, (columns, rows), interpolation=cv2.INTER_NEAREST) * np.float32(HALF / SCALE)
     candidates = min(min(int(exact.max() / HALF) + 2, columns) * HALF, 1 << _CANDIDATE_BITS)
     best = np.full((rows, columns), np.iinfo(np.int32).max, np.int32)
-    _find_second(np.stack(padded), np.rint(exact).astype(np.int32), candidates, best)
+    _find_second(images, np.rint(exact).astype(np.int32), candidates, best)
     sums, steps = best >> _CANDIDATE_BITS, best & ((1 << _CANDIDATE_BITS) - 1)
     is_repeated = (sums <= contrast * np.float32(MAX_COST * WINDOW**2)) & (contrast >= MIN_CONTRAST) & (exact > 0.0)
     second = (is_repeated * steps).astype(np.float32) * np.float32(SCALE / HALF)
@@ -70,16 +70,16 @@ def _find_second(images, exact, candidates, best):
             a border of half a window.
         exact: (h, w) int32, exact disparity, candidate steps.
         candidates: number of candidates.
-        best: (h, w) int32, output, sum of differences and candidate (``_CANDIDATE_BITS``), initially the largest number.
+        best: (h, w) int32, output, sum of differences and candidate (``_CANDIDATE_BITS``), initially the largest
+            number.
     """
-    height, width = exact.shape
     for candidate in range(candidates):
         whole = candidate // HALF
         left, right = images[0, :, whole:], images[1 + candidate % HALF]
         column_sums = np.zeros(left.shape[1], np.int32)  # differences of a window's rows
         for row in range(WINDOW - 1):
             _add_differences(column_sums, left[row], right[row], np.int32(1))
-        for row in range(height):
+        for row in range(len(exact)):
             _add_differences(column_sums, left[row + WINDOW - 1], right[row + WINDOW - 1], np.int32(1))
             _keep_smallest(column_sums, exact[row, whole:], np.int32(candidate), best[row, whole:])
             _add_differences(column_sums, left[row], right[row], np.int32(-1))
