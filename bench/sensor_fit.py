@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from bench.sensor_images import Sample, samples
 from bench.sensor_scenes import SCENES, Scene
 from renderers.stereo.depth.downscale import grey_levels
-from renderers.stereo.depth.matcher_statistics import FILE
 from renderers.stereo.depth.matching import find_matches
 from renderers.stereo.depth.pixel_classes import (
     CLASSES,
     DISAGREEMENTS,
     EDGES,
     MIN_NOISE_SIGMA,
+    STATISTICS_FILE,
     TEXTURES,
     ImageKind,
     classify,
@@ -137,7 +137,7 @@ def shares(part: NDArray[np.float64], whole: NDArray[np.float64]) -> NDArray[np.
 
 
 Table = dict[str, NDArray[np.float64]]
-"""``matcher_statistics.COLUMNS``, (``CLASSES`` + 1,) each."""
+"""``pixel_classes.STATISTICS``, (``CLASSES`` + 1,) each."""
 
 
 def table(totals: Totals) -> Table:
@@ -205,7 +205,7 @@ def main() -> None:
             by_kind[kind.name], totals = fitted_table([pair for pair in pairs if pair[0].projector == dots])
             excess, wrong = excess + totals.wrong_excess, wrong + totals.wrong
     # The mean of the absolute value of a normal variable is 0.798 of its standard deviation.
-    FILE.write_text(text_of(by_kind, excess / wrong * 16 / 0.798), encoding="utf-8")
+    STATISTICS_FILE.write_text(text_of(by_kind, excess / wrong * 16 / 0.798), encoding="utf-8")
 
 
 def text_of(by_kind: dict[str, Table], wrong_spread: float) -> str:

@@ -7,7 +7,7 @@ Rooms:
 * ``light``: the random-dot projector and the key light. ``realism`` has the names of the parts of realistic images.
 * ``depth``: exact disparity (``true_disparity``), with the errors of a matcher (``modelled_errors``), or from a pair of
   images (``matching`` with ``match_confidence``). Both of the latter need ``residual_shift``, modelled errors also
-  ``pixel_classes`` and the ``matcher_statistics`` of each class. ``filters`` is the device's post-processing.
+  ``pixel_classes``. ``filters`` is the device's post-processing.
 * ``mesh``: triangle meshes from depth images.
 * ``imu``: a smooth path from timed poses (``trajectory``), and the measurements of an IMU on it.
 

@@ -9,8 +9,7 @@ import pytest
 
 from bench import sensor, sensor_fit, sensor_materials
 from bench.sensor_images import Sample, samples
-from renderers.stereo.depth import matcher_statistics
-from renderers.stereo.depth.pixel_classes import CLASSES, ImageKind
+from renderers.stereo.depth.pixel_classes import CLASSES, STATISTICS_FILE, ImageKind, statistics, wrong_spread
 from renderers.stereo.model import Quality
 from tests.support.corpus import corpus_dir
 
@@ -70,8 +69,8 @@ def test_shares_of_rare_classes_are_those_of_their_texture_and_edge() -> None:
 
 def test_statistics_are_what_the_fit_would_write() -> None:
     """Writing the file from its own values gives the file."""
-    by_kind = {kind.name: matcher_statistics.table(kind) for kind in ImageKind}
-    assert sensor_fit.text_of(by_kind, matcher_statistics.wrong_spread()) == matcher_statistics.FILE.read_text("utf-8")
+    by_kind = {kind.name: statistics(kind) for kind in ImageKind}
+    assert sensor_fit.text_of(by_kind, wrong_spread()) == STATISTICS_FILE.read_text("utf-8")
     for table in by_kind.values():
         assert {values.shape for values in table.values()} == {(CLASSES + 1,)}
 

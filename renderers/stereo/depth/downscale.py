@@ -37,7 +37,7 @@ def block_means(image: NDArray[Level], side: int, rows: int, columns: int) -> ND
 
 def fine_means(image: NDArray[np.uint8], side: int, rows: int, columns: int) -> NDArray[np.uint16]:
     """Return ``block_means`` of a grey image in units of 1/``FINE`` level, (rows, columns) uint16."""
-    return block_means(image.astype(np.uint16) * np.uint16(FINE), side, rows, columns)
+    return block_means(np.multiply(image, FINE, dtype=np.uint16), side, rows, columns)
 
 
 def grey_levels(fine: NDArray[np.uint16]) -> NDArray[np.uint8]:

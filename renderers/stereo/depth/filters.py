@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-import cv2
 import numpy as np
+from numpy.typing import NDArray
 
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
@@ -19,10 +20,12 @@ FILL_SHARE: Final = 0.05
 FILL_CONFIDENCE: Final = 128
 """Confidence of filled pixels, units of 1/255: 0.5 (manual)."""
 _MAX_UNITS: Final = 32767
-"""Maximum disparity, units of 1/16 pixel: OpenCV's segmentation takes signed 16-bit numbers."""
+"""Maximum disparity, units of 1/16 pixel."""
 _AT_IMAGE_EDGE: Final = -1_000_000
 """Stored as the lowest border disparity of holes at the edge of the image, which makes their range too large to be
 filled."""
+_ROW, _START, _END, _FIRST = range(4)
+"""Columns of ``_connected_runs``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,10 +105,8 @@ def _apply_limits(
 
 def _remove_segments(depth: DepthImages, min_size: int) -> None:
     """Remove connected segments of fewer than ``min_size`` pixels."""
-    cv2.filterSpeckles(depth.disparity.view(np.int16), 0, min_size - 1, round(SEGMENT_STEP / DISPARITY_SCALE))
-    valid = depth.disparity != 0
-    np.multiply(depth.error, valid, out=depth.error)
-    np.multiply(depth.confidence, valid, out=depth.confidence)
+    runs = _connected_runs(depth.disparity, round(SEGMENT_STEP / DISPARITY_SCALE))
+    _remove_small(runs, min_size, depth.disparity, depth.error, depth.confidence)
 
 
 def fill_holes(depth: DepthImages, max_step: int) -> None:
@@ -116,73 +117,148 @@ def fill_holes(depth: DepthImages, max_step: int) -> None:
         max_step: maximum difference of the disparities on a hole's border, pixels.
     """
     disparity = depth.disparity
-    label_count, labels = cv2.connectedComponents((disparity == 0).view(np.uint8), connectivity=4, ltype=cv2.CV_32S)
-    # Arrays by label: size of the hole, and lowest and highest disparity on its border. Valid pixels have label 0.
-    size = np.zeros(label_count, np.int32)
-    lowest = np.full(label_count, 65536, np.int32)
-    highest = np.full(label_count, -1, np.int32)
-    _measure_holes(disparity, labels, size, lowest, highest)
-    fillable = (size > 0) & (highest >= 0) & (highest - lowest <= round(max_step / DISPARITY_SCALE))
-    order = np.argsort(np.where(fillable, size, np.iinfo(np.int32).max), kind="stable")
-    smallest_first = order[: int(fillable.sum())]
-    is_filled = np.zeros(label_count, np.bool_)
+    runs = _connected_runs(disparity, _MAX_UNITS)
+    # Arrays by first run of a hole: its size, and the lowest and highest disparity on its border.
+    size = np.zeros(len(runs), np.int32)
+    lowest = np.full(len(runs), 65536, np.int32)
+    highest = np.full(len(runs), -1, np.int32)
+    _measure_holes(runs, disparity, size, lowest, highest)
+    fillable = np.flatnonzero((highest >= 0) & (highest - lowest <= round(max_step / DISPARITY_SCALE)))
+    smallest_first = fillable[np.argsort(size[fillable], kind="stable")]
+    is_filled = np.zeros(len(runs), np.bool_)
     is_filled[smallest_first[np.cumsum(size[smallest_first]) <= FILL_SHARE * disparity.size]] = True
-    _fill_rows(disparity, depth.error, depth.confidence, labels, is_filled)
+    _fill_runs(runs, is_filled, disparity, depth.error, depth.confidence)
 
 
-@kernel("void(uint16[:,::1], int32[:,::1], int32[::1], int32[::1], int32[::1])")
-def _measure_holes(disparity, labels, size, lowest, highest):
-    """Write the size of every hole, pixels, and the range of the disparities on its border, units of 1/16 pixel.
+def _connected_runs(disparity: NDArray[np.uint16], max_step: int) -> NDArray[np.int32]:
+    """Return the connected segments and holes of a disparity image as runs along rows, (N, 4) int32 in raster order.
+
+    Columns are ``_ROW``, ``_START`` and ``_END`` of a run, and ``_FIRST``, the first run of its segment or hole.
 
     Args:
         disparity: (H, W) uint16, units of 1/16 pixel, 0: hole.
-        labels: (H, W) int32, number of the pixel's hole; 0: valid pixel.
-        size: (labels,) int32, output, initially 0.
-        lowest: (labels,) int32, output, initially above all disparities.
-        highest: (labels,) int32, output, initially -1.
+        max_step: maximum disparity step between neighbours of one segment, units of 1/16 pixel.
+    """
+    runs = np.empty((disparity.size, 4), np.int32)
+    return runs[: _find_runs(disparity, max_step, runs)]
+
+
+@inlined
+def _is_connected(one, other, max_step):
+    """Return True for two neighbours that are both holes, or valid with a step of at most ``max_step``."""
+    return (one == 0) == (other == 0) and abs(np.int32(one) - np.int32(other)) <= max_step
+
+
+@device_function
+def _first_run(runs, run):
+    """Return the first run that is known to be connected to a run, and shorten the path to it."""
+    while runs[run, _FIRST] != run:
+        runs[run, _FIRST] = runs[runs[run, _FIRST], _FIRST]
+        run = runs[run, _FIRST]
+    return run
+
+
+@kernel("int64(uint16[:,::1], int64, int32[:,::1])")
+def _find_runs(disparity, max_step, runs):
+    """Write ``_connected_runs`` and return their number."""
+    height, width = disparity.shape
+    # Flags of the columns at which a run of the row ends. Eight of them are skipped at once if none is set.
+    ends = np.zeros((width // 8 + 1) * 8, np.bool_)
+    ends[width] = True
+    words = ends.view(np.uint64)
+    count = above = 0  # runs so far; first run of the row above that may touch the next one
+    for row in range(height):
+        for column in range(1, width):
+            ends[column] = not _is_connected(disparity[row, column - 1], disparity[row, column], max_step)
+        row_start, start = count, 0
+        for word in range(len(words)):
+            if words[word] == 0:
+                continue
+            for end in range(word * 8, word * 8 + 8):
+                if not ends[end]:
+                    continue
+                runs[count, _ROW], runs[count, _START], runs[count, _END], runs[count, _FIRST] = row, start, end, count
+                while above < row_start and runs[above, _START] < end:
+                    _join(disparity, max_step, runs, above, count)
+                    if runs[above, _END] > end:
+                        break
+                    above += 1
+                start = end
+                count += 1
+        above = row_start
+    for run in range(count):
+        runs[run, _FIRST] = _first_run(runs, run)
+    return count
+
+
+@device_function
+def _join(disparity, max_step, runs, above, below):
+    """Connect two runs of successive rows if neighbours are connected where they overlap."""
+    row = runs[below, _ROW]
+    for column in range(max(runs[above, _START], runs[below, _START]), min(runs[above, _END], runs[below, _END])):
+        if _is_connected(disparity[row - 1, column], disparity[row, column], max_step):
+            one, other = _first_run(runs, above), _first_run(runs, below)
+            runs[max(one, other), _FIRST] = min(one, other)
+            return
+
+
+@kernel("void(int32[:,::1], int64, uint16[:,::1], uint8[:,::1], uint8[:,::1])")
+def _remove_small(runs, min_size, disparity, error, confidence):
+    """Remove the segments of fewer than ``min_size`` pixels; ``runs``: ``_connected_runs``."""
+    size = np.zeros(len(runs), np.int32)
+    for run in range(len(runs)):
+        size[runs[run, _FIRST]] += runs[run, _END] - runs[run, _START]
+    for run in range(len(runs)):
+        if size[runs[run, _FIRST]] < min_size:
+            row = runs[run, _ROW]
+            for column in range(runs[run, _START], runs[run, _END]):
+                disparity[row, column], error[row, column], confidence[row, column] = 0, 0, 0
+
+
+@kernel("void(int32[:,::1], uint16[:,::1], int32[::1], int32[::1], int32[::1])")
+def _measure_holes(runs, disparity, size, lowest, highest):
+    """Write the size of every hole, pixels, and the range of the disparities on its border, units of 1/16 pixel.
+
+    Args:
+        runs: (N, 4) int32, ``_connected_runs``.
+        disparity: (H, W) uint16, units of 1/16 pixel, 0: hole.
+        size: (N,) int32, output by first run, initially 0.
+        lowest: (N,) int32, output, initially above all disparities.
+        highest: (N,) int32, output, initially -1.
     """
     height, width = disparity.shape
-    for row in range(height):
-        for column in range(width):
-            hole = labels[row, column]
-            if hole == 0:
-                continue
-            size[hole] += 1
-            if row == 0 or column == 0 or row == height - 1 or column == width - 1:
-                lowest[hole] = _AT_IMAGE_EDGE
-                continue
-            for neighbour in (
-                disparity[row - 1, column],
-                disparity[row + 1, column],
-                disparity[row, column - 1],
-                disparity[row, column + 1],
-            ):
+    for run in range(len(runs)):
+        row, start, end, hole = runs[run, _ROW], runs[run, _START], runs[run, _END], runs[run, _FIRST]
+        if disparity[row, start] != 0:
+            continue
+        size[hole] += end - start
+        if row == 0 or start == 0 or row == height - 1 or end == width:
+            lowest[hole] = _AT_IMAGE_EDGE
+            continue
+        low, high = lowest[hole], highest[hole]
+        for neighbour in (disparity[row, start - 1], disparity[row, end]):
+            low, high = min(low, neighbour), max(high, neighbour)
+        for column in range(start, end):
+            for neighbour in (disparity[row - 1, column], disparity[row + 1, column]):
                 if neighbour != 0:
-                    lowest[hole] = min(lowest[hole], neighbour)
-                    highest[hole] = max(highest[hole], neighbour)
+                    low, high = min(low, neighbour), max(high, neighbour)
+        lowest[hole], highest[hole] = low, high
 
 
-@kernel("void(uint16[:,::1], uint8[:,::1], uint8[:,::1], int32[:,::1], boolean[::1])")
-def _fill_rows(disparity, error, confidence, labels, is_filled):
-    """Fill the holes with ``is_filled[label]`` row by row, linearly between the valid pixels left and right of them.
+@kernel("void(int32[:,::1], boolean[::1], uint16[:,::1], uint8[:,::1], uint8[:,::1])")
+def _fill_runs(runs, is_filled, disparity, error, confidence):
+    """Fill the runs of the holes with ``is_filled[first run]`` linearly between the valid pixels left and right.
 
     Those pixels exist, because holes at the edge of the image are not filled.
     """
-    height, width = disparity.shape
-    for row in range(height):
-        column = 1
-        while column < width:
-            if not is_filled[labels[row, column]]:
-                column += 1
-                continue
-            start = column
-            while is_filled[labels[row, column]]:
-                column += 1
-            left = float(disparity[row, start - 1])
-            right = float(disparity[row, column])
-            larger_error = max(error[row, start - 1], error[row, column])
-            for hole_column in range(start, column):
-                fraction = (hole_column - start + 1.0) / (column - start + 1.0)
-                disparity[row, hole_column] = int(left + (right - left) * fraction + 0.5)
-                error[row, hole_column] = larger_error
-                confidence[row, hole_column] = FILL_CONFIDENCE
+    for run in range(len(runs)):
+        if not is_filled[runs[run, _FIRST]]:
+            continue
+        row, start, end = runs[run, _ROW], runs[run, _START], runs[run, _END]
+        left, right = float(disparity[row, start - 1]), float(disparity[row, end])
+        larger_error = max(error[row, start - 1], error[row, end])
+        for column in range(start, end):
+            fraction = (column - start + 1.0) / (end - start + 1.0)
+            disparity[row, column] = int(left + (right - left) * fraction + 0.5)
+            error[row, column] = larger_error
+            confidence[row, column] = FILL_CONFIDENCE

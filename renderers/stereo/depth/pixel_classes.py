@@ -1,12 +1,15 @@
 """Classes of pixels by how well a window matcher can measure them: texture, agreement of the images, nearby edges.
 
-``matcher_statistics`` has the matcher's results in each class.
+``matcher_statistics.json`` has the results of our matcher in each class. ``python -m bench.sensor_fit`` writes it.
 """
 
 from __future__ import annotations
 
+import json
 from enum import IntEnum
-from typing import Final
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -53,8 +56,38 @@ DISAGREEMENTS: Final = len(DISAGREEMENT_STEPS) + 1
 """Number of classes of disagreement."""
 CLASSES: Final = TEXTURES * DISAGREEMENTS * EDGES
 """Number of classes. ``class = (texture * DISAGREEMENTS + disagreement) * EDGES + edge``."""
+STATISTICS_FILE: Final = Path(__file__).with_name("matcher_statistics.json")
+STATISTICS: Final = {
+    "found": "share of pixels that have a match, by class at the exact disparity",
+    "right": "share of these matches within 3 disparity errors of the exact disparity",
+    "confidence": "share of right pixels among all that look like a right one of the class",
+    "neighbour_confidence": "the same for pixels with the disparity of the other side of an edge",
+    "relative_error": "standard deviation of right matches, relative to that on good texture",
+}
+"""Names and meanings of the statistics of a class."""
+HIDDEN_CLASS: Final = CLASSES
+"""Class of pixels without a measurable disparity, the last one of the statistics. Next to a nearer surface they may get
+its disparity: ``found`` is the share of those that do, ``neighbour_confidence`` the share of right ones among all with
+the disparity of the front side of an edge."""
 _TEXTURE_STEPS: Final = np.array(TEXTURE_STEPS, np.float32)
 _DISAGREEMENT_STEPS: Final = np.array(DISAGREEMENT_STEPS, np.float32)
+
+
+@cache
+def _content() -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(STATISTICS_FILE.read_text("utf-8"))
+    return content
+
+
+def wrong_spread() -> float:
+    """Return the spread of wrong matches beyond 3 disparity errors, units of 1/16 pixel."""
+    return float(_content()["wrong_spread"])
+
+
+@cache
+def statistics(kind: ImageKind) -> dict[str, NDArray[np.float64]]:
+    """Return the ``STATISTICS`` of a kind of images, (``CLASSES`` + 1,) float64 each."""
+    return {name: np.array(_content()[kind.name][name]) for name in STATISTICS}
 
 
 def window_range(disparity: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
@@ -65,7 +98,7 @@ def window_range(disparity: NDArray[np.uint16]) -> tuple[NDArray[np.uint16], NDA
             65535.
     """
     window = np.ones((_WINDOW, _WINDOW), np.uint8)
-    known = np.where(disparity > 0, disparity, np.uint16(65535))
+    known = disparity - (disparity == 0)  # 65535 where unknown
     return np.asarray(cv2.dilate(disparity, window), np.uint16), np.asarray(cv2.erode(known, window), np.uint16)
 
 
@@ -159,6 +192,42 @@ def _write_classes(
         classes[column] = (texture_class * DISAGREEMENTS + disagreement_class) * EDGES + edge
 
 
+@device_function
+def _compare_rows(left, right, disparity, gradient, difference, count):
+    """Write a row's gradient and its difference from the right image, with ``RADIUS`` columns of padding.
+
+    Args:
+        left: (W,) uint8.
+        right: (W,) uint8.
+        disparity: (W,) uint16, units of 1/16 pixel.
+        gradient: (W + 2 ``RADIUS``,) int16, output, grey levels per two pixels.
+        difference: (W + 2 ``RADIUS``,) int16, output, units of 1/16 level; 0 where the disparity is unknown.
+        count: (W + 2 ``RADIUS``,) int16, output, 1 where the disparity is known.
+    """
+    width = len(left)
+    for column in range(width):
+        previous, following = max(column - 1, 0), min(column + 1, width - 1)
+        gradient[column + RADIUS] = np.int32(left[following]) - np.int32(left[previous])
+        units = np.int32(disparity[column])
+        right_column = column * 16 - units  # 1/16 pixel
+        if units > 0 and right_column >= 0:
+            whole, fraction = right_column >> 4, right_column & 15
+            right_level = right[whole] * (16 - fraction) + right[min(whole + 1, width - 1)] * fraction
+            difference[column + RADIUS] = abs(np.int32(left[column]) * 16 - right_level)
+            count[column + RADIUS] = 1
+
+
+@device_function
+def _replace_row(left, right, disparity, row, gradients, differences, counts, sums):
+    """Replace the oldest row of the rings by a row of the images, or by 0 below them; arguments as in ``_classify``."""
+    gradient, difference, count = gradients[row % _WINDOW], differences[row % _WINDOW], counts[row % _WINDOW]
+    _add_row(sums, gradient, difference, count, np.int32(-1))
+    gradient[:], difference[:], count[:] = 0, 0, 0
+    if row < len(left):
+        _compare_rows(left[row], right[row], disparity[row], gradient, difference, count)
+        _add_row(sums, gradient, difference, count, np.int32(1))
+
+
 @kernel(
     "void(uint8[:,::1], uint8[:,::1], uint16[:,::1], uint16[:,::1], uint16[:,::1], float64, float32[::1], "
     "float32[::1], uint8[:,::1])"
@@ -193,44 +262,14 @@ def _classify(
     textures, disagreements = np.empty(width, np.float32), np.empty(width, np.float32)
     for column in range(width):
         window_columns[column] = min(column + RADIUS, width - 1) - max(column - RADIUS, 0) + 1
-    for row in range(height + RADIUS):
-        gradient, difference, count = gradients[row % _WINDOW], differences[row % _WINDOW], counts[row % _WINDOW]
-        _add_row(sums, gradient, difference, count, np.int32(-1))
-        gradient[:], difference[:], count[:] = 0, 0, 0
-        if row < height:
-            _compare_rows(left[row], right[row], disparity[row], gradient, difference, count)
-            _add_row(sums, gradient, difference, count, np.int32(1))
-        center = row - RADIUS
-        if center < 0:
-            continue
+    for row in range(RADIUS):
+        _replace_row(left, right, disparity, row, gradients, differences, counts, sums)
+    # With rows from -RADIUS in place of the first loop, LLVM takes arrays for overlapping: half the speed.
+    for center in range(height):
+        _replace_row(left, right, disparity, center + RADIUS, gradients, differences, counts, sums)
         window_rows = min(center + RADIUS, height - 1) - max(center - RADIUS, 0) + 1
         _measure_windows(sums, window_rows, window_columns, sigma, textures, disagreements)
         _write_classes(
             *(textures, disagreements, texture_steps, disagreement_steps, sigma),
             *(disparity[center], nearest[center], farthest[center], classes[center]),
         )
-
-
-@device_function
-def _compare_rows(left, right, disparity, gradient, difference, count):
-    """Write a row's gradient and its difference from the right image, with ``RADIUS`` columns of padding.
-
-    Args:
-        left: (W,) uint8.
-        right: (W,) uint8.
-        disparity: (W,) uint16, units of 1/16 pixel.
-        gradient: (W + 2 ``RADIUS``,) int16, output, grey levels per two pixels.
-        difference: (W + 2 ``RADIUS``,) int16, output, units of 1/16 level; 0 where the disparity is unknown.
-        count: (W + 2 ``RADIUS``,) int16, output, 1 where the disparity is known.
-    """
-    width = len(left)
-    for column in range(width):
-        previous, following = max(column - 1, 0), min(column + 1, width - 1)
-        gradient[column + RADIUS] = np.int32(left[following]) - np.int32(left[previous])
-        units = np.int32(disparity[column])
-        right_column = column * 16 - units  # 1/16 pixel
-        if units > 0 and right_column >= 0:
-            whole, fraction = right_column >> 4, right_column & 15
-            right_level = right[whole] * (16 - fraction) + right[min(whole + 1, width - 1)] * fraction
-            difference[column + RADIUS] = abs(np.int32(left[column]) * 16 - right_level)
-            count[column + RADIUS] = 1

@@ -94,34 +94,44 @@ def _residual_shift(left, right, disparity, radius, prior, expected, weights, sh
     height, width = left.shape
     window = 2 * radius + 1
     padded = width + 2 * radius
-    # Rings of the last rows of products, and their sums down each column. Padding beyond the image is 0.
-    products, squares = np.zeros((window, padded), np.int32), np.zeros((window, padded), np.int32)
-    counts = np.zeros((window, padded), np.int32)
-    product_sums, square_sums = np.zeros(padded, np.int32), np.zeros(padded, np.int32)
-    count_sums = np.zeros(padded, np.int32)
-    for row in range(height + radius):
-        product, square, count = products[row % window], squares[row % window], counts[row % window]
-        for x in range(padded):
-            product_sums[x] -= product[x]
-            square_sums[x] -= square[x]
-            count_sums[x] -= count[x]
-            product[x], square[x], count[x] = 0, 0, 0
-        if row < height:
-            _multiply_rows(left[row], right[row], disparity[row], radius, weights, product, square, count)
-            for x in range(padded):
-                product_sums[x] += product[x]
-                square_sums[x] += square[x]
-                count_sums[x] += count[x]
-        center = row - radius
-        if center < 0:
-            continue
-        _write_row(
-            disparity[center], expected[center], prior, window, product_sums, square_sums, count_sums, shift[center]
-        )
+    # Ring of the last rows of products, squares and counts, and their sums down each column. Padding beyond the image
+    # is 0.
+    ring, sums = np.zeros((window, 3, padded), np.int32), np.zeros((3, padded), np.int32)
+    window_sums = np.empty((3, width), np.int32)
+    for row in range(radius):
+        _replace_row(left, right, disparity, row, radius, weights, ring, sums)
+    # With rows from -radius in place of the first loop, LLVM takes arrays for overlapping, and is slower.
+    for center in range(height):
+        _replace_row(left, right, disparity, center + radius, radius, weights, ring, sums)
+        _write_row(disparity[center], expected[center], prior, window, sums, window_sums, shift[center])
+
+
+@device_function
+def _replace_row(left, right, disparity, row, radius, weights, ring, sums):
+    """Replace the oldest row of the ring by a row of the images, or by 0 below them.
+
+    Args:
+        ring: (2 ``radius`` + 1, 3, W + 2 ``radius``) int32, products, squares and counts of the last rows.
+        sums: (3, W + 2 ``radius``) int32, their sums down each column.
+    """
+    oldest = ring[row % len(ring)]
+    product, square, count = oldest[0], oldest[1], oldest[2]
+    product_sums, square_sums, count_sums = sums[0], sums[1], sums[2]
+    for x in range(len(product)):
+        product_sums[x] -= product[x]
+        square_sums[x] -= square[x]
+        count_sums[x] -= count[x]
+        product[x], square[x], count[x] = 0, 0, 0
+    if row < len(left):
+        _multiply_rows(left[row], right[row], disparity[row], radius, weights, product, square, count)
+        for x in range(len(product)):
+            product_sums[x] += product[x]
+            square_sums[x] += square[x]
+            count_sums[x] += count[x]
 
 
 @inlined
-def _write_row(disparity, expected, prior, window, product_sums, square_sums, count_sums, shift):
+def _write_row(disparity, expected, prior, window, sums, window_sums, shift):
     """Write the shift of the pixels of one row from the sums down the columns of their windows.
 
     Args:
@@ -129,11 +139,12 @@ def _write_row(disparity, expected, prior, window, product_sums, square_sums, co
         expected: (W,) float32, pixels.
         prior: weight of the expected shift per pixel of the window, squared units of the gradient.
         window: side of a window, pixels.
-        product_sums: (W + ``window`` - 1,) int32, gradient times difference.
-        square_sums: (W + ``window`` - 1,) int32, squared gradient.
-        count_sums: (W + ``window`` - 1,) int32, pixels with a known disparity.
+        sums: (3, W + ``window`` - 1) int32: gradient times difference, squared gradient, pixels with a known disparity.
+        window_sums: (3, W) int32, working memory: the sums over windows.
         shift: (W,) float32, output, pixels.
     """
+    product_sums, square_sums, count_sums = sums[0], sums[1], sums[2]
+    products, squares, counts = window_sums[0], window_sums[1], window_sums[2]
     product_sum, square_sum, pixels = np.int32(0), np.int32(0), np.int32(0)
     for x in range(window - 1):
         product_sum += product_sums[x]
@@ -143,16 +154,17 @@ def _write_row(disparity, expected, prior, window, product_sums, square_sums, co
         product_sum += product_sums[column + window - 1]
         square_sum += square_sums[column + window - 1]
         pixels += count_sums[column + window - 1]
-        value = np.float32(0.0)
-        if disparity[column] > np.float32(0.0):
-            prior_sum = np.float32(prior) * np.float32(max(pixels, 1))
-            # Differences have units of 1/16 level, gradients of 1/32 level per pixel.
-            value = np.float32(-2.0) * np.float32(product_sum) + prior_sum * expected[column]
-            value /= np.float32(square_sum) + prior_sum
-        shift[column] = value
+        products[column], squares[column], counts[column] = product_sum, square_sum, pixels
         product_sum -= product_sums[column]
         square_sum -= square_sums[column]
         pixels -= count_sums[column]
+    # A loop of its own, so that the compiler uses vector instructions: half the time of this function.
+    for column in range(len(disparity)):
+        prior_sum = np.float32(prior) * np.float32(max(counts[column], np.int32(1)))
+        # Differences have units of 1/16 level, gradients of 1/32 level per pixel.
+        value = np.float32(-2.0) * np.float32(products[column]) + prior_sum * expected[column]
+        value /= np.float32(squares[column]) + prior_sum
+        shift[column] = value if disparity[column] > np.float32(0.0) else np.float32(0.0)
 
 
 @device_function
