@@ -101,7 +101,9 @@ def test_the_projector_keeps_the_demo_matchable(renderer: CpuRenderer, quality: 
     measured = matched_depth(imaging.config, ImagePair(left, right, exposure, ImageKind.DOTS), settings, None)
     valid = (true > 0) & (measured.disparity > 0)
     assert valid.sum() / (true > 0).sum() >= 0.95
-    assert (np.abs(measured.disparity / 16 - true)[valid] > 1).mean() < 0.025
+    errors = np.abs(measured.disparity / 16 - true)[valid]
+    assert (errors > 0.5).mean() < 0.06
+    assert (errors > 1.0).mean() < 0.03
 
 
 async def test_streamed_sets_with_everything_are_reproducible(start: Start) -> None:
