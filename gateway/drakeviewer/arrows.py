@@ -1,4 +1,4 @@
-"""Parts of arrows and coordinate axes. All share unit meshes, so that browsers get only matrices when arrows change."""
+"""Parts of arrows and coordinate axes. Arrows share unit meshes: when they change, browsers get only matrices."""
 
 from __future__ import annotations
 

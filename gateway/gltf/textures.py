@@ -143,7 +143,7 @@ class Textures:
         else:
             raise GltfError(f"images[{index}]: there is neither a uri nor a bufferView")
         name = f"images[{index}] ({source.name[:60]})" if source.name else f"images[{index}]"
-        # Count also images that share a buffer view: each of them is copied.
+        # Images that share a buffer view count, too: each of them may be copied.
         self._buffers.count_bytes(length, f"images[{index}]")
         key = (buffer.digest, offset, length, self._limits.max_image_pixels)
         image = self._content.get(key)

@@ -71,6 +71,8 @@ class Supervisor:
                 if signal.SIGHUP in numbers:
                     _log.info("All processes are replaced")
                     self._outdated = list(self._running)
+                    if self._replacement is not None:  # it started before the signal
+                        self._end(self._replacement)
                 self._replace_outdated()
                 stopping = not {signal.SIGTERM, signal.SIGINT}.isdisjoint(numbers)
             if self._has_failed:
@@ -137,7 +139,7 @@ class Supervisor:
         """Do the next step of the replacement after SIGHUP, if one is due."""
         new = self._replacement
         if new is not None and new.ready:
-            self._end(*self._outdated[:1])  # none if it has ended meanwhile
+            self._end(*self._outdated[:1])  # none if all of them have ended meanwhile
             self._replacement = None
             self._running.append(new)
             self._end(*self._running[self._count :])

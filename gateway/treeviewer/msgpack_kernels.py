@@ -19,7 +19,7 @@ TRAILING_BYTES: Final = -3
 UNUSED_FIRST_BYTE: Final = 0xC1
 """The only first byte that the specification leaves unused."""
 TEXT_BYTES_PER_VALUE: Final = 64
-"""A string counts as one value, and one more for each of these bytes."""
+"""A string counts as one value, and as one more for every 64 bytes."""
 _LENGTH_BYTES, _PAYLOAD, _LENGTH, _CHILDREN, _TEXT = range(5)
 """Columns of the table ``_FORMATS``."""
 
@@ -31,17 +31,21 @@ def _describe_formats() -> NDArray[np.int64]:
     length that the first byte contains; values per element of an array (1) or map (2), otherwise 0; 1 for a string.
     """
     formats = np.zeros((256, 5), np.int64)
-    formats[0x80:0x90, _LENGTH] = formats[0x90:0xA0, _LENGTH] = range(16)
-    formats[0xA0:0xC0, _LENGTH] = range(32)
-    formats[0xC4:0xC7, _LENGTH_BYTES] = formats[0xC7:0xCA, _LENGTH_BYTES] = formats[0xD9:0xDC, _LENGTH_BYTES] = 1, 2, 4
-    formats[0xDC:0xDE, _LENGTH_BYTES] = formats[0xDE:0xE0, _LENGTH_BYTES] = 2, 4
-    formats[0xC7:0xCA, _PAYLOAD] = 1
-    formats[0xCA:0xCC, _PAYLOAD] = 4, 8
-    formats[0xCC:0xD0, _PAYLOAD] = formats[0xD0:0xD4, _PAYLOAD] = 1, 2, 4, 8
-    formats[0xD4:0xD9, _PAYLOAD] = 2, 3, 5, 9, 17
-    formats[0x90:0xA0, _CHILDREN] = formats[0xDC:0xDE, _CHILDREN] = 1
-    formats[0x80:0x90, _CHILDREN] = formats[0xDE:0xE0, _CHILDREN] = 2
-    formats[0xA0:0xC0, _TEXT] = formats[0xD9:0xDC, _TEXT] = 1
+    fix_map, fix_array, fix_string = slice(0x80, 0x90), slice(0x90, 0xA0), slice(0xA0, 0xC0)
+    binary, extension, string = slice(0xC4, 0xC7), slice(0xC7, 0xCA), slice(0xD9, 0xDC)
+    array, mapping = slice(0xDC, 0xDE), slice(0xDE, 0xE0)
+    floats, unsigned, signed, fix_extension = slice(0xCA, 0xCC), slice(0xCC, 0xD0), slice(0xD0, 0xD4), slice(0xD4, 0xD9)
+    formats[fix_map, _LENGTH] = formats[fix_array, _LENGTH] = range(16)
+    formats[fix_string, _LENGTH] = range(32)
+    formats[binary, _LENGTH_BYTES] = formats[extension, _LENGTH_BYTES] = formats[string, _LENGTH_BYTES] = 1, 2, 4
+    formats[array, _LENGTH_BYTES] = formats[mapping, _LENGTH_BYTES] = 2, 4
+    formats[extension, _PAYLOAD] = 1
+    formats[floats, _PAYLOAD] = 4, 8
+    formats[unsigned, _PAYLOAD] = formats[signed, _PAYLOAD] = 1, 2, 4, 8
+    formats[fix_extension, _PAYLOAD] = 2, 3, 5, 9, 17
+    formats[fix_array, _CHILDREN] = formats[array, _CHILDREN] = 1
+    formats[fix_map, _CHILDREN] = formats[mapping, _CHILDREN] = 2
+    formats[fix_string, _TEXT] = formats[string, _TEXT] = 1
     return formats
 
 

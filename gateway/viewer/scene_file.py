@@ -22,7 +22,7 @@ _SCRIPT_TAG: Final = re.compile(r"<script [^>]*></script>")
 _STYLE_TAG: Final = re.compile(r'<link rel="stylesheet"[^>]*>')
 _ASSET: Final = re.compile(r'/assets/([^/"]+)"')
 _SCRIPT_END: Final = re.compile(r"<(/script|!--)", re.IGNORECASE)
-"""Texts that end a script in HTML."""
+"""Texts in a script that HTML takes for its end, or for the begin of a comment that may hide its end."""
 
 
 class SceneFileWriter(Recorder):
@@ -46,7 +46,7 @@ class SceneFileWriter(Recorder):
 
 
 def scene_html(recording: bytes, view: str = "") -> bytes:
-    """Return the page with a recording, as one HTML file. Its content security policy lets it load nothing.
+    """Return the page with a recording, as one HTML file. Its content security policy lets it load nothing else.
 
     Nothing of the scene is in the file as text: the recording is compressed, and in base64.
 

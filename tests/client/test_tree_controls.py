@@ -181,6 +181,8 @@ async def test_values_of_the_page_arrive() -> None:
         await in_thread(viewer["box"].set, Box((1, 1, 1)))
         gizmo = await in_thread(viewer.controls.add_gizmo, "target", "box")
         stop = speed.on_update(received.append)
+        also: list[str] = []
+        go.on_click(lambda: also.append("go"))
         go.on_click(lambda: received.append("go"))
         gizmo.on_update(lambda pose: received.append(pose[:3, 3].tolist()))
         assert gizmo.value is None
@@ -188,6 +190,7 @@ async def test_values_of_the_page_arrive() -> None:
         await until(lambda: received == [3.0])
         change(service, "go", None, None)
         await until(lambda: received == [3.0, "go", "go"])
+        assert also == ["go", "go"]
         change(service, "target", MOVED)
         await until(lambda: received[3:] == [[1, 2, 3]])
         assert (speed.value, go.value) == (3.0, 2)

@@ -149,11 +149,12 @@ def test_what_gltf_cannot_animate_is_a_warning() -> None:
     def last(edit: TreeEdit) -> None:
         edit.set_matrix(("again",), np.full((4, 4), np.nan))
         edit.set_parts(("again",), (BALL,))
+        edit.set_opacity(("again",), 0.5)
 
     data, warnings = exported(states(begin, change, last))
     assert warnings == [
         "glTF animates no geometry: the file has the first geometry of 2 nodes, such as box",
-        "glTF animates no opacity: the file has the first opacity of 1 nodes, such as box",
+        "glTF animates no opacity: the file has the first opacity of 2 nodes, such as box",
         "glTF animates no shear: the file is without the shear of 1 nodes, such as box",
     ]
     scene = read_gltf(data, animation=AnimationTime("motion", 2.0))

@@ -32,19 +32,17 @@ Handle = TypeVar("Handle", bound=ControlHandle[Any])
 class ButtonHandle(ControlHandle[int]):
     """A button. Its value is the number of clicks."""
 
-    _called_for = 0
-    """Number of clicks for which the callbacks were called."""
-
     def on_click(self, callback: Callable[[], Any]) -> Callable[[], None]:
         """Call ``callback`` once for each click, as ``on_update`` does. Returns the function that ends the calls."""
         check_callback(callback, "on_click")
+        called_for = self.value
 
         def call(value: int) -> None:
-            clicks, self._called_for = value - self._called_for, value
+            nonlocal called_for
+            clicks, called_for = value - called_for, value
             for _ in range(min(clicks, MAX_CLICK_CALLS)):
                 callback()
 
-        self._called_for = self.value
         return self.on_update(call)
 
 

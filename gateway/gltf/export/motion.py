@@ -121,8 +121,11 @@ class Motion:
                 self._tracks[path[:-1]].node.children[path[-1]] = track.node
             if sample:
                 track.states[0] = node.matrix if is_writable(node.matrix) else IDENTITY, False
-        elif node.parts is not track.node.parts:
-            self._note_change("geometry", path, node)
+        else:  # it was deleted before
+            if node.parts is not track.node.parts:
+                self._note_change("geometry", path, node)
+            if node.opacity != track.node.opacity:
+                self._note_change("opacity", path, node)
         is_finite = is_writable(node.matrix)
         track.states[sample] = node.matrix if is_finite else track.last_matrix, is_finite and node.visible
         self._key_count += 1
@@ -168,7 +171,8 @@ class Motion:
 def animate(track: Track, times: list[float]) -> tuple[dict[str, list[float]], tuple[Channel, ...], bool]:
     """Return what a node has when it is first shown, its channels, and True if a shear is left out.
 
-    Before a change after a rest, there is a key with the last values: values between two keys are interpolated.
+    Viewers interpolate between keys. Where values stay the same for several samples and change then, the last of these
+    samples is a key, too: the motion begins there, and not at the key before.
     """
     samples: list[int] = []
     states: list[tuple[Matrix, bool]] = []
@@ -181,15 +185,16 @@ def animate(track: Track, times: list[float]) -> tuple[dict[str, list[float]], t
     translation, rotation, scale, has_shear = decompose(np.array([matrix for matrix, _ in states]))
     shown = np.array([is_shown for _, is_shown in states])
     properties = {"translation": translation, "rotation": rotation, "scale": scale}
-    first = {path: values[np.argmax(shown)].tolist() for path, values in properties.items()}
-    scale[~shown] = 0.0
+    first_shown = np.argmax(shown)
+    first = {path: values[first_shown].tolist() for path, values in properties.items()}
+    scale[~shown] = 0.0  # hides the node; also in ``properties``
     key_times = np.array(times, np.float32)[samples]
     channels: list[Channel] = []
     for path, values in properties.items():
-        is_new = np.append(True, (values[1:] != values[:-1]).any(axis=1))
-        is_step = path == "scale" and not shown.all()
-        keys = is_new if is_step else slice(None)
-        if is_new[1:].any():
+        differs = np.append(True, (values[1:] != values[:-1]).any(axis=1))  # from the sample before
+        is_step = path == "scale" and not shown.all()  # a node does not shrink while it disappears
+        keys = differs if is_step else slice(None)
+        if differs[1:].any():
             channels.append(Channel(path, key_times[keys], values[keys].astype(np.float32), is_step))
     return first, tuple(channels), has_shear
 
