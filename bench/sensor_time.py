@@ -31,6 +31,7 @@ from gateway.stereo.imaging.rendered_images import Capture, Imaging
 from renderers.drawlist import DrawList, Instance
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.filters import Filters
+from renderers.stereo.depth.matching import refined_matches
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.realism import REALISM_PARTS
 
@@ -128,8 +129,13 @@ class Camera:
 def deviation_of(sample: Sample, images: DepthImages) -> NDArray[np.float32]:
     """Return measured minus exact disparity where both cameras see the surface, (H, W) float32, pixels; NaN: no depth,
     or off by a pixel or more."""
-    deviation = images.disparity * np.float32(DISPARITY_SCALE) - sample.visible
-    known = (images.disparity > 0) & (sample.visible > 0) & (np.abs(deviation) < 1.0)
+    return deviation_of_disparity(sample, images.disparity * np.float32(DISPARITY_SCALE))
+
+
+def deviation_of_disparity(sample: Sample, disparity: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the same for a disparity image, (H, W) float32, pixels, 0: no depth."""
+    deviation = disparity - sample.visible
+    known = (disparity > 0) & (sample.visible > 0) & (np.abs(deviation) < 1.0)
     return np.where(known, deviation, np.float32(np.nan))
 
 
@@ -233,3 +239,13 @@ def report_over_time(modes: dict[str, Measure], *, realism: bool) -> None:
         for scene in time_scenes():
             name = scene.name + (", dots" if scene.projector else "")
             print(f"  {name:24}" + " ".join(f"{value:10.3f}" for value in row_of(camera, scene, measure)), flush=True)
+    print("\nmatched before its disparities are rounded: root mean square px, correlation after camera 1")
+    for scene in time_scenes():
+        before, after = camera.sample(scene, 0), camera.sample(scene, FRAMES, 1.0)
+        one, other = (
+            deviation_of_disparity(s, refined_matches(s.left, s.right, s.disparity_count, s.noise_sigma))
+            for s in (before, after)
+        )
+        values = float(np.sqrt(np.nanmean(one**2))), correlation(one, at_same_surface(before, other, 1.0))
+        name = scene.name + (", dots" if scene.projector else "")
+        print(f"  {name:24}{values[0]:10.3f} {values[1]:10.3f}", flush=True)

@@ -60,6 +60,17 @@ def find_matches(
     A pixel has a match if the matches from left to right and from right to left agree. Arguments are those of
     ``match_pair``.
     """
+    matches = refined_matches(left, right, disparity_count, noise_sigma)
+    return np.asarray(np.rint(matches / np.float32(DISPARITY_SCALE)), np.uint16)
+
+
+def refined_matches(
+    left: NDArray[np.uint16], right: NDArray[np.uint16], disparity_count: int, noise_sigma: float
+) -> NDArray[np.float32]:
+    """Return the disparities before they are rounded, (H, W) float32, pixels, 0 where there is no match.
+
+    Arguments are those of ``match_pair``.
+    """
     matches = _semi_global_matches(grey_levels(left), grey_levels(right), disparity_count)
     start = matches.astype(np.float32) * np.float32(DISPARITY_SCALE)
     refined = _smoothed(start)
@@ -68,7 +79,7 @@ def find_matches(
         shift = residual_shift(even_left, even_right, refined, REFINEMENT_RADIUS, noise_sigma)
         refined = np.where(start > 0.0, np.maximum(refined + shift, np.float32(DISPARITY_SCALE)), np.float32(0.0))
     is_refined = np.abs(refined - start) <= MAX_REFINEMENT
-    return np.where(is_refined, np.rint(refined / np.float32(DISPARITY_SCALE)), matches).astype(np.uint16)
+    return np.asarray(np.where(is_refined, refined, start), np.float32)
 
 
 def _smoothed(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
