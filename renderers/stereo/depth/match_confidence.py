@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
+from renderers.stereo.depth.residual_shift import without_local_mean
 
 FILE: Final = Path(__file__).with_suffix(".json")
 FEATURES: Final = {
@@ -97,19 +98,6 @@ def tables() -> Tables:
         np.array([[border for _, border in tree] for tree in comparisons], np.float32),
         np.array([tree["weights"] for tree in content["trees"]], np.int32),
     )
-
-
-def without_local_mean(image: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Return each pixel relative to the mean of its window, plus white, (H, W) uint16.
-
-    Vignetting, and highlights that move with the viewpoint, make one camera see a surface a few grey levels brighter
-    than the other one. In weak texture, that is more than the texture.
-
-    Args:
-        image: (H, W) uint16, units of 1/16 grey level.
-    """
-    mean = cv2.boxFilter(image, -1, (_WINDOW, _WINDOW))
-    return np.asarray(cv2.subtract(image + np.uint16(_WHITE), mean), np.uint16)
 
 
 def match_features(

@@ -18,10 +18,9 @@ from renderers.stereo.depth.match_confidence import (
     error_and_confidence,
     match_features,
     with_texture,
-    without_local_mean,
 )
 from renderers.stereo.depth.pixel_classes import MIN_NOISE_SIGMA
-from renderers.stereo.depth.residual_shift import residual_shift
+from renderers.stereo.depth.residual_shift import residual_shift, without_local_mean
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stop import check_stop
 

@@ -50,14 +50,14 @@ from renderers.stereo.depth.pixel_classes import (
     wrong_spread,
 )
 from renderers.stereo.depth.repetition import second_match
-from renderers.stereo.depth.residual_shift import residual_shift
+from renderers.stereo.depth.residual_shift import residual_shift, without_local_mean
 from renderers.stereo.model import DISPARITY_SCALE
 
 ERROR_TOLERANCE: Final = 0.05
 """Maximum relative difference between a pixel's error and the value in the error image."""
 ERROR_RADIUS: Final = 5
 """Radius of the windows of ``residual_shift``, pixels. With smaller ones, errors of normals grow."""
-SECOND_STEP: Final = 0.2
+SECOND_STEP: Final = 0.8
 """Share of the second step of ``matching`` in the errors. With more, neighbours in a row differ more, and only columns
 so high that streaks are seen keep the errors of normals. With less, errors stay when dots move over a surface."""
 ERROR_COLUMN: Final = 11
@@ -163,7 +163,8 @@ def measured_images(
     surroundings = _surroundings(levels)
     _standardise(surroundings, classes)
     expected = surroundings * np.float32(WEAK_SHIFT)
-    shift = residual_shift(left, right, true_disparity, ERROR_RADIUS, model.noise_sigma, expected)
+    pair = without_local_mean(left), without_local_mean(right)
+    shift = residual_shift(*pair, true_disparity, ERROR_RADIUS, model.noise_sigma, expected)
     # A second step from the result of the first one adds the shift again, less its mean in the window.
     mean_shift = cv2.blur(shift, (2 * ERROR_RADIUS + 1,) * 2)
     both_steps = cv2.addWeighted(shift, 1.0 + SECOND_STEP, mean_shift, -SECOND_STEP, 0.0)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from typing import Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,6 +32,8 @@ PHASES: Final = 64
 """Sub-pixel positions of the interpolation."""
 MAX_RADIUS: Final = 5
 """Maximum radius of a window, pixels: the sums of larger ones exceed 32 bits."""
+_MEAN_WINDOW: Final = 9
+"""Side of the window of ``without_local_mean``, pixels. With larger ones, matches and normals are worse."""
 _MAX_LEVEL: Final = 255 * 16
 _WEIGHT_BITS: Final = 8
 
@@ -49,6 +52,19 @@ def _interpolation_weights() -> NDArray[np.int32]:
 _WEIGHTS: Final = _interpolation_weights()
 
 
+def without_local_mean(image: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Return each pixel relative to the mean of its window, plus white, (H, W) uint16.
+
+    Vignetting, and highlights that move with the viewpoint, make one camera see a surface a few grey levels brighter
+    than the other one. In weak texture, that is more than the texture.
+
+    Args:
+        image: (H, W) uint16, units of 1/16 grey level.
+    """
+    mean = cv2.boxFilter(image, -1, (_MEAN_WINDOW, _MEAN_WINDOW))
+    return np.asarray(cv2.subtract(image + np.uint16(_MAX_LEVEL), mean), np.uint16)
+
+
 def residual_shift(
     left: NDArray[np.uint16],
     right: NDArray[np.uint16],
@@ -60,7 +76,7 @@ def residual_shift(
     """Return the shift to add to each disparity, (H, W) float32, pixels; 0 where the disparity is unknown.
 
     Args:
-        left: (H, W) uint16, rectified, units of 1/16 grey level.
+        left: (H, W) uint16, rectified, ``without_local_mean``, units of 1/16 grey level.
         right: (H, W) uint16, likewise.
         disparity: (H, W) float32, pixels, 0: unknown.
         radius: pixels on each side of a window's centre, up to ``MAX_RADIUS``.
