@@ -26,8 +26,16 @@ async def start(context: Context) -> None:
     """Start everything. Requests wait for ``context.started``.
 
     The process ends, by ``context.on_fatal``, if the kernels cannot be loaded or the state cannot be restored: an empty
-    scene must not be served in its place, nor overwrite it.
+    scene must not be served in its place, nor overwrite it. It ends with any other error, too.
     """
+    try:
+        await _start(context)
+    except Exception:  # noqa: BLE001 - logged; the process ends
+        _log.exception("The gateway cannot start")
+        context.on_fatal()
+
+
+async def _start(context: Context) -> None:
     begin = time.perf_counter()
     async with asyncio.TaskGroup() as tasks:
         stage = KERNELS

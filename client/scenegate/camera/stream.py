@@ -173,7 +173,7 @@ def receive(options: StreamOptions) -> Generator[tuple[pb.ImageSet, int], None, 
         StreamFailure: the camera cannot be reached, refuses the request, or ends the stream.
         OSError: a certificate cannot be read.
     """
-    if not isinstance(options.target, str) or "//" in options.target:
+    if not isinstance(options.target, str) or options.target.startswith(("http://", "https://")):
         raise StreamFailure(f"the camera's address must be like 127.0.0.1:50051, not {options.target!r}")
     target = options.target if ":" in options.target.rsplit("]", 1)[-1] else f"{options.target}:50051"
     with options.credentials.channel(target, _CHANNEL_OPTIONS) as channel:
