@@ -58,15 +58,15 @@ ERROR_TOLERANCE: Final = 0.05
 ERROR_RADIUS: Final = 5
 """Radius of the windows of ``residual_shift``, pixels. With smaller ones, errors of normals grow."""
 SECOND_STEP: Final = 0.8
-"""Share of the second step of ``matching`` in the errors. With more, neighbours in a row differ more, and only columns
-so high that streaks are seen keep the errors of normals. With less, errors stay when dots move over a surface."""
+"""Share of the second step of ``matching`` in the errors. With more, neighbours in a row differ more, and normals are
+worse. With less, errors stay when dots move over a surface."""
 ERROR_COLUMN: Final = 11
 """Height of the columns over which errors are averaged, pixels. Lower ones make errors of normals worse: the configured
 errors are three times those of ``matching``."""
 _COLUMN_MEAN: Final = np.full(ERROR_COLUMN, 1.0 / ERROR_COLUMN)
-WEAK_SHIFT: Final = 0.025
+WEAK_SHIFT: Final = 0.035
 """Standard deviation of the shift that ``residual_shift`` expects in windows without texture, pixels. It belongs to the
-surroundings, which guide semi-global matching, and makes such errors less noisy."""
+surroundings, which guide semi-global matching. With more, errors in weak texture are less noisy, but stay in motion."""
 BANDS: Final = (3, 7)
 """Sides of two boxes, pixels at 1/``COARSE``: our choice. The difference of their mean brightness is that of a pixel's
 surroundings."""
