@@ -16,6 +16,7 @@ from gateway.scene.geometry import Shape, Surface
 from renderers.color import linear_from_srgb
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from scenegate.robots.errors import RobotFileError
+from scenegate.robots.reader import read_robot as read_robot_of_client
 from tests.assets.mesh_files.files import DAE, png
 from tests.robots.files import TRIANGLE, write
 from tests.support.waiting import SECONDS
@@ -401,6 +402,17 @@ def test_material_scripts_replace_the_materials_of_meshes(tmp_path: Path) -> Non
     )
 
 
+def test_joints_of_one_name_get_unique_names(tmp_path: Path) -> None:
+    joint = "<joint name='j' type='revolute'><parent>{}</parent><child>{}</child></joint>"
+    links = "".join(f"<link name='{name}'/>" for name in "wxyz")
+    robot = read(tmp_path, model(links + "".join(joint.format(*ends) for ends in ("wx", "xy", "yz"))))
+    assert [*robot.joints] == ["j", "j_joint", "j_joint2"]
+    assert robot.warnings == (
+        "a second joint is called 'j', it is called 'j_joint'",
+        "a second joint is called 'j', it is called 'j_joint2'",
+    )
+
+
 def test_a_submesh_is_the_only_node_that_is_shown(tmp_path: Path) -> None:
     """Its bounds are 0 0 0 to 1 2 0, 10 above the origin. The unnamed node above it belongs to the named one."""
     start, _, end = DAE.format(asset="").partition('<node id="n">')
@@ -418,6 +430,14 @@ def test_a_submesh_is_the_only_node_that_is_shown(tmp_path: Path) -> None:
     write(tmp_path, TRIANGLE, "m.obj")
     (warning,) = read(tmp_path, geometry(mesh.format("wheel", "false").replace(".dae", ".obj"))).warnings
     assert warning.endswith("<submesh> is ignored, the whole mesh is shown")
+
+
+def test_a_client_warns_that_it_does_not_centre_a_mesh(tmp_path: Path) -> None:
+    write(tmp_path, TRIANGLE, "m.obj")
+    mesh = "<mesh><uri>m.obj</uri><submesh><center>true</center></submesh></mesh>"
+    robot = read_robot_of_client(write(tmp_path, geometry(mesh), "robot.sdf"))
+    (warning,) = robot.warnings
+    assert warning.endswith("m.obj: <center> is ignored, the mesh is not moved")
 
 
 @pytest.mark.parametrize("name", ["paint.png", "model://other/materials/textures/paint.png"])

@@ -126,9 +126,13 @@ class RobotFiles:
         """Return the folder of a package; None if there is none."""
         return None if name in _NOT_PACKAGES else next(filter(Path.is_dir, self._package_folders(name)), None)
 
-    def read(self, path: Path) -> bytes:
-        """Return the bytes of a file that ``find`` returned; raises OSError, or RobotFileError beyond the limits."""
-        return self._read(path, self._limits.max_mesh_bytes)
+    def read(self, path: Path, max_bytes: int | None = None) -> bytes:
+        """Return the bytes of a file that ``find`` returned; raises OSError, or RobotFileError beyond the limits.
+
+        Args:
+            max_bytes: Maximum size; default: that of a mesh file.
+        """
+        return self._read(path, self._limits.max_mesh_bytes if max_bytes is None else max_bytes)
 
     def read_beside(self, mesh: Path, name: str) -> bytes:
         """Return the bytes of a file that a mesh file refers to; raises OSError or RobotFileError.

@@ -36,6 +36,8 @@ class LinkGeometries(LinkFiles[Geometry, tuple[bytes, dict[str, bytes]], bytes])
             mesh = self._mesh_or_warning(link, shape)
             if mesh is None:
                 return
+            if shape.center:
+                self._warnings.append(f"link {link!r}, {shape.filename}: <center> is ignored, the mesh is not moved")
             is_gltf = shape.filename.lower().endswith((".gltf", ".glb"))
             yield MeshFile(
                 shape.filename,

@@ -188,9 +188,15 @@ class _SdfReader:
         self._links[full_name] = (link, scope)
 
     def _add_joint(self, joint: Element, scope: _Scope) -> None:
-        full_name = scoped(scope.name, attribute(joint, "name") or f"joint_{len(self._joints)}")
-        if full_name in self._frames:  # a link or model of that name; libsdformat renames the joint, too
-            full_name += "_joint"
+        name = full_name = scoped(scope.name, attribute(joint, "name") or f"joint_{len(self._joints)}")
+        if name in self._frames:  # a link, model or joint of that name; libsdformat renames the joint, too
+            full_name = f"{name}_joint"
+            number = len(self._joints)
+            while full_name in self._frames:
+                full_name = f"{name}_joint{number}"
+                number += 1
+        if name in self._joints:
+            self._warnings.append(f"a second joint is called {name!r}, it is called {full_name!r}")
         check_count(len(self._joints) + 1, self._limits.max_links, "joints")
         child = scoped(scope.name, (joint.findtext("child") or "").strip())
         X, relative_to = read_pose(joint, f"joint {full_name!r}", self._warnings)
