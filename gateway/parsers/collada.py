@@ -16,7 +16,6 @@ from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshLimits, Shap
 from gateway.parsers.shapes import shape_of
 from gateway.parsers.texture_files import ReadFile, TextureFiles
 
-_END: Final = b"</COLLADA>"
 MAX_ELEMENTS: Final = 1_000_000
 """Maximum number of XML elements: each takes up to 1 kB while the file is read. Large scenes have some thousands."""
 MAX_ERRORS: Final = 20
@@ -44,8 +43,7 @@ def read_collada(
         MeshFaultError: The file is damaged, or beyond a limit.
     """
     data = data.replace(b'="<', b'="&lt;')  # Assimp calls the root of STL files <STL_BINARY>
-    data = data[: data.find(_END) + len(_END)] if _END in data else data  # some exporters leave rests of older files
-    _check_xml(data)
+    data = _checked_document(data)
     document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
     errors = document.errors
     if any(isinstance(error, collada.DaeBrokenRefError) and "Material" in str(error.msg) for error in errors):
@@ -69,7 +67,7 @@ def _without_lost_materials(document: Any, data: bytes) -> bytes:
     Args:
         document: What pycollada read of ``data``.
     """
-    root = ElementTree.fromstring(data)  # noqa: S314 - _check_xml refused what could be dangerous
+    root = ElementTree.fromstring(data)  # noqa: S314 - _checked_document refused what could be dangerous
     known = {f"#{material.id}" for material in document.materials}
     for parent in root.iter():
         for child in list(parent):
@@ -78,10 +76,14 @@ def _without_lost_materials(document: Any, data: bytes) -> bytes:
     return ElementTree.tostring(root)
 
 
-def _check_xml(data: bytes) -> None:
-    """Check size and depth of a document before its tree is built; raises MeshFaultError."""
+def _checked_document(data: bytes) -> bytes:
+    """Return a document without what follows it: some exporters leave rests of older files.
+
+    Raises:
+        MeshFaultError: The size or depth is beyond a limit, before a tree is built, or it is no XML.
+    """
     parser = expat.ParserCreate()
-    count = depth = 0
+    count = depth = last_tag = 0
 
     def start(name: str, attributes: dict[str, str]) -> None:
         nonlocal count, depth
@@ -90,8 +92,8 @@ def _check_xml(data: bytes) -> None:
             raise MeshFaultError(f"it has more than {MAX_ELEMENTS} XML elements, or more than {MAX_XML_DEPTH} levels")
 
     def end(name: str) -> None:
-        nonlocal depth
-        depth -= 1
+        nonlocal depth, last_tag
+        depth, last_tag = depth - 1, parser.CurrentByteIndex
 
     def doctype(*_: object) -> None:
         raise MeshFaultError("COLLADA documents with a DOCTYPE are refused")
@@ -100,7 +102,10 @@ def _check_xml(data: bytes) -> None:
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
-        raise MeshFaultError(f"it cannot be read as DAE: {error}") from None
+        if depth > 0 or count == 0:
+            raise MeshFaultError(f"it cannot be read as DAE: {error}") from None
+        return data[: data.find(b">", last_tag) + 1]
+    return data
 
 
 def _axes(document: Any, use_up_axis: bool) -> NDArray[np.float64]:

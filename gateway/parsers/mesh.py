@@ -15,7 +15,7 @@ from trimesh.visual.material import SimpleMaterial
 from gateway.parsers.collada import read_collada
 from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshLimits, Shape
 from gateway.parsers.obj import with_absolute_faces, without_broken_faces
-from gateway.parsers.ply import triangles_of_strips, with_line_feeds, with_triangles
+from gateway.parsers.ply import triangles_of_strips, with_plain_header, with_triangles
 from gateway.parsers.shapes import checked_triangles, shape_of
 from gateway.parsers.texture_files import ReadFile, TextureFiles
 from gateway.parsers.vtk import read_vtk
@@ -75,9 +75,10 @@ def _read(
     if extension == "dae":
         return read_collada(data, read_file, limits, use_up_axis, submesh)
     if extension == "obj":
+        original = data
         data = with_absolute_faces(data)
     elif extension == "ply":
-        data = with_line_feeds(data)
+        data = with_triangles(with_plain_header(data))
     result = MeshData()
     textures = TextureFiles(read_file, result)
     resolver = _Resolver(read_file, textures)
@@ -90,12 +91,11 @@ def _read(
     try:
         scene = load(data)
     except (ValueError, IndexError):
-        if extension == "obj":
-            scene = load(without_broken_faces(data, result.warnings))
-        elif extension == "ply":
-            scene = load(with_triangles(data))
-        else:
+        if extension == "ply":
+            raise ValueError("its data do not fit its header") from None  # NumPy's words are no help
+        if extension != "obj":
             raise
+        scene = load(without_broken_faces(data, original, result.warnings))
     if resolver.materials:
         result.warnings += _undefined_materials(data, resolver.materials)
     _add_content(scene, textures, limits, result)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
+import dataclasses
 import struct
+from array import array
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -24,107 +26,229 @@ _CODES: Final = {
     "uint16": "H",
     "int32": "i",
     "uint32": "I",
+    "int64": "q",
+    "uint64": "Q",
+    "float16": "e",
     "float32": "f",
     "float64": "d",
 }
 """Codes of the scalar types in the modules ``struct`` and NumPy."""
-_SIZES: Final = {name: struct.calcsize(f"<{code}") for name, code in _CODES.items()}
+_INDEX_NAMES: Final = ("vertex_indices", "vertex_index")
 
 
-def with_line_feeds(data: bytes) -> bytes:
-    """Return the file with line feeds in its header. Rhinoceros writes carriage returns only, which trimesh refuses."""
-    line_end = b"\r\n" if data.startswith(b"ply\r\n") else b"\r"
+@dataclass(frozen=True, slots=True)
+class _Element:
+    """An element of a header."""
+
+    name: str
+    count: int
+    line: int
+    """Place of its line in the header."""
+    properties: list[tuple[struct.Struct | None, np.dtype[Any], str]] = field(default_factory=list)
+    """Type of a list's length (None: no list), type of the values, and name."""
+
+    def index_list(self) -> tuple[int, np.dtype[Any]]:
+        """Return which of the element's lists holds indices of vertices, and their type. The only list has any name.
+
+        Raises:
+            ValueError: There is none.
+        """
+        lists = [(name, values) for length, values, name in self.properties if length is not None]
+        for number, (name, values) in enumerate(lists):
+            if values.kind in "iu" and (name in _INDEX_NAMES or len(lists) == 1):
+                return number, values
+        raise ValueError(f"its element {self.name!r} has no list 'vertex_indices' of integers")
+
+
+def with_plain_header(data: bytes) -> bytes:
+    """Return the file with a header that trimesh reads.
+
+    Rhinoceros writes carriage returns only; comments are not always UTF-8. For edges, trimesh needs a package that is
+    not installed, but does not use them in meshes: their element gets another name.
+
+    Raises:
+        ValueError: It is no PLY file.
+    """
+    if b"ply" not in data[:20].lower():
+        raise ValueError("it does not start with 'ply'")
+    line_end = b"\r\n" if data.startswith(b"ply\r\n") else b"\r" if data.startswith(b"ply\r") else b"\n"
     header, end, body = data.partition(b"end_header" + line_end)
-    return header.replace(line_end, b"\n") + b"end_header\n" + body if end else data
+    header = header.decode("utf-8", "replace").encode().replace(line_end, b"\n")
+    header = header.replace(b"\nelement edge ", b"\nelement unused_edge ")
+    return header + b"end_header\n" + body if end else data
 
 
 def with_triangles(data: bytes) -> bytes:
-    """Return a binary file with triangles in place of faces of different numbers of corners, such as Blender writes.
+    """Return a binary file with triangles in place of polygons and strips.
 
-    Other properties of faces, and the elements after them, are left out. Other files are returned as they are.
+    Blender writes faces of different numbers of corners, which trimesh takes for faces like the first one. Other
+    properties of faces, and the elements after them, are left out. Other files are returned as they are.
 
     Raises:
-        ValueError: The file is too short.
+        ValueError: The header is wrong, or the file is too short.
     """
     header, end, _ = data.partition(b"end_header\n")
-    lines = header.decode("latin-1").splitlines()
-    order = ">" if "format binary_big_endian 1.0" in lines else "<"
-    first = next((i for i, line in enumerate(lines) if line.split()[:2] == ["element", "face"]), None)
-    if first is None or not end or "format ascii 1.0" in lines:
+    lines = header.decode("latin-1").split("\n")
+    encoding = next((line.lower() for line in lines if line.startswith("format")), "")
+    order = ">" if "big" in encoding else "<"
+    elements = _elements(lines, order)
+    drawn = next(
+        (each for name in ("face", "tristrips") for each in elements if each.name == name and each.count), None
+    )
+    if drawn is None or not end or "ascii" in encoding:
         return data
-    before = [line.split() for line in lines[:first]]
-    count, start = 0, len(header) + len(end)
-    for words in before:
-        if words[:1] == ["element"]:
-            count = int(words[2])
-        elif words[:1] == ["property"]:
-            start += count * _SIZES[words[1]]
-    counts, places, index = _face_corners(data, start, [line.split() for line in lines[first:]], order)
-    content = np.frombuffer(data, np.uint8)
-    triangles = []
-    for number in np.unique(counts[counts > 2]):
-        width = np.arange(number * index.itemsize)
-        corners = content[places[counts == number][:, None] + width].view(index)
-        fan = [corners[:, [0, each, each + 1]] for each in range(1, number - 1)]
-        triangles.append(np.concatenate(fan))
-    rows = np.empty(sum(map(len, triangles)), [("count", "u1"), ("corners", f"{order}u4", 3)])
-    rows["count"], rows["corners"] = 3, np.concatenate(triangles)
-    faces = f"element face {len(rows)}\nproperty list uchar uint vertex_indices\nend_header\n"
-    text = "\n".join((*lines[:first], faces)).encode("latin-1")
-    return text + data[len(header) + len(end) : start] + rows.tobytes()
+    start = place = len(header) + len(end)
+    for element in elements[: elements.index(drawn)]:
+        place = _lists(data, place, element)[2]
+    index_list, index = drawn.index_list()
+    if drawn.name == "face" and _are_small_and_equal(data, place, drawn, index_list):
+        return data
+    counts, places, _ = _lists(data, place, drawn)
+    corners = _fans if drawn.name == "face" else _strips
+    triangles = corners(data, counts[:, index_list], places[:, index_list], index)
+    if not len(triangles):
+        raise ValueError(f"its {drawn.count} elements {drawn.name!r} have no triangles")
+    code, type_name = ("i4", "int") if index.kind == "i" else ("u4", "uint")
+    rows = np.empty(len(triangles), [("count", "u1"), ("corners", order + code, 3)])
+    rows["count"], rows["corners"] = 3, triangles
+    faces = f"element face {len(rows)}\nproperty list uchar {type_name} vertex_indices\nend_header\n"
+    text = "\n".join((*lines[: drawn.line], faces)).encode("latin-1")
+    return text + data[start:place] + rows.tobytes()
 
 
-def _face_corners(
-    data: bytes, place: int, element: list[list[str]], order: str
-) -> tuple[NDArray[np.int64], NDArray[np.int64], np.dtype[Any]]:
-    """Return the number of corners of each face, the place of its first index in the file, and the indices' type.
+def _elements(lines: list[str], order: str) -> list[_Element]:
+    """Return the elements of a header; raises ValueError."""
+    elements: list[_Element] = []
+    for number, line in enumerate(lines):
+        try:
+            match line.split():
+                case ["element", name, count]:
+                    if not 0 <= int(count) < 1 << 63:
+                        raise ValueError(count)
+                    elements.append(_Element(name, int(count), number))
+                case ["property", "list", length, values, name]:
+                    if _CODES[length] in "efd":
+                        raise ValueError(length)
+                    counter = struct.Struct(order + _CODES[length])
+                    elements[-1].properties.append((counter, np.dtype(order + _CODES[values]), name))
+                case ["property", values, name]:
+                    elements[-1].properties.append((None, np.dtype(order + _CODES[values]), name))
+                case ["element" | "property", *_]:
+                    raise ValueError(line)
+        except (ValueError, KeyError, IndexError):
+            raise ValueError(f"line {number + 1} of its header is wrong: {line[:60]!r}") from None
+    return elements
+
+
+def _lists(data: bytes, place: int, element: _Element) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """Return the lengths of an element's lists, the places of their values, both (count, lists), and the element's end.
 
     Args:
-        place: Place of the first face in the file.
-        element: Words of the element's line, and of those after it.
+        place: Place of the element's data in the file.
+
+    Raises:
+        ValueError: The file is too short, or a length is negative.
     """
-    properties = [words[1:] for words in itertools.takewhile(lambda words: words[:1] == ["property"], element[1:])]
-    sizes = [
-        (struct.Struct(order + _CODES[words[1]]), _SIZES[words[2]]) if words[0] == "list" else (None, _SIZES[words[0]])
-        for words in properties
-    ]
-    is_indices = [words[-1] in ("vertex_index", "vertex_indices") for words in properties]
-    code = next(words[2] for words, is_index in zip(properties, is_indices, strict=True) if is_index)
-    counts, places = [], []
+    lists = sum(length is not None for length, _, _ in element.properties)
+    lengths, places = array("q"), array("q")
+    too_short = ValueError("it is shorter than its header says")
+    if not lists:
+        place += element.count * sum(values.itemsize for _, values, _ in element.properties)
     try:
-        for _ in range(int(element[0][2])):
-            for (length, size), is_index in zip(sizes, is_indices, strict=True):
+        for _ in range(element.count if lists else 0):  # each list takes a byte or more, so the data ends this
+            for length, values, _ in element.properties:
                 number = 1
                 if length is not None:
                     (number,) = length.unpack_from(data, place)
                     place += length.size
-                if is_index:
-                    counts.append(number)
+                    if number < 0:
+                        raise ValueError(f"a list of its element {element.name!r} has a length of {number}")
+                    if place + number * values.itemsize > len(data):
+                        raise too_short
+                    lengths.append(number)
                     places.append(place)
-                place += number * size
+                place += number * values.itemsize
     except struct.error:
-        place = len(data) + 1
-    if place > len(data) or min(counts, default=0) < 0:
-        raise ValueError("it is shorter than its header says")
-    return np.array(counts), np.array(places), np.dtype(order + _CODES[code])
+        raise too_short from None
+    if place > len(data):
+        raise too_short
+    shape = (-1, max(lists, 1))
+    return np.array(lengths, np.int64).reshape(shape), np.array(places, np.int64).reshape(shape), place
+
+
+def _are_small_and_equal(data: bytes, place: int, faces: _Element, index_list: int) -> bool:
+    """Return True if trimesh reads all faces: up to four corners, and each list as long as that of the first face."""
+    lengths, places, end = _lists(data, place, dataclasses.replace(faces, count=1))
+    if lengths[0, index_list] > 4 or place + faces.count * (end - place) > len(data):
+        return False
+    counters = [length for length, _, _ in faces.properties if length is not None]
+    row = np.dtype({
+        "names": list(map(str, range(len(counters)))),
+        "formats": [counter.format for counter in counters],
+        "offsets": [at - place - counter.size for at, counter in zip(places[0].tolist(), counters, strict=True)],
+        "itemsize": end - place,
+    })  # fmt: skip
+    rows = np.frombuffer(data, row, faces.count, place)
+    return all((rows[name] == rows[name][0]).all() for name in row.names or ())
+
+
+def _values(data: bytes, places: NDArray[np.int64], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return the numbers at these places, (N,)."""
+    values: NDArray[Any] = np.frombuffer(data, np.uint8)[places[:, None] + np.arange(dtype.itemsize)].view(dtype)[:, 0]
+    return values
+
+
+def _numbered(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return, for 0 to n - 1 of each count n, the place of the count and the number."""
+    owner = np.repeat(np.arange(len(counts)), counts)
+    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+
+
+def _fans(
+    data: bytes, counts: NDArray[np.int64], places: NDArray[np.int64], index: np.dtype[Any]
+) -> NDArray[np.generic]:
+    """Return the (M, 3) triangles of polygons with these numbers of corners, whose first indices are at ``places``."""
+    polygon, number = _numbered(np.maximum(counts - 2, 0))
+    first = places[polygon]
+    triangles = np.empty((len(first), 3), index)
+    triangles[:, 0] = _values(data, first, index)
+    triangles[:, 1] = _values(data, first + (number + 1) * index.itemsize, index)
+    triangles[:, 2] = _values(data, first + (number + 2) * index.itemsize, index)
+    return triangles
+
+
+def _strips(
+    data: bytes, counts: NDArray[np.int64], places: NDArray[np.int64], index: np.dtype[Any]
+) -> NDArray[np.generic]:
+    """Return the (M, 3) triangles of strips with these numbers of indices, whose first ones are at ``places``."""
+    strip, number = _numbered(counts)
+    indices = _values(data, places[strip] + number * index.itemsize, index).astype(np.int64)
+    return _triangles_of_strip(np.insert(indices, np.cumsum(counts), -1))
 
 
 def triangles_of_strips(metadata: dict[str, Any]) -> NDArray[np.int64] | None:
-    """Return the (M, 3) triangles of an element ``tristrips``, as in scans of Stanford; None if there is none.
+    """Return the (M, 3) triangles of an element ``tristrips`` of an ASCII file; None if there is none.
 
     Args:
-        metadata: Metadata of the point cloud that trimesh reads. In a strip, an index of -1 starts the next one.
+        metadata: Metadata of the point cloud that trimesh reads.
+
+    Raises:
+        ValueError: The element has no list of vertices.
     """
     element = metadata.get("_ply_raw", {}).get("tristrips", {}).get("data")
-    if element is None:
+    if not isinstance(element, dict):
         return None
-    lists = element["vertex_indices"]
-    if getattr(lists, "dtype", np.dtype(int)).names:  # binary files: length and values
-        lists = lists["f1"]
-    strips = np.concatenate([np.append(np.asarray(each, np.int64), -1) for each in lists])
-    place = np.arange(len(strips))
-    in_strip = place - np.maximum.accumulate(np.where(strips == -1, place + 1, 0))
-    triangles = np.column_stack((strips[:-2], strips[1:-1], strips[2:]))
+    lists = next((element[name] for name in _INDEX_NAMES if name in element), None)
+    if lists is None:
+        raise ValueError("its element 'tristrips' has no list 'vertex_indices'")
+    return _triangles_of_strip(np.concatenate([np.append(np.asarray(each, np.int64), -1) for each in lists]))
+
+
+def _triangles_of_strip(strip: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the (M, 3) triangles of (N,) indices. -1 starts the next strip, as in scans of Stanford."""
+    place = np.arange(len(strip))
+    in_strip = place - np.maximum.accumulate(np.where(strip == -1, place + 1, 0))
+    triangles = np.column_stack((strip[:-2], strip[1:-1], strip[2:]))
     is_odd = in_strip[:-2] % 2 == 1
     triangles[is_odd] = triangles[is_odd][:, ::-1]
     whole: NDArray[np.int64] = triangles[(triangles != -1).all(axis=1)]

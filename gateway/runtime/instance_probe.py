@@ -37,26 +37,34 @@ class RunningInstance:
 
 def probe_instance(host: str, port: int) -> RunningInstance | None:
     """Return the gateway whose HTTP port this is; None if another program or none responds."""
-    response = get(_WILDCARDS.get(host, host), port, "/healthz")
-    with contextlib.suppress(ValueError, RecursionError):  # not JSON
-        return _parse_health(json.loads(response[1])) if response is not None else None
+    for _, body in responses(_WILDCARDS.get(host, host), port, "/healthz"):
+        with contextlib.suppress(ValueError, RecursionError):  # not JSON
+            if (instance := _parse_health(json.loads(body))) is not None:
+                return instance
     return None
 
 
-def get(host: str, port: int, path: str) -> tuple[int, bytes] | None:
-    """Return status and body of a response over HTTP or else HTTPS; None if no web server responds."""
+def responses(host: str, port: int, path: str) -> Iterator[tuple[int, bytes]]:
+    """Yield status and body of the response over HTTP, and of that over HTTPS, of those that there are.
+
+    Proxies respond to HTTP with an error on ports that are for HTTPS: the first response may not be a gateway's.
+    """
     # Nothing secret is sent, and the certificate is for the name that clients use.
-    context = ssl.create_default_context()
-    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
-    for connection in (
-        http.client.HTTPConnection(host, port, timeout=READ_SECONDS),
-        http.client.HTTPSConnection(host, port, timeout=READ_SECONDS, context=context),
-    ):
-        with (
-            contextlib.closing(connection),
-            contextlib.suppress(OSError, http.client.HTTPException, ValueError),
-            _time_limit(connection),
-        ):
+    tls = ssl.create_default_context()
+    tls.check_hostname, tls.verify_mode = False, ssl.CERT_NONE
+    for context in (None, tls):
+        if (response := _response(host, port, path, context)) is not None:
+            yield response
+
+
+def _response(host: str, port: int, path: str, context: ssl.SSLContext | None) -> tuple[int, bytes] | None:
+    """Return status and body of a response over HTTP, or over HTTPS with a context; None if there is none."""
+    connection = http.client.HTTPConnection(host, port)
+    with contextlib.closing(connection), contextlib.suppress(OSError, http.client.HTTPException, ValueError):
+        connection.sock = socket.create_connection((host, port), READ_SECONDS)
+        if context is not None:  # the handshake is a part of the request, so that the time limit holds for it
+            connection.sock = context.wrap_socket(connection.sock, do_handshake_on_connect=False)
+        with _time_limit(connection.sock):
             connection.request("GET", path)
             response = connection.getresponse()
             return response.status, response.read(MAX_BYTES)
@@ -64,13 +72,12 @@ def get(host: str, port: int, path: str) -> tuple[int, bytes] | None:
 
 
 @contextmanager
-def _time_limit(connection: http.client.HTTPConnection) -> Iterator[None]:
+def _time_limit(connection: socket.socket) -> Iterator[None]:
     """Close the connection after ``TOTAL_SECONDS``."""
 
     def end() -> None:
-        if connection.sock is not None:
-            with contextlib.suppress(OSError):
-                socket.socket.shutdown(connection.sock, socket.SHUT_RDWR)  # below TLS, which is not thread-safe
+        with contextlib.suppress(OSError):
+            socket.socket.shutdown(connection, socket.SHUT_RDWR)  # below TLS, which is not thread-safe
 
     timer = threading.Timer(TOTAL_SECONDS, end)
     timer.daemon = True

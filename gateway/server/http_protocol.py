@@ -89,12 +89,17 @@ class SlicedReads(asyncio.Protocol):
         size = self.slice_bytes
         data, self._backlog = self._backlog[:size], self._backlog[size:]
         self.slice_received(data)
-        if self._backlog and not self.transport.is_closing():
+        if self.transport.is_closing():
+            self._backlog = b""
+        elif self._backlog:
             self.transport.pause_reading()
             self.loop.call_soon(self._resume)
 
     def _resume(self) -> None:
-        if self._backlog and not self.transport.is_closing():
+        if self.transport.is_closing():
+            self._backlog = b""
+            return
+        if self._backlog:
             self._handle_slice()
         if not (self._backlog or self.reading_paused() or self.transport.is_closing()):
             self.transport.resume_reading()

@@ -125,7 +125,7 @@ def test_broken_faces_of_obj_files_are_left_out() -> None:
 def test_broken_faces_of_ply_files_are_left_out() -> None:
     header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     body = "element face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 1 9\n"
-    read = content(header + body, "ply")
+    read = content((header + body).replace("ascii 1.0", "ascii 1.0 "), "ply")
     (shape,) = read.shapes
     assert len(shape.triangles or b"") == 12
     assert read.warnings == ["1 of 2 triangles refer to vertices that do not exist (9 of 3)"]
@@ -168,6 +168,91 @@ def test_binary_ply_of_faces_with_different_numbers_of_corners(order: str, flags
     assert "shorter than its header says" in fault(data[:-2], "ply")
 
 
+def test_ply_whose_faces_have_three_corners_each_on_average() -> None:
+    """The file is as long as one whose faces are all like the first one, which trimesh takes it for."""
+    assert area(ply("<", [[0, 1, 2, 3], [0, 1, 4], [0, 1, 2, 3, 0]], False), "ply") == pytest.approx(2.5)
+
+
+def binary(*header: str, body: bytes) -> bytes:
+    """Return a binary PLY file of ``CORNERS`` with more elements."""
+    text = "\n".join(("ply", "format binary_little_endian 1.0", PLY_POINTS + header[0], *header[1:], "end_header\n"))
+    return text.encode() + np.array(CORNERS, "<f4").tobytes() + body
+
+
+MIXED = struct.pack("<B4iB3i", 4, 0, 1, 2, 3, 3, 0, 1, 4)
+INDICES = "property list uchar int vertex_indices"
+
+
+@pytest.mark.parametrize("faces", [MIXED, struct.pack("<B3iB3i", 3, 0, 1, 2, 3, 0, 1, 4)])
+def test_edges_of_ply_files_are_not_used(faces: bytes) -> None:
+    edges, numbers = ("element edge 1", "property int vertex1", "property int vertex2"), struct.pack("<2i", 0, 1)
+    expected = area(binary("element face 2", INDICES, body=faces), "ply")
+    assert area(binary(*edges, "element face 2", INDICES, body=numbers + faces), "ply") == pytest.approx(expected)
+    assert area(binary("element face 2", INDICES, *edges, body=faces + numbers), "ply") == pytest.approx(expected)
+
+
+def test_a_ply_polygon_of_a_million_corners_is_a_fan() -> None:
+    faces = struct.pack("<I", 1_000_000) + b"\0\1\2\3" * 250_000 + struct.pack("<I3B", 3, 0, 1, 4)
+    (shape,) = content(binary("element face 2", "property list uint uchar vertex_indices", body=faces), "ply").shapes
+    assert len(shape.triangles or b"") == 12 * 999_999
+
+
+@pytest.mark.parametrize(
+    ("header", "body", "reason"),
+    [
+        (("element face -5", INDICES), MIXED, "line 7 of its header is wrong: 'element face -5'"),
+        (("element face 2", "property list uchar vec3 a"), MIXED, "line 8 of its header is wrong: 'property list"),
+        (("element face 2", "property list float int a"), MIXED, "line 8 of its header is wrong: 'property list"),
+        (
+            (f"element face {10**15}", "property list char uchar vertex_indices"),
+            b"\xff" * 8,
+            "a list of its element 'face' has a length of -1",
+        ),
+        ((f"element face {10**15}", INDICES), MIXED, "it is shorter than its header says"),
+        (("element face 1", "property list uint int vertex_indices"), b"\xff" * 8, "it is shorter than its header"),
+        (("element face 1",), b"", "its element 'face' has no list 'vertex_indices' of integers"),
+        (
+            ("element face 1", "property list uchar int a", "property list uchar int b"),
+            bytes(2),
+            "its element 'face' has no list 'vertex_indices' of integers",
+        ),
+        (
+            ("element tristrips 1", "property list int float a"),
+            bytes(4),
+            "its element 'tristrips' has no list 'vertex_indices' of integers",
+        ),
+        (("element tristrips 1", INDICES), b"\2" + bytes(8), "its 1 elements 'tristrips' have no triangles"),
+        (("element tristrips 1", INDICES), b"\4", "it is shorter than its header says"),
+        (("element face 1", INDICES), b"\3" + bytes(13), "its data do not fit its header"),
+    ],
+)
+def test_damaged_binary_ply(header: tuple[str, ...], body: bytes, reason: str) -> None:
+    assert f"it cannot be read as PLY: {reason}" in fault(binary(*header, body=body), "ply")
+
+
+def test_other_damaged_ply() -> None:
+    strips = "element tristrips 1\nproperty list int int a\nproperty int b\nend_header\n"
+    points = "".join(f"{x} {y} {z}\n" for x, y, z in CORNERS)
+    data = f"ply\nformat ascii 1.0\n{PLY_POINTS}{strips}{points}3 0 1 2 7\n"
+    assert "its element 'tristrips' has no list 'vertex_indices'" in fault(data, "ply")
+    assert "it does not start with 'ply'" in fault("plx\n", "ply")
+
+
+def test_comments_of_ply_files_need_not_be_utf_8() -> None:
+    data = ply("<", [[0, 1, 2, 3]], False)
+    assert area(
+        data.replace(b"element vertex", b"comment M\xfcnchen \xc3\x85\nelement vertex"), "ply"
+    ) == pytest.approx(1.0)
+
+
+def test_strips_of_binary_ply_files_are_triangles() -> None:
+    body = struct.pack("<B3iB5i", 3, 0, 1, 4, 5, 0, 1, 3, 2, -1)
+    (shape,) = content(binary("element tristrips 2", INDICES, body=body), "ply").shapes
+    triangles = np.frombuffer(shape.triangles or b"", np.uint32).reshape(-1, 3)
+    assert len(triangles) == 3
+    assert area(binary("element tristrips 2", INDICES, body=body), "ply") == pytest.approx(1.5)
+
+
 def test_strips_of_ply_files_are_triangles() -> None:
     header = (
         f"ply\nformat ascii 1.0\n{PLY_POINTS}element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
@@ -181,6 +266,19 @@ def test_strips_of_ply_files_are_triangles() -> None:
 def test_negative_indices_of_obj_files_count_from_their_line() -> None:
     first, second = "v 0 0 0\nv 1 0 0\nv 0 1 0\n", "v 0 0 9\nv 2 0 9\nv 0 2 9\n"
     assert area(f"{first}f -3 -2 -1\n{second}f -3 -2 -1 # the last three\n", "obj") == pytest.approx(0.5 + 2.0)
+
+
+def test_warnings_quote_the_lines_of_obj_files() -> None:
+    vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+    read = content(f"{vertices}f -3 -2 \\\n-1\nf -6 -2 -1\n", "obj")
+    assert read.warnings == ["1 of 2 faces are left out, such as 'f -6 -2 -1' in line 6"]
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_continued_lines_of_obj_files_keep_their_indices(end: str) -> None:
+    first, second = "v 0 0 0\nv 1 0 0\nv 0 1 0\n", "v 0 0 9\nv 2 0 9\nv 0 2 9\n"
+    data = f"{first}f 1 2 \\\n -1\n{second}f -3 \\\n-2\\\n -1\n".replace("\n", end)
+    assert area(data, "obj") == pytest.approx(0.5 + 2.0)
 
 
 def with_material(image: str) -> str:
@@ -208,6 +306,11 @@ def test_collada_as_exporters_write_it() -> None:
     nodes = '<node id="<STL>"><instance_geometry url="#g"/></node><node><instance_light url="#gone"/></node>'
     read = content(scene("", nodes) + "</mesh></COLLADA>")
     assert (len(read.instances), read.warnings) == (1, [])
+
+
+def test_a_comment_may_hold_the_end_of_a_collada_document() -> None:
+    data = PLAIN.replace("<asset>", "<!-- </COLLADA> --><asset>")
+    assert len(content(data).instances) == len(content(data + "</COLLADA>").instances) == 1
 
 
 def test_skinned_meshes_are_drawn_in_their_bind_pose() -> None:

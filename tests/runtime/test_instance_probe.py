@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import json
 import socket
+import ssl
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +15,7 @@ from gateway.runtime.diagnostics import findings
 from gateway.runtime.installation import Verdict
 from gateway.runtime.instance_probe import probe_instance
 from tests.server.answering import answering
+from tests.support.certificates import certificate
 from tests.support.waiting import wait_until
 
 HEALTH = {
@@ -42,12 +45,36 @@ def test_probe_ignores_other_programs(body: bytes) -> None:
         assert probe_instance("127.0.0.1", port) is None
 
 
+def test_probe_tries_https_where_http_gives_an_error(tmp_path: Path) -> None:
+    """As at the TLS port of a proxy, which responds to plain HTTP with 400."""
+    body = json.dumps(HEALTH).encode()
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(*certificate(tmp_path))
+
+    def respond(listener: socket.socket) -> None:
+        for head in (b"HTTP/1.1 400 Bad Request\r\ncontent-length: 0\r\n\r\n", b"HTTP/1.1 200 OK\r\n\r\n" + body):
+            connection, _ = listener.accept()
+            if body in head:
+                connection = context.wrap_socket(connection, server_side=True)
+            with connection:
+                connection.recv(1 << 16)
+                connection.sendall(head)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        server = threading.Thread(target=respond, args=(listener,))
+        server.start()
+        found = probe_instance("127.0.0.1", listener.getsockname()[1])
+        server.join()
+    assert found is not None
+    assert found.version == "1.2.3"
+
+
 @pytest.mark.parametrize(
-    ("head", "attempts"),
-    [(b"", 2), (b"HTTP/1.1 200 OK\r\ncontent-length: 1000000\r\n\r\n", 1)],
-    ids=["no response", "an endless body"],
+    "head",
+    [b"", b"HTTP/1.1 200 OK\r\ncontent-length: 1000000\r\n\r\n", b"\x16\x03\x03\x40\x00"],
+    ids=["no response", "an endless body", "an endless TLS handshake"],
 )
-def test_probe_has_a_time_limit(head: bytes, attempts: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_probe_has_a_time_limit(head: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gateway.runtime.instance_probe.TOTAL_SECONDS", 0.1)
     ended: list[bool] = []
 
@@ -72,11 +99,11 @@ def test_probe_has_a_time_limit(head: bytes, attempts: int, monkeypatch: pytest.
         server.start()
         try:
             assert probe_instance("127.0.0.1", listener.getsockname()[1]) is None
-            wait_until(lambda: len(ended) == attempts)  # HTTP, and HTTPS if that gives no response
+            wait_until(lambda: len(ended) == 2)  # HTTP and HTTPS
         finally:
             listener.shutdown(socket.SHUT_RDWR)
             server.join()
-    assert len(ended) == attempts
+    assert len(ended) == 2
 
 
 def test_doctor_names_the_gateway_at_all_its_ports() -> None:

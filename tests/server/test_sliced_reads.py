@@ -106,12 +106,21 @@ def test_a_protocol_that_has_paused_stays_paused(reader: Any) -> None:
 def test_nothing_is_handled_after_the_connection_closes(reader: Any) -> None:
     reader.data_received(b"endabcdef")
     assert (reader.slices, reader.loop.scheduled) == ([b"end"], [])
+    assert_nothing_is_kept(reader)
     reader = Reader()
     reader.data_received(b"abcdef")
     reader.transport.closing = True
     reader.loop.step()
     assert reader.slices == [b"abc"]
     assert "resume" not in reader.transport.calls
+    assert_nothing_is_kept(reader)
+
+
+def assert_nothing_is_kept(reader: Any) -> None:
+    """Check that what was received before the connection closed is gone: it would be handled before ``new``."""
+    reader.transport.closing = False
+    reader.data_received(b"new")
+    assert reader.slices[-1] == b"new"
 
 
 @pytest.mark.parametrize(
