@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import random
 import re
+import secrets
 import time
 from collections.abc import Awaitable, Collection
 from contextlib import suppress
@@ -53,7 +53,7 @@ class RequestContext:
     async def _run(self, scope: Scope, receive: Receive, send: Send) -> None:
         request_id = dict(scope["headers"]).get(b"x-request-id", b"").decode("latin-1")
         if not _ID.fullmatch(request_id):
-            request_id = f"{random.getrandbits(128):032x}"
+            request_id = secrets.token_hex(16)
         status = 0
 
         def send_with_id(message: Message) -> Awaitable[None]:
