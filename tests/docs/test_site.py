@@ -106,7 +106,7 @@ def test_search_and_reference_in_a_browser(url: str) -> None:
         page.locator("input[role=combobox]").wait_for(state="attached")  # the script has made the search
         page.keyboard.press("Control+k")
         page.get_by_role("combobox", name="Search").fill("multicast route")
-        page.get_by_role("option").filter(has_text="Troubleshooting").first.click()  # a section of that page
+        page.locator("[role=option][href*=troubleshooting], [role=option] [href*=troubleshooting]").first.click()
         page.wait_for_url("**/troubleshooting/**")
 
         page.goto(f"{url}/reference/http/")
