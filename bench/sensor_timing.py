@@ -57,7 +57,7 @@ class Timing:
     share: float
     """Number of sets as a share of those due."""
     skipped: int
-    """Number of frames that the server counted as skipped."""
+    """Number of frames or sets that the server counted as skipped."""
     missing: int
     """Number of frames that were neither received nor counted."""
     age: float
@@ -243,7 +243,7 @@ def _timing(
     ages = ages[np.isfinite(ages)] if np.isfinite(ages).any() else np.array([np.nan])
     period = np.diff(stamps) * 1e3
     due = (stamps[-1] - stamps[0]) * CAMERA_RATE
-    skipped = after["skipped"] + after["busy"] - before["skipped"] - before["busy"]
+    skipped = sum(after[key] - before[key] for key in ("skipped", "busy", "sets_skipped"))
     return Timing(
         clients,
         (float(np.median(ages)), float(np.percentile(ages, 95)), float(np.abs(ages).max())),

@@ -47,7 +47,7 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
     """``JOINTS_n`` and ``WEIGHTS_n``: each vertex follows four joints per pair. With a skin and no pair, all vertices
     follow the first joint."""
     joint_matrices: NDArray[np.float32] | None
-    """As in ``MeshPose``."""
+    """Matrices of the joints, the same as in ``MeshPose``; None without a skin."""
 
     @property
     def key(self) -> bytes:

@@ -228,6 +228,7 @@ class StereoService:
             "depth_frames": counts.depth_frames,
             "skipped": counts.skipped,
             "busy": counts.dropped,
+            "sets_skipped": self.hub.skipped,
             "depth_seconds": round(counts.depth_seconds, 4),
             **({"warnings": [counts.problem]} if counts.problem else {}),
         }

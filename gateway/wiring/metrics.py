@@ -170,7 +170,8 @@ STEREO: Final[Sequence[Row[list[StereoService]]]] = (  # summed over all cameras
     ),
     Row(
         "scenegate_stereo_sets_skipped_total",
-        "Number of image sets not sent because the client read too slowly, summed over all clients.",
+        "Number of image sets not sent because a set of a later frame was there, as with a client that reads slowly, "
+        "summed over all clients.",
         lambda cameras: sum(each.hub.skipped for each in cameras),
     ),
     Row(

@@ -96,7 +96,7 @@ def bounding_box(gx, gy, reach):
         reach: as FRAME.sample_reach.
     """
     subpixel_bits = vec.i32(SUBPIXEL_BITS)
-    # As grid.pixel_box: left = first_center(minimum - reach), right = first_center(maximum + reach), where
+    # Same rule as grid.pixel_box: left = first_center(minimum - reach), right = first_center(maximum + reach), where
     # first_center(value) = (value + SUBPIXEL - 1 - HALF_PIXEL) >> SUBPIXEL_BITS is the first centre at or after value.
     # A centre on the right or bottom edge is not covered, since these are open: the first one is one past the last.
     low_bias, high_bias = vec.i32(SUBPIXEL - 1 - HALF_PIXEL - reach), vec.i32(SUBPIXEL - 1 - HALF_PIXEL + reach)

@@ -55,10 +55,13 @@ class Subscription:
 
     def put(self, frame_number: int, data: bytes) -> None:
         """Store the set of a frame, unless a set of this frame or of a later one was stored before."""
-        if frame_number <= self._frame_number or self.state is MailboxState.CLOSED:
+        if frame_number == self._frame_number or self.state is MailboxState.CLOSED:
             return
-        if self.state is MailboxState.FULL:
+        is_overtaken = frame_number < self._frame_number
+        if is_overtaken or self.state is MailboxState.FULL:
             self._hub.skipped += 1
+        if is_overtaken:
+            return
         self.state, self._frame_number, self._data = MailboxState.FULL, frame_number, data
         self._ready.set()
 
@@ -127,7 +130,7 @@ class ImageSetHub:
         self.sent = 0
         """Number of sets taken by all clients since start."""
         self.skipped = 0
-        """Number of sets that were replaced by newer ones before their clients took them, since start."""
+        """Number of sets that clients did not get since start, because a set of a later frame was there."""
         self._close_reason = ""
         """Reason for refusing new subscriptions; empty while the hub is open."""
 
