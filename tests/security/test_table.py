@@ -17,7 +17,7 @@ ROWS = [
 
 
 def test_table_exists() -> None:
-    assert len(ROWS) > 30
+    assert len(ROWS) > 20
 
 
 @pytest.mark.parametrize("row", ROWS, ids=[row[0][2:40] for row in ROWS])
