@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
 from renderers.stereo.depth.depth_images import DepthImages
-from renderers.stereo.depth.downscale import grey_levels
+from renderers.stereo.depth.image_pair import grey_levels
 from renderers.stereo.depth.pixel_classes import (
     DISAGREEMENTS,
     EDGE_STEP,
@@ -45,11 +45,11 @@ from renderers.stereo.depth.pixel_classes import (
     MIN_NOISE_SIGMA,
     ImageKind,
     classify,
+    second_match,
     statistics,
     window_range,
     wrong_spread,
 )
-from renderers.stereo.depth.repetition import second_match
 from renderers.stereo.depth.residual_shift import residual_shift, without_local_mean
 from renderers.stereo.model import DISPARITY_SCALE
 
