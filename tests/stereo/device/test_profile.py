@@ -62,7 +62,7 @@ def test_rgbd_camera() -> None:
     parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
     assert read_settings(parameters).camera_rate == 15.0, "every second exposure is for depth"
     parameters.reset("rc_stereomatching")
-    assert parameters.get("rc_stereomatching", "quality") == "Full"
+    assert parameters.values("rc_stereomatching")["quality"] == "Full"
 
 
 def test_the_smallest_profile(tmp_path: Path) -> None:
