@@ -249,17 +249,11 @@ def _replace_row(left, right, disparity, row, gradients, differences, counts, su
 def _classify(
     left, right, disparity, nearest, farthest, noise_sigma, texture_steps, disagreement_steps, classes
 ):  # fmt: skip
-    """Write the class of each pixel. Windows end at the edges of the image.
+    """Write the result of ``classify``, whose arguments these are. Windows end at the edges of the image.
 
     All sums are of integers: their results do not depend on the order.
 
     Args:
-        left: (H, W) uint8.
-        right: (H, W) uint8.
-        disparity: (H, W) uint16, units of 1/16 pixel, 0: unknown.
-        nearest: (H, W) uint16, largest disparity in the window.
-        farthest: (H, W) uint16, smallest known disparity in the window.
-        noise_sigma: standard deviation of the image noise, grey levels.
         texture_steps: (``TEXTURES`` - 1,) float32.
         disagreement_steps: (``DISAGREEMENTS`` - 1,) float32.
         classes: (H, W) uint8, output.
