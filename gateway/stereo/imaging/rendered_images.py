@@ -248,14 +248,7 @@ class Imaging:
         return SceneLight(dots, self._dot_light, factors, self.config.background)
 
     def _blur_motion(self, capture: Capture, offset: float, exposure_time: float, color: NDArray[np.uint8]) -> None:
-        """Blur the parts of a rendered image in which something has moved since ``capture.earlier``.
-
-        Args:
-            capture: scene and pose of this frame and of the frame before.
-            offset: metres along the left camera's x axis.
-            exposure_time: seconds.
-            color: (H, W, 3) uint8, rendered image, changed.
-        """
+        """Blur the parts of a rendered image in which something has moved since ``capture.earlier``."""
         earlier = capture.earlier
         if earlier is None:
             return

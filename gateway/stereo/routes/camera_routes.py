@@ -128,7 +128,6 @@ def camera_router(*services: StereoService) -> APIRouter:
 
 
 def _responses(media_type: str) -> Responses:
-    """Return the OpenAPI responses of a route that returns a file."""
     return {**file_response(_IMAGE_DESCRIPTION, media_type), **error_responses(_ERRORS)}
 
 

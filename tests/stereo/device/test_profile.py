@@ -15,11 +15,14 @@ from gateway.stereo.device.parameters import ParameterError, Parameters
 from gateway.stereo.device.profile import (
     MAX_FILE_BYTES,
     PROFILE_NAMES,
+    ColorSection,
+    DepthSection,
     Profile,
     ProfileError,
+    ProjectorSection,
+    StereoSection,
     read_profile,
 )
-from gateway.stereo.device.profile_sections import ColorSection, DepthSection, ProjectorSection, StereoSection
 from gateway.stereo.device.stream_settings import read_settings
 from gateway.wiring.stereo import config_of
 from renderers.stereo.model import Quality
