@@ -22,8 +22,8 @@ from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging, measur
 from gateway.stereo.imaging.scene_view import Capture
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
+from renderers.stereo.depth.depth_images import true_disparity
 from renderers.stereo.depth.image_pair import ImagePair
-from renderers.stereo.depth.true_disparity import true_disparity
 from renderers.stereo.model import Quality
 from renderers.stereo.realism import REALISM_PARTS
 from renderers.stereo.sensor.camera_image import NoiseStream

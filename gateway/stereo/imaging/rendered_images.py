@@ -19,12 +19,11 @@ from gateway.stereo.imaging.scene_view import Capture
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, ImageError
 from renderers.interface import Frame, Look, Output, Renderer
-from renderers.stereo.depth.depth_images import DepthImages
+from renderers.stereo.depth.depth_images import DepthImages, DepthRange, exact_images, true_disparity
 from renderers.stereo.depth.filters import apply_filters
 from renderers.stereo.depth.image_pair import ImagePair
-from renderers.stereo.depth.modelled_errors import ErrorModel, choose_error_scale, exact_images, measured_images
+from renderers.stereo.depth.modelled_errors import ErrorModel, choose_error_scale, measured_images
 from renderers.stereo.depth.pixel_classes import ImageKind
-from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
 from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor.camera_image import (
     LENS_BLUR,

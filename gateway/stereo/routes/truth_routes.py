@@ -16,7 +16,7 @@ from gateway.stereo.routes.rgbd import npz_bytes
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.frame import FrameRecord
 from renderers.interface import Output
-from renderers.stereo.depth.true_disparity import true_disparity
+from renderers.stereo.depth.depth_images import true_disparity
 
 _TIMESTAMP = r"^([0-9]{1,12}(\.[0-9]{0,9})?)?$"
 _RESPONSES: Final[Responses] = {

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from gateway.stereo.device.profile import PROFILE_NAMES, read_profile
 from renderers.camera import Camera
+from renderers.stereo.depth.depth_images import DepthRange, true_disparity
 from renderers.stereo.depth.image_pair import fine_means
 from renderers.stereo.depth.matching import match_pair
-from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
 from renderers.stereo.light.key_light import FACTOR_ONE, GROUND_LIGHT, KEY_LIGHT, SKY_LIGHT, light_factors
 from renderers.stereo.light.projector import projected_dots
 from renderers.stereo.light.projector_pattern import SPECKLE_CONTRAST, soft_pattern_levels

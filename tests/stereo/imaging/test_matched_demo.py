@@ -18,9 +18,9 @@ from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging, measur
 from gateway.stereo.imaging.scene_view import Capture
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
+from renderers.stereo.depth.depth_images import true_disparity
 from renderers.stereo.depth.image_pair import ImagePair
 from renderers.stereo.depth.pixel_classes import ImageKind
-from renderers.stereo.depth.true_disparity import true_disparity
 from renderers.stereo.sensor.camera_image import NoiseStream
 
 

@@ -21,9 +21,9 @@ from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging
 from gateway.stereo.imaging.scene_view import Capture, SceneState
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
+from renderers.stereo.depth.depth_images import DepthRange, true_disparity
 from renderers.stereo.depth.image_pair import ImagePair
 from renderers.stereo.depth.pixel_classes import ImageKind
-from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
 from renderers.stereo.model import Quality
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
 from renderers.stereo.sensor.camera_image import NoiseStream
