@@ -101,8 +101,8 @@ class PairImaging(Imaging):
     """Source of recorded images. Depth is matched.
 
     Exposure, noise and the projector's light are as recorded: the settings do not change them. Of the methods that
-    ``stream.frame`` calls, ``measure`` and ``mesh`` are inherited: they read only images that were made. The colour
-    camera and raw images, which render by other methods, do not exist for recorded pairs.
+    ``stream.frame`` calls, ``measure`` is inherited: it reads only images that were made. The colour camera and raw
+    images, which render by other methods, do not exist for recorded pairs.
     """
 
     pairs: PairSequence

@@ -327,21 +327,17 @@ class FrameScheduler:
             self.trigger_time = None
         if not settings.separate_depth:
             frame = self._new_frame(record, kinds)
-            self._publish_camera_sets(frame, camera_kinds)
+            if camera_kinds:
+                publisher.spawn(self._camera_frames, publisher.publish_sets(frame, camera_kinds), frame)
             if depth_kinds:
-                self._depth_frames.last = frame
-                publisher.spawn(self._depth_frames, publisher.publish_depth_sets(frame, depth_kinds))
+                publisher.spawn(self._depth_frames, publisher.publish_depth_sets(frame, depth_kinds), frame)
             return
         if camera_kinds:
-            self._publish_camera_sets(self._new_frame(record, camera_kinds), camera_kinds)
+            frame = self._new_frame(record, camera_kinds)
+            publisher.spawn(self._camera_frames, publisher.publish_sets(frame, camera_kinds), frame)
         if depth_kinds:
             clock.delay_for_alternate_exposure(settings)
             publisher.spawn(self._depth_frames, self._expose_depth(record, timestamp, depth_kinds))
-
-    def _publish_camera_sets(self, frame: FrameImages, kinds: _Kinds) -> None:
-        if kinds:
-            self._camera_frames.last = frame
-            self._publisher.spawn(self._camera_frames, self._publisher.publish_sets(frame, kinds))
 
     async def _expose_depth(self, camera_record: FrameRecord, timestamp: int, kinds: _Kinds) -> None:
         """Capture the scene for depth 40 ms after the camera images, with the outputs of depth exposures.
