@@ -45,14 +45,13 @@ from renderers.fxaa import fxaa
 from renderers.interface import Look, Output, SampleCount
 from renderers.light_rig import STUDIO, Hemisphere, Rig, Surroundings
 from renderers.raster import CpuRenderer, warmup
-from renderers.stereo.depth.downscale import fine_means
+from renderers.stereo.depth.depth_images import DepthRange, true_disparity
+from renderers.stereo.depth.image_pair import fine_means
 from renderers.stereo.depth.matching import match_pair
-from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
-from renderers.stereo.lens.optics import SceneLight, light_on_sensor
 from renderers.stereo.light.projector import projected_dots
 from renderers.stereo.model import DISPARITY_SCALE
-from renderers.stereo.sensor.exposure import Exposure, image_from_light
-from renderers.stereo.sensor.noise import NoiseStream, frame_key
+from renderers.stereo.sensor.camera_image import NoiseStream, SceneLight, frame_key, image_from_light, light_on_sensor
+from renderers.stereo.sensor.exposure import Exposure
 
 Picture = NDArray[np.uint8]
 PAPER: Final = (236, 239, 243)

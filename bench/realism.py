@@ -26,11 +26,11 @@ from gateway.settings import Settings
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
-from gateway.stereo.imaging.scene_motion import SceneState
+from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging
+from gateway.stereo.imaging.scene_view import Capture, SceneState
 from renderers.raster import CpuRenderer
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
-from renderers.stereo.sensor.noise import NoiseStream
+from renderers.stereo.sensor.camera_image import NoiseStream
 
 SECONDS: Final = 5.1
 """Time of the demo scene in the images, seconds."""

@@ -23,11 +23,11 @@ from bench.sensor_images import Sample, demo_samples, renderer, samples
 from bench.sensor_materials import report_materials, report_reach, report_response
 from bench.sensor_plot import write_plot
 from bench.sensor_time import report_over_time
-from gateway.stereo.depth.matched_depth import matched_depth
-from gateway.stereo.depth.rendered_depth import ground_truth_depth, modelled_depth
+from gateway.stereo.imaging.matched_depth import matched_depth
+from gateway.stereo.imaging.rendered_images import rendered_depth
 from renderers.stereo.depth.depth_images import DepthImages
-from renderers.stereo.depth.downscale import grey_levels
 from renderers.stereo.depth.filters import Filters
+from renderers.stereo.depth.image_pair import grey_levels
 from renderers.stereo.model import DISPARITY_SCALE, Quality
 
 SEEDS: Final = (1, 2, 3, 4, 5)
@@ -40,9 +40,9 @@ FORMATS: Final = ("5.2f", "6.3f", "6.2f", "6.3f", "6.3f", "7.2f", "6.2f")
 BINS: Final = (0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.01)
 """Borders of the bins of confidence, in each of which it is compared with the share of right pixels."""
 MODES: Final[dict[str, Callable[[Sample], DepthImages]]] = {
-    "modelled": lambda s: modelled_depth(s.imaging.config, *s.depth, s.pair, s.settings),
+    "modelled": lambda s: rendered_depth(s.imaging.config, *s.depth, s.pair, s.settings),
     "matched": lambda s: matched_depth(s.imaging.config, s.pair, s.settings, None),
-    "ground_truth": lambda s: ground_truth_depth(s.imaging.config, *s.depth, s.settings),
+    "ground_truth": lambda s: rendered_depth(s.imaging.config, *s.depth, None, s.settings),
 }
 """Function that makes the depth images of a sample, by mode."""
 

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
+from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging
+from gateway.stereo.imaging.scene_view import Capture
 from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
-from renderers.stereo.lens.optics import LENS_BLUR
 from renderers.stereo.realism import RealismPart
+from renderers.stereo.sensor.camera_image import LENS_BLUR, NoiseStream
 from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, Exposure
-from renderers.stereo.sensor.noise import NoiseStream
 
 TEXELS: Final = 24
 """Texels per cell of a tag: finer than the pixels of the image."""

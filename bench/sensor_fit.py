@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bench.sensor_images import Sample, samples
 from bench.sensor_scenes import SCENES, Scene
-from renderers.stereo.depth.downscale import grey_levels
+from renderers.stereo.depth.image_pair import grey_levels
 from renderers.stereo.depth.matching import find_matches
 from renderers.stereo.depth.pixel_classes import (
     CLASSES,

@@ -15,17 +15,18 @@ from gateway.scene.flatten import flatten
 from gateway.scene.live import LiveTree
 from gateway.scene.mount import parse_mount_pose
 from gateway.settings import Settings
-from gateway.stereo.depth.rendered_depth import ImagePair, depth_noise_sigma, depth_pair, measurable_depths
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import StreamSettings, read_settings
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
+from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging, measurable_depths
+from gateway.stereo.imaging.scene_view import Capture
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
-from renderers.stereo.depth.true_disparity import true_disparity
+from renderers.stereo.depth.depth_images import true_disparity
+from renderers.stereo.depth.image_pair import ImagePair
 from renderers.stereo.model import Quality
 from renderers.stereo.realism import REALISM_PARTS
-from renderers.stereo.sensor.noise import NoiseStream
+from renderers.stereo.sensor.camera_image import NoiseStream
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +108,7 @@ def make_sample(name: str, imaging: Imaging, settings: StreamSettings, capture: 
         for stream in (NoiseStream.LEFT, NoiseStream.RIGHT)
     )
     pair = ImagePair(left, right, exposure, imaging.image_kind(capture))
-    small_left, small_right = depth_pair(pair, model, divisor)
+    small_left, small_right = pair.reduced(model, divisor)
     left_view = imaging.render_lit(capture, 0.0, divisor, Output.DEPTH)
     right_view = imaging.render_lit(capture, model.baseline, divisor, Output.DEPTH)
     assert left_view.depth is not None
@@ -120,7 +121,7 @@ def make_sample(name: str, imaging: Imaging, settings: StreamSettings, capture: 
         capture.out1_high,
         small_left,
         small_right,
-        depth_noise_sigma(pair, imaging.config, settings),
+        pair.noise_sigma(imaging.config.noise_factor, settings.averaged_images, divisor),
         np.asarray(np.where(np.isfinite(depth[0]), factor / depth[0], 0.0), np.float32),
         true_disparity(*depth, factor, limits),
         model.disparity_count(divisor, limits.min_depth, filters.maxdepth),

@@ -21,14 +21,15 @@ from gateway.scene.transforms import translation
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
+from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging
+from gateway.stereo.imaging.scene_view import Capture
 from renderers.drawlist import DrawList, Material
 from renderers.interface import Output
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.realism import REALISM_PARTS
+from renderers.stereo.sensor.camera_image import NoiseStream
 from renderers.stereo.sensor.exposure import Exposure
-from renderers.stereo.sensor.noise import NoiseStream
 
 MATERIALS: Final = {
     "mirror": 1, "brushed metal": 2, "glass": 3, "black": 4, "chequer": 5, "weak texture": 6, "strong texture": 7,

@@ -27,7 +27,8 @@ from gateway.scene.tree import Node, TreeEdit
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.rendered_images import Capture, Imaging
+from gateway.stereo.imaging.rendered_images import Imaging
+from gateway.stereo.imaging.scene_view import Capture
 from renderers.drawlist import DrawList, Instance
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.filters import Filters

@@ -24,11 +24,10 @@ from gateway.runtime.process_tuning import tune
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.device.camera_config import Rate, StereoConfig
 from gateway.stereo.device.profile import read_profile
-from gateway.stereo.imaging.scene_motion import SceneState
+from gateway.stereo.imaging.scene_view import SceneSource, SceneState
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream import image_messages as messages
 from gateway.stereo.stream.client_queues import ClientQueues
-from gateway.stereo.stream.frame_scheduler import SceneSource
 from gateway.stereo.stream.grpc_server import serving
 from gateway.stereo.stream.image_messages import ImageMetadata
 from gateway.stereo.stream.subscriptions import ImageSetHub, MailboxState

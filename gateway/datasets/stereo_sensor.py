@@ -10,18 +10,19 @@ from numpy.typing import NDArray
 
 from gateway.datasets.views import Intrinsics
 from gateway.scene.cameras import CameraError
-from gateway.stereo.depth.rendered_depth import ImagePair
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.profile import Profile, read_profile
 from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.rendered_images import GREY, Capture, ImageRequest, Imaging
+from gateway.stereo.imaging.rendered_images import GREY, ImageRequest, Imaging
+from gateway.stereo.imaging.scene_view import Capture
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
 from renderers.interface import Look, Renderer
+from renderers.stereo.depth.image_pair import ImagePair
 from renderers.stereo.depth.metric_depth import millimetres_from_disparity
 from renderers.stereo.model import Quality
-from renderers.stereo.sensor.noise import NoiseStream
+from renderers.stereo.sensor.camera_image import NoiseStream
 
 
 @lru_cache(maxsize=4)

@@ -4,8 +4,8 @@
 
 * ``device``: configuration at start (``camera_config``, from a ``profile``), parameters that clients change over REST,
   and their values for one frame (``stream_settings``).
-* ``depth``: depth images from rendered depth, or by matching camera images.
-* ``imaging``: rendering and exposure of a frame's images (``rendered_images``), or recorded pairs in their place.
+* ``imaging``: the scene at an instant (``scene_view``), rendered images and depth (``rendered_images``), depth by
+  matching images (``matched_depth``), and recorded pairs in place of the scene.
 * ``stream``: ``frame_scheduler`` captures frames while clients stream, ``frame`` makes each image of a frame once,
   ``frame_publisher`` passes image sets to ``subscriptions``, and ``grpc_server`` sends them.
 * ``imu``: samples of the camera's IMU and their clients.

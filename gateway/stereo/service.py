@@ -15,14 +15,14 @@ from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings, read_settings
 from gateway.stereo.imaging.recorded_pairs import PairImaging
-from gateway.stereo.imaging.rendered_images import Capture, Imaging, MeteredExposure
-from gateway.stereo.imaging.scene_motion import SceneState
+from gateway.stereo.imaging.rendered_images import Imaging, MeteredExposure
+from gateway.stereo.imaging.scene_view import Capture, SceneReader, SceneSource, SceneState
 from gateway.stereo.imu.imu_service import Imu, PoseLog
 from gateway.stereo.stream.client_queues import ClientQueues
 from gateway.stereo.stream.faults import FaultInjector
 from gateway.stereo.stream.frame import FrameImages, FrameRecord
 from gateway.stereo.stream.frame_publisher import FramePublisher
-from gateway.stereo.stream.frame_scheduler import FrameScheduler, SceneSource
+from gateway.stereo.stream.frame_scheduler import FrameScheduler
 from gateway.stereo.stream.grpc_server import serving
 from gateway.stereo.stream.set_kind import SetKind
 from gateway.stereo.stream.subscriptions import ImageSetHub
@@ -76,15 +76,15 @@ class StereoService:
         self._publisher = FramePublisher(self.hub, self.events, self.injector, config)
         self.counts = self._publisher.counts
         """Counters since start."""
+        self._reader = SceneReader(scene, workers, config, has_unapplied_before)
         self._scheduler = FrameScheduler(
             self.scene_imaging,
+            self._reader,
             workers,
             self._publisher,
             read_settings(self.parameters),
-            scene,
             self.imu.frame_captured if pose_log is None else None,
             on_streaming,
-            has_unapplied_before,
         )
         self._captures = 0
         """Number of captures apart from the stream."""
@@ -169,7 +169,7 @@ class StereoService:
         """
         imaging, settings, timestamp = self.imaging, self.settings, time.time_ns()
         if scene_time is None:
-            state, _ = await self._scheduler.read_scene(timestamp)
+            state, _ = await self._reader.read(timestamp)
         elif self.earlier_state is None or isinstance(imaging, PairImaging):
             raise TimeError(f"time={scene_time:g}: the camera {self.config.name!r} does not see the live scene")
         else:

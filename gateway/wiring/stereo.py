@@ -24,11 +24,9 @@ from gateway.stereo.device.camera_config import StereoConfig, Tls
 from gateway.stereo.device.parameter_specs import NODES
 from gateway.stereo.device.profile import read_profile
 from gateway.stereo.device.stream_settings import StreamSettings
-from gateway.stereo.imaging.other_projector import OtherProjector
 from gateway.stereo.imaging.pair_files import find_pairs, read_geometry
 from gateway.stereo.imaging.recorded_pairs import PairImaging, pair_imaging
-from gateway.stereo.imaging.scene_motion import SceneState
-from gateway.stereo.imaging.scene_view import ProjectorSource, SceneView
+from gateway.stereo.imaging.scene_view import OtherProjector, ProjectorSource, SceneState, SceneView
 from gateway.stereo.imu.imu_service import PoseLog
 from gateway.stereo.routes.camera_routes import camera_router
 from gateway.stereo.routes.fault_routes import fault_router
@@ -47,7 +45,7 @@ from gateway.wiring.telemetry import NO_TELEMETRY
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
-from renderers.stereo.sensor.noise import NoiseStream
+from renderers.stereo.sensor.camera_image import NoiseStream
 
 _VIEW_IMAGES: Final = SetKind(left=True, right=True, disparity=True, confidence=True, color=True)
 _CAPTION_PERCENTILES: Final = (1.0, 99.0)

@@ -2,10 +2,10 @@
 
 Rooms:
 
-* ``sensor``: exposure, noise and fixed pattern of camera images.
-* ``lens``: light on the sensor (``optics``), distortion, motion blur, the colour camera.
+* ``sensor``: camera images (``camera_image``) with their exposure, noise and fixed pattern.
+* ``lens``: distortion, motion blur, the colour camera.
 * ``light``: the random-dot projector and the key light. ``realism`` has the names of the parts of realistic images.
-* ``depth``: exact disparity (``true_disparity``), with the errors of a matcher (``modelled_errors``), or from a pair of
+* ``depth``: exact disparity (``depth_images``), with the errors of a matcher (``modelled_errors``), or from a pair of
   images (``matching`` with ``match_confidence``). Both of the latter need ``residual_shift``, modelled errors also
   ``pixel_classes``. ``filters`` is the device's post-processing.
 * ``mesh``: triangle meshes from depth images.

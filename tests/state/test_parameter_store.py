@@ -55,8 +55,8 @@ def test_aliased_parameters_agree_after_restore(database: Database, control: str
     parameters.set("rc_camera", [("exp_control", control)])
     commit(database, store)
     again, _ = kept(database)
-    assert again.get("rc_camera", "exp_control") == control
-    assert again.get("rc_camera", "exp_auto") == (control != "Manual")
+    assert again.values("rc_camera")["exp_control"] == control
+    assert again.values("rc_camera")["exp_auto"] == (control != "Manual")
 
 
 def test_defaults_are_stored_only_after_other_values(database: Database) -> None:
@@ -66,7 +66,7 @@ def test_defaults_are_stored_only_after_other_values(database: Database) -> None
     commit(database, store)
     parameters.reset("rc_camera")
     assert commit(database, store)
-    assert kept(database)[0].get("rc_camera", "fps") == 25
+    assert kept(database)[0].values("rc_camera")["fps"] == 25
 
 
 def test_unknown_and_invalid_parameters_are_logged_and_skipped(database: Database) -> None:
@@ -76,7 +76,7 @@ def test_unknown_and_invalid_parameters_are_logged_and_skipped(database: Databas
     )
     with structlog.testing.capture_logs() as logs:
         parameters, _ = kept(database)
-    assert parameters.get("rc_camera", "fps") == 9
+    assert parameters.values("rc_camera")["fps"] == 9
     assert len(logs) == 3
 
 
@@ -93,5 +93,5 @@ def test_cameras_have_separate_parameters(database: Database) -> None:
     parameters, store = kept(database, "1")
     parameters.set("rc_camera", [("fps", 5)])
     commit(database, store)
-    assert kept(database, "0")[0].get("rc_camera", "fps") == 25
-    assert kept(database, "1")[0].get("rc_camera", "fps") == 5
+    assert kept(database, "0")[0].values("rc_camera")["fps"] == 25
+    assert kept(database, "1")[0].values("rc_camera")["fps"] == 5

@@ -8,8 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.stereo.device.profile import read_profile
-from renderers.stereo.lens.optics import SceneLight, light_on_sensor, relative_light
-from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, Exposure, SensorImage, image_from_light
+from renderers.stereo.sensor.camera_image import (
+    SceneLight,
+    SensorImage,
+    image_from_light,
+    light_on_sensor,
+    relative_light,
+)
+from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, Exposure
 
 K: Final = read_profile("rc_visard_160c").model.intrinsics()
 

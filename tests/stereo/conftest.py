@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from gateway.runtime.kernels.parts import PARTS
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.imaging.scene_motion import SceneState
+from gateway.stereo.imaging.scene_view import SceneSource, SceneState
 from gateway.stereo.service import StereoService
-from gateway.stereo.stream.frame_scheduler import SceneSource
 from renderers.drawlist import DrawList
 from renderers.interface import Renderer
 from renderers.raster import CpuRenderer

@@ -57,7 +57,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Tokens", "gateway.server.tokens", ("MIN_CHARS", "MAX_CHARS", "COOKIE_SECONDS")),
     ("Rejected requests", "gateway.runtime.worker_pool", ("MAX_RETRY_AFTER",)),
     ("gRPC", "gateway.stereo.stream.grpc_server", ("MAX_CALLS",)),
-    ("The device's REST interface", "gateway.stereo.routes.node_bodies", ("MAX_BODY", "NUMBER_TEXT_LIMIT")),
+    ("The device's REST interface", "gateway.stereo.routes.node_routes", ("MAX_BODY", "NUMBER_TEXT_LIMIT")),
     ("Uploaded stereo pairs", "gateway.stereo.routes.upload_routes", ("MAX_CONTENT_TYPE",)),
     (
         "Camera profiles",

@@ -248,7 +248,6 @@ def write_image(path: Path, array: NDArray[Any]) -> None:
 
 
 def _images(image_set: pb.ImageSet) -> dict[str, pb.Image]:
-    """Return the images of a set by name."""
     images = {}
     for name in ("left", "right", "disparity", "error", "confidence", "color_camera", "depth_mm"):
         field = "disparity_error" if name == "error" else name

@@ -19,10 +19,16 @@ from renderers.color import linear_from_srgb
 from renderers.drawlist import DrawList, Image, Light, LightKind
 from renderers.interface import Look, Output, Renderer
 from renderers.light_rig import STUDIO, Rig, Surroundings
-from renderers.stereo.lens.optics import Lens, SceneLight, light_on_sensor
 from renderers.stereo.model import Intrinsics
-from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, REFERENCE_EXPOSURE, Exposure, image_from_light
-from renderers.stereo.sensor.noise import NoiseStream, frame_key
+from renderers.stereo.sensor.camera_image import (
+    Lens,
+    NoiseStream,
+    SceneLight,
+    frame_key,
+    image_from_light,
+    light_on_sensor,
+)
+from renderers.stereo.sensor.exposure import DISPLAY_GAMMA, REFERENCE_EXPOSURE, Exposure
 
 
 @dataclass(frozen=True, slots=True, eq=False)

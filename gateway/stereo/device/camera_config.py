@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ from renderers.stereo.realism import RealismPart
 
 DepthMode = Literal["modelled", "matched", "ground_truth"]
 Rate = Literal["device", "max"]
+METERING_DIVISOR: Final = 8
+"""Width of the camera images divided by that of the image that automatic exposure meters."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,8 +30,6 @@ class Spec:
     maximum: Value
     """Maximum; "" for strings."""
     description: str
-    has_effect: bool = True
-    """True if the stream depends on the parameter."""
     choices: tuple[str, ...] = ()
     """Allowed strings; empty: any."""
     aliases: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
@@ -56,18 +54,16 @@ class DeviceLimits:
     """Depth images per second, by quality."""
 
 
-def _float(name: str, minimum: float, maximum: float, default: float, text: str, *, has_effect: bool = True) -> Spec:
-    return Spec(
-        name, "float64", float(default), float(minimum), float(maximum), _describe(text, has_effect), has_effect
-    )
+def _float(name: str, minimum: float, maximum: float, default: float, text: str) -> Spec:
+    return Spec(name, "float64", float(default), float(minimum), float(maximum), text)
 
 
-def _int(name: str, minimum: int, maximum: int, default: int, text: str, *, has_effect: bool = True) -> Spec:
-    return Spec(name, "int32", default, minimum, maximum, _describe(text, has_effect), has_effect)
+def _int(name: str, minimum: int, maximum: int, default: int, text: str) -> Spec:
+    return Spec(name, "int32", default, minimum, maximum, text)
 
 
-def _bool(name: str, default: bool, text: str, *, has_effect: bool = True) -> Spec:
-    return Spec(name, "bool", default, False, True, _describe(text, has_effect), has_effect)
+def _bool(name: str, default: bool, text: str) -> Spec:
+    return Spec(name, "bool", default, False, True, text)
 
 
 def _enum(
@@ -75,13 +71,7 @@ def _enum(
 ) -> Spec:
     """Return a specification of a string. ``choices`` are its allowed values, separated by ``|``."""
     names = tuple(choices.split("|"))
-    description = f"{text}: {', '.join(names)}"
-    return Spec(name, "string", default, "", "", description, choices=names, aliases=aliases)
-
-
-def _describe(text: str, has_effect: bool) -> str:
-    """Return the description of a parameter."""
-    return text if has_effect else text + NO_EFFECT
+    return Spec(name, "string", default, "", "", f"{text}: {', '.join(names)}", names, aliases)
 
 
 def _by_name(*specs: Spec) -> Mapping[str, Spec]:
@@ -117,12 +107,12 @@ NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
         ),
         "rc_stereomatching": _by_name(
             _enum("acquisition_mode", "Continuous|SingleFrame|SingleFrameOut1", "Continuous", "Depth acquisition"),
-            _float("exposure_adapt_timeout", 0, 2, 0, "Longest wait for the exposure, seconds", has_effect=False),
+            _float("exposure_adapt_timeout", 0, 2, 0, "Longest wait for the exposure, seconds" + NO_EFFECT),
             _enum("quality", "Low|Medium|High|Full", "High", "Resolution of the depth images"),
             _bool("double_shot", False, "Fill holes from a second match"),
             _bool("static_scene", False, "Average eight images"),
             _int("seg", 0, 4000, 200, "Smallest segment that is kept, pixels at High"),
-            _bool("smooth", True, "Smoothing of disparities", has_effect=False),
+            _bool("smooth", True, "Smoothing of disparities" + NO_EFFECT),
             _int("fill", 0, 4, 3, "Largest disparity step on the border of holes that are filled, pixels"),
             _float("minconf", 0.5, 1, 0.5, "Smallest confidence that is kept"),
             _float("mindepth", 0.1, 100, 0.1, "Nearest depth, metres"),

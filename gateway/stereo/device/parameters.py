@@ -38,15 +38,6 @@ class Parameters:
         self.version = 0
         """Number of changes."""
 
-    def get(self, node: str, name: str) -> Value:
-        """Return one value.
-
-        Raises:
-            UnknownParameterError: unknown node or parameter.
-        """
-        spec = self.spec(node, name)
-        return self._values[node][spec.name]
-
     def values(self, node: str) -> Mapping[str, Value]:
         """Return all values of a node."""
         return self._values[node]

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gateway.stereo.device.parameter_specs import DeviceLimits, Value
 from gateway.stereo.device.parameters import Parameters
 from renderers.stereo.depth.filters import Filters
 from renderers.stereo.model import Quality
-from renderers.stereo.sensor.exposure import Exposure
+from renderers.stereo.sensor.exposure import AutoExposure, Exposure
 
 ALTERNATE_GAP_NS = 40_000_000
 """Nanoseconds between exposures with Out1 low and high (manual)."""
@@ -42,17 +45,11 @@ class Region:
         rows = slice(self.y // divisor, -(-(self.y + self.height) // divisor))
         return rows, slice(self.x // divisor, -(-(self.x + self.width) // divisor))
 
-
-@dataclass(frozen=True, slots=True)
-class AutoExposure:
-    """Limits and targets of automatic exposure."""
-
-    max_time: float = 0.018
-    """Longest exposure time (exp_max), seconds."""
-    average_max: float = 0.75
-    """Target of the mean brightness while nothing saturates, 0 to 1."""
-    average_min: float = 0.25
-    """Mean brightness, 0 to 1, below which the image is not darkened to avoid saturation."""
+    def clear_outside(self, image: NDArray[Any], divisor: int) -> None:
+        """Set the pixels of an image at 1/``divisor`` of the resolution to 0 outside of the region."""
+        outside = np.ones(image.shape, np.bool_)
+        outside[self.slices(divisor)] = False
+        image[outside] = 0
 
 
 @dataclass(frozen=True)

@@ -9,16 +9,22 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.stereo.device.camera_config import METERING_DIVISOR
 from gateway.stereo.device.stream_settings import StreamSettings
-from gateway.stereo.imaging.auto_exposure import METERING_DIVISOR, auto_exposure
-from gateway.stereo.imaging.rendered_images import Capture, ColorImage, Imaging
+from gateway.stereo.imaging.rendered_images import ColorImage, Imaging
 from gateway.stereo.imaging.scene_motion import motion_since
+from gateway.stereo.imaging.scene_view import Capture
 from renderers.camera import Camera
 from renderers.interface import Output
 from renderers.stereo.lens.color_camera import ColorCamera
-from renderers.stereo.lens.optics import light_on_sensor, relative_light
-from renderers.stereo.sensor.exposure import LUMA, image_from_light
-from renderers.stereo.sensor.noise import NoiseStream, frame_key
+from renderers.stereo.sensor.camera_image import (
+    NoiseStream,
+    frame_key,
+    image_from_light,
+    light_on_sensor,
+    relative_light,
+)
+from renderers.stereo.sensor.exposure import LUMA, auto_exposure
 
 _METERED_PIXELS: Final = np.s_[::METERING_DIVISOR, ::METERING_DIVISOR]
 """Pixels of the image that the camera meters."""

@@ -1,19 +1,24 @@
-"""Effects of real lenses and lights that need further renderings: shadows of the key light, and motion blur."""
+"""Effects of lights and lenses that need further renderings: projectors, shadows of the key light, motion blur."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.stereo.device.camera_config import METERING_DIVISOR, StereoConfig
 from gateway.stereo.imaging.scene_motion import Motion, moving_rectangles, subframe_count
+from gateway.stereo.imaging.scene_view import Capture
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
-from renderers.interface import Look, Output, Renderer
+from renderers.interface import Frame, Look, Output, Renderer
 from renderers.stereo.lens.motion_blur import write_mean_light
 from renderers.stereo.light.key_light import light_factors, shadow_camera
+from renderers.stereo.light.posed_projector import Surfaces, add_dots
+from renderers.stereo.light.projector import projected_dots, returned_shares
 
 _GEOMETRY: Final = Output.DEPTH | Output.NORMAL
 """Outputs from which the factors of the key light follow."""
@@ -75,3 +80,58 @@ def blur_motion(
             assert frame.color is not None
             subframes.append(frame.color)
         write_mean_light(color, rectangle.left, rectangle.top, subframes)
+
+
+def light_of_projectors(
+    renderer: Renderer,
+    look: Look,
+    config: StereoConfig,
+    capture: Capture,
+    frame: Frame,
+    offset: float,
+    divisor: int,
+    *,
+    has_own: bool,
+) -> NDArray[np.uint16]:
+    """Return the light of the projectors at each pixel of a frame, (H, W) uint16.
+
+    Args:
+        look: look of the surfaces that dots fall on.
+        capture: scene and pose, with the projectors of other cameras.
+        frame: the rendered depth and instances, and with other projectors normals.
+        offset: metres from the left camera to that of the frame, along its x axis.
+        divisor: width of the camera images divided by that of the frame.
+        has_own: True if the camera's own projector is on.
+    """
+    assert frame.depth is not None
+    assert frame.instance is not None
+    returned = frame.instance, returned_shares(capture.scene.instances)
+    model, k, soft = config.model, config.model.intrinsics(divisor), "projector" in config.realism
+    camera_at = partial(model.camera, capture.X_world_left, divisor=divisor, near=config.near, far=config.far)
+    projector_offset = model.baseline / 2
+    right = offset > projector_offset
+    dots = np.zeros(frame.depth.shape, np.uint16)
+    if has_own:
+        projector_view = renderer.render(capture.scene, camera_at(offset=projector_offset), Output.DEPTH, look)
+        assert projector_view.depth is not None
+        dots = projected_dots(
+            frame.depth,
+            k.focal_length,
+            k.cx,
+            k.cy,
+            offset - projector_offset,
+            projector_view.depth,
+            soft=soft,
+            right=right,
+            point_samples=soft and divisor == METERING_DIVISOR,
+            returned=returned,
+        )
+    for other in capture.projectors:
+        assert frame.normal is not None
+        surfaces = Surfaces(camera_at(offset=offset), frame.depth, frame.normal, returned)
+        projector = other.camera(divisor, near=config.near, far=config.far)
+        projector_view = renderer.render(capture.scene, projector, Output.DEPTH, look)
+        assert projector_view.depth is not None
+        strength = other.dot_light / (config.dot_light or 1.0)
+        add_dots(dots, surfaces, projector, projector_view.depth, strength, soft=soft, right=right)
+    return dots

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.stereo.imaging.rendered_images import Capture, Imaging
+from gateway.stereo.imaging.rendered_images import Imaging
+from gateway.stereo.imaging.scene_view import Capture
 from renderers.camera import Camera
 from renderers.interface import Output
 from renderers.stereo.lens.distortion import distorted_image, raw_pose
-from renderers.stereo.lens.optics import light_on_sensor
-from renderers.stereo.sensor.exposure import Exposure, SensorImage, image_from_light
-from renderers.stereo.sensor.noise import NoiseStream, frame_key
+from renderers.stereo.sensor.camera_image import NoiseStream, SensorImage, frame_key, image_from_light, light_on_sensor
+from renderers.stereo.sensor.exposure import Exposure
 
 
 def raw_image(imaging: Imaging, capture: Capture, exposure: Exposure, right: bool) -> SensorImage:

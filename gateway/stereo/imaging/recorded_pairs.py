@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.stereo.device.stream_settings import StreamSettings
-from gateway.stereo.imaging.rendered_images import COLOR, Capture, ImageRequest, Imaging, MeteredExposure
+from gateway.stereo.imaging.rendered_images import COLOR, ImageRequest, Imaging, MeteredExposure
+from gateway.stereo.imaging.scene_view import Capture
 from renderers.drawlist import ImageError
 from renderers.images import decode_image
 from renderers.interface import Frame, Output
 from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.model import StereoModel
-from renderers.stereo.sensor.exposure import SensorImage
+from renderers.stereo.sensor.camera_image import SensorImage
 from scenegate.regular_files import read_regular
 
 _TEST_MODEL_NAME: Final = "rc_test"
@@ -100,8 +101,8 @@ class PairImaging(Imaging):
     """Source of recorded images. Depth is matched.
 
     Exposure, noise and the projector's light are as recorded: the settings do not change them. Of the methods that
-    ``stream.frame`` calls, ``measure`` and ``mesh`` are inherited: they read only images that were made. The colour
-    camera and raw images, which render by other methods, do not exist for recorded pairs.
+    ``stream.frame`` calls, ``measure`` is inherited: it reads only images that were made. The colour camera and raw
+    images, which render by other methods, do not exist for recorded pairs.
     """
 
     pairs: PairSequence

@@ -1,4 +1,4 @@
-"""Make the images, depth and meshes of a frame, in worker threads."""
+"""Make the images and the depth of a frame, in worker threads."""
 
 from __future__ import annotations
 
@@ -10,82 +10,34 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.stereo.depth.matched_depth import matched_depth
-from gateway.stereo.depth.rendered_depth import ImagePair, ground_truth_depth, modelled_depth
-from gateway.stereo.device.camera_config import StereoConfig
+from gateway.stereo.device.camera_config import METERING_DIVISOR, StereoConfig
 from gateway.stereo.device.stream_settings import StreamSettings
-from gateway.stereo.imaging.auto_exposure import METERING_DIVISOR, ExposureMemory, choose_exposure
-from gateway.stereo.imaging.extra_renderings import blur_motion, key_light_factors
-from gateway.stereo.imaging.other_projector import OtherProjector
-from gateway.stereo.imaging.scene_motion import SceneState, motion_since
+from gateway.stereo.imaging.extra_renderings import blur_motion, key_light_factors, light_of_projectors
+from gateway.stereo.imaging.matched_depth import matched_depth
+from gateway.stereo.imaging.scene_motion import motion_since
+from gateway.stereo.imaging.scene_view import Capture
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, ImageError
 from renderers.interface import Frame, Look, Output, Renderer
-from renderers.stereo.depth.depth_images import DepthImages
+from renderers.stereo.depth.depth_images import DepthImages, DepthRange, exact_images, true_disparity
+from renderers.stereo.depth.filters import apply_filters
+from renderers.stereo.depth.image_pair import ImagePair
+from renderers.stereo.depth.modelled_errors import ErrorModel, choose_error_scale, measured_images
 from renderers.stereo.depth.pixel_classes import ImageKind
-from renderers.stereo.lens.optics import LENS_BLUR, Lens, SceneLight, light_on_sensor, relative_light
-from renderers.stereo.light.posed_projector import Surfaces, add_dots
-from renderers.stereo.light.projector import projected_dots, returned_shares
-from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh
-from renderers.stereo.sensor.exposure import Exposure, SensorImage, image_from_light
+from renderers.stereo.model import StereoModel
+from renderers.stereo.sensor.camera_image import (
+    LENS_BLUR,
+    Lens,
+    NoiseStream,
+    SceneLight,
+    SensorImage,
+    frame_key,
+    image_from_light,
+    light_on_sensor,
+    relative_light,
+)
+from renderers.stereo.sensor.exposure import Exposure, auto_exposure
 from renderers.stereo.sensor.fixed_pattern import fixed_pattern
-from renderers.stereo.sensor.noise import NoiseStream, frame_key
-
-
-@dataclass(frozen=True, eq=False)
-class Capture:
-    """Scene, camera pose and digital outputs at one instant."""
-
-    timestamp: int
-    """Nanoseconds since the epoch."""
-    scene: DrawList
-    revision: int
-    """Revision of the scene."""
-    X_world_left: NDArray[np.float64]
-    """(4, 4) float64, pose of the left optical frame in the world."""
-    gpio: int
-    """Values of the digital inputs and outputs, one bit each; Out1 is bit 0."""
-    frame_number: int = 0
-    earlier: SceneState | None = None
-    """Frame before this one, for motion blur and rolling shutters; None: there is none, or nothing needs it."""
-    projectors: tuple[OtherProjector, ...] = ()
-    """Projectors of other cameras that are on."""
-
-    @classmethod
-    def of_state(
-        cls,
-        state: SceneState,
-        settings: StreamSettings,
-        timestamp: int,
-        frame_number: int,
-        earlier: SceneState | None = None,
-        *,
-        depth: bool,
-    ) -> Capture:
-        """Return a capture of a state of the scene.
-
-        All cameras expose at the same time and for the same purpose, as with a common trigger: so their parameters tell
-        which projectors are on.
-
-        Args:
-            timestamp: time that clients get, nanoseconds since the epoch.
-            depth: True: exposure for depth; False: exposure for camera images.
-        """
-        gpio = settings.depth_gpio if depth else settings.camera_gpio
-        projectors = tuple(
-            each for each in state.projectors if (each.settings.depth_gpio if depth else each.settings.camera_gpio) & 1
-        )
-        return cls(timestamp, state.scene, state.revision, state.X_world_left, gpio, frame_number, earlier, projectors)
-
-    @cached_property
-    def out1_high(self) -> bool:
-        """True if Out1 is high."""
-        return bool(self.gpio & 1)
-
-    def has_projection(self, config: StereoConfig) -> bool:
-        """Return True if there is a projector and it is on. It is connected to Out1."""
-        return config.projector and config.dot_light > 0.0 and self.out1_high
-
 
 GREY: Final = False
 """An image of a camera with one channel."""
@@ -116,7 +68,7 @@ class MeteredExposure:
     brightness: float
     """Mean of the exposed image, 0 to 1."""
     out1_reduction: float = 0.0
-    """See ``auto_exposure``."""
+    """See ``choose_exposure``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,6 +77,14 @@ class ColorImage:
 
     sensor_image: SensorImage
     exposure: Exposure
+
+
+@dataclass(slots=True)
+class ExposureMemory:
+    """State of automatic exposure between frames."""
+
+    out1_high: Exposure | None = None
+    """Exposure of the last image with Out1 high."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +161,9 @@ class Imaging:
         assert rendered is not None
         other_dots = None
         if capture.projectors:
-            other_dots = self._projected_dots(frame, capture, 0.0, METERING_DIVISOR, has_own=False)
+            other_dots = light_of_projectors(
+                self.renderer, self._lit_look, self.config, capture, frame, 0.0, METERING_DIVISOR, has_own=False
+            )
         half = partial(self.camera, capture, 0.0, 2 * METERING_DIVISOR)
         scene_light = self.scene_light(capture.scene, half, other_dots)
         k, lens = self.config.model.intrinsics(METERING_DIVISOR), Lens(vignetting=self.lens.vignetting)
@@ -262,31 +224,14 @@ class Imaging:
             dark_pair: see ``matched_depth``.
         """
         config = self.config
-        divisor = settings.quality.divisor
         if pair is not None and config.depth_mode == "matched":
             return matched_depth(config, pair, settings, dark_pair)
-        render = self.render_lit if config.models_errors else self.render
+        render, divisor = self.render_lit if config.models_errors else self.render, settings.quality.divisor
         left = render(capture, 0.0, divisor, Output.DEPTH).depth
         right = render(capture, config.model.baseline, divisor, Output.DEPTH).depth
         assert left is not None
         assert right is not None
-        if pair is None:
-            return ground_truth_depth(config, left, right, settings)
-        return modelled_depth(config, left, right, pair, settings)
-
-    def mesh(
-        self, images: DepthImages, divisor: int, options: MeshOptions, left: NDArray[np.uint8] | None
-    ) -> tuple[bytes, memoryview, memoryview]:
-        """Return a mesh as the parts of a PLY file.
-
-        Args:
-            images: depth images.
-            divisor: width of the camera images divided by that of the depth images.
-            options: mesh options of the request.
-            left: left image, for a textured mesh.
-        """
-        model = self.config.model
-        return disparity_mesh(images.disparity, model.intrinsics(divisor), model.baseline, options, left)
+        return rendered_depth(config, left, right, pair, settings)
 
     def scene_light(self, scene: DrawList, half: Callable[[], Camera], dots: NDArray[np.uint16] | None) -> SceneLight:
         """Return the light on the scene besides the rendered one.
@@ -302,14 +247,7 @@ class Imaging:
         return SceneLight(dots, self._dot_light, factors, self.config.background)
 
     def _blur_motion(self, capture: Capture, offset: float, exposure_time: float, color: NDArray[np.uint8]) -> None:
-        """Blur the parts of a rendered image in which something has moved since ``capture.earlier``.
-
-        Args:
-            capture: scene and pose of this frame and of the frame before.
-            offset: metres along the left camera's x axis.
-            exposure_time: seconds.
-            color: (H, W, 3) uint8, rendered image, changed.
-        """
+        """Blur the parts of a rendered image in which something has moved since ``capture.earlier``."""
         earlier = capture.earlier
         if earlier is None:
             return
@@ -322,7 +260,7 @@ class Imaging:
     def _render_with_dots(
         self, capture: Capture, offset: float, divisor: int
     ) -> tuple[Frame, NDArray[np.uint16] | None]:
-        """Return the rendered colour image, and the light of the projectors on it; see ``_projected_dots``."""
+        """Return the rendered colour image, and the light of the projectors on it; see ``light_of_projectors``."""
         outputs = Output.COLOR
         has_own = capture.has_projection(self.config)
         if capture.projectors:
@@ -332,48 +270,102 @@ class Imaging:
         frame = self.render_lit(capture, offset, divisor, outputs)
         if outputs == Output.COLOR:
             return frame, None
-        return frame, self._projected_dots(frame, capture, offset, divisor, has_own=has_own)
+        return frame, light_of_projectors(
+            self.renderer, self._lit_look, self.config, capture, frame, offset, divisor, has_own=has_own
+        )
 
-    def _projected_dots(
-        self, frame: Frame, capture: Capture, offset: float, divisor: int, *, has_own: bool
-    ) -> NDArray[np.uint16]:
-        """Return the light of the projectors at each pixel of a frame, (H, W) uint16.
 
-        The other arguments are those with which the frame was rendered.
+def choose_exposure(
+    unlit: NDArray[np.float32],
+    lit: NDArray[np.float32],
+    *,
+    out1_high: bool,
+    settings: StreamSettings,
+    memory: ExposureMemory,
+) -> tuple[Exposure, float]:
+    """Return the exposure of an image and ``out1_reduction``. Unlike the device's, it does not take frames to adapt.
 
-        Args:
-            has_own: True if the camera's own projector is on.
-        """
-        assert frame.depth is not None
-        assert frame.instance is not None
-        returned = frame.instance, returned_shares(capture.scene.instances)
-        model = self.config.model
-        soft = "projector" in self.config.realism
-        k = model.intrinsics(divisor)
-        projector_offset = model.baseline / 2
-        right = offset > projector_offset
-        dots = np.zeros(frame.depth.shape, np.uint16)
-        if has_own:
-            projector_view = self.render_lit(capture, projector_offset, divisor, Output.DEPTH)
-            assert projector_view.depth is not None
-            dots = projected_dots(
-                frame.depth,
-                k.focal_length,
-                k.cx,
-                k.cy,
-                offset - projector_offset,
-                projector_view.depth,
-                soft=soft,
-                right=right,
-                point_samples=soft and divisor == METERING_DIVISOR,
-                returned=returned,
-            )
-        for other in capture.projectors:
-            assert frame.normal is not None
-            surfaces = Surfaces(self.camera(capture, offset, divisor), frame.depth, frame.normal, returned)
-            projector = other.camera(divisor, near=self.config.near, far=self.config.far)
-            projector_view = self.renderer.render(capture.scene, projector, Output.DEPTH, self._lit_look)
-            assert projector_view.depth is not None
-            strength = other.dot_light / self._dot_light
-            add_dots(dots, surfaces, projector, projector_view.depth, strength, soft=soft, right=right)
-        return dots
+    * ``Normal``: every image is metered by itself. In alternate exposure, the image with Out1 high determines both
+      exposures.
+    * ``Out1High``: only images with Out1 high are metered. Images with Out1 low get the exposure of the last one
+      metered.
+    * ``AdaptiveOut1``: images with Out1 low are exposed less, so that nothing is over-exposed when Out1 goes high.
+      ``out1_reduction`` is the share by which they are exposed less, 0 to 1.
+
+    Args:
+        unlit: (h, w) float32, light of the left image at 1/``METERING_DIVISOR`` of the resolution, 1 is white, without
+            the projector's light.
+        lit: (h, w) float32, the same with the projector's light.
+        out1_high: True if Out1 is high in this image.
+        settings: parameters of the frame.
+        memory: state between frames; updated.
+    """
+    limits, manual = settings.auto_exposure, settings.manual_exposure
+    if limits is None:
+        return manual, 0.0
+    unlit, lit = _metered_region(unlit, settings), _metered_region(lit, settings)
+    if settings.auto_exposure_mode == "AdaptiveOut1":
+        unlit_exposure, lit_exposure = auto_exposure(unlit, limits, manual), auto_exposure(lit, limits, manual)
+        return lit_exposure, min(max(1.0 - lit_exposure.light / unlit_exposure.light, 0.0), 1.0)
+    if settings.auto_exposure_mode == "Out1High":
+        if out1_high or memory.out1_high is None:
+            memory.out1_high = auto_exposure(lit, limits, manual)
+        return memory.out1_high, 0.0
+    return auto_exposure(lit if out1_high or settings.alternate_exposure else unlit, limits, manual), 0.0
+
+
+def _metered_region(values: NDArray[np.float32], settings: StreamSettings) -> NDArray[np.float32]:
+    """Return the pixels of the exposure region, or the whole image if the region lies outside."""
+    region = settings.exposure_region
+    if region is None:
+        return values
+    inside = values[region.slices(METERING_DIVISOR)]
+    return inside if inside.size else values
+
+
+def measurable_depths(model: StereoModel, settings: StreamSettings) -> DepthRange:
+    """Return the range of depths that the camera can measure with these parameters."""
+    filters = settings.filters
+    nearest = model.nearest_depth(filters.mindepth, filters.maxdepth, settings.quality.divisor)
+    return DepthRange(nearest, filters.maxdepth)
+
+
+def rendered_depth(
+    config: StereoConfig,
+    left_depth: NDArray[np.float32],
+    right_depth: NDArray[np.float32],
+    pair: ImagePair | None,
+    settings: StreamSettings,
+) -> DepthImages:
+    """Return depth images from rendered depth, exact or with a window matcher's errors (``modelled_errors``).
+
+    ``double_shot`` has no effect: it fills holes where matching fails. In exact images, all holes and segments are
+    true, so ``minconf``, ``seg`` and ``fill`` have no effect, either.
+
+    Args:
+        config: model of the camera, disparity error, and factor of the noise.
+        left_depth: (H, W) float32 depth from the left camera at the depth images' resolution, metres.
+        right_depth: (H, W) float32 depth from the right camera, metres.
+        pair: images of the same exposure, from which the errors follow; None: no errors.
+        settings: parameters of the frame.
+    """
+    model, divisor, filters = config.model, settings.quality.divisor, settings.filters
+    focal_times_baseline = model.focal_times_baseline(divisor)
+    disparity = true_disparity(left_depth, right_depth, focal_times_baseline, measurable_depths(model, settings))
+    if settings.depth_region is not None:
+        settings.depth_region.clear_outside(disparity, divisor)
+    if pair is None:
+        images, filters = exact_images(disparity), replace(filters, minconf=0.0, seg=0, fill=0)
+    else:
+        sigma = config.disparity_error / divisor / settings.averaged_images**0.5
+        errors = ErrorModel(
+            sigma,
+            pair.noise_sigma(config.noise_factor, settings.averaged_images, divisor),
+            pair.kind,
+            choose_error_scale(sigma, model.disparity_count(divisor, filters.mindepth, filters.maxdepth)),
+        )
+        images = measured_images(disparity, *pair.reduced(model, divisor), errors)
+        if settings.depth_region is not None:
+            settings.depth_region.clear_outside(images.disparity, divisor)
+    apply_filters(images, filters, focal_times_baseline, divisor)
+    return images

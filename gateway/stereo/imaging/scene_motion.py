@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gateway.scene.bounds import Bounds, corners_of, mesh_bounds
 from gateway.stereo.device.timestamps import NANOSECONDS_PER_SECOND
-from gateway.stereo.imaging.other_projector import OtherProjector
+from gateway.stereo.imaging.scene_view import SceneState
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Instance
 from renderers.stereo.lens.motion_blur import poses_at
@@ -25,45 +25,8 @@ MAX_EXTRA_IMAGES: Final = 4.0
 """Maximum number of pixels that are rendered for blur, as a multiple of the image's."""
 MAX_INTERVAL: Final = 0.5
 """Maximum time since the previous frame, seconds. For an older one, the velocity may have changed."""
-VELOCITY_TIME: Final = 40_000_000
-"""Time over which velocities are measured, nanoseconds, if the last frame is not as recent."""
-SLOWEST_MOTION: Final = 100_000_000
-"""Time without changes after which the scene was at rest, nanoseconds."""
 _MARGIN: Final = 2
 """Margin on each side of a rectangle, pixels."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SceneState:
-    """Scene and camera pose at one time."""
-
-    timestamp: int
-    """Nanoseconds since the epoch."""
-    scene: DrawList
-    X_world_left: NDArray[np.float64]
-    """(4, 4) float64, pose of the left optical frame."""
-    revision: int = 0
-    """Revision of the scene."""
-    changed: int = 0
-    """Time of the last change, nanoseconds since the epoch."""
-    projectors: tuple[OtherProjector, ...] = ()
-    """Projectors of other cameras."""
-
-
-def state_before(now: SceneState, last: SceneState | None, scene: Callable[[int], SceneState]) -> SceneState:
-    """Return an earlier state, for velocities. The time between both is that between the messages that they are from.
-
-    Args:
-        now: state at the timestamp of a frame.
-        last: state of the last frame, used if it is recent.
-        scene: returns the state at a time, nanoseconds since the epoch.
-    """
-    if last is None or not 0 < now.timestamp - last.timestamp < 2 * VELOCITY_TIME:
-        last = scene(now.timestamp - VELOCITY_TIME)
-    # After a rest, the motion began at the earlier state, and not at the change before the rest.
-    was_at_rest = last.timestamp - last.changed >= SLOWEST_MOTION
-    begin = last.timestamp if was_at_rest else last.changed
-    return replace(last, timestamp=now.timestamp - (now.changed - begin))
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ from gateway.stereo.stream.set_kind import SetKind
 from renderers.drawlist import ImageError
 from renderers.encode import png_gray8, png_gray16, png_rgb
 from renderers.stereo.model import Intrinsics
-from renderers.stereo.sensor.noise import NoiseStream
+from renderers.stereo.sensor.camera_image import NoiseStream
 
 ImageName = Literal["color", "depth", "left", "right", "disparity", "confidence", "raw_left", "raw_right"]
 _SETS_BY_IMAGE: Final[Mapping[ImageName, SetKind]] = {
@@ -128,7 +128,6 @@ def camera_router(*services: StereoService) -> APIRouter:
 
 
 def _responses(media_type: str) -> Responses:
-    """Return the OpenAPI responses of a route that returns a file."""
     return {**file_response(_IMAGE_DESCRIPTION, media_type), **error_responses(_ERRORS)}
 
 

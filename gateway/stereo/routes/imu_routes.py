@@ -129,7 +129,6 @@ class _ImuResponse(StreamingResponse):
 
 
 async def _lines(queue: ClientQueue) -> AsyncIterator[bytes]:
-    """Yield lines of JSON until the stream ends."""
     yield b""  # a HEAD request ends here instead of at the first sample
     try:
         while True:

@@ -2,18 +2,42 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
+import msgspec
 from fastapi import APIRouter, Request
 
 from gateway.stereo.device.parameter_specs import NODE_ALIASES, NODES
 from gateway.stereo.device.parameters import ParameterError, UnknownParameterError
 from gateway.stereo.routes import device_content as device
 from gateway.stereo.routes import node_schemas as schemas
-from gateway.stereo.routes.node_bodies import check_call, read_assignments, read_value
 from gateway.stereo.routes.node_schemas import NodeName, ParameterName, ParameterNames, ServiceName, node_errors
-from gateway.stereo.routes.rest_common import RestError, new_router
+from gateway.stereo.routes.rest_common import RestError, new_router, read_body
 from gateway.stereo.service import StereoService
+
+MAX_BODY: Final = 64 << 10
+"""Maximum size of a body, bytes. All parameters of a node take about 2000."""
+NUMBER_TEXT_LIMIT: Final = 64
+"""Number of characters from which a query value is text: no number of a parameter is as long."""
+
+
+class _ValueBody(msgspec.Struct):
+    """Body that sets one parameter."""
+
+    value: Any
+
+
+class _Assignment(msgspec.Struct):
+    """Entry of a body that sets several parameters."""
+
+    name: str
+    value: Any
+
+
+class _CallBody(msgspec.Struct):
+    """Body of a service call."""
+
+    args: dict[str, Any] | None = None
 
 
 def node_router(*services: StereoService) -> APIRouter:
@@ -65,7 +89,7 @@ def _add_node_routes(api: APIRouter, base: str, service: StereoService) -> None:
     @api.put(base + "/{node}/parameters/parameters", include_in_schema=False)
     @api.put(base + "/{node}/services/parameters", include_in_schema=False)
     async def put_parameters(node: NodeName, request: Request) -> Any:
-        return await _set_parameters(service, _current_name(node), await read_assignments(request))
+        return await _set_parameters(service, _current_name(node), await _read_assignments(request))
 
     @api.get(
         base + "/{node}/parameters/{name}",
@@ -82,7 +106,7 @@ def _add_node_routes(api: APIRouter, base: str, service: StereoService) -> None:
         openapi_extra=schemas.VALUE_BODY,
     )
     async def put_parameter(node: NodeName, name: ParameterName, request: Request) -> Any:
-        value = await read_value(request)
+        value = await _read_value(request)
         return (await _set_parameters(service, _current_name(node), [(name, value)]))[0]
 
 
@@ -111,7 +135,7 @@ def _add_service_routes(api: APIRouter, base: str, service: StereoService) -> No
         openapi_extra=schemas.CALL_BODY,
     )
     async def call(node: NodeName, name: ServiceName, request: Request) -> Any:
-        await check_call(request)
+        await _check_call(request)
         result = device.call_service(service, *_find_service(node, name))
         await _wait_until_stored(service)
         return result
@@ -150,7 +174,6 @@ def _describe(service: StereoService, node: str, names: list[str]) -> list[dict[
 
 
 async def _set_parameters(service: StereoService, node: str, values: list[tuple[str, object]]) -> list[dict[str, Any]]:
-    """Set and store parameters, and return their descriptions."""
     try:
         names = service.set_parameters(node, values)
     except UnknownParameterError as error:
@@ -165,3 +188,60 @@ async def _wait_until_stored(service: StereoService) -> None:
     problem = await service.wait_until_stored() if service.wait_until_stored is not None else ""
     if problem:
         raise RestError(507, f"the values are set, but could not be stored: {problem}")
+
+
+async def _read_assignments(request: Request) -> list[tuple[str, object]]:
+    """Return the parameter names and values in the query, followed by those in the body. Either may be empty.
+
+    Raises:
+        RestError: the body is malformed or too large.
+    """
+    body = await read_body(request, MAX_BODY)
+    values: list[tuple[str, object]] = [(name, _query_value(text)) for name, text in request.query_params.multi_items()]
+    if body:
+        entries: list[_Assignment] = _decode(list[_Assignment], body, '[{"name": "quality", "value": "High"}]')
+        values += [(entry.name, entry.value) for entry in entries]
+    return values
+
+
+async def _read_value(request: Request) -> object:
+    """Return the value in the body, or in the query if there is no body.
+
+    Raises:
+        RestError: the body is malformed or too large, or there is no value.
+    """
+    body = await read_body(request, MAX_BODY)
+    if not body and "value" in request.query_params:
+        return _query_value(request.query_params["value"])
+    content: _ValueBody = _decode(_ValueBody, body, '{"value": 1.0}')
+    return content.value
+
+
+async def _check_call(request: Request) -> None:
+    """Check the body of a service call. Its arguments are ignored, because no service has any.
+
+    Raises:
+        RestError: the body is malformed or too large.
+    """
+    if body := await read_body(request, MAX_BODY):
+        _decode(_CallBody, body, '{"args": {}}')
+
+
+def _query_value(text: str) -> object:
+    """Return a query value as a boolean or number if it is one, else as text."""
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    try:
+        return float(text) if len(text) < NUMBER_TEXT_LIMIT else text
+    except ValueError:
+        return text
+
+
+def _decode(content: Any, body: bytes, example: str) -> Any:
+    """Return a body as an object of the type ``content``; raises RestError."""
+    try:
+        return msgspec.json.decode(body, type=content)
+    except msgspec.DecodeError as error:
+        raise RestError(400, f"the body is not like {example}: {error}") from None
+    except RecursionError:
+        raise RestError(400, f"the body is not like {example}: it is nested too deep") from None

@@ -65,7 +65,6 @@ def node_errors(*statuses: int) -> Responses:
 
 
 def _value_schema(spec: Spec) -> dict[str, Any]:
-    """Return the JSON schema of a parameter's values."""
     if spec.type == "string":
         return {"type": "string", "enum": [*spec.choices, *spec.aliases]}
     if spec.type == "bool":
@@ -75,7 +74,6 @@ def _value_schema(spec: Spec) -> dict[str, Any]:
 
 
 def _assignment_schema(spec: Spec) -> dict[str, Any]:
-    """Return the JSON schema of a list entry that sets a parameter."""
     return {
         "type": "object",
         "title": spec.name,

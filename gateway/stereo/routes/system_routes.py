@@ -140,13 +140,11 @@ def _add_common_routes(api: APIRouter, base: str, services: Sequence[StereoServi
 
 
 def _log_info(entries: list[LogEntry], started: float) -> dict[str, Any]:
-    """Return the device's LogInfo."""
     date = entries[-1].timestamp if entries else started
     return {"date": date, "name": LOG_FILE, "size": len(_log_text(entries).encode())}
 
 
 def _log_entry(entry: LogEntry) -> dict[str, Any]:
-    """Return the device's LogEntry."""
     level = _LEVELS.get(entry.level, "INFO")
     return {"component": entry.logger, "level": level, "message": entry.message, "timestamp": entry.timestamp}
 

@@ -9,14 +9,14 @@ from fastapi import APIRouter, Query
 from fastapi.responses import Response
 
 from gateway.server.openapi import Responses, example, file_response
-from gateway.stereo.depth.rendered_depth import measurable_depths
 from gateway.stereo.device.timestamps import parse_timestamp, timestamp_text
+from gateway.stereo.imaging.rendered_images import measurable_depths
 from gateway.stereo.routes.rest_common import Pipeline, RestError, error_responses, find_pipeline, new_router
 from gateway.stereo.routes.rgbd import npz_bytes
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.frame import FrameRecord
 from renderers.interface import Output
-from renderers.stereo.depth.true_disparity import true_disparity
+from renderers.stereo.depth.depth_images import true_disparity
 
 _TIMESTAMP = r"^([0-9]{1,12}(\.[0-9]{0,9})?)?$"
 _RESPONSES: Final[Responses] = {

@@ -8,7 +8,7 @@ from typing import Annotated, Final
 
 import msgspec
 
-from renderers.stereo.sensor.noise import NoiseStream, frame_key
+from renderers.stereo.sensor.camera_image import NoiseStream, frame_key
 
 CUT_REASON: Final = "the stream was cut by fault injection"
 

@@ -13,29 +13,21 @@ from numpy.typing import NDArray
 
 from gateway.runtime import tracing
 from gateway.runtime.worker_pool import WorkerPool
-from gateway.stereo.depth.rendered_depth import ImagePair
 from gateway.stereo.device.stream_settings import StreamSettings
 from gateway.stereo.imaging.color_images import expose_color_camera
 from gateway.stereo.imaging.raw_images import raw_image
-from gateway.stereo.imaging.rendered_images import (
-    COLOR,
-    GREY,
-    Capture,
-    ColorImage,
-    ImageRequest,
-    Imaging,
-    MeteredExposure,
-)
+from gateway.stereo.imaging.rendered_images import COLOR, GREY, ColorImage, ImageRequest, Imaging, MeteredExposure
+from gateway.stereo.imaging.scene_view import Capture
 from gateway.stereo.stream import image_messages as messages
 from gateway.stereo.stream.image_messages import Chunk, ImageMetadata
 from gateway.stereo.stream.set_kind import SetKind
 from renderers.drawlist import ImageError
 from renderers.stereo.depth.depth_images import DepthImages
+from renderers.stereo.depth.image_pair import ImagePair
 from renderers.stereo.depth.metric_depth import align_depth, millimetres_from_disparity
-from renderers.stereo.mesh.disparity_mesh import MeshOptions
+from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
-from renderers.stereo.sensor.exposure import SensorImage
-from renderers.stereo.sensor.noise import NoiseStream
+from renderers.stereo.sensor.camera_image import NoiseStream, SensorImage
 from scenegate.camera.image_interface_pb2 import ImageSet
 
 P = ParamSpec("P")
@@ -262,8 +254,9 @@ class FrameImages:
     @once
     async def _mesh_message(self, options: MeshOptions, color: bool) -> list[Chunk]:
         left = (await self.image(NoiseStream.LEFT, color)).image if options.textured else None
-        images = await self.depth_images()
-        ply = await self._workers.run(self._imaging.mesh, images, self._settings.quality.divisor, options, left)
+        images, model = await self.depth_images(), self._config.model
+        k = model.intrinsics(self._settings.quality.divisor)
+        ply = await self._workers.run(disparity_mesh, images.disparity, k, model.baseline, options, left)
         return messages.mesh(ply, self._depth_capture.timestamp)
 
     def _image(

@@ -85,8 +85,11 @@ class FramePublisher:
         self._event_clients = events
         self._config = config
 
-    def spawn(self, frames: FramesInFlight, make_frame: Coroutine[Any, Any, None]) -> None:
-        """Run ``make_frame`` in a task that is one of ``frames``."""
+    def spawn(
+        self, frames: FramesInFlight, make_frame: Coroutine[Any, Any, None], newest: FrameImages | None = None
+    ) -> None:
+        """Run ``make_frame`` in a task that is one of ``frames``; ``newest``: the newest of them from now on."""
+        frames.last = newest or frames.last
         task = asyncio.get_running_loop().create_task(make_frame)
         frames.tasks.add(task)
         task.add_done_callback(frames.tasks.discard)

@@ -1,4 +1,4 @@
-"""Frame scheduler: captures the scene while clients stream, whenever a frame is due and not too many are in flight."""
+"""When frames are captured, and with what: ``FrameClock`` computes due times, ``FrameScheduler`` captures the scene."""
 
 from __future__ import annotations
 
@@ -16,26 +16,156 @@ from numpy.typing import NDArray
 
 from gateway.runtime.pool_errors import QueueFull
 from gateway.runtime.worker_pool import WorkerPool, until_compiled
+from gateway.stereo.device.camera_config import Rate
 from gateway.stereo.device.stream_settings import ALTERNATE_GAP_NS, StreamSettings
 from gateway.stereo.device.timestamps import NANOSECONDS_PER_SECOND
-from gateway.stereo.imaging.rendered_images import Capture, Imaging
-from gateway.stereo.imaging.scene_motion import SceneState, state_before
+from gateway.stereo.imaging.rendered_images import Imaging
+from gateway.stereo.imaging.scene_view import Capture, SceneReader
 from gateway.stereo.stream.frame import FrameImages, FrameRecord
-from gateway.stereo.stream.frame_clock import FrameClock
 from gateway.stereo.stream.frame_publisher import FramePublisher, FramesInFlight
 from gateway.stereo.stream.set_kind import SetKind
 from gateway.stereo.stream.subscriptions import MailboxState
 
-SceneSource = Callable[[int | None], SceneState]
-"""Returns scene and pose that were valid at a time, nanoseconds since the epoch; None: the current ones. Called in
-worker threads."""
-
-MAX_SETTLING: Final = 30_000_000
-"""Maximum age of a frame that waits for messages that arrived before it and are still being read, nanoseconds."""
+ROUNDING_PERIODS: Final = 1e-6
+"""Maximum rounding error of a due time, in periods."""
+FIRST_SIMULATED: Final = NANOSECONDS_PER_SECOND
+"""Simulated timestamp of the first frame, nanoseconds since the epoch."""
 _Kinds = tuple[SetKind, ...]
-_POLL_SECONDS: Final = 0.002
 _KERNEL_PARTS: Final = ("stereo", "normals")
 """Parts of the kernels (``gateway.runtime.kernels.parts``) that images and depth need."""
+
+
+class FrameClock:
+    """Schedule of the next frame: when it is due, its timestamp, and whether it includes depth.
+
+    Due times of frames are seconds of the event loop's clock, as ``now`` of all methods. Timestamps are nanoseconds
+    since the epoch.
+    """
+
+    def __init__(self, rate: Rate, *, simulated: bool) -> None:
+        """
+        Args:
+            rate: see ``StereoConfig.rate``.
+            simulated: see ``StereoConfig.simulated_clock``.
+        """
+        self.simulated = simulated
+        self.timestamp: int | None = None
+        """Timestamp of the last frame; a simulated one includes delays since. None before the first frame."""
+        self.frame_due = 0.0
+        """Due time of the newest frame."""
+        self._unlimited = rate == "max"
+        """True if frames are captured without a schedule, whenever clients need one."""
+        self._next_frame_due = 0.0
+        """Due time of the frame after it."""
+        self._stopped = True
+        """True while no client streams: no frames are missed."""
+        self._next_depth_timestamp: float | None = None
+        """Timestamp from which frames include depth; None: the next one does."""
+        self._needed_from = 0.0
+        """Due time of the next frame that is needed. Those before it are not missed."""
+
+    def current_timestamp(self) -> int:
+        """Return the system time, or the simulated time of the last frame."""
+        return time.time_ns() if not self.simulated else self.timestamp or FIRST_SIMULATED
+
+    def next_timestamp(self, settings: StreamSettings, now: float) -> int:
+        """Return the timestamp of the frame that is due: the middle of an exposure that ended when it was due."""
+        if self.simulated:
+            return FIRST_SIMULATED if self.timestamp is None else self.timestamp + settings.period_ns
+        age = now - self._exposure_end(now) + 0.5 * settings.longest_exposure
+        timestamp, last = time.time_ns() - round(age * NANOSECONDS_PER_SECOND), self.timestamp
+        # Timestamps identify frames: they stay unique when the system clock is set back by up to a second.
+        if last is not None and last - NANOSECONDS_PER_SECOND < timestamp <= last:
+            return last + 1
+        return timestamp
+
+    def seconds_until_frame(self, settings: StreamSettings, now: float, *, depth_only: bool = False) -> float:
+        """Return the seconds until the next frame that is needed is due, at most 0 if it is due.
+
+        Args:
+            settings: current parameters.
+            now: seconds of the event loop's clock.
+            depth_only: True: frames without depth are not needed.
+        """
+        seconds = self._next_frame_due - now
+        self._needed_from = min(self._needed_from, now)  # a wait beyond now has ended early
+        if depth_only and not settings.single_frame and not self.simulated:
+            age = round((0.5 * settings.longest_exposure - seconds) * NANOSECONDS_PER_SECOND)
+            until_depth = self._nanoseconds_until_depth(settings, time.time_ns() - age)
+            seconds += max(0, math.ceil(until_depth / settings.period_ns - 0.5)) / settings.camera_rate
+            self._needed_from = max(self._needed_from, now + seconds)
+        return seconds
+
+    def advance_to_due_frame(self, settings: StreamSettings, now: float) -> int:
+        """Advance to the newest frame that is due, and schedule the next one. Return the number of missed frames.
+
+        However late the caller is, due times are a multiple of the period apart.
+        """
+        period = 1.0 / settings.camera_rate
+        late_periods = int(max(0.0, now - self._next_frame_due) / period)
+        unneeded = max(0, math.ceil((self._needed_from - self._next_frame_due) / period - ROUNDING_PERIODS))
+        missed = 0 if self._stopped or self.simulated else max(0, late_periods - unneeded)
+        # After a stop there are no earlier frames to keep in step with.
+        starts_late = self._stopped and late_periods > 0
+        self.frame_due = now if starts_late else self._next_frame_due + late_periods * period
+        self._next_frame_due = self.frame_due + period
+        self._stopped = False
+        return missed
+
+    def depth_due(self, settings: StreamSettings, now: float, trigger_time: float | None) -> bool:
+        """Return True if the frame that is due includes depth.
+
+        Args:
+            settings: current parameters.
+            now: seconds of the event loop's clock.
+            trigger_time: time of a call of ``acquisition_trigger``, seconds of the event loop's clock; None: there was
+                none since the last frame with depth.
+        """
+        if settings.single_frame:
+            if trigger_time is None:
+                return False
+            return self.simulated or trigger_time <= self._exposure_end(now) - settings.longest_exposure
+        if self._unlimited:
+            return True
+        timestamp = self.next_timestamp(settings, now)
+        return self._nanoseconds_until_depth(settings, timestamp) <= settings.period_ns / 2
+
+    def schedule_next_depth(self, settings: StreamSettings, timestamp: int) -> None:
+        """Schedule the depth frame after the one with this timestamp."""
+        due, interval = self._next_depth_timestamp, NANOSECONDS_PER_SECOND / settings.depth_rate
+        if due is None or abs(timestamp - due) > interval:  # the first one, a late one, or the system clock was set
+            due = timestamp
+        self._next_depth_timestamp = due + interval
+
+    def delay_for_alternate_exposure(self, settings: StreamSettings) -> None:
+        """Delay the next camera frame until ``ALTERNATE_GAP_NS`` after the depth exposure, which is as much after the
+        last camera frame."""
+        delay = max(2 * ALTERNATE_GAP_NS - settings.period_ns, 0)
+        self._next_frame_due += delay / NANOSECONDS_PER_SECOND
+        if self.simulated and self.timestamp is not None:
+            self.timestamp += delay
+
+    def skip_frame(self, settings: StreamSettings) -> None:
+        """Advance simulated time by a frame that is not captured."""
+        if self.simulated:
+            self.timestamp = self.next_timestamp(settings, 0.0)
+
+    def stop_schedule(self) -> None:
+        """Stop the schedule until the next frame, which includes depth."""
+        self._next_depth_timestamp = None
+        self._stopped = True
+
+    def _exposure_end(self, now: float) -> float:
+        """Return the end of the exposure of the frame that is due: its due time or, without a schedule, now."""
+        return now if self._unlimited else min(now, self.frame_due)
+
+    def _nanoseconds_until_depth(self, settings: StreamSettings, timestamp: int) -> float:
+        """Return the nanoseconds from a frame's timestamp until depth is due, at most 0 if it is due."""
+        if self._next_depth_timestamp is None:
+            return 0.0
+        remaining = self._next_depth_timestamp - timestamp
+        was_set_back = remaining > 2 * NANOSECONDS_PER_SECOND / settings.depth_rate  # the system clock
+        return 0.0 if was_set_back else remaining
 
 
 class FrameScheduler:
@@ -44,20 +174,18 @@ class FrameScheduler:
     def __init__(
         self,
         imaging: Imaging,
+        reader: SceneReader,
         workers: WorkerPool,
         publisher: FramePublisher,
         settings: StreamSettings,
-        scene: SceneSource,
         on_capture: Callable[[int, NDArray[np.float64]], None] | None = None,
         on_streaming: Callable[[bool], None] = lambda streaming: None,
-        has_unapplied_before: Callable[[int], bool] = lambda timestamp: False,
     ) -> None:
         """
         Args:
             on_capture: called after each capture of camera images with its true timestamp, nanoseconds since the epoch,
                 and X_world_left, (4, 4) float64.
             on_streaming: called with True before the first frame for clients, and with False when there are none.
-            has_unapplied_before: see ``LiveTree.has_unapplied_before``.
         """
         self.imaging = imaging
         """Image source of the next frames."""
@@ -67,22 +195,19 @@ class FrameScheduler:
         """The last frames, oldest first, for ground truth."""
         self.trigger_time: float | None = None
         """Time of a call of ``acquisition_trigger``, seconds of the event loop's clock; None after its capture."""
+        self._reader = reader
         self._workers = workers
         self._publisher = publisher
         self._hub = publisher.hub
         self._counts = publisher.counts
-        self._scene = scene
         self._on_capture = on_capture
         self._on_streaming = on_streaming
-        self._has_unapplied_before = has_unapplied_before
         self._unlimited = imaging.config.rate == "max"
         self._clock = FrameClock(imaging.config.rate, simulated=imaging.config.simulated_clock)
         self._camera_frames = FramesInFlight()
         self._depth_frames = FramesInFlight()
         self._frame_number = 0
         self._streaming = False
-        self._last: SceneState | None = None
-        """Scene of the newest capture, for motion blur and rolling shutters."""
 
     async def run(self) -> None:
         """Capture frames until cancelled.
@@ -185,21 +310,14 @@ class FrameScheduler:
         self._depth_frames.cancel()
 
     async def _capture(self, settings: StreamSettings, camera_kinds: _Kinds, depth_kinds: _Kinds) -> None:
-        """Capture the scene and start the tasks that make the sets.
-
-        Args:
-            settings: parameters of the frame.
-            camera_kinds: kinds without depth.
-            depth_kinds: kinds with depth.
-        """
+        """Capture the scene and start the tasks that make the sets of kinds without and with depth."""
         clock, publisher, generation = self._clock, self._publisher, self._hub.generation
-        timestamp = clock.next_timestamp(settings, asyncio.get_running_loop().time())
-        sent_timestamp = publisher.sent_timestamp(timestamp)
-        kinds = camera_kinds + depth_kinds
-        capture = await self._capture_scene(self._frame_number + 1, timestamp, sent_timestamp, settings, kinds)
+        timestamp, number = clock.next_timestamp(settings, asyncio.get_running_loop().time()), self._frame_number + 1
+        sent_timestamp, kinds = publisher.sent_timestamp(timestamp), camera_kinds + depth_kinds
+        capture = await self._capture_scene(timestamp, sent_timestamp, settings, number, kinds, depth=False)
         if capture is None:
             return
-        self._frame_number += 1
+        self._frame_number = number
         clock.timestamp = timestamp
         if self._on_capture is not None:
             self._on_capture(timestamp, capture.X_world_left)
@@ -209,21 +327,17 @@ class FrameScheduler:
             self.trigger_time = None
         if not settings.separate_depth:
             frame = self._new_frame(record, kinds)
-            self._publish_camera_sets(frame, camera_kinds)
+            if camera_kinds:
+                publisher.spawn(self._camera_frames, publisher.publish_sets(frame, camera_kinds), frame)
             if depth_kinds:
-                self._depth_frames.last = frame
-                publisher.spawn(self._depth_frames, publisher.publish_depth_sets(frame, depth_kinds))
+                publisher.spawn(self._depth_frames, publisher.publish_depth_sets(frame, depth_kinds), frame)
             return
         if camera_kinds:
-            self._publish_camera_sets(self._new_frame(record, camera_kinds), camera_kinds)
+            frame = self._new_frame(record, camera_kinds)
+            publisher.spawn(self._camera_frames, publisher.publish_sets(frame, camera_kinds), frame)
         if depth_kinds:
             clock.delay_for_alternate_exposure(settings)
             publisher.spawn(self._depth_frames, self._expose_depth(record, timestamp, depth_kinds))
-
-    def _publish_camera_sets(self, frame: FrameImages, kinds: _Kinds) -> None:
-        if kinds:
-            self._camera_frames.last = frame
-            self._publisher.spawn(self._camera_frames, self._publisher.publish_sets(frame, kinds))
 
     async def _expose_depth(self, camera_record: FrameRecord, timestamp: int, kinds: _Kinds) -> None:
         """Capture the scene for depth 40 ms after the camera images, with the outputs of depth exposures.
@@ -233,10 +347,10 @@ class FrameScheduler:
             timestamp: its true timestamp, nanoseconds since the epoch.
         """
         await asyncio.sleep(0 if self._unlimited else ALTERNATE_GAP_NS / NANOSECONDS_PER_SECOND)
-        timestamp += ALTERNATE_GAP_NS
         sent_timestamp = camera_record.camera_capture.timestamp + ALTERNATE_GAP_NS
         settings, number = camera_record.settings, camera_record.number
-        capture = await self._capture_scene(number, timestamp, sent_timestamp, settings, kinds, for_depth=True)
+        timestamp += ALTERNATE_GAP_NS
+        capture = await self._capture_scene(timestamp, sent_timestamp, settings, number, kinds, depth=True)
         if capture is not None:
             self._depth_frames.last = frame = self._new_frame(replace(camera_record, depth_capture=capture), kinds)
             await self._publisher.publish_depth_sets(frame, kinds)
@@ -245,60 +359,20 @@ class FrameScheduler:
         self.history.append(record)
         return FrameImages(record, self._workers, kinds)
 
-    async def read_scene(self, timestamp: int) -> tuple[SceneState, SceneState | None]:
-        """Return the scene at a time, and an earlier one if images depend on motion.
-
-        Args:
-            timestamp: nanoseconds since the epoch. With simulated time, the scene is the current one.
-
-        Raises:
-            QueueFull: the worker queue is full.
-        """
-        while (  # noqa: ASYNC110 - at most 30 ms
-            self._has_unapplied_before(timestamp) and time.time_ns() - timestamp < MAX_SETTLING
-        ):
-            await asyncio.sleep(_POLL_SECONDS)
-        return await self._workers.run(self._read_scene, timestamp)
-
-    def _read_scene(self, timestamp: int) -> tuple[SceneState, SceneState | None]:
-        if not self.imaging.config.uses_motion:
-            return self._scene(None if self._clock.simulated else timestamp), None
-        if self._clock.simulated:
-            return replace(self._scene(None), timestamp=timestamp), self._last
-        state = self._scene(timestamp)
-        return state, state_before(state, self._last, self._scene)
-
     async def _capture_scene(
-        self,
-        frame_number: int,
-        timestamp: int,
-        sent_timestamp: int,
-        settings: StreamSettings,
-        kinds: _Kinds,
-        *,
-        for_depth: bool = False,
+        self, timestamp: int, sent_timestamp: int, settings: StreamSettings, number: int, kinds: _Kinds, *, depth: bool
     ) -> Capture | None:
-        """Return scene and pose at a time, or None if they cannot be read.
+        """Return ``SceneReader.capture``, or None if the scene cannot be read.
 
         An error ends the streams of ``kinds``; a full worker queue does not.
-
-        Args:
-            timestamp: true time, nanoseconds since the epoch.
-            sent_timestamp: time that clients get; a fault may falsify it.
-            for_depth: the exposure is for depth alone.
         """
         try:
-            state, earlier = await self.read_scene(timestamp)
+            return await self._reader.capture(timestamp, sent_timestamp, settings, number, depth=depth)
         except QueueFull:
             self._counts.dropped += 1
         except Exception as error:  # noqa: BLE001 - a broken scene must not stop the camera
             for kind in kinds:
                 self._publisher.end_streams(kind, "the scene could not be read", error)
-        else:
-            self._last = state
-            if earlier is not None:
-                earlier = replace(earlier, timestamp=earlier.timestamp + sent_timestamp - timestamp)
-            return Capture.of_state(state, settings, sent_timestamp, frame_number, earlier, depth=for_depth)
         return None
 
     def _repeat_last_frame(self, kind: SetKind) -> None:

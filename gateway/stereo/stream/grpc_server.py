@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from typing import Any, TypeAlias
 
@@ -36,6 +36,11 @@ RETURN_BYTES = 64 << 20
 """Number of bytes of unsent messages after which freed memory is returned to the system."""
 RETURN_SECONDS = 2.0
 """Seconds for grpc to free the messages of ended streams before their memory is returned."""
+_STATUS_CODES: Mapping[type[Exception], grpc.StatusCode] = {
+    RequestError: grpc.StatusCode.INVALID_ARGUMENT,
+    LimitError: grpc.StatusCode.RESOURCE_EXHAUSTED,
+    StreamError: grpc.StatusCode.UNAVAILABLE,
+}
 _OPTIONS: list[tuple[str, int]] = [
     ("grpc.max_send_message_length", -1),
     ("grpc.max_receive_message_length", 64 << 10),  # requests are a few bytes
@@ -92,50 +97,40 @@ class StreamServicer:
 
     async def stream(self, request: pb.ImageSetRequest, context: Context) -> None:
         """Send image sets until the client cancels or its deadline passes."""
-        try:
-            kind = read_set_kind(request, self._config)
-        except RequestError as error:
-            await context.abort(grpc.StatusCode.INVALID_ARGUMENT, str(error))
-        try:
-            with self._hub.subscribe(kind) as subscription:
-                logged = False
-                while True:
-                    data = await subscription.get()
-                    if not logged:
-                        _log_stream(context.peer(), str(kind), len(data))
-                        logged = True
-                    try:
-                        await context.write(data)
-                    except BaseException:
-                        self._unsent.add(len(data))
-                        raise
-                    del data  # free it before waiting for the next set
-                    injector = self._injector
-                    if injector is not None and 0 < injector.faults.disconnect_after <= subscription.sent:
-                        raise StreamError(CUT_REASON)
-        except LimitError as error:
-            await context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, str(error))
-        except StreamError as error:
-            await context.abort(grpc.StatusCode.UNAVAILABLE, str(error))
+        kind = read_set_kind(request, self._config)
+        with self._hub.subscribe(kind) as subscription:
+            logged = False
+            while True:
+                data = await subscription.get()
+                if not logged:
+                    _log_stream(context.peer(), str(kind), len(data))
+                    logged = True
+                try:
+                    await context.write(data)
+                except BaseException:
+                    self._unsent.add(len(data))
+                    raise
+                del data  # free it before waiting for the next set
+                injector = self._injector
+                if injector is not None and 0 < injector.faults.disconnect_after <= subscription.sent:
+                    raise StreamError(CUT_REASON)
 
     async def events(self, request: pb.ImageEventsRequest, context: Context) -> None:
         """Send image events until the client cancels or its deadline passes."""
-        try:
-            with self._events.subscribe() as queue:
-                # Send headers first: a client may wait for them before it triggers a depth image.
-                await context.send_initial_metadata(())
-                while True:
-                    for event in (await queue.get())[1]:
-                        if request.depth_acquisition_done_enabled:
-                            await context.write(event)
-        except StreamError as error:
-            await context.abort(grpc.StatusCode.UNAVAILABLE, str(error))
-        except LimitError as error:
-            await context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, str(error))
+        with self._events.subscribe() as queue:
+            # Send headers first: a client may wait for them before it triggers a depth image.
+            await context.send_initial_metadata(())
+            while True:
+                for event in (await queue.get())[1]:
+                    if request.depth_acquisition_done_enabled:
+                        await context.write(event)
 
 
 def _decode_requests(message: type[Message], method: Callable[[Any, Context], Awaitable[None]]) -> Any:
-    """Return a gRPC handler that decodes the bytes of a request as ``message`` and calls ``method``."""
+    """Return a gRPC handler that decodes the bytes of a request as ``message`` and calls ``method``.
+
+    Errors of ``method`` become status codes.
+    """
 
     async def handle(data: bytes, context: Context) -> None:
         try:
@@ -144,7 +139,10 @@ def _decode_requests(message: type[Message], method: Callable[[Any, Context], Aw
             reason = f"the {len(data)} bytes of the request are not a message {message.DESCRIPTOR.name}"
             await context.abort(grpc.StatusCode.INVALID_ARGUMENT, reason)
         try:
-            await method(request, context)
+            try:
+                await method(request, context)
+            except (RequestError, LimitError, StreamError) as error:
+                await context.abort(_STATUS_CODES[type(error)], str(error))
         except grpc.aio.InternalError:
             # The connection broke while a message was written. End the call as grpc does when it detects that a client
             # has disconnected; otherwise it would log a traceback.

@@ -74,7 +74,8 @@ def apply_filters(depth: DepthImages, filters: Filters, focal_times_baseline: fl
     )  # fmt: skip
     min_size = round(filters.seg * 4 / divisor**2)
     if min_size > 1:
-        _remove_segments(depth, min_size)
+        runs = _connected_runs(depth.disparity, round(SEGMENT_STEP / DISPARITY_SCALE))
+        _remove_small(runs, min_size, depth.disparity, depth.error, depth.confidence)
     if filters.fills:
         fill_holes(depth, filters.fill)
 
@@ -101,12 +102,6 @@ def _apply_limits(
                 disparity[row, column] = 0
                 error[row, column] = 0
                 confidence[row, column] = 0
-
-
-def _remove_segments(depth: DepthImages, min_size: int) -> None:
-    """Remove connected segments of fewer than ``min_size`` pixels."""
-    runs = _connected_runs(depth.disparity, round(SEGMENT_STEP / DISPARITY_SCALE))
-    _remove_small(runs, min_size, depth.disparity, depth.error, depth.confidence)
 
 
 def fill_holes(depth: DepthImages, max_step: int) -> None:

@@ -272,11 +272,9 @@ def _write_features(
 
 @kernel("void(float32[:,:,::1], uint16[:,::1], float32[:,::1], uint8[:,:,::1], uint8[:,::1])")
 def _write_error(features, disparity, borders, errors, error):
-    """Write the error of each match, 0 elsewhere.
+    """Write the error of each match, 0 elsewhere, by the features and disparities of ``error_and_confidence``.
 
     Args:
-        features: (9, H, W) float32.
-        disparity: (H, W) uint16, 0: no match.
         borders: (3, 5) float32, borders between the bins.
         errors: (6, 6, 6) uint8, error by the three bins.
         error: (H, W) uint8, output.
@@ -294,11 +292,9 @@ def _write_error(features, disparity, borders, errors, error):
 
 @kernel("void(float32[:,:,::1], uint16[:,::1], int64[:,::1], float32[:,::1], int32[:,::1], uint8[::1], uint8[:,::1])")
 def _write_confidence(features, disparity, tree_features, tree_borders, weights, confidences, confidence):
-    """Write the confidence of each match, 0 elsewhere.
+    """Write the confidence of each match, 0 elsewhere, by the features and disparities of ``error_and_confidence``.
 
     Args:
-        features: (9, H, W) float32.
-        disparity: (H, W) uint16, 0: no match.
         tree_features: (T, ``TREE_DEPTH``) int64, ``Tables.features``.
         tree_borders: (T, ``TREE_DEPTH``) float32, ``Tables.borders``.
         weights: (T, 2 ** ``TREE_DEPTH``) int32, ``Tables.weights``.

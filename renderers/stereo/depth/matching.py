@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.stereo.depth.depth_images import DepthImages
-from renderers.stereo.depth.downscale import grey_levels
+from renderers.stereo.depth.image_pair import grey_levels
 from renderers.stereo.depth.match_confidence import (
     error_and_confidence,
     match_features,

@@ -35,8 +35,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
-from renderers.stereo.depth.depth_images import DepthImages
-from renderers.stereo.depth.downscale import grey_levels
+from renderers.stereo.depth.depth_images import DepthImages, sixteenths
+from renderers.stereo.depth.image_pair import grey_levels
 from renderers.stereo.depth.pixel_classes import (
     DISAGREEMENTS,
     EDGE_STEP,
@@ -45,11 +45,11 @@ from renderers.stereo.depth.pixel_classes import (
     MIN_NOISE_SIGMA,
     ImageKind,
     classify,
+    second_match,
     statistics,
     window_range,
     wrong_spread,
 )
-from renderers.stereo.depth.repetition import second_match
 from renderers.stereo.depth.residual_shift import residual_shift, without_local_mean
 from renderers.stereo.model import DISPARITY_SCALE
 
@@ -129,17 +129,6 @@ def choose_error_scale(sigma: float, disparity_count: int) -> float:
     return scale
 
 
-def exact_images(true_disparity: NDArray[np.float32]) -> DepthImages:
-    """Return depth images with rounding to 1/16 pixel as the only error: the error is 1 unit, the confidence 1.
-
-    Args:
-        true_disparity: (H, W) float32, exact disparity in pixels, 0: not measurable.
-    """
-    disparity = _sixteenths(true_disparity)
-    valid = disparity > 0
-    return DepthImages(disparity, valid.astype(np.uint8), np.where(valid, np.uint8(255), np.uint8(0)))
-
-
 def measured_images(
     true_disparity: NDArray[np.float32], left: NDArray[np.uint16], right: NDArray[np.uint16], model: ErrorModel
 ) -> DepthImages:
@@ -151,7 +140,7 @@ def measured_images(
         right: (H, W) uint16, right image, likewise.
         model: parameters of the errors.
     """
-    exact = _sixteenths(true_disparity)
+    exact = sixteenths(true_disparity)
     nearest, farthest = window_range(exact)
     levels, right_levels = grey_levels(left), grey_levels(right)
     noise_sigma = max(model.noise_sigma, MIN_NOISE_SIGMA)
@@ -181,23 +170,6 @@ def measured_images(
         _class_table(model.kind, model.sigma, model.error_scale), images.disparity, images.error, images.confidence,
     )  # fmt: skip
     return images
-
-
-def _sixteenths(disparity: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """Return disparities in units of 1/16 pixel, (H, W) uint16; 0 stays 0, and others are at least 1."""
-    units = np.empty(disparity.shape, np.uint16)
-    _write_sixteenths(disparity, units)
-    return units
-
-
-@kernel("void(float32[:,::1], uint16[:,::1])")
-def _write_sixteenths(disparity, units):
-    """Write ``_sixteenths``."""
-    for row in range(disparity.shape[0]):
-        for column in range(disparity.shape[1]):
-            value = disparity[row, column] * np.float32(16.0) + np.float32(0.5)
-            smallest = np.int32(disparity[row, column] > np.float32(0.0))
-            units[row, column] = max(np.int32(min(value, np.float32(65535.0))), smallest)
 
 
 @lru_cache(8)

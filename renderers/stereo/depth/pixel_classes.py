@@ -1,5 +1,6 @@
-"""Classes of pixels by how well a window matcher can measure them: texture, agreement of the images, nearby edges.
+"""How well a window matcher can measure each pixel.
 
+``classify`` finds its class: texture, agreement of the images, nearby edges. ``second_match`` finds repeated texture.
 ``matcher_statistics.json`` has the results of our matcher in each class. ``python -m bench.sensor_fit`` writes it.
 """
 
@@ -69,6 +70,19 @@ HIDDEN_CLASS: Final = CLASSES
 """Class of pixels without a measurable disparity, the last one of the statistics. Next to a nearer surface they may get
 its disparity: ``found`` is the share of those that do, ``neighbour_confidence`` the share of right ones among all with
 the disparity of the front side of an edge."""
+SECOND_SCALE: Final = 4
+"""Images are compared at 1/4 of their resolution for second matches: finer patterns than 8 pixels do not count."""
+SECOND_HALF: Final = 2
+"""Disparities of second matches have steps of 1/2 pixel at that resolution."""
+MIN_DISTANCE: Final = 3.0
+"""Minimum difference of a second match from the exact disparity, pixels at that resolution."""
+MAX_COST: Final = 0.4
+"""Maximum difference of the windows of a second match, relative to the contrast of the window. Random textures reach
+0.7, a chequerboard 0.1 to 0.3."""
+MIN_CONTRAST: Final = 4.0
+"""Minimum contrast of a window along its rows, grey levels: without contrast, nothing is repeated."""
+_CANDIDATE_BITS: Final = 12
+"""Bits of a candidate's number. A match is stored as the sum of its differences above these bits."""
 _TEXTURE_STEPS: Final = np.array(TEXTURE_STEPS, np.float32)
 _DISAGREEMENT_STEPS: Final = np.array(DISAGREEMENT_STEPS, np.float32)
 
@@ -235,17 +249,11 @@ def _replace_row(left, right, disparity, row, gradients, differences, counts, su
 def _classify(
     left, right, disparity, nearest, farthest, noise_sigma, texture_steps, disagreement_steps, classes
 ):  # fmt: skip
-    """Write the class of each pixel. Windows end at the edges of the image.
+    """Write the result of ``classify``, whose arguments these are. Windows end at the edges of the image.
 
     All sums are of integers: their results do not depend on the order.
 
     Args:
-        left: (H, W) uint8.
-        right: (H, W) uint8.
-        disparity: (H, W) uint16, units of 1/16 pixel, 0: unknown.
-        nearest: (H, W) uint16, largest disparity in the window.
-        farthest: (H, W) uint16, smallest known disparity in the window.
-        noise_sigma: standard deviation of the image noise, grey levels.
         texture_steps: (``TEXTURES`` - 1,) float32.
         disagreement_steps: (``DISAGREEMENTS`` - 1,) float32.
         classes: (H, W) uint8, output.
@@ -273,3 +281,81 @@ def _classify(
             *(textures, disagreements, texture_steps, disagreement_steps, sigma),
             *(disparity[center], nearest[center], farthest[center], classes[center]),
         )
+
+
+def second_match(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], disparity: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Return the second disparity at which a window matches, up to the largest one of the image.
+
+    Args:
+        left: (H, W) uint8, rectified.
+        right: (H, W) uint8, rectified.
+        disparity: (H, W) float32, exact disparity, pixels, 0: unknown.
+
+    Returns:
+        (H, W) float32, pixels, 0: the texture is not repeated.
+    """
+    height, width = left.shape
+    rows, columns = max(height // SECOND_SCALE, 1), max(width // SECOND_SCALE, 1)
+    small_left = cv2.resize(left, (columns, rows), interpolation=cv2.INTER_AREA)
+    contrast = cv2.blur(cv2.absdiff(small_left, cv2.blur(small_left, (_WINDOW, 1))), (_WINDOW, _WINDOW))
+    if not (contrast >= MIN_CONTRAST).any():
+        return np.zeros((height, width), np.float32)
+    small_right = cv2.resize(right, (columns, rows), interpolation=cv2.INTER_AREA)
+    half_pixels = cv2.addWeighted(small_right, 0.5, np.roll(small_right, 1, axis=1), 0.5, 0.0)
+    border = _WINDOW // 2
+    images = np.pad((small_left, small_right, half_pixels), ((0, 0), (border, border), (border, border)), "edge")
+    exact = cv2.resize(disparity, (columns, rows), interpolation=cv2.INTER_NEAREST) * np.float32(
+        SECOND_HALF / SECOND_SCALE
+    )
+    candidates = min(min(int(exact.max() / SECOND_HALF) + 2, columns) * SECOND_HALF, 1 << _CANDIDATE_BITS)
+    best = np.full((rows, columns), np.iinfo(np.int32).max, np.int32)
+    _find_second(images, np.rint(exact).astype(np.int32), candidates, best)
+    sums, steps = best >> _CANDIDATE_BITS, best & ((1 << _CANDIDATE_BITS) - 1)
+    is_repeated = (sums <= contrast * np.float32(MAX_COST * _WINDOW**2)) & (contrast >= MIN_CONTRAST) & (exact > 0.0)
+    second = (is_repeated * steps).astype(np.float32) * np.float32(SECOND_SCALE / SECOND_HALF)
+    return np.asarray(cv2.resize(second, (width, height), interpolation=cv2.INTER_NEAREST), np.float32)
+
+
+@kernel("void(uint8[:,:,::1], int32[:,::1], int64, int32[:,::1])")
+def _find_second(images, exact, candidates, best):
+    """Write the candidate whose windows differ least, of those that are not near the exact disparity.
+
+    Args:
+        images: (3, h + ``_WINDOW`` - 1, w + ``_WINDOW`` - 1) uint8: left, right, and right moved by half a pixel, with
+            a border of half a window.
+        exact: (h, w) int32, exact disparity, candidate steps.
+        candidates: number of candidates.
+        best: (h, w) int32, output, sum of differences and candidate (``_CANDIDATE_BITS``), initially the largest
+            number.
+    """
+    for candidate in range(candidates):
+        whole = candidate // SECOND_HALF
+        left, right = images[0, :, whole:], images[1 + candidate % SECOND_HALF]
+        column_sums = np.zeros(left.shape[1], np.int32)  # differences of a window's rows
+        for row in range(_WINDOW - 1):
+            _add_differences(column_sums, left[row], right[row], np.int32(1))
+        for row in range(len(exact)):
+            _add_differences(column_sums, left[row + _WINDOW - 1], right[row + _WINDOW - 1], np.int32(1))
+            _keep_smallest(column_sums, exact[row, whole:], np.int32(candidate), best[row, whole:])
+            _add_differences(column_sums, left[row], right[row], np.int32(-1))
+
+
+@inlined
+def _keep_smallest(column_sums, exact, candidate, best):
+    """Write the matches of a candidate that are better than those before; arguments are those of one row."""
+    for column in range(len(exact)):
+        total = np.int32(0)
+        for x in range(_WINDOW):
+            total += column_sums[column + x]
+        match = (total << np.int32(_CANDIDATE_BITS)) + candidate
+        is_far = abs(exact[column] - candidate) > np.int32(MIN_DISTANCE * SECOND_HALF)
+        best[column] = min(best[column], match) if is_far else best[column]
+
+
+@inlined
+def _add_differences(column_sums, left, right, sign):
+    """Add or subtract the differences of two rows; ``sign``: 1 or -1."""
+    for x in range(len(column_sums)):
+        column_sums[x] += sign * abs(np.int32(left[x]) - np.int32(right[x]))

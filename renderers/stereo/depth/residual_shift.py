@@ -95,15 +95,12 @@ def residual_shift(
     "void(uint16[:,::1], uint16[:,::1], float32[:,::1], int64, float64, float32[:,::1], int32[:,::1], float32[:,::1])"
 )
 def _residual_shift(left, right, disparity, radius, prior, expected, weights, shift):
-    """Write the shift of each pixel. All sums are of integers: their results do not depend on the order.
+    """Write the result of ``residual_shift``, whose arguments these are.
+
+    All sums are of integers: their results do not depend on the order.
 
     Args:
-        left: (H, W) uint16, units of 1/16 level.
-        right: (H, W) uint16, likewise.
-        disparity: (H, W) float32, pixels, 0: unknown.
-        radius: pixels on each side of a window's centre.
         prior: weight of the expected shift per pixel of the window, squared units of the gradient.
-        expected: (H, W) float32, pixels.
         weights: (``PHASES``, 4) int32, ``_interpolation_weights``.
         shift: (H, W) float32, output, pixels.
     """

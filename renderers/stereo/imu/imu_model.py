@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.stereo.imu.trajectory import GRID_RATE, smooth_path
-from renderers.stereo.sensor.noise import NoiseStream, frame_key, normals
+from renderers.stereo.sensor.camera_image import NoiseStream, frame_key
+from renderers.stereo.sensor.noise import normals
 
 RATE: Final = 200
 """Samples per second."""

@@ -168,13 +168,11 @@ def _interpolate_rows(upper, lower, fraction, row):
 def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, focal_times_offset, ids, shares, light):
     """Write the light at every pixel: the pattern, interpolated bilinearly, except in shadow.
 
+    Arguments that are not listed are those of ``projected_dots``.
+
     Args:
-        depth: (H, W) float32 depth of the camera image, metres, +inf: background.
-        projector_depth: (H, W) float32 depth seen from the projector, metres.
         pattern: (N, N) uint8, one level of the pattern; N is a power of two.
         cells_per_pixel: cells of this level per pixel of the image.
-        cx: principal point, pixels from the left edge.
-        cy: principal point, pixels from the top edge.
         focal_times_offset: focal length times the camera's x in the projector's frame, pixels times metres.
         ids: (H, W) int32, instance at every pixel, or (1, 1).
         shares: (I,) float32, share of the light that each instance returns; not used with ids of (1, 1).

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.stereo.depth.downscale import block_means
+from renderers.stereo.depth.image_pair import block_means
 from renderers.stereo.mesh import mesh_kernels as kernels
-from renderers.stereo.mesh import ply
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 
 MAX_STEP = math.ceil(2.0 / DISPARITY_SCALE)
@@ -18,6 +17,11 @@ MAX_STEP = math.ceil(2.0 / DISPARITY_SCALE)
 library)."""
 FOOTPRINT = 2.0 * 1.4
 """Vertex property ``scan_size`` divided by the width of a pixel at the point (as in the vendor's cvkit)."""
+
+_TYPES = {np.dtype("<f4"): "float32", np.dtype("u1"): "uint8"}
+"""Names of types in PLY files."""
+_FACE = np.dtype([("count", "u1"), ("indices", "<u4", (3,))])
+"""Packed triangle: 3, then three vertex indices."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +78,7 @@ def disparity_mesh(
         bin_disparity, bin_u, bin_v, float(intrinsics.focal_length), float(intrinsics.cx), float(intrinsics.cy),
         baseline_units, FOOTPRINT * bin_size * baseline_units, vertex_index, points,
     )  # fmt: skip
-    vertices = np.empty(len(points), ply.vertex_dtype(textured=options.textured))
+    vertices = np.empty(len(points), _vertex_dtype(textured=options.textured))
     for column, name in enumerate(("x", "y", "z", "scan_size")):
         vertices[name] = points[:, column]
     if options.textured:
@@ -86,10 +90,10 @@ def disparity_mesh(
     max_step = np.float32(np.inf) if options.watertight else np.float32(MAX_STEP)
     triangles = np.empty((kernels.count_triangles(bin_disparity, max_step), 3), np.uint32)
     kernels.make_triangles(bin_disparity, vertex_index, max_step, triangles)
-    faces = np.empty(len(triangles), ply.FACE)
+    faces = np.empty(len(triangles), _FACE)
     faces["count"] = 3
     faces["indices"] = triangles
-    return ply.ply_parts(vertices, faces)
+    return _ply_parts(vertices, faces)
 
 
 def _bin_colors(left: NDArray[np.uint8], width: int, height: int, bin_size: int) -> NDArray[np.uint8]:
@@ -104,3 +108,42 @@ def _bin_colors(left: NDArray[np.uint8], width: int, height: int, bin_size: int)
     left_pixels_per_bin = -(-left.shape[1] // width) * bin_size
     colors = block_means(left, left_pixels_per_bin, rows=-(-height // bin_size), columns=-(-width // bin_size))
     return colors if colors.ndim == 3 else np.repeat(colors[:, :, None], 3, axis=2)
+
+
+def _vertex_dtype(*, textured: bool) -> np.dtype[np.void]:
+    """Return the packed vertex type: x, y, z and scan_size, followed by the colours.
+
+    Args:
+        textured: add the colours twice: as diffuse_red, diffuse_green, diffuse_blue, which the vendor's programs read,
+            and as red, green, blue, which trimesh, Open3D and most others read.
+    """
+    fields: list[tuple[str, str]] = [(name, "<f4") for name in ("x", "y", "z", "scan_size")]
+    if textured:
+        fields += [(prefix + name, "u1") for prefix in ("diffuse_", "") for name in ("red", "green", "blue")]
+    return np.dtype(fields)
+
+
+def _ply_parts(vertices: NDArray[np.void], faces: NDArray[np.void]) -> tuple[bytes, memoryview, memoryview]:
+    """Return header, vertices and faces, whose concatenation is a PLY file in the vendor's layout.
+
+    Args:
+        vertices: (N,) ``_vertex_dtype``.
+        faces: (M,) ``_FACE``.
+    """
+    lines = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment Created with Scenegate",
+        "comment Origin 0 0 0",
+        "comment Camera [1 0 0; 0 1 0; 0 0 1] [0 0 0]",
+        f"element vertex {len(vertices)}",
+    ]
+    names = vertices.dtype.names or ()
+    lines += [f"property {_TYPES[vertices.dtype[name]]} {name}" for name in names]
+    lines += [f"element face {len(faces)}", "property list uint8 uint32 vertex_indices", "end_header", ""]
+    header = "\n".join(lines).encode("ascii")
+    return header, _bytes_of(vertices), _bytes_of(faces)
+
+
+def _bytes_of(records: NDArray[np.void]) -> memoryview:
+    return records.view(np.uint8).reshape(-1).data if len(records) else memoryview(b"")

@@ -1,4 +1,4 @@
-"""Exposure: turns a light image of ``optics`` into a camera image with gain, noise, saturation and gamma.
+"""Exposure: time, gain and response of a camera image, and automatic exposure.
 
 Rendered images have no physical brightness. By our definition an exposure of 5 ms at 0 dB makes rendered white, which
 is light 1, just white. Light grows linearly with the exposure time and with 10^(gain / 20). An image shows the light to
@@ -15,10 +15,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.stereo.sensor.fixed_pattern import GAIN_UNIT, OFFSET_UNIT, FixedPattern
-from renderers.stereo.sensor.noise import NORMAL_TABLE
-from renderers.stereo.sensor.sensor_kernels import RESPONSE_STEPS, expose_light
-
 REFERENCE_EXPOSURE: Final = 0.005
 """Exposure time at which rendered white is white, seconds: the device's default of exp_value."""
 DISPLAY_GAMMA: Final = 2.2
@@ -26,21 +22,28 @@ DISPLAY_GAMMA: Final = 2.2
 LIGHT_OF_LEVEL: Final = (np.arange(256) / 255.0) ** DISPLAY_GAMMA
 """(256,) float64, light of each level of a rendered image; 1 is white."""
 LIGHT_WHITE: Final = 16384
-"""Value of white in a light image (``lens.optics``), the square root of its light."""
+"""Value of white in a light image (``camera_image``), the square root of its light."""
 LUMA: Final = np.array((0.299, 0.587, 0.114))
 """Rec. 601 weights of red, green and blue."""
 READ_NOISE: Final = 0.2
 """Standard deviation of the read noise at 0 dB, grey levels."""
 SHOT_NOISE: Final = 0.0004
 """Variance of the shot noise per grey level at 0 dB."""
+MIN_EXPOSURE: Final = 6.6e-5
+"""The device's shortest exposure time, seconds."""
+MAX_GAIN: Final = 18.0
+"""The device's highest gain, dB."""
+SATURATED_SHARE: Final = 0.01
+"""Maximum share of saturated pixels before automatic exposure lowers its brightness target."""
+_SEARCH_STEPS: Final = 12
+"""Steps of the search for an exposure. Each quarters the range, to 2e-6 of the reference exposure at last."""
+_HISTOGRAM_BINS: Final = 2048
+"""Bins of the light's histogram: a resolution of 1/2000 of the brightest value."""
+RESPONSE_STEPS: Final = 2048
+"""Number of samples of ``Exposure.response_table``."""
 BRACKETS: Final = (0.25, 1.0, 4.0)
 """Exposure times that a high dynamic range image combines, relative to the automatic one. Our choice: the device's
 are not published."""
-_GROUP_MEANS: Final = NORMAL_TABLE.reshape(128, -1).mean(axis=1)
-"""(128,) float32, means of groups of neighbouring quantiles."""
-_NOISE_QUANTILES: Final = np.asarray(_GROUP_MEANS / _GROUP_MEANS.std(), np.float32)
-"""(128,) float32, quantiles of the standard normal distribution, coarser than ``NORMAL_TABLE``."""
-_NO_PATTERN: Final = FixedPattern(np.zeros((1, 1), np.int8), np.zeros((1, 1), np.int8))
 
 
 @dataclass(frozen=True)
@@ -143,41 +146,53 @@ def noise_sigma(grey: NDArray[np.floating] | float, amplification: float) -> Any
 
 
 @dataclass(frozen=True, slots=True)
-class SensorImage:
-    """One camera image."""
+class AutoExposure:
+    """Limits and targets of automatic exposure."""
 
-    image: NDArray[np.uint8]
-    """(H, W) or (H, W, 3) uint8."""
-    brightness: float
-    """Mean of the image, 0 to 1."""
+    max_time: float = 0.018
+    """Longest exposure time (exp_max), seconds."""
+    average_max: float = 0.75
+    """Target of the mean brightness while nothing saturates, 0 to 1."""
+    average_min: float = 0.25
+    """Mean brightness, 0 to 1, below which the image is not darkened to avoid saturation."""
 
 
-def image_from_light(
-    light: NDArray[np.uint16],
-    exposure: Exposure,
-    key: np.uint64,
-    pattern: FixedPattern | None = None,
-    noise_factor: float = 1.0,
-) -> SensorImage:
-    """Return the camera image of a light image.
+def auto_exposure(light: NDArray[np.float32], limits: AutoExposure, manual: Exposure | None = None) -> Exposure:
+    """Return the exposure time and gain for an image: the longest time first, then gain.
+
+    The result depends on this image only, as if automatic exposure had settled on it.
 
     Args:
-        light: (H, W, 3 or 1) uint16, ``optics.light_on_sensor`` with the white balance of ``exposure``.
-        exposure: exposure; the white balance is not applied again.
-        key: random key of this frame and camera (``noise.frame_key``).
-        pattern: fixed pattern of the sensor; None: all pixels are alike.
-        noise_factor: factor of the noise's standard deviation; 0 disables noise, but not the fixed pattern.
+        light: float32 of any shape, 1 is white; a downscaled image suffices.
+        limits: limits and targets.
+        manual: exposure whose gamma, dynamic range and white balance are kept; None: the default exposure.
     """
-    image = np.empty(light.shape, np.uint8)
-    # Steps along the square root of the light, as in the light image.
-    saturated_root = (exposure.saturation / exposure.light) ** 0.5
-    grey, noise = exposure.response_table
-    response = np.stack((grey, (noise_factor * noise).astype(np.float32)), axis=1)
-    fixed = pattern or _NO_PATTERN
-    rows, channels = light.shape[0], light.shape[2]
-    level_sum = expose_light(
-        light.reshape(rows, -1), channels, (RESPONSE_STEPS - 1) / (saturated_root * LIGHT_WHITE), response,
-        fixed.offset, fixed.gain, OFFSET_UNIT * exposure.amplification, 0.5 * GAIN_UNIT,
-        _NOISE_QUANTILES, np.uint64(key), image.reshape(rows, -1),
-    )  # fmt: skip
-    return SensorImage(image if channels == 3 else image[:, :, 0], level_sum / (255.0 * image.size))
+    manual = manual or Exposure()
+    max_time = max(limits.max_time, MIN_EXPOSURE)
+    # The searches below evaluate the mean brightness at 36 factors each, so they use a histogram instead of the image.
+    brightest = max(float(light.max()), 1e-6)
+    bins = (light.reshape(-1) * np.float32((_HISTOGRAM_BINS - 1) / brightest) + np.float32(0.5)).astype(np.int32)
+    all_counts = np.bincount(bins)
+    occupied = np.flatnonzero(all_counts)
+    counts = all_counts[occupied].astype(np.float64)
+    levels = occupied * (brightest / (_HISTOGRAM_BINS - 1))
+
+    def factor_for_mean(target: float) -> float:
+        """Return the ``Exposure.light`` at which the mean of the image is ``target``."""
+        low, high = MIN_EXPOSURE / REFERENCE_EXPOSURE, Exposure(max_time, MAX_GAIN).light
+        for _ in range(_SEARCH_STEPS):
+            middle = 0.5 * (low + high)
+            edges = low, 0.5 * (low + middle), middle, 0.5 * (middle + high), high
+            means = manual.response(np.outer(edges[1:-1], levels)) @ counts / light.size
+            quarter = int(means.searchsorted(target))
+            low, high = edges[quarter : quarter + 2]
+        return 0.5 * (low + high)
+
+    factor = factor_for_mean(limits.average_max)
+    unsaturated = (1.0 - SATURATED_SHARE) * light.size
+    brightest_unsaturated = max(float(levels[np.searchsorted(np.cumsum(counts), unsaturated)]), 1e-6)
+    if brightest_unsaturated * factor > manual.saturation:
+        factor = max(manual.saturation / brightest_unsaturated, min(factor_for_mean(limits.average_min), factor))
+    time = min(max(factor * REFERENCE_EXPOSURE, MIN_EXPOSURE), max_time)
+    gain = min(max(20.0 * float(np.log10(factor * REFERENCE_EXPOSURE / time)), 0.0), MAX_GAIN)
+    return Exposure(time, 0.0 if gain < 0.01 else gain, manual.gamma, manual.hdr, manual.red, manual.blue)

@@ -1,11 +1,10 @@
-"""Counter-based random numbers: a function of (seed, frame, stream, pixel).
+"""Counter-based random numbers: functions of a key and a counter.
 
 There is no state, so a frame has the same bytes for any number of threads.
 """
 
 from __future__ import annotations
 
-from enum import IntEnum
 from statistics import NormalDist
 from typing import Final
 
@@ -13,41 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.device_function import inlined
-
-_MASK64: Final = (1 << 64) - 1
-
-
-class NoiseStream(IntEnum):
-    """Independent random sequences of one frame, named by the image that uses them.
-
-    ``*_DEPTH`` are the images for stereo matching, ``*_SECOND`` those without the projector's light (``double_shot``).
-    """
-
-    LEFT = 1
-    RIGHT = 2
-    LEFT_DEPTH = 3
-    RIGHT_DEPTH = 4
-    LEFT_SECOND = 6
-    RIGHT_SECOND = 7
-    COLOR_CAMERA = 10
-    RAW_LEFT = 11
-    RAW_RIGHT = 12
-
-    @property
-    def is_right(self) -> bool:
-        """True for images of the right camera."""
-        return self in (NoiseStream.RIGHT, NoiseStream.RIGHT_DEPTH, NoiseStream.RIGHT_SECOND)
-
-
-def frame_key(seed: int, frame: int, stream: NoiseStream) -> np.uint64:
-    """Return the 64-bit random key of one stream of one frame (splitmix64 over the three numbers)."""
-    state = 0
-    for value in (seed, frame, int(stream)):
-        state = (state ^ (value & _MASK64)) + 0x9E3779B97F4A7C15 & _MASK64
-        state = (state ^ state >> 30) * 0xBF58476D1CE4E5B9 & _MASK64
-        state = (state ^ state >> 27) * 0x94D049BB133111EB & _MASK64
-        state ^= state >> 31
-    return np.uint64(state)
 
 
 @inlined

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel
+from renderers.stereo.sensor.exposure import RESPONSE_STEPS
 from renderers.stereo.sensor.noise import random64
-
-RESPONSE_STEPS: Final = 2048
-"""Number of samples of ``Exposure.response_table``."""
 
 
 @kernel(
@@ -24,7 +20,7 @@ def expose_light(
     """Write a grey or RGB image and return the sum of its levels.
 
     Args:
-        light: (H, W C) uint16, rows of ``optics.light_on_sensor``.
+        light: (H, W C) uint16, rows of ``light_on_sensor``.
         channels: C, 1 or 3.
         step_factor: steps of ``response`` per unit of ``light``.
         response: (``RESPONSE_STEPS``, 2) float32 by step: grey level plus 0.5, for rounding, and standard deviation of

@@ -16,8 +16,9 @@ from renderers.stereo.imu.trajectory import (
     pose_vectors,
     smooth_path,
 )
-from renderers.stereo.sensor.noise import NORMAL_TABLE, frame_key, normals
-from renderers.stereo.sensor.noise import NoiseStream as Stream
+from renderers.stereo.sensor.camera_image import NoiseStream as Stream
+from renderers.stereo.sensor.camera_image import frame_key
+from renderers.stereo.sensor.noise import NORMAL_TABLE, normals
 from tests.stereo.imu_motion import Motion, circle, matrices, rest, rotations, spin, wave
 
 SECONDS = 4.0

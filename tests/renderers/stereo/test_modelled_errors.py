@@ -7,10 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.stereo.device.profile import read_profile
-from renderers.stereo.depth.depth_images import DepthImages
+from renderers.stereo.depth.depth_images import DepthImages, DepthRange, true_disparity
 from renderers.stereo.depth.modelled_errors import ErrorModel, choose_error_scale, measured_images
 from renderers.stereo.depth.pixel_classes import RADIUS, ImageKind
-from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
 from renderers.stereo.model import Quality
 from tests.stereo.analytic import plane, sphere
 

@@ -8,16 +8,24 @@ from numpy.typing import NDArray
 
 from gateway.stereo.device.profile import PROFILE_NAMES, read_profile
 from renderers.camera import Camera
-from renderers.stereo.depth.downscale import fine_means
+from renderers.stereo.depth.depth_images import DepthRange, true_disparity
+from renderers.stereo.depth.image_pair import fine_means
 from renderers.stereo.depth.matching import match_pair
-from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
-from renderers.stereo.lens.optics import LENS_BLUR, Lens, SceneLight, light_on_sensor
 from renderers.stereo.light.key_light import FACTOR_ONE, GROUND_LIGHT, KEY_LIGHT, SKY_LIGHT, light_factors
 from renderers.stereo.light.projector import projected_dots
 from renderers.stereo.light.projector_pattern import SPECKLE_CONTRAST, soft_pattern_levels
 from renderers.stereo.model import Intrinsics, Quality
 from renderers.stereo.realism import REALISM_PARTS, parse_realism
-from renderers.stereo.sensor.exposure import LIGHT_WHITE, Exposure, image_from_light
+from renderers.stereo.sensor.camera_image import (
+    LENS_BLUR,
+    Lens,
+    NoiseStream,
+    SceneLight,
+    frame_key,
+    image_from_light,
+    light_on_sensor,
+)
+from renderers.stereo.sensor.exposure import LIGHT_WHITE, Exposure
 from renderers.stereo.sensor.fixed_pattern import (
     COLUMN_OFFSET,
     GAIN_UNIT,
@@ -26,7 +34,6 @@ from renderers.stereo.sensor.fixed_pattern import (
     PIXEL_OFFSET,
     fixed_pattern,
 )
-from renderers.stereo.sensor.noise import NoiseStream, frame_key
 from tests.stereo.analytic import plane, sphere
 
 MODEL = read_profile("rc_visard_160c").model

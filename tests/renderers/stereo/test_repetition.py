@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.stereo.depth.repetition import second_match
+from renderers.stereo.depth.pixel_classes import second_match
 
 DISPARITY = 60.3
 

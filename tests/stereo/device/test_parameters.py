@@ -90,20 +90,20 @@ def test_changes_are_counted_and_reset() -> None:
     assert parameters.set("rc_camera", []) == []
     assert parameters.version == 0
     assert parameters.set("rc_camera", [("fps", 5), ("exp_auto", False)]) == ["fps", "exp_auto"]
-    assert (parameters.version, parameters.get("rc_camera", "exp_control")) == (1, "Manual")
+    assert (parameters.version, parameters.values("rc_camera")["exp_control"]) == (1, "Manual")
     parameters.set("rc_camera", [("exp_control", "HDR")])
-    assert parameters.get("rc_camera", "exp_auto") is True
+    assert parameters.values("rc_camera")["exp_auto"] is True
     parameters.set("rc_camera", [("exp_control", "Manual")])
-    assert parameters.get("rc_camera", "exp_auto") is False
+    assert parameters.values("rc_camera")["exp_auto"] is False
     parameters.set("rc_camera", [("exp_auto", 1)])
-    assert parameters.get("rc_camera", "exp_control") == "Auto"
+    assert parameters.values("rc_camera")["exp_control"] == "Auto"
     with pytest.raises(ParameterError):
         parameters.set("rc_camera", [("fps", 7), ("gain_value", 99)])
-    assert (parameters.version, parameters.get("rc_camera", "fps")) == (4, 5.0)
+    assert (parameters.version, parameters.values("rc_camera")["fps"]) == (4, 5.0)
     parameters.reset("rc_camera")
-    assert (parameters.version, parameters.get("rc_camera", "fps")) == (5, 25.0)
+    assert (parameters.version, parameters.values("rc_camera")["fps"]) == (5, 25.0)
     with pytest.raises(UnknownParameterError, match="there is no node 'x'; there are rc_camera, "):
-        parameters.get("x", "fps")
+        parameters.spec("x", "fps")
 
 
 @pytest.mark.parametrize(

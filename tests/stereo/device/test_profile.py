@@ -15,11 +15,14 @@ from gateway.stereo.device.parameters import ParameterError, Parameters
 from gateway.stereo.device.profile import (
     MAX_FILE_BYTES,
     PROFILE_NAMES,
+    ColorSection,
+    DepthSection,
     Profile,
     ProfileError,
+    ProjectorSection,
+    StereoSection,
     read_profile,
 )
-from gateway.stereo.device.profile_sections import ColorSection, DepthSection, ProjectorSection, StereoSection
 from gateway.stereo.device.stream_settings import read_settings
 from gateway.wiring.stereo import config_of
 from renderers.stereo.model import Quality
@@ -62,7 +65,7 @@ def test_rgbd_camera() -> None:
     parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
     assert read_settings(parameters).camera_rate == 15.0, "every second exposure is for depth"
     parameters.reset("rc_stereomatching")
-    assert parameters.get("rc_stereomatching", "quality") == "Full"
+    assert parameters.values("rc_stereomatching")["quality"] == "Full"
 
 
 def test_the_smallest_profile(tmp_path: Path) -> None:

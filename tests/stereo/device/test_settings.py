@@ -11,8 +11,8 @@ from gateway.settings import Settings, SettingsError, load
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.wiring.stereo import config_of, realism_of
 from renderers.stereo.realism import REALISM_PARTS
+from renderers.stereo.sensor.camera_image import NoiseStream, frame_key
 from renderers.stereo.sensor.exposure import Exposure
-from renderers.stereo.sensor.noise import NoiseStream, frame_key
 from tests.stereo.camera_images import sensor_image
 from tests.stereo.conftest import SMALL, Start, pixels
 

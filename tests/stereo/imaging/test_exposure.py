@@ -11,10 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.stereo.device.parameters import Parameters
-from gateway.stereo.device.stream_settings import AutoExposure, StreamSettings, read_settings
-from gateway.stereo.imaging.auto_exposure import ExposureMemory, auto_exposure, choose_exposure
-from renderers.stereo.sensor.exposure import Exposure
-from renderers.stereo.sensor.noise import NoiseStream, frame_key
+from gateway.stereo.device.stream_settings import StreamSettings, read_settings
+from gateway.stereo.imaging.rendered_images import ExposureMemory, choose_exposure
+from renderers.stereo.sensor.camera_image import NoiseStream, frame_key
+from renderers.stereo.sensor.exposure import AutoExposure, Exposure, auto_exposure
 from scenegate.camera import image_interface_pb2 as pb
 from tests.stereo.camera_images import light_of, sensor_image
 from tests.stereo.conftest import Camera, Start, pixels

@@ -11,22 +11,19 @@ from numpy.typing import NDArray
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.profile import read_profile
-from gateway.stereo.device.stream_settings import AutoExposure, read_settings
-from gateway.stereo.imaging.auto_exposure import auto_exposure
-from gateway.stereo.imaging.other_projector import OtherProjector
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
-from gateway.stereo.imaging.scene_motion import SceneState
+from gateway.stereo.device.stream_settings import read_settings
+from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging
+from gateway.stereo.imaging.scene_view import Capture, OtherProjector, SceneState
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
-from renderers.stereo.depth.downscale import fine_means
+from renderers.stereo.depth.depth_images import DepthRange, true_disparity
+from renderers.stereo.depth.image_pair import fine_means
 from renderers.stereo.depth.matching import match_pair
 from renderers.stereo.depth.pixel_classes import ImageKind
-from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
-from renderers.stereo.lens.optics import SceneLight
 from renderers.stereo.light.projector import FULL_LIGHT, projected_dots, returned_shares
 from renderers.stereo.model import Quality
-from renderers.stereo.sensor.exposure import Exposure
-from renderers.stereo.sensor.noise import NoiseStream, frame_key
+from renderers.stereo.sensor.camera_image import NoiseStream, SceneLight, frame_key
+from renderers.stereo.sensor.exposure import AutoExposure, Exposure, auto_exposure
 from tests.stereo.analytic import plane, sphere
 from tests.stereo.camera_images import light_of, rendered_grey, sensor_image
 from tests.stereo.scenes import pose, table

@@ -17,8 +17,7 @@ from gateway.scene.mount import Mount
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.stream_settings import ALTERNATE_GAP_NS
 from gateway.stereo.device.timestamps import NANOSECONDS_PER_SECOND
-from gateway.stereo.imaging.scene_motion import SLOWEST_MOTION, VELOCITY_TIME, SceneState, state_before
-from gateway.stereo.imaging.scene_view import SceneView
+from gateway.stereo.imaging.scene_view import SLOWEST_MOTION, VELOCITY_TIME, SceneState, SceneView, state_before
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream.set_kind import SetKind
 from renderers.drawlist import DrawList, Material
@@ -176,7 +175,7 @@ class Messages:
 async def test_frames_wait_for_messages_that_arrived_before_them(
     renderer: CpuRenderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gateway.stereo.stream.frame_scheduler.MAX_SETTLING", 10**12)
+    monkeypatch.setattr("gateway.stereo.imaging.scene_view.MAX_SETTLING", 10**12)
     scene, workers = Scene(), WorkerPool(1)
     messages = Messages(scene)
     service = StereoService(
@@ -184,7 +183,7 @@ async def test_frames_wait_for_messages_that_arrived_before_them(
     )
     await service.capture(SetKind(left=True))
     assert (messages.left, len(scene.times)) == (0, 1)
-    monkeypatch.setattr("gateway.stereo.stream.frame_scheduler.MAX_SETTLING", 0)
+    monkeypatch.setattr("gateway.stereo.imaging.scene_view.MAX_SETTLING", 0)
     scene.times.clear()
     messages.left = 10**6
     await service.capture(SetKind(left=True))

@@ -13,21 +13,21 @@ from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.mount import parse_mount_pose
 from gateway.settings import Settings
-from gateway.stereo.depth.matched_depth import matched_depth
-from gateway.stereo.depth.rendered_depth import ImagePair
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.auto_exposure import SATURATED_SHARE
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
-from gateway.stereo.imaging.scene_motion import SceneState
+from gateway.stereo.imaging.matched_depth import matched_depth
+from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging
+from gateway.stereo.imaging.scene_view import Capture, SceneState
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
+from renderers.stereo.depth.depth_images import DepthRange, true_disparity
+from renderers.stereo.depth.image_pair import ImagePair
 from renderers.stereo.depth.pixel_classes import ImageKind
-from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
 from renderers.stereo.model import Quality
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
-from renderers.stereo.sensor.noise import NoiseStream
+from renderers.stereo.sensor.camera_image import NoiseStream
+from renderers.stereo.sensor.exposure import SATURATED_SHARE
 from tests.stereo.conftest import SMALL, Start
 
 ALL = StereoConfig(realism=frozenset(REALISM_PARTS))

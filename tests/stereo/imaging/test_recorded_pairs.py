@@ -17,14 +17,15 @@ from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.timestamps import timestamp_text
 from gateway.stereo.imaging.pair_files import find_pairs, read_geometry
 from gateway.stereo.imaging.recorded_pairs import Pair, PairSequence, pair_imaging
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
+from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging
+from gateway.stereo.imaging.scene_view import Capture
 from gateway.stereo.routes.node_routes import node_router
 from gateway.stereo.routes.system_routes import system_router
 from gateway.stereo.routes.truth_routes import truth_router
 from gateway.stereo.routes.upload_routes import upload_router
 from renderers.drawlist import ImageError
-from renderers.stereo.sensor.exposure import Exposure, SensorImage
-from renderers.stereo.sensor.noise import NoiseStream
+from renderers.stereo.sensor.camera_image import NoiseStream, SensorImage
+from renderers.stereo.sensor.exposure import Exposure
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.camera.files import save
 from tests.stereo.conftest import SMALL, Camera, Start, pixels

@@ -18,7 +18,8 @@ from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.profile import PROFILE_NAMES, read_profile
 from gateway.stereo.device.stream_settings import StreamSettings, read_settings
-from gateway.stereo.imaging.rendered_images import Capture, Imaging
+from gateway.stereo.imaging.rendered_images import Imaging
+from gateway.stereo.imaging.scene_view import Capture
 from renderers.drawlist import AlphaMode, DrawList, Instance, Material
 from renderers.interface import LookName, Output
 from renderers.primitives import box

@@ -13,20 +13,20 @@ from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import from_pose
 from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
+from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging
 from gateway.stereo.imaging.scene_motion import (
     MAX_SUBFRAMES,
     Motion,
     MovingRectangle,
-    SceneState,
     moving_rectangles,
     subframe_count,
 )
+from gateway.stereo.imaging.scene_view import Capture, SceneState
 from renderers.drawlist import DrawList
 from renderers.raster import CpuRenderer
 from renderers.stereo.lens.motion_blur import poses_at
+from renderers.stereo.sensor.camera_image import NoiseStream
 from renderers.stereo.sensor.exposure import Exposure
-from renderers.stereo.sensor.noise import NoiseStream
 from scenegate.messages.geometry import Box
 from tests.stereo.conftest import SMALL
 from tests.stereo.scenes import part

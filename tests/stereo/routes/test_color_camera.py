@@ -20,7 +20,7 @@ from gateway.scene.timeline import TimeError
 from gateway.scene.transforms import translation
 from gateway.scene.tree import Node, TreeEdit
 from gateway.stereo.device.parameter_specs import DeviceLimits
-from gateway.stereo.imaging.scene_motion import SceneState
+from gateway.stereo.imaging.scene_view import SceneState
 from gateway.stereo.routes.camera_routes import camera_router
 from renderers.drawlist import DrawList, Material
 from renderers.stereo.lens.color_camera import ColorCamera

@@ -13,8 +13,7 @@ from fastapi import FastAPI
 
 from gateway.runtime import logs
 from gateway.stereo.routes.fault_routes import fault_router
-from gateway.stereo.routes.node_bodies import MAX_BODY, NUMBER_TEXT_LIMIT
-from gateway.stereo.routes.node_routes import node_router
+from gateway.stereo.routes.node_routes import MAX_BODY, NUMBER_TEXT_LIMIT, node_router
 from gateway.stereo.routes.system_routes import system_router
 from gateway.stereo.routes.truth_routes import truth_router
 from gateway.stereo.routes.upload_routes import upload_router

@@ -383,15 +383,15 @@ json_values = st.recursive(
 def test_any_value_is_stored_in_range_or_rejected(named: tuple[str, Spec], value: object) -> None:
     node, spec = named
     parameters = Parameters()
-    before = parameters.get(node, spec.name)
+    before = parameters.values(node)[spec.name]
     try:
         parameters.set(node, [(spec.name, value)])
     except ParameterError as error:
         assert spec.name in str(error)
         assert len(str(error)) < 400
-        assert parameters.get(node, spec.name) == before
+        assert parameters.values(node)[spec.name] == before
         return
-    stored = parameters.get(node, spec.name)
+    stored = parameters.values(node)[spec.name]
     assert type(stored) is type(spec.default)
     if isinstance(stored, (int, float)) and not isinstance(stored, bool):
         assert math.isfinite(stored)

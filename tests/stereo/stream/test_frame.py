@@ -9,7 +9,8 @@ from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.rendered_images import Capture, Imaging
+from gateway.stereo.imaging.rendered_images import Imaging
+from gateway.stereo.imaging.scene_view import Capture
 from gateway.stereo.stream.frame import FrameImages, FrameRecord
 from gateway.stereo.stream.set_kind import SetKind
 from renderers.raster import CpuRenderer

@@ -10,7 +10,7 @@ from gateway.stereo.device.camera_config import Rate
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import StreamSettings, read_settings
 from gateway.stereo.device.timestamps import NANOSECONDS_PER_SECOND
-from gateway.stereo.stream.frame_clock import FrameClock
+from gateway.stereo.stream.frame_scheduler import FrameClock
 from renderers.stereo.model import Quality
 from renderers.stereo.sensor.exposure import Exposure
 

@@ -18,9 +18,8 @@ from gateway.stereo.stream.faults import FaultInjector, Faults
 from gateway.stereo.stream.set_kind import RequestError, read_set_kind
 from renderers.drawlist import ImageError
 from renderers.encode import png_gray8
-from renderers.stereo.depth.depth_images import DepthImages
+from renderers.stereo.depth.depth_images import DepthImages, DepthRange, true_disparity
 from renderers.stereo.depth.filters import Filters, apply_filters
-from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
 from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh, smallest_bin_size
 from renderers.stereo.model import Intrinsics, StereoModel
 from scenegate.camera import image_interface_pb2 as pb

@@ -11,7 +11,7 @@ import pytest
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
 from gateway.stereo.device.timestamps import parse_timestamp, timestamp_text
-from gateway.stereo.imaging.rendered_images import Capture
+from gateway.stereo.imaging.scene_view import Capture
 from gateway.stereo.routes.truth_routes import find_frame
 from gateway.stereo.stream.faults import FaultInjector, Faults
 from gateway.stereo.stream.frame import FrameRecord

@@ -7,18 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.stereo.depth.rendered_depth import (
-    ImagePair,
-    clear_outside_region,
-    depth_noise_sigma,
-    depth_pair,
-    measurable_depths,
-)
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.stream_settings import StreamSettings
 from renderers.stereo.depth.depth_images import DepthImages
-from renderers.stereo.depth.downscale import block_means
 from renderers.stereo.depth.filters import apply_filters, fill_holes
+from renderers.stereo.depth.image_pair import ImagePair, block_means
 from renderers.stereo.depth.matching import match_pair
 
 
@@ -35,24 +28,25 @@ def matched_depth(
             fills them by matching ``pair`` at half the resolution.
     """
     model, divisor = config.model, settings.quality.divisor
-    nearest = measurable_depths(model, settings).min_depth
-    filters = replace(settings.filters, mindepth=nearest)
+    filters = settings.filters
+    nearest = model.nearest_depth(filters.mindepth, filters.maxdepth, divisor)
+    filters = replace(filters, mindepth=nearest)
     disparity_count = model.disparity_count(divisor, nearest, filters.maxdepth)
     focal_times_baseline = model.focal_times_baseline(divisor)
 
-    noise_sigma = depth_noise_sigma(pair, config, settings)
-    scaled = depth_pair(pair, model, divisor)
+    noise = config.noise_factor, settings.averaged_images, divisor
+    noise_sigma, scaled = pair.noise_sigma(*noise), pair.reduced(model, divisor)
     images = _match_region(*scaled, disparity_count, noise_sigma, settings)
     if not settings.double_shot:
         apply_filters(images, filters, focal_times_baseline, divisor)
         return images
     if dark_pair is not None:
-        dark = depth_pair(dark_pair, model, divisor)
-        dark_noise = depth_noise_sigma(dark_pair, config, settings)
-        second_images = _match_region(*dark, disparity_count, dark_noise, settings)
+        dark = dark_pair.reduced(model, divisor)
+        second_images = _match_region(*dark, disparity_count, dark_pair.noise_sigma(*noise), settings)
     else:
         second_images = _match_half_resolution(*scaled, disparity_count, noise_sigma)
-        clear_outside_region(second_images.disparity, settings)
+        if settings.depth_region is not None:
+            settings.depth_region.clear_outside(second_images.disparity, divisor)
     for measured in (images, second_images):
         apply_filters(measured, replace(filters, fill=0), focal_times_baseline, divisor)
     holes = images.disparity == 0

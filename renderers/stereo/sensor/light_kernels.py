@@ -1,4 +1,4 @@
-"""Kernel of ``optics``: light on the sensor from a rendered image."""
+"""Kernel of ``light_on_sensor``: light on the sensor from a rendered image."""
 
 from __future__ import annotations
 

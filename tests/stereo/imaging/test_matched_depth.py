@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.stereo.depth.matched_depth import matched_depth
-from gateway.stereo.depth.rendered_depth import ImagePair
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import StreamSettings, read_settings
+from gateway.stereo.imaging.matched_depth import matched_depth
 from renderers.stereo.depth.depth_images import DepthImages
+from renderers.stereo.depth.image_pair import ImagePair
 from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.model import StereoModel
-from renderers.stereo.sensor.exposure import Exposure, SensorImage
+from renderers.stereo.sensor.camera_image import SensorImage
+from renderers.stereo.sensor.exposure import Exposure
 
 MODEL = StereoModel("small", 128, 97, 0.8449, 0.160)
 HEIGHT, WIDTH = 49, 64
@@ -61,7 +62,7 @@ def pair(gain: float = 0.0) -> ImagePair:
 
 
 def match(monkeypatch: pytest.MonkeyPatch, matcher: FakeMatcher, *given: Any, **config: Any) -> DepthImages:
-    monkeypatch.setattr("gateway.stereo.depth.matched_depth.match_pair", matcher)
+    monkeypatch.setattr("gateway.stereo.imaging.matched_depth.match_pair", matcher)
     return matched_depth(StereoConfig(model=MODEL, **config), *given)
 
 

@@ -1,22 +1,26 @@
-"""Light on the sensor from a rendered image: adds the projector, key light, lens blur and vignetting.
+"""Camera image of a rendered image: light on the sensor, then the sensor's response with noise.
 
-Light is linear; 1 is rendered white (``exposure.LIGHT_OF_LEVEL``). ``image_from_light`` makes a camera image of
-it.
+``light_on_sensor`` adds the projector, key light, lens blur and vignetting. Light is linear; 1 is rendered white
+(``exposure.LIGHT_OF_LEVEL``). ``image_from_light`` makes the camera image of it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.stereo.lens import optics_kernels as kernels
 from renderers.stereo.light.key_light import FACTOR_ONE
 from renderers.stereo.light.projector import FULL_LIGHT
 from renderers.stereo.model import Intrinsics
-from renderers.stereo.sensor.exposure import LIGHT_OF_LEVEL, LIGHT_WHITE, LUMA, Exposure
+from renderers.stereo.sensor.exposure import LIGHT_OF_LEVEL, LIGHT_WHITE, LUMA, RESPONSE_STEPS, Exposure
+from renderers.stereo.sensor.fixed_pattern import GAIN_UNIT, OFFSET_UNIT, FixedPattern
+from renderers.stereo.sensor.light_kernels import light_rows
+from renderers.stereo.sensor.noise import NORMAL_TABLE
+from renderers.stereo.sensor.sensor_kernels import expose_light
 
 LENS_BLUR: Final = 0.7
 """Standard deviation of the point spread at full resolution, pixels. Our choice: a pixel's area alone has 0.29, the
@@ -31,6 +35,12 @@ _NO_DOTS: Final = np.zeros((1, 1), np.uint16)
 """Kernel argument for ``SceneLight.dots`` of None."""
 _NO_FACTORS: Final = np.full((1, 1), FACTOR_ONE, np.uint8)
 """Kernel argument for ``SceneLight.factors`` of None."""
+_GROUP_MEANS: Final = NORMAL_TABLE.reshape(128, -1).mean(axis=1)
+"""(128,) float32, means of groups of neighbouring quantiles."""
+_NOISE_QUANTILES: Final = np.asarray(_GROUP_MEANS / _GROUP_MEANS.std(), np.float32)
+"""(128,) float32, quantiles of the standard normal distribution, coarser than ``NORMAL_TABLE``."""
+_NO_PATTERN: Final = FixedPattern(np.zeros((1, 1), np.int8), np.zeros((1, 1), np.int8))
+_MASK64: Final = (1 << 64) - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +101,7 @@ def light_on_sensor(
     light_of_level = (weights[:, :, None] * LIGHT_OF_LEVEL).astype(np.float32)
     light = np.empty((height, width, len(weights)), np.uint16)
     inv_focal = 1.0 / k.focal_length if lens.vignetting else 0.0
-    kernels.light_rows(
+    light_rows(
         rendered, dots, scene_light.dot_light / FULL_LIGHT, factors, np.array(scene_light.background, np.uint8),
         light_of_level, neighbour_weight, k.cx, k.cy, inv_focal, light,
     )  # fmt: skip
@@ -102,3 +112,77 @@ def relative_light(light: NDArray[np.uint16]) -> NDArray[np.float32]:
     """Return the light of a light image, float32 of its shape; 1 is white."""
     root = light.astype(np.float32) / np.float32(LIGHT_WHITE)
     return root * root
+
+
+class NoiseStream(IntEnum):
+    """Independent random sequences of one frame, named by the image that uses them.
+
+    ``*_DEPTH`` are the images for stereo matching, ``*_SECOND`` those without the projector's light (``double_shot``).
+    """
+
+    LEFT = 1
+    RIGHT = 2
+    LEFT_DEPTH = 3
+    RIGHT_DEPTH = 4
+    LEFT_SECOND = 6
+    RIGHT_SECOND = 7
+    COLOR_CAMERA = 10
+    RAW_LEFT = 11
+    RAW_RIGHT = 12
+
+    @property
+    def is_right(self) -> bool:
+        """True for images of the right camera."""
+        return self in (NoiseStream.RIGHT, NoiseStream.RIGHT_DEPTH, NoiseStream.RIGHT_SECOND)
+
+
+def frame_key(seed: int, frame: int, stream: NoiseStream) -> np.uint64:
+    """Return the 64-bit random key of one stream of one frame (splitmix64 over the three numbers)."""
+    state = 0
+    for value in (seed, frame, int(stream)):
+        state = (state ^ (value & _MASK64)) + 0x9E3779B97F4A7C15 & _MASK64
+        state = (state ^ state >> 30) * 0xBF58476D1CE4E5B9 & _MASK64
+        state = (state ^ state >> 27) * 0x94D049BB133111EB & _MASK64
+        state ^= state >> 31
+    return np.uint64(state)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorImage:
+    """One camera image."""
+
+    image: NDArray[np.uint8]
+    """(H, W) or (H, W, 3) uint8."""
+    brightness: float
+    """Mean of the image, 0 to 1."""
+
+
+def image_from_light(
+    light: NDArray[np.uint16],
+    exposure: Exposure,
+    key: np.uint64,
+    pattern: FixedPattern | None = None,
+    noise_factor: float = 1.0,
+) -> SensorImage:
+    """Return the camera image of a light image.
+
+    Args:
+        light: (H, W, 3 or 1) uint16, ``light_on_sensor`` with the white balance of ``exposure``.
+        exposure: exposure; the white balance is not applied again.
+        key: random key of this frame and camera (``frame_key``).
+        pattern: fixed pattern of the sensor; None: all pixels are alike.
+        noise_factor: factor of the noise's standard deviation; 0 disables noise, but not the fixed pattern.
+    """
+    image = np.empty(light.shape, np.uint8)
+    # Steps along the square root of the light, as in the light image.
+    saturated_root = (exposure.saturation / exposure.light) ** 0.5
+    grey, noise = exposure.response_table
+    response = np.stack((grey, (noise_factor * noise).astype(np.float32)), axis=1)
+    fixed = pattern or _NO_PATTERN
+    rows, channels = light.shape[0], light.shape[2]
+    level_sum = expose_light(
+        light.reshape(rows, -1), channels, (RESPONSE_STEPS - 1) / (saturated_root * LIGHT_WHITE), response,
+        fixed.offset, fixed.gain, OFFSET_UNIT * exposure.amplification, 0.5 * GAIN_UNIT,
+        _NOISE_QUANTILES, np.uint64(key), image.reshape(rows, -1),
+    )  # fmt: skip
+    return SensorImage(image if channels == 3 else image[:, :, 0], level_sum / (255.0 * image.size))

@@ -1,16 +1,44 @@
-"""Reduction of an image to the means of square blocks, for depth, the colours of meshes and recorded images."""
+"""Image pairs from which depth is measured, and the reduction of images to the resolution of the depth images."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import Final, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.stereo.depth.pixel_classes import ImageKind
+from renderers.stereo.model import StereoModel
+from renderers.stereo.sensor.camera_image import SensorImage
+from renderers.stereo.sensor.exposure import Exposure
+
 Level = TypeVar("Level", np.uint8, np.uint16)
 FINE: Final = 16
 """Units per grey level of fine images: means of blocks have fractions of a level."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImagePair:
+    """Grey images at full resolution, from which depth is measured."""
+
+    left: SensorImage
+    right: SensorImage
+    exposure: Exposure
+    """Exposure of both images, which determines their noise."""
+    kind: ImageKind
+
+    def reduced(self, model: StereoModel, divisor: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+        """Return both images at 1/``divisor`` of the resolution, (H, W) uint16 each, units of 1/``FINE`` level."""
+        k = model.intrinsics(divisor)
+        left, right = (fine_means(image.image, divisor, k.height, k.width) for image in (self.left, self.right))
+        return left, right
+
+    def noise_sigma(self, noise_factor: float, averaged_images: int, divisor: int) -> float:
+        """Return the standard deviation of the noise at mid grey in the ``reduced`` images, grey levels."""
+        return self.exposure.mid_grey_noise * noise_factor / math.sqrt(averaged_images * divisor**2)
 
 
 def block_means(image: NDArray[Level], side: int, rows: int, columns: int) -> NDArray[Level]:

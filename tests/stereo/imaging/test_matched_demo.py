@@ -10,17 +10,18 @@ from gateway.scene.flatten import flatten
 from gateway.scene.live import LiveTree
 from gateway.scene.mount import parse_mount_pose
 from gateway.settings import Settings
-from gateway.stereo.depth.matched_depth import matched_depth
-from gateway.stereo.depth.rendered_depth import ImagePair, measurable_depths
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.rendered_images import Capture, ImageRequest, Imaging
+from gateway.stereo.imaging.matched_depth import matched_depth
+from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging, measurable_depths
+from gateway.stereo.imaging.scene_view import Capture
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
+from renderers.stereo.depth.depth_images import true_disparity
+from renderers.stereo.depth.image_pair import ImagePair
 from renderers.stereo.depth.pixel_classes import ImageKind
-from renderers.stereo.depth.true_disparity import true_disparity
-from renderers.stereo.sensor.noise import NoiseStream
+from renderers.stereo.sensor.camera_image import NoiseStream
 
 
 @pytest.mark.parametrize("seconds", [1.3, 4.0, 0.625 * PERIOD])

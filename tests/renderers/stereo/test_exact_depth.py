@@ -7,10 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.stereo.device.profile import read_profile
-from renderers.stereo.depth.depth_images import DepthImages
+from renderers.stereo.depth.depth_images import DepthImages, DepthRange, exact_images, true_disparity
 from renderers.stereo.depth.filters import Filters, apply_filters
-from renderers.stereo.depth.modelled_errors import exact_images
-from renderers.stereo.depth.true_disparity import DepthRange, true_disparity
 from renderers.stereo.model import Quality, StereoModel
 from tests.stereo.analytic import plane, sphere
 
