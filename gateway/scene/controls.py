@@ -142,7 +142,12 @@ class ControlStore:
         if before is not None and _definition(before) == _definition(control):  # most are repeated
             return
         entry = self._entries.get(control.path)
-        if entry is None or type(entry.control) is not type(control) or _samples_differ(entry.control, control):
+        series = getattr(control, "series", None)  # of a plot: its samples have no meaning for others
+        if (
+            entry is None
+            or type(entry.control) is not type(control)
+            or getattr(entry.control, "series", None) != series
+        ):
             self._create(control)
             return
         is_new = before is None and getattr(control, "value", None) is not None
@@ -217,7 +222,8 @@ class ControlStore:
         """
         entry = self._entry_of(client, path, request)
         if not isinstance(entry.control, Plot) or entry.samples is None:
-            raise ValueError(f"samples can be added to a plot, not to a {_type_name(entry.control)}")
+            kind = type(entry.control).__struct_config__.tag
+            raise ValueError(f"samples can be added to a plot, not to a {kind}")
         checked = entry.control.checked_samples(samples)
         self.revision += 1
         rows = np.concatenate([entry.samples, np.insert(checked, 0, self.revision, axis=1)])
@@ -298,15 +304,6 @@ class ControlStore:
 def _definition(control: AnyControl) -> AnyControl:
     """Return a control without its value."""
     return msgspec.structs.replace(control, value=None) if hasattr(control, "value") else control
-
-
-def _samples_differ(old: AnyControl, new: AnyControl) -> bool:
-    """Return True if the samples of a plot have no meaning for another plot."""
-    return isinstance(old, Plot) and isinstance(new, Plot) and old.series != new.series
-
-
-def _type_name(control: AnyControl) -> str:
-    return str(type(control).__struct_config__.tag)
 
 
 def _text_chars(control: AnyControl) -> int:
