@@ -33,7 +33,7 @@ def part_message(part: Part, resources: Resources) -> messages.Part:
     message = messages.Part(kind=kind, draws=draws, source=part.source or "", faces_camera=part.kind == "text")
     if isinstance(part.shape, PointCloud):
         for draw in draws:
-            resources.add_cloud(draw.mesh, part.shape)
+            resources.clouds[draw.mesh] = part.shape
         message.points = len(part.shape.points)
         message.channels = _channel_widths(part.shape)
     return message
