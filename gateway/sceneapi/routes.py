@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query, Request, Response
 
 from gateway.scene.cameras import CameraError, NoSuchCameraError
 from gateway.scene.live import Snapshot
-from gateway.scene.timeline import TimeError
+from gateway.scene.timeline import TimeError, state_at
 from gateway.sceneapi.query import FileQuery, ImageQuery, SceneQuery
 from gateway.sceneapi.service import SceneApi, SceneResponse
 from gateway.server.disconnect import while_connected
@@ -59,6 +59,10 @@ def router(service: SceneApi) -> APIRouter:
     """Return the routes of the scene."""
     routes = APIRouter(tags=["The live scene"], route_class=_SceneRoute)
 
+    async def snapshot_at(time: float | None) -> Snapshot | None:
+        """Return the snapshot of a time; None: the newest one when the response is made."""
+        return None if time is None else await state_at(service.scene.timeline, time)
+
     @routes.get(
         "/scene",
         summary="List the scene",
@@ -71,7 +75,7 @@ def router(service: SceneApi) -> APIRouter:
     )
     async def listing(request: Request, query: Annotated[SceneQuery, Query()]) -> Response:
         """Every node with its kinds of geometry, world transform, bounds and label. Parents come before children."""
-        snapshot = await service.snapshot_at(query.time)
+        snapshot = await snapshot_at(query.time)
         return await _cacheable(service, request, service.listing, snapshot)
 
     @routes.get(
@@ -89,7 +93,7 @@ def router(service: SceneApi) -> APIRouter:
 
         Clients of the render endpoint need the camera in the file; without any parameter it has none.
         """
-        snapshot = await service.snapshot_at(query.time)
+        snapshot = await snapshot_at(query.time)
         if query.model_fields_set <= {"time"}:
             return await _cacheable(service, request, lambda snapshot: service.file(None, snapshot), snapshot)
         return await _uncacheable(service, request, lambda: service.file(query, snapshot))
@@ -102,7 +106,7 @@ def router(service: SceneApi) -> APIRouter:
     )
     async def image(request: Request, query: Annotated[ImageQuery, Query()]) -> Response:
         """An image of the newest scene, or of an earlier one."""
-        snapshot = await service.snapshot_at(query.time)
+        snapshot = await snapshot_at(query.time)
         return await _uncacheable(service, request, lambda: service.image(query, snapshot))
 
     return routes
@@ -116,7 +120,7 @@ async def _cacheable(
 ) -> Response:
     """Return the result of ``make``, which depends only on the scene; 304 if the client has its revision."""
     headers = {"Cache-Control": "no-cache"}
-    revision = (snapshot or service.snapshot).revision
+    revision = (snapshot or service.scene.tree.snapshot).revision
     etag = service.etag(revision)
     client_etags = [tag.strip().removeprefix("W/") for tag in request.headers.get("if-none-match", "").split(",")]
     if etag in client_etags or "*" in client_etags:
