@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gateway.gltf.export import export_glb
 from gateway.runtime.worker_pool import WorkerPool
@@ -122,13 +121,13 @@ class SceneApi:
         style = self.config.style
         style = replace(style, background=query.background_rgb or style.background, samples=query.samples or 0)
         look = style.look_for(query.look)
-        apply_fxaa = style.applies_fxaa(look)
-        is_point, outputs = None, _OUTPUTS[query.type]
-        if query.type == "color" and query.look == "plain" and apply_fxaa:
-            is_point = _point_instances(draw_list)
-            outputs |= Output(0) if is_point is None else Output.INSTANCE
+        outputs, smooth = _OUTPUTS[query.type], query.type == "color" and style.applies_fxaa(look)
+        if smooth and query.look == "plain" and any(_flags_of_points(draw_list)):
+            outputs |= Output.INSTANCE
         frame = self._renderer.render(draw_list, camera, outputs, look)
-        body, media_type = _encode(frame, query, is_point, apply_fxaa)
+        if smooth:
+            _smooth(frame, draw_list)
+        body, media_type = _encode(frame, query)
         with self._count_lock:
             self._image_count += 1
         return SceneResponse(body, media_type, snapshot.revision)
@@ -149,11 +148,9 @@ class SceneApi:
         )
 
 
-def _encode(frame: Frame, query: ImageQuery, is_point: NDArray[np.bool_] | None, apply_fxaa: bool) -> tuple[bytes, str]:
+def _encode(frame: Frame, query: ImageQuery) -> tuple[bytes, str]:
     if query.type == "color":
         assert frame.color is not None
-        if apply_fxaa:
-            _apply_fxaa(frame.color, frame.instance, is_point)
         return png_rgb(frame.color), "image/png"
     if query.type == "label":
         assert frame.label is not None
@@ -164,29 +161,16 @@ def _encode(frame: Frame, query: ImageQuery, is_point: NDArray[np.bool_] | None,
     return tiff_float32(frame.depth), "image/tiff"
 
 
-def _point_instances(draw_list: DrawList) -> NDArray[np.bool_] | None:
-    """Return a flag for each instance: True if it draws points. None if no instance draws points.
+def _smooth(frame: Frame, draw_list: DrawList) -> None:
+    """Apply FXAA, except to points if the frame has instances: it mixes a third of the neighbours' colour into them."""
+    assert frame.color is not None
+    original = frame.color.copy()
+    fxaa(frame.color)
+    if frame.instance is not None:
+        is_point = np.array([*_flags_of_points(draw_list), False])  # the last one is the background's, whose id is -1
+        np.copyto(frame.color, original, where=is_point[frame.instance, None])
 
-    A last flag, False, stands for the background, whose instance id is -1.
-    """
-    flags = [instance.mesh.topology is Topology.POINTS for instance in draw_list.instances]
-    return np.array([*flags, False]) if any(flags) else None
 
-
-def _apply_fxaa(
-    color: NDArray[np.uint8], instance: NDArray[np.int32] | None, is_point: NDArray[np.bool_] | None
-) -> None:
-    """Apply FXAA in place, except to points: it would mix a third of the neighbours' colour into a one-pixel point.
-
-    Args:
-        instance: (H, W) instance ids; None: there are no points.
-        is_point: Result of ``_point_instances``.
-    """
-    if instance is None or is_point is None:
-        fxaa(color)
-        return
-    point_pixels = np.flatnonzero(is_point[instance.ravel()])
-    pixels = color.reshape(-1, 3)
-    point_colors = pixels[point_pixels]
-    fxaa(color)
-    pixels[point_pixels] = point_colors
+def _flags_of_points(draw_list: DrawList) -> list[bool]:
+    """Return a flag for each instance: True if it draws points."""
+    return [instance.mesh.topology is Topology.POINTS for instance in draw_list.instances]
