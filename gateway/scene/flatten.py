@@ -84,11 +84,7 @@ def flatten(root: Node, *, label_of: LabelOf | None = None) -> DrawList:
     Args:
         label_of: Returns the label of each part; None: all labels are ``LABEL_NONE``.
     """
-    return _TreeFlattener(label_of or _unlabelled).flatten(root)
-
-
-def _unlabelled(_path: Path, _part: Part) -> int:
-    return LABEL_NONE
+    return _TreeFlattener(label_of or (lambda path, part: LABEL_NONE)).flatten(root)
 
 
 class Flattener:

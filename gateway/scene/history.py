@@ -43,10 +43,6 @@ class _Segment:
     nbytes: int = 0
     """Estimate of the memory that only this segment needs."""
 
-    def count_at(self, timestamp: int) -> int:
-        """Return the number of changes up to a time."""
-        return bisect_right(self.changes, timestamp, key=lambda each: each.timestamp)
-
 
 @dataclass(frozen=True, slots=True)
 class _HeldHistory:
@@ -156,7 +152,7 @@ class TreeHistory:
         with self._lock:
             number = bisect_right(segments, timestamp, key=lambda each: each.keyframe.timestamp)
             segment = segments[max(0, number - 1)]  # the first one also for earlier times
-            change_count = segment.count_at(timestamp)
+            change_count = bisect_right(segment.changes, timestamp, key=lambda each: each.timestamp)
             if not change_count:
                 return segment.keyframe
             # A revision is one state, also in a held history. Several states may have the same timestamp.
