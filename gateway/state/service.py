@@ -11,8 +11,7 @@ import structlog
 
 from gateway.scene.live import LiveTree
 from gateway.state.config import StateConfig
-from gateway.state.database import Database
-from gateway.state.errors import StateError
+from gateway.state.database import Database, StateError
 from gateway.state.group_commit import GroupCommit
 from gateway.state.parameter_store import Parameters, ParameterStore
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -161,8 +162,6 @@ async def _wait_for_change(event: asyncio.Event, deadline: float, closing: Calla
     """Wait until the event is set, ``deadline`` of the event loop's clock has passed, or the gateway shuts down."""
     loop = asyncio.get_running_loop()
     while not event.is_set() and not closing() and (seconds_left := deadline - loop.time()) > 0:
-        try:
+        with suppress(TimeoutError):
             async with asyncio.timeout(min(seconds_left, _CLOSING_POLL_SECONDS)):
                 await event.wait()
-        except TimeoutError:
-            pass
