@@ -39,7 +39,7 @@ class _Segment:
 
     keyframe: Snapshot
     changes: list[_Recorded] = field(default_factory=list)
-    ids: PathIds = field(default_factory=PathIds)
+    ids: PathIds = field(default_factory=dict)
     nbytes: int = 0
     """Estimate of the memory that only this segment needs."""
 
@@ -162,17 +162,15 @@ class TreeHistory:
 
     def record(self) -> None:
         """Record the newest state, and drop old ones."""
-        snapshot = self._tree.snapshot
+        # Only the recording thread changes the last segment, and it packs without the lock.
+        snapshot, last, segment = self._tree.snapshot, self._last_recorded, self._segments[-1]
+        is_set_back = snapshot.timestamp < last.timestamp  # the clock was
+        change = None if is_set_back or snapshot is last else pack(last.root, snapshot.root, segment.ids)
         with self._lock:
-            last, segment = self._last_recorded, self._segments[-1]
-        if snapshot.timestamp < last.timestamp:  # the clock was set back
-            with self._lock:
+            if is_set_back:
                 self._restart(snapshot)
-        elif snapshot is not last:
-            change = pack(last.root, snapshot.root, segment.ids)
-            with self._lock:
+            elif change is not None:
                 self._append(segment, snapshot, change)
-        with self._lock:
             self._drop_old()
 
     def _run(self) -> None:
