@@ -50,7 +50,6 @@ def _channel_widths(cloud: PointCloud) -> dict[str, int]:
 
 
 def _material_message(material: Material, resources: Resources) -> messages.Material:
-    """Return a material. Its colours are in sRGB."""
     fields: dict[str, Any] = {
         "alpha": _ALPHA[material.alpha_mode],
         "cutoff": material.alpha_cutoff if material.alpha_mode is AlphaMode.MASK else 0.5,
@@ -77,7 +76,6 @@ def _material_message(material: Material, resources: Resources) -> messages.Mate
 
 
 def _texture_message(texture: Texture | None, resources: Resources) -> messages.TextureUse | None:
-    """Return how a material uses a texture."""
     if texture is None:
         return None
     return messages.TextureUse(

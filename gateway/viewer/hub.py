@@ -99,8 +99,7 @@ class ViewHub:
                 if update_start >= status_time:
                     status_time = update_start + self.config.status_seconds
                     self._send_status()
-                if self._live_page.controls.clients:
-                    self._live_page.controls.deliver_values()  # those that pages have set since the last update
+                self._live_page.controls.deliver_values()  # those that pages have set since the last update
                 if self._browsers:
                     self._advance()
                     for browser in self._browsers:
