@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
@@ -35,12 +35,6 @@ class PackedChange:
     nbytes: int
     """Estimate of the memory that it takes with its new ids, and of the geometry and nodes that the next state does not
     have."""
-
-    @property
-    def rows(self) -> Iterator[Pose]:
-        """The poses as tuples."""
-        numbers = iter(self.poses)
-        return zip(*[numbers] * 7, strict=True)
 
 
 def pack(old: Node, new: Node, ids: PathIds) -> PackedChange:
@@ -105,7 +99,8 @@ def unpack(root: Node, changes: Iterable[PackedChange], ids: PathIds) -> Node:
             move()
             for call in change.edits:
                 call(edit)
-        moved.update(zip(change.pose_ids, change.rows, strict=True))
+        numbers = iter(change.poses)
+        moved.update(zip(change.pose_ids, zip(*[numbers] * 7, strict=True), strict=True))
     move()
     return edit.commit()
 
