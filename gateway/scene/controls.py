@@ -142,16 +142,19 @@ class ControlStore:
         if before is not None and _definition(before) == _definition(control):  # most are repeated
             return
         entry = self._entries.get(control.path)
-        series = getattr(control, "series", None)  # of a plot: its samples have no meaning for others
-        if (
-            entry is None
-            or type(entry.control) is not type(control)
-            or getattr(entry.control, "series", None) != series
-        ):
+        if entry is None or _kind(entry.control) != _kind(control):
             self._create(control)
             return
-        is_new = before is None and getattr(control, "value", None) is not None
-        self._define(entry, control, client, keeps_value=not is_new)
+        if _definition(entry.control) != _definition(control):
+            self._next_structure()
+        entry.control = control
+        value = control.initial
+        sets_value = before is None and getattr(control, "value", None) is not None
+        if not sets_value and entry.value is not None:
+            with contextlib.suppress(ValueError):  # beyond the new limits
+                value = control.checked(entry.value)
+        if value != entry.value:
+            self._change(entry, value, client)
 
     def _create(self, control: AnyControl) -> None:
         """Add a control in place of the one at its path."""
@@ -162,18 +165,6 @@ class ControlStore:
         samples = np.empty((0, 2 + len(control.series))) if isinstance(control, Plot) else None
         entry = ControlEntry(self._last_id, control, control.initial, self._next_structure(), samples)
         self._entries[control.path] = self._by_id[entry.id] = entry
-
-    def _define(self, entry: ControlEntry, control: AnyControl, client: Hashable, *, keeps_value: bool) -> None:
-        """Give a control the limits of another one of its type, and its value unless it keeps its own."""
-        if _definition(entry.control) != _definition(control):
-            self._next_structure()
-        entry.control = control
-        value = control.initial
-        if keeps_value and entry.value is not None:
-            with contextlib.suppress(ValueError):  # beyond the new limits
-                value = control.checked(entry.value)
-        if value != entry.value:
-            self._change(entry, value, client)
 
     def _remove_unused(self, paths: Iterable[Path]) -> None:
         """Remove those of the paths that no client has; the others have the limits of a client that has them."""
@@ -304,6 +295,11 @@ class ControlStore:
 def _definition(control: AnyControl) -> AnyControl:
     """Return a control without its value."""
     return msgspec.structs.replace(control, value=None) if hasattr(control, "value") else control
+
+
+def _kind(control: AnyControl) -> tuple[object, ...]:
+    """Return the type of a control, and the curves of a plot, whose samples have no meaning for other curves."""
+    return type(control), getattr(control, "series", None)
 
 
 def _text_chars(control: AnyControl) -> int:
