@@ -121,8 +121,9 @@ class _RowWriter:
         kind, node, key = change.kind, change.node, key_of(change.path)
         if node is None:
             subtree = (key, key + SUBTREE_END)
-            removed = self._execute("DELETE FROM tree_node WHERE path >= ? AND path < ? RETURNING parts", subtree)
-            self._released.update(parts for (parts,) in removed.fetchall() if parts is not None)
+            digests = self._execute("SELECT parts FROM tree_node WHERE path >= ? AND path < ?", subtree)
+            self._released.update(digest for (digest,) in digests if digest is not None)
+            self._execute("DELETE FROM tree_node WHERE path >= ? AND path < ?", subtree)
         elif kind == "added":
             self.seq += 1
             self._execute(
@@ -174,7 +175,8 @@ class _RowWriter:
                 (digest,),
             ).rowcount:
                 continue
-            blobs = execute("DELETE FROM tree_use WHERE parts = ? RETURNING blob", (digest,)).fetchall()
+            blobs = execute("SELECT blob FROM tree_use WHERE parts = ?", (digest,)).fetchall()
+            execute("DELETE FROM tree_use WHERE parts = ?", (digest,))
             for blob in blobs:
                 execute(
                     "DELETE FROM tree_blob WHERE digest = ?"
