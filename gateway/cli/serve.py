@@ -99,7 +99,7 @@ def run(settings: Settings) -> int:
     for warning in unknown_environment():
         log.warning(warning)
     from gateway.server.security import Security
-    from gateway.state.errors import StateError
+    from gateway.state.database import StateError
     from gateway.wiring.state import open_state
 
     try:

@@ -1,4 +1,4 @@
-"""Geometry and materials of the demo scene."""
+"""Geometry and materials of the demo scene, with procedural textures."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import math
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gateway.demo.meshes import globe, knot, relief, ring, textured_box, tile, wall
 from gateway.demo.motion import CRYSTAL_BALL, ORBIT_RADIUS
-from gateway.demo.textures import checker, stripes, target, wood
 from gateway.scene.geometry import Line, Part, PointCloud, Shape, Surface
 from gateway.scene.transforms import Matrix, from_pose, translation
 from gateway.scene.tree import Path
@@ -21,7 +21,7 @@ from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Spher
 def scene_parts() -> dict[Path, tuple[Part, ...]]:
     """Return the parts of each node by its path below the demo's root. Every call returns the same objects."""
     return {
-        ("floor",): (Part(Surface(tile(3.0, 6)), _textured(checker())),),
+        ("floor",): (Part(Surface(tile(3.0, 6)), _textured(_checker())),),
         ("table",): _table(),
         **_robot(),
         **_tabletop_objects(),
@@ -52,7 +52,7 @@ def _at(x: float, y: float, z: float, shape: Shape, material: Material) -> Part:
 
 def _table() -> tuple[Part, ...]:
     steel = _material("aab4c0", roughness=0.35, metallic=0.3)
-    top = Part(Surface(textured_box(1.5, 1.1, 0.04)), _textured(wood(), 0.45), translation(0.0, 0.0, 0.73))
+    top = Part(Surface(textured_box(1.5, 1.1, 0.04)), _textured(_wood(), 0.45), translation(0.0, 0.0, 0.73))
     legs = [_at(x, y, 0.355, Cylinder(0.03, 0.71), steel) for x in (-0.68, 0.68) for y in (-0.48, 0.48)]
     return (top, *legs)
 
@@ -94,7 +94,7 @@ def _tabletop_objects() -> dict[Path, tuple[Part, ...]]:
     return {
         ("turntable",): (
             _at(0.0, 0.0, 0.0, Cylinder(0.18, 0.02), plate),
-            Part(Surface(textured_box(0.12, 0.12, 0.12)), _textured(target(), 0.5), translation(0.07, 0.0, 0.07)),
+            Part(Surface(textured_box(0.12, 0.12, 0.12)), _textured(_target(), 0.5), translation(0.07, 0.0, 0.07)),
             _at(-0.08, 0.05, 0.08, Cylinder(0.04, 0.14), _material("f0545a", roughness=0.3)),
             _at(-0.06, -0.08, 0.05, Ellipsoid((0.05, 0.035, 0.04)), _material("9bd67f", roughness=0.4)),
         ),
@@ -106,7 +106,7 @@ def _tabletop_objects() -> dict[Path, tuple[Part, ...]]:
             _at(0.0, 0.0, -0.61, Cylinder(0.12, 0.02), _material("4b5563")),
         ),
         ("satellite",): (Part(Sphere(0.02), _material("ef476f", roughness=0.3)),),
-        ("bouncing ball",): (Part(Surface(globe()), _textured(stripes(), 0.35)),),
+        ("bouncing ball",): (Part(Surface(globe()), _textured(_stripes(), 0.35)),),
         ("orbit",): (Part(Line(ring(CRYSTAL_BALL, ORBIT_RADIUS), radius=0.004, closed=True), _material("06d6a0")),),
         ("arrow",): (
             Part(
@@ -158,3 +158,50 @@ def _scanner() -> dict[Path, tuple[Part, ...]]:
         ("scanner",): (Part(cloud, Material(metallic=0.0, point_size=3.0)),),
         ("scanner", "wall"): (Part(Surface(wall()), _material("8b95a1", roughness=0.9)),),
     }
+
+
+def _image(name: str, rgb: NDArray[np.floating]) -> Image:
+    """Return an opaque image of sRGB values from 0 to 1, (H, W, 3)."""
+    pixels = np.full((*rgb.shape[:2], 4), 255, np.uint8)
+    pixels[:, :, :3] = np.clip(rgb * 255.0 + 0.5, 0.0, 255.0).astype(np.uint8)
+    pixels.flags.writeable = False
+    return Image(f"scenegate demo {name}".encode(), lambda: pixels)
+
+
+def _checker() -> Image:
+    """Return a checkerboard with dark seams."""
+    y, x = np.mgrid[0:128, 0:128]
+    dark = ((x // 64 + y // 64) % 2).astype(float)
+    seam = np.minimum(np.minimum(x % 64, y % 64), 3) / 3.0
+    grey = (0.97 - 0.17 * dark) * (0.9 + 0.1 * seam)
+    return _image("floor", grey[:, :, None] * np.array((0.98, 0.99, 1.0)))
+
+
+def _wood() -> Image:
+    """Return wooden planks with grain."""
+    y, x = np.mgrid[0:256, 0:512] / 256.0
+    rings = 18.0 * np.hypot(0.35 * (y - 0.4), 0.04 * (x + 3.0)) + 0.8 * np.sin(3.0 * x + 2.0 * np.sin(5.0 * y))
+    grain = 0.5 + 0.5 * np.sin(2.0 * np.pi * rings)
+    fibre = np.random.default_rng(7).uniform(-1.0, 1.0, (256, 1)) * 0.03
+    plank = np.where((y * 4.0) % 1.0 < 0.02, 0.75, 1.0)
+    tone = (1.0 - 0.16 * grain + fibre) * plank
+    return _image("wood", tone[:, :, None] * np.array((1.0, 0.83, 0.62)))
+
+
+def _target() -> Image:
+    """Return a calibration target: circles, a wedge and a frame, which show orientation and filtering."""
+    y, x = np.mgrid[0:128, 0:128] / 127.0 * 2.0 - 1.0
+    radius = np.hypot(x, y)
+    circles = np.sin(18.0 * radius) > 0.0
+    wedge = (np.abs(y) < x) & (radius < 0.85)
+    color = np.where(circles[:, :, None], np.array((0.97, 0.96, 0.92)), np.array((0.16, 0.20, 0.36)))
+    color = np.where(wedge[:, :, None], color * np.array((1.0, 0.55, 0.25)), color)
+    frame = np.maximum(np.abs(x), np.abs(y)) > 0.92
+    return _image("target", np.where(frame[:, :, None], np.array((0.85, 0.2, 0.25)), color))
+
+
+def _stripes() -> Image:
+    """Return blue and white stripes."""
+    y, x = np.mgrid[0:64, 0:128] / 64.0
+    band = (np.floor(x * 4.0) % 2 == 0) ^ (np.abs(y - 0.5) < 0.12)
+    return _image("ball", np.where(band[:, :, None], np.array((0.95, 0.95, 0.98)), np.array((0.10, 0.45, 0.85))))

@@ -152,8 +152,8 @@ class Channels(ServerListener):
             _log.warning(
                 f"A client of Foxglove's WebSocket gets no {channel.topic}: the limit is {MAX_CLIENTS} clients"
             )
-            return
-        self._on_subscription(channel.topic)
+        else:
+            self._on_subscription(channel.topic)
 
     def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
         """Called by the server, also for each subscription of a client that disconnects."""

@@ -29,7 +29,6 @@ from scenegate.recording.topics import (
     SCENE_TOPIC,
     TF_TOPIC,
 )
-from scenegate.recording.values import SceneChange
 from scenegate.recording.view_frames import ViewFrame
 
 HOST: Final = "127.0.0.1"
@@ -55,8 +54,6 @@ class FoxgloveService:
         """
         Args:
             port: 0 for a free one.
-            tree: the live tree.
-            camera: stereo camera; None: there is none.
             rig: returns pose and intrinsics of the camera in a snapshot.
         """
         self.port = port
@@ -170,7 +167,6 @@ class FoxgloveService:
         return True
 
     def _send_set(self, converter: CameraConverter, data: bytes) -> None:
-        """Send what is subscribed of an image set."""
         for images in converter.convert(pb.ImageSet.FromString(data)):
             for message in self._profile.camera(images, self._channels.topics.__contains__):
                 self._channels.send(message, images.time_ns)
@@ -207,30 +203,20 @@ class _SceneFeed:
         for frame in frames:
             change = self._mirror.apply(ViewFrame(frame), time_ns)
             if change is not None:
-                self._advertise_clouds(change)
+                for cloud in change.clouds:
+                    if (topic := self._profile.clouds.topic(cloud.frame)) is not None:
+                        self._channels.advertise(topic, schemas()[CLOUD_TOPIC])
                 for message in self._profile.scene(change, subscribed.__contains__):
                     self._channels.send(message, change.time_ns)
-                self._withdraw_clouds(change)
+                for cloud in change.clouds:  # subscribers have got an empty cloud in place of a removed one
+                    if not len(cloud.points) and (topic := self._profile.clouds.release(cloud.frame)) is not None:
+                        self._channels.withdraw(topic)
         if repeat and SCENE_TOPIC in subscribed:  # a message of its own: early versions of the app delete at its end
             self._channels.send(encode(SCENE_TOPIC, deletion_of_all(time_ns)), time_ns)
         receivers = subscribed if repeat else new_subscribers
         if receivers:
             for message in self._profile.scene(self._mirror.whole(), receivers.__contains__):
                 self._channels.send(message, time_ns, None if repeat else new_subscribers[message.topic])
-
-    def _advertise_clouds(self, change: SceneChange) -> None:
-        for cloud in change.clouds:
-            topic = self._profile.clouds.topic(cloud.frame)
-            if topic is not None:
-                self._channels.advertise(topic, schemas()[CLOUD_TOPIC])
-
-    def _withdraw_clouds(self, change: SceneChange) -> None:
-        """Close the channels of removed clouds, whose subscribers have got an empty cloud."""
-        for cloud in change.clouds:
-            if not len(cloud.points):
-                topic = self._profile.clouds.release(cloud.frame)
-                if topic is not None:
-                    self._channels.withdraw(topic)
 
 
 def _is_of_scene(topic: str) -> bool:
@@ -250,7 +236,5 @@ async def _unless(event: asyncio.Event, getting: Coroutine[Any, Any, bytes]) -> 
 
 def _notify(loop: asyncio.AbstractEventLoop, event: asyncio.Event) -> None:
     """Set an event from any thread."""
-    try:
+    with suppress(RuntimeError):  # the loop is closed
         loop.call_soon_threadsafe(event.set)
-    except RuntimeError:
-        pass  # the loop is closed

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from functools import partial
 from io import BytesIO
 from typing import Final, NamedTuple, cast, get_args
 
@@ -87,8 +86,6 @@ class FormReader:
         self._last_name = ""
         """Name of the last complete part."""
         self._is_complete = False
-        self._new_parts: list[Field | File | None] = []
-        """Parts that have become complete in the current piece; None for the end of the form."""
         limits = {
             "MAX_MEMORY_FILE_SIZE": math.inf,  # no file on disk
             "MAX_HEADER_COUNT": config.max_part_headers,
@@ -97,9 +94,9 @@ class FormReader:
         try:
             self._parser = FormParser(
                 kind.decode(),
-                on_field=self._new_parts.append,
-                on_file=self._new_parts.append,
-                on_end=partial(self._new_parts.append, None),
+                on_field=self._add,
+                on_file=self._add,
+                on_end=self._end,
                 boundary=options[b"boundary"],
                 config=limits,
             )
@@ -114,20 +111,17 @@ class FormReader:
         try:
             self._parser.write(data)
         except FormParserError as error:
-            number = self._part_count + len(self._new_parts) + 1
+            number = self._part_count + 1
             if isinstance(error, ParseError):
                 text = f"the multipart body is malformed in part {number} of the form: {error}"
                 raise RequestError(400, text) from None
             raise part_without_name(number) from None  # the only other error while parsing
-        for part in self._new_parts:
-            if part is None:  # nothing follows the end
-                self._is_complete = True
-            else:
-                self._add(part)
-        self._new_parts.clear()
+
+    def _end(self) -> None:
+        self._is_complete = True
 
     def _add(self, part: Field | File) -> None:
-        """Check a complete part, and add its value to the fields, or take it as the scene."""
+        """Check a complete part, and add its value to the fields, or take it as the scene. Called by the parser."""
         self._part_count += 1
         if self._part_count > self._config.max_parts:
             raise RequestError(400, f"the form has more than {self._config.max_parts} parts")
@@ -154,8 +148,9 @@ class FormReader:
             raise RequestError(400, f"the field {quoted(name)} is not UTF-8 text: {quoted(value)}") from None
 
     def close(self) -> None:
-        """Break the reference cycle of the parser, which would keep the body until the next garbage collection."""
+        """Break the reference cycles of the parser, which would keep the body until the next garbage collection."""
         self._parser.parser = None
+        del self._parser
 
     def request(self) -> RenderRequest:
         """Return the request after the whole body has been fed."""

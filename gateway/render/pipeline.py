@@ -49,6 +49,10 @@ _NO_CAMERA: Final = (
     "to the SceneGraph; other clients: add a 'cameras' entry and a node with \"camera\": 0, "
     "or export the live scene with one: /scene.glb?camera=fit"
 )
+_UNLABELLED: Final = (
+    "meshes without a material are white in label images ({} here): Drake's client sends labels in materials. Give "
+    "them one in their glTF file"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +126,9 @@ class Pipeline:
         with tracing.span("encode"):
             body, media_type = self._encode(frame, request, look)
         encoded_time = time.perf_counter()
+        warnings = scene.warnings
+        if request.image_type == "label" and scene.unlabelled_count:
+            warnings += (_UNLABELLED.format(scene.unlabelled_count),)
         return EncodedImage(
             body=body,
             media_type=media_type,
@@ -133,7 +140,7 @@ class Pipeline:
             ),
             generator=scene.generator,
             element_count=scene.element_count,
-            warnings=scene.warnings + (_label_warnings(scene) if request.image_type == "label" else ()),
+            warnings=warnings,
         )
 
     def _flat_backdrop(self) -> DrawList:
@@ -164,17 +171,6 @@ class Pipeline:
 def _joined(scene: DrawList, backdrop: DrawList) -> DrawList:
     images = tuple(dict.fromkeys((*scene.images, *backdrop.images)))
     return DrawList((*scene.instances, *backdrop.instances), images, scene.lights + backdrop.lights)
-
-
-def _label_warnings(scene: PreparedScene) -> tuple[str, ...]:
-    """Return a warning about instances without a label, if there are any."""
-    if scene.unlabelled_count == 0:
-        return ()
-    sentence = (
-        f"meshes without a material are white in label images ({scene.unlabelled_count} here): Drake's client sends "
-        "labels in materials. Give them one in their glTF file"
-    )
-    return (sentence,)
 
 
 def posted_document(request: RenderRequest) -> HashedDocument:

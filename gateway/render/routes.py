@@ -71,7 +71,6 @@ _RESPONSES: Final = {
 
 
 def _field(json_type: str, description: str, **limits: object) -> dict[str, Any]:
-    """Return the JSON schema of a form field."""
     return {"type": json_type, "description": description, **limits}
 
 

@@ -223,8 +223,31 @@ class RenderService:
             self._metrics.renders.labels(kind, outcome).inc()
             for stage, seconds in image.stage_seconds if image is not None else ():
                 self._metrics.stage_seconds.labels(stage).observe(seconds)
-        number = self._responses_by_status.total()
-        self.recent.append(_record(call, number, status, image, warnings, error))
+        request = call.request
+        image_text, scene_text = "not understood", ""
+        if request is not None:
+            image_text = f"{request.image_type}, {request.width} × {request.height}"
+            size = len(request.scene)
+            scene_text = f"scene of {size / 1e6:.1f} MB" if size >= 1e6 else f"scene of {size / 1e3:.1f} kB"
+        if image is not None:
+            by = f" by {image.generator}" if image.generator else ""
+            scene_text = f"{scene_text}{by[:80]}, {image.element_count} primitives"
+        self.recent.append(
+            RenderRecord(
+                number=self._responses_by_status.total(),
+                end_time=time.time(),
+                status=status,
+                seconds=time.perf_counter() - call.start_time,
+                queue_seconds=dict(image.stage_seconds)["queue"] if image is not None else 0.0,
+                image_text=image_text,
+                scene_text=scene_text,
+                kind=request.image_type if request is not None else "",
+                body=image.body if image is not None else b"",
+                media_type=image.media_type if image is not None else "",
+                error=error,
+                warnings=warnings,
+            )
+        )
         image_bytes = 0
         for index in range(len(self.recent) - 1, -1, -1):
             image_bytes += len(self.recent[index].body)
@@ -243,35 +266,6 @@ class RenderService:
             "scene_cache": {"hits": self.scenes.scenes.hits, "misses": self.scenes.scenes.misses},
             **({"warnings": warnings} if warnings else {}),
         }
-
-
-def _record(
-    call: _Call, number: int, status: int, image: EncodedImage | None, warnings: tuple[str, ...], error: str
-) -> RenderRecord:
-    """Return the record of a finished request."""
-    request = call.request
-    image_text, scene_text = "not understood", ""
-    if request is not None:
-        image_text = f"{request.image_type}, {request.width} × {request.height}"
-        size = len(request.scene)
-        scene_text = f"scene of {size / 1e6:.1f} MB" if size >= 1e6 else f"scene of {size / 1e3:.1f} kB"
-    if image is not None:
-        by = f" by {image.generator}" if image.generator else ""
-        scene_text = f"{scene_text}{by[:80]}, {image.element_count} primitives"
-    return RenderRecord(
-        number=number,
-        end_time=time.time(),
-        status=status,
-        seconds=time.perf_counter() - call.start_time,
-        queue_seconds=dict(image.stage_seconds).get("queue", 0.0) if image is not None else 0.0,
-        image_text=image_text,
-        scene_text=scene_text,
-        kind=request.image_type if request is not None else "",
-        body=image.body if image is not None else b"",
-        media_type=image.media_type if image is not None else "",
-        error=error,
-        warnings=warnings,
-    )
 
 
 def _request_id() -> str:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Final
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.scene.weak_memo import kept_with_argument
 from renderers.drawlist import DrawList, Instance, Mesh
 
 Bounds = NDArray[np.float64]
@@ -35,13 +34,11 @@ _GROUND_RATIO: Final = 1.5
 class _Hull:
     """Points that bound a mesh under any affine transform."""
 
-    def __init__(self, vertices: NDArray[np.float32]) -> None:
-        """
-        Args:
-            vertices: (N, 3), those in use.
-        """
-        self._vertices = vertices
-        self.box = _box_of(vertices)
+    def __init__(self, mesh: Mesh) -> None:
+        is_used = np.zeros(len(mesh.positions), dtype=np.bool_)
+        is_used[mesh.elements.ravel()] = True
+        self._vertices = mesh.positions if is_used.all() else mesh.positions[is_used]
+        self.box = _box_of(self._vertices)
         """Box in the mesh's frame; None for a mesh that draws nothing."""
 
     @cached_property
@@ -55,31 +52,12 @@ class _Hull:
         return finite.astype(np.float64) if len(finite) <= EXACT_VERTICES else _grid_corners(finite, self.box)
 
 
-_hulls: WeakKeyDictionary[Mesh, _Hull] = WeakKeyDictionary()
-_focus_boxes: WeakKeyDictionary[DrawList, tuple[Bounds | None]] = WeakKeyDictionary()
-"""Results of ``focus_bounds``, each in a tuple, because a result may be None."""
-_lock = threading.Lock()
+_hull_of = kept_with_argument(_Hull)
 
 
 def mesh_bounds(mesh: Mesh) -> Bounds | None:
     """Return the box of the vertices in use, in the mesh's frame; None for a mesh that draws nothing."""
     return _hull_of(mesh).box
-
-
-def _hull_of(mesh: Mesh) -> _Hull:
-    with _lock:
-        hull = _hulls.get(mesh)
-    if hull is None:
-        hull = _make_hull(mesh)
-        with _lock:
-            hull = _hulls.setdefault(mesh, hull)
-    return hull
-
-
-def _make_hull(mesh: Mesh) -> _Hull:
-    is_used = np.zeros(len(mesh.positions), dtype=np.bool_)
-    is_used[mesh.elements.ravel()] = True
-    return _Hull(mesh.positions if is_used.all() else mesh.positions[is_used])
 
 
 def _box_of(vertices: NDArray[np.float32]) -> Bounds | None:
@@ -197,21 +175,9 @@ def loose_bounds(draw_list: DrawList) -> Bounds | None:
     return np.array((corners.min(axis=(0, 1)), corners.max(axis=(0, 1))))
 
 
+@kept_with_argument
 def focus_bounds(draw_list: DrawList) -> Bounds | None:
-    """Return the box around everything but grounds and walls that are much larger than everything else.
-
-    The result is cached as long as the draw list exists, for further cameras.
-    """
-    with _lock:
-        cached = _focus_boxes.get(draw_list)
-    if cached is None:
-        cached = (_focus_bounds(draw_list),)
-        with _lock:
-            _focus_boxes[draw_list] = cached
-    return cached[0]
-
-
-def _focus_bounds(draw_list: DrawList) -> Bounds | None:
+    """Return the box around everything but grounds and walls that are much larger than everything else."""
     boxes = _instance_boxes(draw_list.instances)
     boxes = boxes[~np.isnan(boxes[:, 0, 0])]
     extents = boxes[:, 1] - boxes[:, 0]

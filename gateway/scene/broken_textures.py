@@ -23,38 +23,26 @@ def without_broken_textures(parts: tuple[Part, ...], max_pixels: int, warnings: 
         warnings: A sentence is appended for each image that is removed.
     """
     is_usable: dict[Image, bool] = {}
-    remaining_pixels = max_pixels
+    pixels_left = max_pixels
     materials: dict[Material, Material] = {}
-    for part in parts:
-        if part.material in materials:
-            continue
-        broken: dict[str, None] = {}
-        for field in TEXTURE_FIELDS:
-            texture: Texture | None = getattr(part.material, field)
-            if texture is None:
+    for material in dict.fromkeys(part.material for part in parts):
+        fields: dict[str, Texture | None] = {field: getattr(material, field) for field in TEXTURE_FIELDS}
+        textures = {field: texture for field, texture in fields.items() if texture is not None}
+        for texture in textures.values():
+            if texture.image in is_usable:
                 continue
-            if texture.image not in is_usable:
-                problem, pixels = _check(texture.image, remaining_pixels)
-                is_usable[texture.image] = not problem
-                if problem:
-                    warnings.append(f"{texture.name[:120]!r} is left out: {problem}")
-                else:
-                    remaining_pixels -= pixels
-            if not is_usable[texture.image]:
-                broken[field] = None
-        materials[part.material] = replace(part.material, **broken) if broken else part.material  # type: ignore[arg-type]
+            try:
+                height, width = texture.image.decode().shape[:2]
+                problem = f"it has {height * width} pixels, and {pixels_left} are left to all textures"
+                is_usable[texture.image] = height * width <= pixels_left
+            except ImageError as error:
+                problem, is_usable[texture.image] = str(error), False
+            if is_usable[texture.image]:
+                pixels_left -= height * width
+            else:
+                warnings.append(f"{texture.name[:120]!r} is left out: {problem}")
+        broken = {field: None for field, texture in textures.items() if not is_usable[texture.image]}
+        materials[material] = replace(material, **broken) if broken else material  # type: ignore[arg-type]
     if all(old is new for old, new in materials.items()):
         return parts
     return tuple(msgspec.structs.replace(part, material=materials[part.material]) for part in parts)
-
-
-def _check(image: Image, remaining_pixels: int) -> tuple[str, int]:
-    """Return why an image cannot be used, or an empty text, and its number of pixels."""
-    try:
-        pixels = image.decode()
-    except ImageError as error:
-        return str(error), 0
-    count = int(pixels.shape[0] * pixels.shape[1])
-    if count > remaining_pixels:
-        return f"it has {count} pixels, and {remaining_pixels} are left to all textures", 0
-    return "", count

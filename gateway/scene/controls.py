@@ -142,11 +142,19 @@ class ControlStore:
         if before is not None and _definition(before) == _definition(control):  # most are repeated
             return
         entry = self._entries.get(control.path)
-        if entry is None or type(entry.control) is not type(control) or _samples_differ(entry.control, control):
+        if entry is None or _kind(entry.control) != _kind(control):
             self._create(control)
             return
-        is_new = before is None and getattr(control, "value", None) is not None
-        self._define(entry, control, client, keeps_value=not is_new)
+        if _definition(entry.control) != _definition(control):
+            self._next_structure()
+        entry.control = control
+        value = control.initial
+        sets_value = before is None and getattr(control, "value", None) is not None
+        if not sets_value and entry.value is not None:
+            with contextlib.suppress(ValueError):  # beyond the new limits
+                value = control.checked(entry.value)
+        if value != entry.value:
+            self._change(entry, value, client)
 
     def _create(self, control: AnyControl) -> None:
         """Add a control in place of the one at its path."""
@@ -157,18 +165,6 @@ class ControlStore:
         samples = np.empty((0, 2 + len(control.series))) if isinstance(control, Plot) else None
         entry = ControlEntry(self._last_id, control, control.initial, self._next_structure(), samples)
         self._entries[control.path] = self._by_id[entry.id] = entry
-
-    def _define(self, entry: ControlEntry, control: AnyControl, client: Hashable, *, keeps_value: bool) -> None:
-        """Give a control the limits of another one of its type, and its value unless it keeps its own."""
-        if _definition(entry.control) != _definition(control):
-            self._next_structure()
-        entry.control = control
-        value = control.initial
-        if keeps_value and entry.value is not None:
-            with contextlib.suppress(ValueError):  # beyond the new limits
-                value = control.checked(entry.value)
-        if value != entry.value:
-            self._change(entry, value, client)
 
     def _remove_unused(self, paths: Iterable[Path]) -> None:
         """Remove those of the paths that no client has; the others have the limits of a client that has them."""
@@ -217,7 +213,8 @@ class ControlStore:
         """
         entry = self._entry_of(client, path, request)
         if not isinstance(entry.control, Plot) or entry.samples is None:
-            raise ValueError(f"samples can be added to a plot, not to a {_type_name(entry.control)}")
+            kind = type(entry.control).__struct_config__.tag
+            raise ValueError(f"samples can be added to a plot, not to a {kind}")
         checked = entry.control.checked_samples(samples)
         self.revision += 1
         rows = np.concatenate([entry.samples, np.insert(checked, 0, self.revision, axis=1)])
@@ -300,13 +297,9 @@ def _definition(control: AnyControl) -> AnyControl:
     return msgspec.structs.replace(control, value=None) if hasattr(control, "value") else control
 
 
-def _samples_differ(old: AnyControl, new: AnyControl) -> bool:
-    """Return True if the samples of a plot have no meaning for another plot."""
-    return isinstance(old, Plot) and isinstance(new, Plot) and old.series != new.series
-
-
-def _type_name(control: AnyControl) -> str:
-    return str(type(control).__struct_config__.tag)
+def _kind(control: AnyControl) -> tuple[object, ...]:
+    """Return the type of a control, and the curves of a plot, whose samples have no meaning for other curves."""
+    return type(control), getattr(control, "series", None)
 
 
 def _text_chars(control: AnyControl) -> int:

@@ -27,9 +27,6 @@ from renderers.stop import check_stop
 DRAWABLE: Final = 1e15
 """Limit on the numbers in a world matrix, metres. An instance with a number that is not finite, or not below this
 limit, is left out: its float32 vertices would overflow in the renderer."""
-_MAX_CACHED_DEPTH: Final = 8
-"""Depth of the tree down to which the instances of whole subtrees are kept. Without this limit a chain of N nodes would
-keep N * N / 2 references."""
 
 LabelOf = Callable[[Path, Part], int]
 """Function that returns the label of a part at a path."""
@@ -48,8 +45,6 @@ class _Entry:
         "node",
         "opacity",
         "path",
-        "subtree_changed",
-        "subtree_instances",
     )
 
     def __init__(self, path: Path) -> None:
@@ -69,11 +64,7 @@ class _Entry:
         self.instances: list[Instance] = []
         """Instances of the node itself: its meshes with drawable transforms."""
         self.first_index = 0
-        """Index in the draw list of the subtree's first instance."""
-        self.subtree_instances: list[Instance] | None = None
-        """All instances of the subtree in the last draw list; None if they are not kept."""
-        self.subtree_changed = True
-        """True if ``subtree_instances`` is out of date."""
+        """Index in the last draw list of the first instance of the node and its descendants."""
 
 
 class _PendingUpdate(NamedTuple):
@@ -93,11 +84,7 @@ def flatten(root: Node, *, label_of: LabelOf | None = None) -> DrawList:
     Args:
         label_of: Returns the label of each part; None: all labels are ``LABEL_NONE``.
     """
-    return _TreeFlattener(label_of or _unlabelled).flatten(root)
-
-
-def _unlabelled(_path: Path, _part: Part) -> int:
-    return LABEL_NONE
+    return _TreeFlattener(label_of or (lambda path, part: LABEL_NONE)).flatten(root)
 
 
 class Flattener:
@@ -130,23 +117,30 @@ class _TreeFlattener:
         self._last_draw_list = DrawList()
         self._materials_changed = False
         """True if the current call of ``flatten`` may have changed the set of materials: images are collected again."""
+        self._order_changed = False
+        """True if the current call may have changed the number of instances of a node."""
 
     def flatten(self, tree: Node) -> DrawList:
         """Return the draw list of a tree, given its root."""
         if self._last_tree is tree:
             return self._last_draw_list
+        self._materials_changed, self._order_changed = False, self._last_tree is None
         self._last_tree = None
-        self._materials_changed = False
         try:
             outdated = self._update_entries(tree if tree.visible else Node())
             self._make_instances(outdated)
-            instances = self._all_instances()
+            if self._order_changed:
+                instances = self._all_instances()
+            else:
+                instances = list(self._last_draw_list.instances)
+                for entry in outdated:
+                    instances[entry.first_index : entry.first_index + len(entry.instances)] = entry.instances
         except BaseException:
             # The entries may be half-updated, so the next call must start with none.
             self._root = _Entry(())
             raise
         images = self._last_draw_list.images
-        if self._materials_changed:
+        if self._materials_changed or self._order_changed:
             images = images_of(instance.material for instance in instances)
         self._last_draw_list = DrawList(tuple(instances), images)
         self._last_tree = tree
@@ -163,7 +157,6 @@ class _TreeFlattener:
             parents: list[tuple[_Entry, Node, bool]] = []
             for entry, node, X_world_parent, parent_opacity, parent_changed in level:
                 old_node = entry.node
-                entry.subtree_changed = True
                 entry.node = node
                 opacity = parent_opacity * node.opacity
                 opacity_changed = opacity != entry.opacity
@@ -211,7 +204,7 @@ class _TreeFlattener:
         """
         drawn = {name: child for name, child in node.children.items() if child.visible and child.nodes_with_parts}
         if list(entry.children) != list(drawn):
-            self._materials_changed = True
+            self._order_changed = True
             entry.children = {name: entry.children.get(name) or _Entry((*entry.path, name)) for name in drawn}
         for child_entry, child in zip(entry.children.values(), drawn.values(), strict=True):
             if changed or child_entry.node is not child:
@@ -220,8 +213,8 @@ class _TreeFlattener:
     def _make_instances(self, entries: list[_Entry]) -> None:
         """Create the instances of entries from their world matrices, with one matrix product for all of them."""
         for entry in entries:
-            if entry.X_node_mesh is None:
-                entry.instances = []
+            if entry.X_node_mesh is None and entry.instances:
+                entry.instances, self._order_changed = [], True
         entries_with_meshes = [(entry, entry.X_node_mesh) for entry in entries if entry.X_node_mesh is not None]
         if not entries_with_meshes:
             return
@@ -240,38 +233,23 @@ class _TreeFlattener:
                     instances.append(Instance(mesh, material, X_world_mesh[row], label, instance_id))
                 row += 1
             if len(instances) != len(entry.instances):
-                self._materials_changed = True
+                self._order_changed = True
             entry.instances = instances
 
     def _all_instances(self) -> list[Instance]:
-        """Return all instances in the order of the tree, with their index as ``instance_id``.
-
-        The instances of an unchanged subtree whose first index is unchanged are copied as a whole.
-        """
+        """Return all instances in the order of the tree, with their index as ``instance_id``."""
         result: list[Instance] = []
-        stack: list[tuple[_Entry, bool]] = [(self._root, False)]  # True: all instances of the subtree are in result
+        stack = [self._root]
         while stack:
-            entry, is_complete = stack.pop()
-            if is_complete:
-                entry.subtree_instances = result[entry.first_index :]
-                continue
-            index = len(result)
-            if not entry.subtree_changed and entry.subtree_instances is not None and entry.first_index == index:
-                result.extend(entry.subtree_instances)
-                continue
+            entry = stack.pop()
+            index = entry.first_index = len(result)
             if entry.instances and entry.instances[0].instance_id != index:
                 entry.instances = [
                     Instance(old.mesh, old.material, old.X_world_mesh, old.label, instance_id)
                     for instance_id, old in enumerate(entry.instances, index)
                 ]
-            entry.first_index, entry.subtree_changed, entry.subtree_instances = index, False, None
-            result.extend(entry.instances)
-            if entry.children:
-                if len(entry.path) < _MAX_CACHED_DEPTH:
-                    stack.append((entry, True))
-                stack.extend((child, False) for child in reversed(entry.children.values()))
-            else:
-                entry.subtree_instances = entry.instances
+            result += entry.instances
+            stack += reversed(entry.children.values())
         return result
 
 

@@ -47,14 +47,10 @@ def font_for(text: str) -> Font:
     """Return the first font that has all characters of a text, or else the one that lacks the fewest."""
     font: Font = PillowFont(text)
     if font.missing and hasattr(cv2, "FontFace"):  # OpenCV 5
-        font = min(font, OpenCVFont(text), key=_missing_count)
+        font = min(font, OpenCVFont(text), key=lambda each: len(each.missing))
     if font.missing and (file := _machine_font(font.missing[0])):
-        font = min(font, PillowFont(text, file), key=_missing_count)
+        font = min(font, PillowFont(text, file), key=lambda each: len(each.missing))
     return font
-
-
-def _missing_count(font: Font) -> int:
-    return len(font.missing)
 
 
 class PillowFont:

@@ -39,13 +39,9 @@ class _Segment:
 
     keyframe: Snapshot
     changes: list[_Recorded] = field(default_factory=list)
-    ids: PathIds = field(default_factory=PathIds)
+    ids: PathIds = field(default_factory=dict)
     nbytes: int = 0
     """Estimate of the memory that only this segment needs."""
-
-    def count_at(self, timestamp: int) -> int:
-        """Return the number of changes up to a time."""
-        return bisect_right(self.changes, timestamp, key=lambda each: each.timestamp)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +152,7 @@ class TreeHistory:
         with self._lock:
             number = bisect_right(segments, timestamp, key=lambda each: each.keyframe.timestamp)
             segment = segments[max(0, number - 1)]  # the first one also for earlier times
-            change_count = segment.count_at(timestamp)
+            change_count = bisect_right(segment.changes, timestamp, key=lambda each: each.timestamp)
             if not change_count:
                 return segment.keyframe
             # A revision is one state, also in a held history. Several states may have the same timestamp.
@@ -166,17 +162,15 @@ class TreeHistory:
 
     def record(self) -> None:
         """Record the newest state, and drop old ones."""
-        snapshot = self._tree.snapshot
+        # Only the recording thread changes the last segment, and it packs without the lock.
+        snapshot, last, segment = self._tree.snapshot, self._last_recorded, self._segments[-1]
+        is_set_back = snapshot.timestamp < last.timestamp  # the clock was
+        change = None if is_set_back or snapshot is last else pack(last.root, snapshot.root, segment.ids)
         with self._lock:
-            last, segment = self._last_recorded, self._segments[-1]
-        if snapshot.timestamp < last.timestamp:  # the clock was set back
-            with self._lock:
+            if is_set_back:
                 self._restart(snapshot)
-        elif snapshot is not last:
-            change = pack(last.root, snapshot.root, segment.ids)
-            with self._lock:
+            elif change is not None:
                 self._append(segment, snapshot, change)
-        with self._lock:
             self._drop_old()
 
     def _run(self) -> None:

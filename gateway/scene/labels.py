@@ -34,18 +34,12 @@ class LabelTable:
 
     def label_of(self, path: Path) -> int:
         """Return the label of a path; a new path gets the next free label."""
-        label = self._label_by_path.get(path)
-        if label is not None:
-            return label
         with self._lock:
             label = self._label_by_path.get(path)
-            if label is None:
-                if len(self._paths) >= self._limit:
-                    return LABEL_NONE
+            if label is None and len(self._paths) < self._limit:
                 self._paths.append(path)
-                label = len(self._paths)
-                self._label_by_path[path] = label
-            return label
+                label = self._label_by_path[path] = len(self._paths)
+            return LABEL_NONE if label is None else label
 
     def path_of(self, label: int) -> Path | None:
         """Return the path with this label; None if there is none."""

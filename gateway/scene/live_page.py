@@ -43,9 +43,8 @@ class LivePage:
 
     def forget(self, is_gone: Callable[[Hashable], bool]) -> None:
         """Remove clickable paths and controls of clients that have disconnected."""
-        if self.controls.clients:
-            self.controls.forget(is_gone)
-        if self.clicks.subscriptions and self.clicks.forget(is_gone):
+        self.controls.forget(is_gone)
+        if self.clicks.forget(is_gone):
             self.notify()
 
     def notify(self) -> None:

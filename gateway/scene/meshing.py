@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Final
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.geometry import Line, PointCloud, Shape, Surface
 from gateway.scene.transforms import IDENTITY, Matrix, scaling, translation
+from gateway.scene.weak_memo import kept_with_argument
 from renderers import primitives
 from renderers.color import linear_colors_from_srgb
 from renderers.drawlist import Material, Mesh
@@ -50,15 +49,13 @@ def meshes_of(shape: Shape, material: Material) -> tuple[PlacedMesh, ...]:
     is not finite. A cylinder or capsule without a positive radius is a hairline, a sphere draws nothing then. The signs
     of lengths, and of the radii of ellipsoids, are ignored, since the mirrored shapes look the same.
     """
+    shape_meshes = _shape_meshes(shape)
+    white = material
+    if any(has_own_colors for _, has_own_colors, _ in shape_meshes):  # the renderer multiplies both colours
+        white = replace(material, base_color=(1.0, 1.0, 1.0, material.base_color[3]))
     return tuple(
-        (mesh, _with_white_color(material) if has_own_colors else material, X_part_mesh)
-        for mesh, has_own_colors, X_part_mesh in _shape_meshes(shape)
+        (mesh, white if has_own_colors else material, X_part_mesh) for mesh, has_own_colors, X_part_mesh in shape_meshes
     )
-
-
-def _with_white_color(material: Material) -> Material:
-    """Return the material in white with the same alpha. The renderer multiplies this colour by the vertex colours."""
-    return replace(material, base_color=(1.0, 1.0, 1.0, material.base_color[3]))
 
 
 def _shape_meshes(shape: Shape) -> tuple[_ShapeMesh, ...]:
@@ -77,8 +74,10 @@ def _shape_meshes(shape: Shape) -> tuple[_ShapeMesh, ...]:
             return _capsule_meshes(radius, abs(length))
         case Triad(scale, with_tubes):
             return _triad_meshes(scale, with_tubes)
-        case PointCloud() | Line():
-            return _cached_meshes(shape)
+        case PointCloud():
+            return _cloud_meshes(shape)
+        case Line():
+            return _line_meshes(shape)
     raise TypeError(f"{type(shape).__name__} has no meshes")
 
 
@@ -166,21 +165,7 @@ def _triad_tubes(scale: float) -> Mesh:
     )
 
 
-_meshes_by_shape: WeakKeyDictionary[PointCloud | Line, tuple[_ShapeMesh, ...]] = WeakKeyDictionary()
-_meshes_lock = threading.Lock()
-
-
-def _cached_meshes(shape: PointCloud | Line) -> tuple[_ShapeMesh, ...]:
-    """Return the meshes of a shape, which are computed once and kept as long as the shape."""
-    with _meshes_lock:
-        meshes = _meshes_by_shape.get(shape)
-    if meshes is None:
-        meshes = _cloud_meshes(shape) if isinstance(shape, PointCloud) else _line_meshes(shape)
-        with _meshes_lock:
-            meshes = _meshes_by_shape.setdefault(shape, meshes)
-    return meshes
-
-
+@kept_with_argument
 def _cloud_meshes(cloud: PointCloud) -> tuple[_ShapeMesh, ...]:
     """Return a mesh of those points that are finite, with the colours of ``_cloud_colors``."""
     points, colors = np.ascontiguousarray(cloud.points, dtype=np.float32), _cloud_colors(cloud)
@@ -213,6 +198,7 @@ def _cloud_colors(cloud: PointCloud) -> NDArray[np.float32] | None:
     return colors
 
 
+@kept_with_argument
 def _line_meshes(line: Line) -> tuple[_ShapeMesh, ...]:
     points = clean_polyline(line.points, MAX_EXTENT, closed=line.closed)
     if len(points) < 2:

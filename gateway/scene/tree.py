@@ -229,10 +229,6 @@ class TreeEdit:
         """Set the factor, 0 to 1, of the alpha of the subtree at ``path``, creating nodes as needed."""
         self._own(path)[-1].opacity = opacity
 
-    def set_subtree(self, path: Path, node: Node) -> None:
-        """Replace the subtree at ``path`` by a committed tree with its own transform."""
-        self._replace(path, node)
-
     def delete(self, path: Path) -> bool:
         """Remove the node at ``path`` and its descendants. The root is replaced by an empty node.
 
@@ -242,11 +238,11 @@ class TreeEdit:
         target = self.root.find(path)
         if target is None:
             return False
-        self._replace(path, None)
+        self.set_subtree(path, None)
         return bool(path) or bool(target.children) or target.parts is not None
 
-    def _replace(self, path: Path, node: Node | None) -> None:
-        """Replace the subtree at ``path``; None: remove it."""
+    def set_subtree(self, path: Path, node: Node | None) -> None:
+        """Replace the subtree at ``path`` by a committed tree with its own transform; None: remove it."""
         parents = self._own(path[:-1])
         if not path:
             self._count_replaced(self.root)

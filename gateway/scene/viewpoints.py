@@ -84,7 +84,11 @@ def resolve_camera(
     if isinstance(spec, FitCamera):
         pose = _framing_pose(focus_bounds(draw_list), fovy, width / height, FIT_DIRECTION)
     elif isinstance(spec, OrbitCamera):
-        pose = _orbit_pose(focus_bounds(draw_list), fovy, width / height, spec)
+        box = focus_bounds(draw_list)
+        box = _EMPTY_SCENE_BOX if box is None else box
+        distance = _orbit_radius(box.tobytes(), fovy, width / height, spec.count, spec.elevation)
+        direction = _orbit_direction(spec.index / spec.count, spec.elevation)
+        pose = _framing_pose(box, fovy, width / height, direction, distance)
     elif isinstance(spec, PoseCamera):
         pose = spec.X_world_camera
     elif isinstance(spec, NodeCamera):
@@ -214,12 +218,6 @@ def _framing_pose(
         distance = max(float((min_depth - z).max()), float(np.abs(box).max()) * 1e-6, 1e-6)
     pose[:3, 3] = centre + unit * distance
     return pose
-
-
-def _orbit_pose(bounds: Bounds | None, fovy: float, aspect: float, orbit: OrbitCamera) -> NDArray[np.float64]:
-    box = _EMPTY_SCENE_BOX if bounds is None else bounds
-    distance = _orbit_radius(box.tobytes(), fovy, aspect, orbit.count, orbit.elevation)
-    return _framing_pose(box, fovy, aspect, _orbit_direction(orbit.index / orbit.count, orbit.elevation), distance)
 
 
 @lru_cache(maxsize=64)

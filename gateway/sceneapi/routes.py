@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query, Request, Response
 
 from gateway.scene.cameras import CameraError, NoSuchCameraError
 from gateway.scene.live import Snapshot
-from gateway.scene.timeline import TimeError
+from gateway.scene.timeline import TimeError, state_at
 from gateway.sceneapi.query import FileQuery, ImageQuery, SceneQuery
 from gateway.sceneapi.service import SceneApi, SceneResponse
 from gateway.server.disconnect import while_connected
@@ -59,6 +59,13 @@ def router(service: SceneApi) -> APIRouter:
     """Return the routes of the scene."""
     routes = APIRouter(tags=["The live scene"], route_class=_SceneRoute)
 
+    async def snapshot_at(time: float | None) -> Snapshot | None:
+        """Return the snapshot of a time; None: the newest one when the response is made."""
+        return None if time is None else await state_at(service.scene.timeline, time)
+
+    def revision_of(snapshot: Snapshot | None) -> int:
+        return (snapshot or service.scene.tree.snapshot).revision
+
     @routes.get(
         "/scene",
         summary="List the scene",
@@ -71,8 +78,8 @@ def router(service: SceneApi) -> APIRouter:
     )
     async def listing(request: Request, query: Annotated[SceneQuery, Query()]) -> Response:
         """Every node with its kinds of geometry, world transform, bounds and label. Parents come before children."""
-        snapshot = await service.snapshot_at(query.time)
-        return await _cacheable(service, request, service.listing, snapshot)
+        snapshot = await snapshot_at(query.time)
+        return await _respond(service, request, lambda: service.listing(snapshot), revision_of(snapshot))
 
     @routes.get(
         "/scene.glb",
@@ -89,10 +96,10 @@ def router(service: SceneApi) -> APIRouter:
 
         Clients of the render endpoint need the camera in the file; without any parameter it has none.
         """
-        snapshot = await service.snapshot_at(query.time)
+        snapshot = await snapshot_at(query.time)
         if query.model_fields_set <= {"time"}:
-            return await _cacheable(service, request, lambda snapshot: service.file(None, snapshot), snapshot)
-        return await _uncacheable(service, request, lambda: service.file(query, snapshot))
+            return await _respond(service, request, lambda: service.file(None, snapshot), revision_of(snapshot))
+        return await _respond(service, request, lambda: service.file(query, snapshot))
 
     @routes.get(
         "/scene/render",
@@ -102,35 +109,29 @@ def router(service: SceneApi) -> APIRouter:
     )
     async def image(request: Request, query: Annotated[ImageQuery, Query()]) -> Response:
         """An image of the newest scene, or of an earlier one."""
-        snapshot = await service.snapshot_at(query.time)
-        return await _uncacheable(service, request, lambda: service.image(query, snapshot))
+        snapshot = await snapshot_at(query.time)
+        return await _respond(service, request, lambda: service.image(query, snapshot))
 
     return routes
 
 
-async def _cacheable(
-    service: SceneApi,
-    request: Request,
-    make: Callable[[Snapshot | None], SceneResponse],
-    snapshot: Snapshot | None,
+async def _respond(
+    service: SceneApi, request: Request, make: Callable[[], SceneResponse], revision: int | None = None
 ) -> Response:
-    """Return the result of ``make``, which depends only on the scene; 304 if the client has its revision."""
-    headers = {"Cache-Control": "no-cache"}
-    revision = (snapshot or service.snapshot).revision
-    etag = service.etag(revision)
-    client_etags = [tag.strip().removeprefix("W/") for tag in request.headers.get("if-none-match", "").split(",")]
-    if etag in client_etags or "*" in client_etags:
-        return Response(status_code=304, headers={**headers, "ETag": etag, "X-Scene-Revision": str(revision)})
-    result = await while_connected(request, service.workers.run(make, snapshot))
-    return _response(result, {**headers, "ETag": service.etag(result.revision)})
+    """Return the result of ``make``.
 
-
-async def _uncacheable(service: SceneApi, request: Request, make: Callable[[], SceneResponse]) -> Response:
-    """Return the result of ``make``, which depends on more than the scene, so that clients must not cache it."""
+    Args:
+        revision: Revision of the scene, if the result depends only on the scene: clients may cache it then, and get
+            status 304 if they have it.
+    """
+    if revision is not None:
+        etag = service.etag(revision)
+        client_etags = [tag.strip().removeprefix("W/") for tag in request.headers.get("if-none-match", "").split(",")]
+        if etag in client_etags or "*" in client_etags:
+            headers = {"Cache-Control": "no-cache", "ETag": etag, "X-Scene-Revision": str(revision)}
+            return Response(status_code=304, headers=headers)
     result = await while_connected(request, service.workers.run(make))
-    return _response(result, {"Cache-Control": "no-store"})
-
-
-def _response(result: SceneResponse, headers: dict[str, str]) -> Response:
-    headers["X-Scene-Revision"] = str(result.revision)
+    headers = {"Cache-Control": "no-store", "X-Scene-Revision": str(result.revision)}
+    if revision is not None:
+        headers |= {"Cache-Control": "no-cache", "ETag": service.etag(result.revision)}
     return Response(result.body, media_type=result.media_type, headers=headers)

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import threading
 import uuid
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gateway.gltf.export import export_glb
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.bounds import BoundsCache
-from gateway.scene.flatten import Flattener
-from gateway.scene.labels import LabelTable
-from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.live import Snapshot
+from gateway.scene.live_scene import LiveScene
 from gateway.scene.shown import with_visibility
-from gateway.scene.timeline import Timeline, state_at
 from gateway.scene.viewpoints import resolve_camera
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.listing import list_scene
@@ -47,30 +43,12 @@ class SceneApi:
     """Makes the bodies of responses from the newest snapshot, or another one of a timeline. Thread-safe."""
 
     def __init__(
-        self,
-        tree: LiveTree,
-        renderer: Renderer,
-        workers: WorkerPool,
-        config: SceneApiConfig | None = None,
-        *,
-        flattener: Flattener | None = None,
-        stereo_camera: Callable[[Snapshot], Camera | None] = lambda snapshot: None,
-        timeline: Timeline | None = None,
+        self, scene: LiveScene, renderer: Renderer, workers: WorkerPool, config: SceneApiConfig | None = None
     ) -> None:
-        """
-        Args:
-            flattener: Flattener of the live tree with its labels, shared with other interfaces; None: one of its own.
-            stereo_camera: Returns the left camera of the stereo sensor in a snapshot, for ``camera=stereo``.
-            timeline: Earlier states of the tree; None: there are none.
-        """
-        self.config = SceneApiConfig() if config is None else config
+        self.config = config or SceneApiConfig()
+        self.scene = scene
         self.workers = workers
-        self._tree = tree
         self._renderer = renderer
-        self._flattener = flattener or Flattener(LabelTable())
-        self._labels = self._flattener.labels
-        self._stereo_camera = stereo_camera
-        self._timeline = timeline
         self._process_id = uuid.uuid4().hex[:12]
         self._listing_lock = threading.Lock()
         self._bounds = BoundsCache()
@@ -78,26 +56,13 @@ class SceneApi:
         self._count_lock = threading.Lock()
         self._image_count = 0
 
-    @property
-    def snapshot(self) -> Snapshot:
-        """The newest snapshot of the scene."""
-        return self._tree.snapshot
-
-    async def snapshot_at(self, time: float | None) -> Snapshot | None:
-        """Return the snapshot of a time as for ``state_at``; None for None, which is the newest one later.
-
-        Raises:
-            TimeError: There is no state of this time.
-        """
-        return None if time is None else await state_at(self._timeline, time)
-
     def etag(self, revision: int) -> str:
         """Return the ETag of a revision. It contains a process id, because revisions start at 0 in each process."""
         return f'"{self._process_id}-{revision}"'
 
     def status(self) -> dict[str, Any]:
         """Return the figures for health and metrics."""
-        snapshot = self._tree.snapshot
+        snapshot = self.scene.tree.snapshot
         return {
             "revision": snapshot.revision,
             "geometries": snapshot.root.nodes_with_parts,
@@ -106,17 +71,18 @@ class SceneApi:
 
     def listing(self, snapshot: Snapshot | None = None) -> SceneResponse:
         """Return the response of ``GET /scene``; that of the newest snapshot is computed once per revision."""
-        if snapshot is not None and snapshot is not self._tree.snapshot:
-            return self._list(snapshot, Flattener(self._labels), BoundsCache())
+        if snapshot is not None and snapshot is not self.scene.tree.snapshot:
+            return self._list(snapshot, BoundsCache())
         with self._listing_lock:
-            snapshot = self._tree.snapshot
+            snapshot = self.scene.tree.snapshot
             if self._listing is None or self._listing.revision != snapshot.revision:
-                self._listing = self._list(snapshot, self._flattener, self._bounds)
+                self._listing = self._list(snapshot, self._bounds)
             return self._listing
 
-    def _list(self, snapshot: Snapshot, flattener: Flattener, bounds: BoundsCache) -> SceneResponse:
-        draw_list = flattener.flatten(snapshot)
-        body = list_scene(snapshot, draw_list, bounds.bounds_of(draw_list), self._labels, self.config.max_nodes)
+    def _list(self, snapshot: Snapshot, bounds: BoundsCache) -> SceneResponse:
+        draw_list = self.scene.draw_list(snapshot)
+        labels = self.scene.flattener.labels
+        body = list_scene(snapshot, draw_list, bounds.bounds_of(draw_list), labels, self.config.max_nodes)
         return SceneResponse(body, "application/json", snapshot.revision)
 
     def file(self, query: FileQuery | None = None, snapshot: Snapshot | None = None) -> SceneResponse:
@@ -130,10 +96,11 @@ class SceneApi:
             FileTooLargeError: The file would be too large.
             CameraError: The camera cannot be resolved in the scene.
         """
-        snapshot, flattener = self._shown(query, snapshot)
+        snapshot = snapshot or self.scene.tree.snapshot
         camera = None
         if query is not None:
-            camera = self._camera(query, snapshot, flattener.flatten(snapshot))
+            snapshot = with_visibility(snapshot, query.hidden, query.shown)
+            camera = self._camera(query, snapshot, self.scene.draw_list(snapshot))
         body = export_glb(snapshot.root, camera=camera, max_bytes=self.config.max_export_bytes)
         return SceneResponse(body, "model/gltf-binary", snapshot.revision)
 
@@ -148,30 +115,22 @@ class SceneApi:
             CameraError: The camera cannot be resolved in the scene.
             ImageError: A texture of the scene cannot be decoded.
         """
-        snapshot, flattener = self._shown(query, snapshot)
-        draw_list = flattener.flatten(snapshot)
+        snapshot = with_visibility(snapshot or self.scene.tree.snapshot, query.hidden, query.shown)
+        draw_list = self.scene.draw_list(snapshot)
         camera = self._camera(query, snapshot, draw_list)
         style = self.config.style
         style = replace(style, background=query.background_rgb or style.background, samples=query.samples or 0)
         look = style.look_for(query.look)
-        apply_fxaa = style.applies_fxaa(look)
-        is_point, outputs = None, _OUTPUTS[query.type]
-        if query.type == "color" and query.look == "plain" and apply_fxaa:
-            is_point = _point_instances(draw_list)
-            outputs |= Output(0) if is_point is None else Output.INSTANCE
+        outputs, smooth = _OUTPUTS[query.type], query.type == "color" and style.applies_fxaa(look)
+        if smooth and query.look == "plain" and any(_flags_of_points(draw_list)):
+            outputs |= Output.INSTANCE
         frame = self._renderer.render(draw_list, camera, outputs, look)
-        body, media_type = _encode(frame, query, is_point, apply_fxaa)
+        if smooth:
+            _smooth(frame, draw_list)
+        body, media_type = _encode(frame, query)
         with self._count_lock:
             self._image_count += 1
         return SceneResponse(body, media_type, snapshot.revision)
-
-    def _shown(self, query: FileQuery | None, snapshot: Snapshot | None) -> tuple[Snapshot, Flattener]:
-        """Return the snapshot, by default the newest, with the visibility of the query, and a flattener for it."""
-        newest = self._tree.snapshot
-        shown = snapshot or newest
-        if query is not None:
-            shown = with_visibility(shown, query.hidden, query.shown)
-        return shown, self._flattener if shown is newest else Flattener(self._labels)
 
     def _camera(self, query: FileQuery, snapshot: Snapshot, draw_list: DrawList) -> Camera:
         config = self.config
@@ -184,16 +143,14 @@ class SceneApi:
             fovy=query.fovy,
             near=query.near,
             far=query.far,
-            stereo=self._stereo_camera(snapshot),
+            stereo=self.scene.stereo_camera(snapshot),
             draw_list=draw_list,
         )
 
 
-def _encode(frame: Frame, query: ImageQuery, is_point: NDArray[np.bool_] | None, apply_fxaa: bool) -> tuple[bytes, str]:
+def _encode(frame: Frame, query: ImageQuery) -> tuple[bytes, str]:
     if query.type == "color":
         assert frame.color is not None
-        if apply_fxaa:
-            _apply_fxaa(frame.color, frame.instance, is_point)
         return png_rgb(frame.color), "image/png"
     if query.type == "label":
         assert frame.label is not None
@@ -204,29 +161,16 @@ def _encode(frame: Frame, query: ImageQuery, is_point: NDArray[np.bool_] | None,
     return tiff_float32(frame.depth), "image/tiff"
 
 
-def _point_instances(draw_list: DrawList) -> NDArray[np.bool_] | None:
-    """Return a flag for each instance: True if it draws points. None if no instance draws points.
+def _smooth(frame: Frame, draw_list: DrawList) -> None:
+    """Apply FXAA, except to points if the frame has instances: it mixes a third of the neighbours' colour into them."""
+    assert frame.color is not None
+    original = frame.color.copy()
+    fxaa(frame.color)
+    if frame.instance is not None:
+        is_point = np.array([*_flags_of_points(draw_list), False])  # the last one is the background's, whose id is -1
+        np.copyto(frame.color, original, where=is_point[frame.instance, None])
 
-    A last flag, False, stands for the background, whose instance id is -1.
-    """
-    flags = [instance.mesh.topology is Topology.POINTS for instance in draw_list.instances]
-    return np.array([*flags, False]) if any(flags) else None
 
-
-def _apply_fxaa(
-    color: NDArray[np.uint8], instance: NDArray[np.int32] | None, is_point: NDArray[np.bool_] | None
-) -> None:
-    """Apply FXAA in place, except to points: it would mix a third of the neighbours' colour into a one-pixel point.
-
-    Args:
-        instance: (H, W) instance ids; None: there are no points.
-        is_point: Result of ``_point_instances``.
-    """
-    if instance is None or is_point is None:
-        fxaa(color)
-        return
-    point_pixels = np.flatnonzero(is_point[instance.ravel()])
-    pixels = color.reshape(-1, 3)
-    point_colors = pixels[point_pixels]
-    fxaa(color)
-    pixels[point_pixels] = point_colors
+def _flags_of_points(draw_list: DrawList) -> list[bool]:
+    """Return a flag for each instance: True if it draws points."""
+    return [instance.mesh.topology is Topology.POINTS for instance in draw_list.instances]

@@ -1,4 +1,4 @@
-"""The database file: locked by one process, checked, and migrated to the current schema.
+"""The database file: its tables; locked by one process, checked, and migrated to the current schema.
 
 It uses a write-ahead log with ``synchronous = NORMAL``. A committed transaction survives the end of the process,
 ``kill -9`` included. It is not flushed to the disk at once, so a power failure or a kernel crash can lose the last
@@ -17,8 +17,6 @@ from pathlib import Path
 from typing import Final
 
 from gateway.runtime.file_lock import Lock, try_lock
-from gateway.state.errors import StateError
-from gateway.state.schema import APPLICATION_ID, MIGRATIONS
 
 LOCK_SECONDS: Final = 2.0
 """Maximum seconds to wait until another gateway releases the file, so that a supervisor can restart a killed gateway
@@ -27,6 +25,32 @@ _MAGIC: Final = b"SQLite format 3\0"
 _HEADER_BYTES: Final = 100
 _APPLICATION_ID_OFFSET: Final = 68
 """Offset of the application id in the header (sqlite.org/fileformat2.html, 1.3)."""
+APPLICATION_ID: Final = 0x53434754
+"""The bytes "SCGT" in the file's header."""
+
+MIGRATIONS: Final[tuple[tuple[str, ...], ...]] = (
+    (
+        # The live tree. ``path``: see keys.py. ``seq`` orders siblings. ``parts``: NULL if no geometry was ever set.
+        # ``transform``: NULL for the identity, 56 bytes for a pose, 128 for a matrix (little-endian doubles).
+        """CREATE TABLE tree_node (
+            path BLOB PRIMARY KEY, seq INTEGER NOT NULL, parts BLOB, transform BLOB, visible INTEGER NOT NULL
+        ) WITHOUT ROWID""",
+        "INSERT INTO tree_node VALUES (x'', 0, NULL, NULL, 1)",
+        "CREATE INDEX tree_node_by_parts ON tree_node (parts) WHERE parts IS NOT NULL",
+        # Geometry: see part_codec.py. ``digest`` is the SHA-256 of ``data``.
+        "CREATE TABLE tree_parts (digest BLOB PRIMARY KEY, data BLOB NOT NULL)",
+        "CREATE TABLE tree_blob (digest BLOB PRIMARY KEY, data BLOB NOT NULL)",
+        "CREATE TABLE tree_use (parts BLOB NOT NULL, blob BLOB NOT NULL, PRIMARY KEY (parts, blob)) WITHOUT ROWID",
+        "CREATE INDEX tree_use_by_blob ON tree_use (blob)",
+        # Parameters of the stereo cameras; ``value`` is JSON.
+        """CREATE TABLE stereo_parameter (
+            camera TEXT NOT NULL, node TEXT NOT NULL, name TEXT NOT NULL, value TEXT NOT NULL,
+            PRIMARY KEY (camera, node, name)
+        ) WITHOUT ROWID""",
+    ),
+    ("ALTER TABLE tree_node ADD COLUMN opacity REAL NOT NULL DEFAULT 1",),
+)
+"""Statements of each migration. Migration number N, counted from 1, leads to schema version N."""
 _REASONS: Final = {
     "SQLITE_FULL": "the disk is full",
     "SQLITE_READONLY": "it may not be written to",
@@ -36,6 +60,10 @@ _REASONS: Final = {
     "SQLITE_BUSY": "another program has locked it",
 }
 """Causes by the beginning of SQLite's name of the error."""
+
+
+class StateError(RuntimeError):
+    """The state file cannot be used. The message is one sentence with the file's path; the file is unchanged."""
 
 
 class Database:
@@ -62,7 +90,10 @@ class Database:
                 self.connection = _connect(path, checkpoint_bytes, with_locks=self.is_locked)
                 undo.callback(self.connection.close)
                 if not is_new:
-                    _check_integrity(path, self.connection)
+                    (result,) = self.connection.execute("PRAGMA quick_check(1)").fetchone()
+                    if result != "ok":
+                        damage = " ".join(str(result).split())
+                        raise StateError(f"The state file {path} is damaged ({damage}); it is unchanged.")
                 _migrate(path, self.connection)
             undo.pop_all()
 
@@ -149,12 +180,6 @@ def _connect(path: Path, checkpoint_bytes: int, *, with_locks: bool) -> sqlite3.
     ):
         connection.execute(f"PRAGMA {pragma}")
     return connection
-
-
-def _check_integrity(path: Path, connection: sqlite3.Connection) -> None:
-    (result,) = connection.execute("PRAGMA quick_check(1)").fetchone()
-    if result != "ok":
-        raise StateError(f"The state file {path} is damaged ({' '.join(str(result).split())}); it is unchanged.")
 
 
 def _migrate(path: Path, connection: sqlite3.Connection) -> None:

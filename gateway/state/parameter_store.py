@@ -70,21 +70,14 @@ class ParameterStore:
         """Note that these values are stored."""
         self._stored = captured
 
-    def restore(self, connection: sqlite3.Connection) -> int:
-        """Set the stored values. Values that this version does not know or accept are logged and skipped.
-
-        Returns:
-            The number of values that were set.
-        """
+    def restore(self, connection: sqlite3.Connection) -> None:
+        """Set the stored values. Values that this version does not know or accept are logged and skipped."""
         rows = connection.execute(
             "SELECT node, name, value FROM stereo_parameter WHERE camera = ? ORDER BY node, name", (self._camera,)
         ).fetchall()
-        restored = 0
         for node, name, value in rows:
             try:
                 self._parameters.set(node, [(name, msgspec.json.decode(value))])
-                restored += 1
             except (LookupError, ValueError) as error:
                 _log.warning("stored parameter ignored", camera=self._camera, node=node, reason=str(error))
         self._stored = self.capture()  # so defaults are not written: a later release may have better ones
-        return restored

@@ -175,15 +175,12 @@ class PartDecoder:
             DamagedError: The bytes are invalid, or a blob is missing or does not match its digest.
         """
         try:
-            return tuple(self._part(entry) for entry in msgspec.msgpack.decode(data, type=list[Any]))
+            parts = tuple(map(self._value, msgspec.msgpack.decode(data, type=list[Any])))
         except (msgspec.DecodeError, ImageError, AttributeError, KeyError, TypeError, ValueError, IndexError) as error:
             raise DamagedError(f"geometry cannot be read: {type(error).__name__}: {error}") from error
-
-    def _part(self, entry: Any) -> Part:
-        part = self._value(entry)
-        if not isinstance(part, Part):
-            raise DamagedError("an entry is not a part")
-        return part
+        if not all(isinstance(part, Part) for part in parts):
+            raise DamagedError("geometry cannot be read: an entry is not a part")
+        return parts
 
     def _value(self, value: Any) -> Any:
         if not isinstance(value, list):

@@ -11,8 +11,7 @@ import structlog
 
 from gateway.scene.live import LiveTree
 from gateway.state.config import StateConfig
-from gateway.state.database import Database
-from gateway.state.errors import StateError
+from gateway.state.database import Database, StateError
 from gateway.state.group_commit import GroupCommit
 from gateway.state.parameter_store import Parameters, ParameterStore
 
@@ -36,9 +35,8 @@ class PersistentState:
             )
         self.commits = GroupCommit(self.database, config)
         self._restored_nodes = 0
-        self._timer: asyncio.TimerHandle | None = None
-        """Timer until ``idle_commit_seconds`` have passed; None if no edit waits for it."""
         self._stop_listening: Callable[[], None] = lambda: None
+        self._idle_commits: asyncio.Task[None] | None = None
 
     def start(self) -> None:
         """Start to commit on the running event loop."""
@@ -72,8 +70,9 @@ class PersistentState:
 
     def store_idle_edits(self, live: LiveTree) -> None:
         """Store edits that no client waits for, too, ``idle_commit_seconds`` after the first of them."""
-        loop = asyncio.get_running_loop()
-        self._stop_listening = live.listen(partial(self._on_edit, loop))
+        loop, edited = asyncio.get_running_loop(), asyncio.Event()
+        self._stop_listening = live.listen(partial(loop.call_soon_threadsafe, edited.set))
+        self._idle_commits = loop.create_task(self._commit_idle_edits(edited), name="idle commits")
 
     def restore_parameters(self, camera: str, nodes: Callable[[], list[str]], parameters: Parameters) -> None:
         """Set a camera's stored parameters, and store the parameters of ``nodes()`` from now on."""
@@ -98,21 +97,16 @@ class PersistentState:
     async def close(self) -> None:
         """Store the last changes and close the file."""
         self._stop_listening()
-        if self._timer is not None:
-            self._timer.cancel()
+        if self._idle_commits is not None:
+            self._idle_commits.cancel()
         problem = await self.commits.close()
         if problem:
             _log.error("last edits could not be stored", reason=problem, path=str(self._config.path))
         await asyncio.to_thread(self.database.close)
 
-    def _on_edit(self, loop: asyncio.AbstractEventLoop) -> None:
-        if self._timer is None:  # unlocked: a race causes one superfluous call
-            loop.call_soon_threadsafe(self._start_timer, loop)
-
-    def _start_timer(self, loop: asyncio.AbstractEventLoop) -> None:
-        if self._timer is None:
-            self._timer = loop.call_later(self._config.idle_commit_seconds, self._commit_idle_edits)
-
-    def _commit_idle_edits(self) -> None:
-        self._timer = None
-        self.commits.call_when_stored(lambda problem: None)
+    async def _commit_idle_edits(self, edited: asyncio.Event) -> None:
+        while True:
+            await edited.wait()
+            await asyncio.sleep(self._config.idle_commit_seconds)
+            edited.clear()
+            self.commits.call_when_stored(lambda problem: None)

@@ -16,12 +16,10 @@ import numpy as np
 from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.transforms import IDENTITY
-from gateway.scene.tree import Node, Path, TreeEdit, changes
+from gateway.scene.tree import Change, Node, Path, TreeEdit, changes
 from gateway.state.keys import SUBTREE_END, key_of, path_of
 from gateway.state.part_codec import DamagedError, PartDecoder, PartEncoder, memo_key
 
-MAX_KEYS: Final = 500
-"""Maximum number of keys in one SELECT statement."""
 _POSE: Final = struct.Struct("<7d")
 """Position and quaternion."""
 _MATRIX_BYTES: Final = 16 * 8
@@ -52,10 +50,15 @@ class TreeStore:
 
     def write(self, connection: sqlite3.Connection, captured: Snapshot) -> bool:
         """Write the differences between the stored tree and a snapshot; return False if there are none."""
-        tree_changes = _TreeChanges(connection, self._seq)
-        tree_changes.collect(self._stored_root, captured.root, self._excluded)
-        self._written_seq = tree_changes.seq
-        return tree_changes.write()
+        rows = _RowWriter(connection, self._seq)
+        written = False
+        for change in changes(self._stored_root, captured.root):
+            if not change.path or change.path[0] not in self._excluded:
+                rows.write(change)
+                written = True
+        rows.delete_unused_parts()
+        self._written_seq = rows.seq
+        return written
 
     def committed(self, captured: Snapshot) -> None:
         """Note that the transaction with this snapshot succeeded."""
@@ -72,7 +75,10 @@ class TreeStore:
         for key, seq, digest, transform, visible, opacity in connection.execute(
             "SELECT path, seq, parts, transform, visible, opacity FROM tree_node"
         ):
-            path = _path_of_key(key)
+            try:
+                path = path_of(key)
+            except ValueError as error:
+                raise DamagedError(str(error)) from None
             self._seq = max(self._seq, seq)
             if not path or path[0] not in self._excluded:
                 rows.append((len(path), seq, path, digest, transform, visible, opacity))
@@ -88,102 +94,60 @@ class TreeStore:
                 _set_transform(edit, path, transform)
                 if digest is not None:
                     if digest not in decoded:
-                        decoded[digest] = decoder.decode(_read_parts(connection, digest))
+                        data = _read_data(connection, "tree_parts", digest)
+                        if hashlib.sha256(data).digest() != digest:
+                            raise DamagedError("the data of a geometry does not match its digest")
+                        decoded[digest] = decoder.decode(data)
                     edit.set_parts(path, decoded[digest])
         self.restored_nodes = len(rows) - 1
         self._stored_root = self._live.snapshot.root
 
 
-class _TreeChanges:
-    """The rows to write for the differences between two trees, within one transaction."""
+class _RowWriter:
+    """Writes the rows of changes of the tree within one transaction."""
 
     def __init__(self, connection: sqlite3.Connection, seq: int) -> None:
         self.seq = seq
         """Highest ``seq`` of any node; added and reordered nodes get the numbers after it."""
-        self._connection = connection
+        self._execute = connection.execute
         self._encoder = PartEncoder()
-        self._removed: list[bytes] = []
-        self._added: list[tuple[bytes, int, Node]] = []
-        self._reordered: list[tuple[int, bytes]] = []
-        self._geometry: list[tuple[bytes, Node]] = []
-        self._transforms: list[tuple[bytes | None, bytes]] = []
-        self._visible: list[tuple[bool, bytes]] = []
-        self._opacity: list[tuple[float, bytes]] = []
         self._digests: dict[Hashable, bytes] = {}
         """Digests of parts by ``memo_key``, so that equal geometry is encoded once per transaction."""
         self._released: set[bytes] = set()
         """Digests of parts that nodes no longer have."""
 
-    def collect(self, old: Node, new: Node, excluded: frozenset[str]) -> None:
-        """Collect the differences between two trees, except below the ``excluded`` children of the root."""
-        for kind, path, node in changes(old, new):
-            if path and path[0] in excluded:
-                continue
-            key = key_of(path)
-            if node is None:
-                self._removed.append(key)
-            elif kind == "transform":
-                self._transforms.append((_encode_transform(node), key))
-            elif kind == "geometry":
-                self._geometry.append((key, node))
-            elif kind == "added":
-                self.seq += 1
-                self._added.append((key, self.seq, node))
-            elif kind == "reordered":
-                self.seq += 1
-                self._reordered.append((self.seq, key))
-            elif kind == "opacity":
-                self._opacity.append((node.opacity, key))
-            else:
-                self._visible.append((node.visible, key))
-
-    def write(self) -> bool:
-        """Write the rows; return False if there are none."""
-        updates = (self._reordered, self._geometry, self._transforms, self._visible, self._opacity)
-        if not (self._removed or self._added or any(updates)):
-            return False
-        execute_many = self._connection.executemany
-        for key in self._removed:
+    def write(self, change: Change) -> None:
+        """Write the row of a node, or delete the rows of a subtree."""
+        kind, node, key = change.kind, change.node, key_of(change.path)
+        if node is None:
             subtree = (key, key + SUBTREE_END)
-            self._released.update(
-                digest
-                for (digest,) in self._connection.execute(
-                    "SELECT parts FROM tree_node WHERE path >= ? AND path < ? AND parts IS NOT NULL", subtree
-                )
+            digests = self._execute("SELECT parts FROM tree_node WHERE path >= ? AND path < ?", subtree)
+            self._released.update(digest for (digest,) in digests if digest is not None)
+            self._execute("DELETE FROM tree_node WHERE path >= ? AND path < ?", subtree)
+        elif kind == "added":
+            self.seq += 1
+            self._execute(
+                "INSERT INTO tree_node (path, seq, parts, transform, visible, opacity) VALUES (?, ?, ?, ?, ?, ?)",
+                (key, self.seq, self._store(node.parts), _encode_transform(node), node.visible, node.opacity),
             )
-            self._connection.execute("DELETE FROM tree_node WHERE path >= ? AND path < ?", subtree)
-        for begin in range(0, len(self._geometry), MAX_KEYS):
-            self._replace_parts(self._geometry[begin : begin + MAX_KEYS])
-        execute_many(
-            "INSERT INTO tree_node (path, seq, parts, transform, visible, opacity) VALUES (?, ?, ?, ?, ?, ?)",
-            [
-                (key, seq, self._store_parts(node.parts), _encode_transform(node), node.visible, node.opacity)
-                for key, seq, node in self._added
-            ],
-        )
-        execute_many("UPDATE tree_node SET transform = ? WHERE path = ?", self._transforms)
-        execute_many("UPDATE tree_node SET visible = ? WHERE path = ?", self._visible)
-        execute_many("UPDATE tree_node SET opacity = ? WHERE path = ?", self._opacity)
-        execute_many("UPDATE tree_node SET seq = ? WHERE path = ?", self._reordered)
-        for digest in self._released:
-            self._delete_unused(digest)
-        return True
+        elif kind == "reordered":
+            self.seq += 1
+            self._execute("UPDATE tree_node SET seq = ? WHERE path = ?", (self.seq, key))
+        elif kind == "transform":
+            self._execute("UPDATE tree_node SET transform = ? WHERE path = ?", (_encode_transform(node), key))
+        elif kind == "visible":
+            self._execute("UPDATE tree_node SET visible = ? WHERE path = ?", (node.visible, key))
+        elif kind == "opacity":
+            self._execute("UPDATE tree_node SET opacity = ? WHERE path = ?", (node.opacity, key))
+        else:  # geometry, which a client may have sent again unchanged
+            digest = self._store(node.parts)
+            (old,) = self._execute("SELECT parts FROM tree_node WHERE path = ?", (key,)).fetchone()
+            if digest != old:
+                self._execute("UPDATE tree_node SET parts = ? WHERE path = ?", (digest, key))
+            if old is not None:
+                self._released.add(old)
 
-    def _replace_parts(self, nodes: list[tuple[bytes, Node]]) -> None:
-        """Update the geometry of stored nodes. Geometry that a client sent again unchanged is not written."""
-        placeholders = ",".join("?" * len(nodes))
-        old_digests = dict(
-            self._connection.execute(
-                f"SELECT path, parts FROM tree_node WHERE path IN ({placeholders})",  # noqa: S608 - only placeholders
-                [key for key, _ in nodes],
-            )
-        )
-        new_digests = [(self._store_parts(node.parts), key) for key, node in nodes]
-        changed = [(digest, key) for digest, key in new_digests if digest != old_digests.get(key)]
-        self._released.update(old for _, key in changed if (old := old_digests.get(key)) is not None)
-        self._connection.executemany("UPDATE tree_node SET parts = ? WHERE path = ?", changed)
-
-    def _store_parts(self, parts: tuple[Part, ...] | None) -> bytes | None:
+    def _store(self, parts: tuple[Part, ...] | None) -> bytes | None:
         """Write parts and their blobs, if they are not stored yet; return their digest."""
         if parts is None:
             return None
@@ -193,7 +157,7 @@ class _TreeChanges:
             return digest
         data, blobs = self._encoder.encode(parts)
         digest = self._digests[parts_key] = hashlib.sha256(data).digest()
-        execute = self._connection.execute
+        execute = self._execute
         if execute("INSERT OR IGNORE INTO tree_parts VALUES (?, ?)", (digest, data)).rowcount:
             for blob_digest, blob in blobs.items():
                 if execute("SELECT 1 FROM tree_blob WHERE digest = ?", (blob_digest,)).fetchone() is None:
@@ -201,22 +165,24 @@ class _TreeChanges:
                 execute("INSERT INTO tree_use VALUES (?, ?)", (digest, blob_digest))
         return digest
 
-    def _delete_unused(self, digest: bytes) -> None:
-        """Delete parts that no node has any more, and their blobs that no other parts use."""
-        execute = self._connection.execute
-        if not execute(
-            "DELETE FROM tree_parts WHERE digest = ?"
-            " AND NOT EXISTS (SELECT 1 FROM tree_node WHERE parts = tree_parts.digest)",
-            (digest,),
-        ).rowcount:
-            return
-        blobs = execute("SELECT blob FROM tree_use WHERE parts = ?", (digest,)).fetchall()
-        execute("DELETE FROM tree_use WHERE parts = ?", (digest,))
-        self._connection.executemany(
-            "DELETE FROM tree_blob WHERE digest = ?"
-            " AND NOT EXISTS (SELECT 1 FROM tree_use WHERE blob = tree_blob.digest)",
-            blobs,
-        )
+    def delete_unused_parts(self) -> None:
+        """Delete the released parts that no node has any more, and their blobs that no other parts use."""
+        execute = self._execute
+        for digest in self._released:
+            if not execute(
+                "DELETE FROM tree_parts WHERE digest = ?"
+                " AND NOT EXISTS (SELECT 1 FROM tree_node WHERE parts = tree_parts.digest)",
+                (digest,),
+            ).rowcount:
+                continue
+            blobs = execute("SELECT blob FROM tree_use WHERE parts = ?", (digest,)).fetchall()
+            execute("DELETE FROM tree_use WHERE parts = ?", (digest,))
+            for blob in blobs:
+                execute(
+                    "DELETE FROM tree_blob WHERE digest = ?"
+                    " AND NOT EXISTS (SELECT 1 FROM tree_use WHERE blob = tree_blob.digest)",
+                    blob,
+                )
 
 
 def _encode_transform(node: Node) -> bytes | None:
@@ -238,25 +204,8 @@ def _set_transform(edit: TreeEdit, path: Path, transform: bytes | None) -> None:
         raise DamagedError(f"a transform has {len(transform)} bytes")
 
 
-def _path_of_key(key: bytes) -> Path:
-    try:
-        return path_of(key)
-    except ValueError as error:
-        raise DamagedError(str(error)) from None
-
-
 def _read_data(connection: sqlite3.Connection, table: str, digest: bytes) -> bytes:
     row = connection.execute(f"SELECT data FROM {table} WHERE digest = ?", (digest,)).fetchone()  # noqa: S608
     if row is None:
-        raise KeyError(digest.hex()[:16])
+        raise DamagedError(f"the geometry {digest.hex()[:16]} is missing")
     return bytes(row[0])
-
-
-def _read_parts(connection: sqlite3.Connection, digest: bytes) -> bytes:
-    try:
-        data = _read_data(connection, "tree_parts", digest)
-    except KeyError:
-        raise DamagedError(f"the geometry {digest.hex()[:16]} is missing") from None
-    if hashlib.sha256(data).digest() != digest:
-        raise DamagedError("the data of a geometry does not match its digest")
-    return data

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from enum import Enum, auto
+from functools import partial
 from typing import Final
 
 from gateway.scene.live import Snapshot
@@ -196,7 +197,9 @@ class Browser:
                 update = await self.next_update()
                 self._update_time = asyncio.get_running_loop().time()
                 for mesh_id in self.take_missing_meshes(update):
-                    frame = await self._mesh_frame(mesh_id)
+                    is_large = self._resources.bytes_to_encode(mesh_id) > LARGE_MESH_BYTES
+                    encode_mesh = partial(self._resources.mesh_frame, mesh_id)
+                    frame = await asyncio.to_thread(encode_mesh) if is_large else encode_mesh()
                     if frame is not None:
                         yield frame
                 yield update.frame
@@ -240,9 +243,3 @@ class Browser:
         if self.state is BrowserState.READY and not self.update_due:
             self._target = self._page_snapshot = EMPTY_SNAPSHOT
             self.state = BrowserState.RELEASED
-
-    async def _mesh_frame(self, mesh_id: int) -> bytes | None:
-        """Return the frame of a mesh, or None if the mesh no longer exists."""
-        if self._resources.bytes_to_encode(mesh_id) > LARGE_MESH_BYTES:
-            return await asyncio.to_thread(self._resources.mesh_frame, mesh_id)
-        return self._resources.mesh_frame(mesh_id)

@@ -10,7 +10,7 @@ from gateway.scene.controls import ControlStore
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Pose
 from gateway.viewer import messages
-from gateway.viewer.frames import FrameBuilder, encode
+from gateway.viewer.frames import FrameBuilder
 from scenegate.messages import controls
 
 
@@ -49,8 +49,3 @@ class ControlFrames:
         if self._tree.snapshot.root.find(entry.control.node) is not None:
             with self._tree.edit() as edit:
                 edit.set_pose(entry.control.node, pose)
-
-
-def received_frame(number: int) -> bytes:
-    """Return the frame with the number of a page's last change that was executed."""
-    return encode(messages.Received(number=number))

@@ -177,8 +177,6 @@ class _Transforms:
     They are converted one by one: converting all of them at the end blocks the event loop.
     """
 
-    __slots__ = ("_matrices", "_matrix_ids", "_pose_ids", "_poses")
-
     def __init__(self) -> None:
         self._pose_ids = array("I")
         self._poses = array("f")
@@ -187,14 +185,8 @@ class _Transforms:
 
     def add(self, node_id: int, node: Node) -> None:
         """Add a node."""
-        pose = node.pose
-        limit = MAX_POSE_METRES
-        if (
-            pose is not None
-            and -limit <= pose[0] <= limit
-            and -limit <= pose[1] <= limit
-            and -limit <= pose[2] <= limit
-        ):
+        pose, limit = node.pose, MAX_POSE_METRES
+        if pose is not None and abs(pose[0]) <= limit and abs(pose[1]) <= limit and abs(pose[2]) <= limit:
             self._pose_ids.append(node_id)
             self._poses.extend(pose)
         else:

@@ -33,7 +33,7 @@ def part_message(part: Part, resources: Resources) -> messages.Part:
     message = messages.Part(kind=kind, draws=draws, source=part.source or "", faces_camera=part.kind == "text")
     if isinstance(part.shape, PointCloud):
         for draw in draws:
-            resources.add_cloud(draw.mesh, part.shape)
+            resources.clouds[draw.mesh] = part.shape
         message.points = len(part.shape.points)
         message.channels = _channel_widths(part.shape)
     return message
@@ -50,7 +50,6 @@ def _channel_widths(cloud: PointCloud) -> dict[str, int]:
 
 
 def _material_message(material: Material, resources: Resources) -> messages.Material:
-    """Return a material. Its colours are in sRGB."""
     fields: dict[str, Any] = {
         "alpha": _ALPHA[material.alpha_mode],
         "cutoff": material.alpha_cutoff if material.alpha_mode is AlphaMode.MASK else 0.5,
@@ -77,7 +76,6 @@ def _material_message(material: Material, resources: Resources) -> messages.Mate
 
 
 def _texture_message(texture: Texture | None, resources: Resources) -> messages.TextureUse | None:
-    """Return how a material uses a texture."""
     if texture is None:
         return None
     return messages.TextureUse(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -18,10 +19,10 @@ from gateway.scene.live_page import LivePage
 from gateway.scene.timeline import Timeline
 from gateway.viewer.browser import Browser
 from gateway.viewer.config import ViewerConfig
-from gateway.viewer.control_frames import ControlFrames, received_frame
+from gateway.viewer.control_frames import ControlFrames
 from gateway.viewer.encoder import Encoder, encode_page, encode_stereo_rig
 from gateway.viewer.frames import encode
-from gateway.viewer.messages import ControlChange, Fact, Status
+from gateway.viewer.messages import ControlChange, Fact, Received, Status
 from gateway.viewer.resources import Resources
 from gateway.viewer.sources import StereoSource
 from scenegate.messages.clicks import Button, Click
@@ -48,14 +49,10 @@ class ViewHub:
         timeline: Timeline | None = None,
         has_live: bool = True,
     ) -> None:
-        """Create a hub without browsers.
-
+        """
         Args:
-            config: limits and intervals.
-            tree: the live tree.
             status: returns the content of the page's status bar, to which the hub adds figures of its own. Called every
                 ``status_seconds`` while browsers are connected.
-            stereo: the stereo camera; None if there is none.
             renders: newest requests of the render endpoint, oldest first.
             live_page: view settings, clickable paths and controls of all pages, which clients of the tree viewer set.
             timeline: states of the scene that pages can go to; None: pages are always live.
@@ -90,16 +87,19 @@ class ViewHub:
         """Send updates until cancelled."""
         loop = asyncio.get_running_loop()
         stop_listening = self._tree.listen(partial(loop.call_soon_threadsafe, self._changed.set))
-        status_task = loop.create_task(self._send_status(), name="view status")
-        self._changed.set()
+        status_time = loop.time()
         self.ready = True
         try:
             while True:
-                await self._changed.wait()
+                with suppress(TimeoutError):
+                    async with asyncio.timeout_at(status_time):
+                        await self._changed.wait()
                 update_start = loop.time()
                 self._changed.clear()
-                if self._live_page.controls.clients:
-                    self._live_page.controls.deliver_values()  # those that pages have set since the last update
+                if update_start >= status_time:
+                    status_time = update_start + self.config.status_seconds
+                    self._send_status()
+                self._live_page.controls.deliver_values()  # those that pages have set since the last update
                 if self._browsers:
                     self._advance()
                     for browser in self._browsers:
@@ -107,7 +107,6 @@ class ViewHub:
                 await asyncio.sleep(max(0.0, update_start + 1.0 / self.config.max_update_rate - loop.time()))
         finally:
             self.ready = False
-            status_task.cancel()
             stop_listening()
             for browser in tuple(self._browsers):
                 browser.close()
@@ -122,7 +121,6 @@ class ViewHub:
                     browser.send_rig(frame)
 
     def _rig_frame(self, snapshot: Snapshot) -> bytes:
-        """Return the frame with the stereo camera's pose in a snapshot."""
         return encode_stereo_rig(self._stereo.rig(snapshot) if self._stereo is not None else None)
 
     def _send_page_settings(self) -> None:
@@ -144,34 +142,27 @@ class ViewHub:
             self._live_page.clicks.click(Click(path, point, button))
 
     def change_control(self, browser: Browser, change: ControlChange) -> None:
-        """Execute a change of a control in a page."""
+        """Execute a change of a control in a page, and say so."""
         self._controls.change(change)
-        browser.send_latest("received", received_frame(change.number))
+        browser.send_latest("received", encode(Received(number=change.number)))
 
-    def _remove_meshes(self) -> None:
-        """Make all pages drop the meshes that no longer exist."""
-        if removed := self.resources.take_removed_meshes():
-            for browser in self._browsers:
-                browser.remove_meshes(removed)
-
-    async def _send_status(self) -> None:
-        """Send the status to all browsers every ``status_seconds``; forget clients, meshes and pages that have gone."""
-        while True:
-            self._live_page.controls.remove_vanished()
-            self._remove_meshes()
-            if self._browsers:
-                now = asyncio.get_running_loop().time()
-                frame = self._status_frame()
-                self._send_page_settings()  # subscriptions to clicks end without notice
-                for browser in self._browsers:
-                    browser.send_latest("status", frame)
-                    browser.drop_snapshot_if_sent_before(now - self.config.ack_timeout_seconds)
-                    if browser.playback is not None:
-                        browser.playback.tick()
-            await asyncio.sleep(self.config.status_seconds)
+    def _send_status(self) -> None:
+        """Send the status to all browsers; forget clients, meshes and pages that have gone."""
+        self._live_page.controls.remove_vanished()
+        removed_meshes = self.resources.take_removed_meshes()
+        if not self._browsers:
+            return
+        now = asyncio.get_running_loop().time()
+        frame = self._status_frame()
+        self._send_page_settings()  # subscriptions to clicks end without notice
+        for browser in self._browsers:
+            browser.remove_meshes(removed_meshes)
+            browser.send_latest("status", frame)
+            browser.drop_snapshot_if_sent_before(now - self.config.ack_timeout_seconds)
+            if browser.playback is not None:
+                browser.playback.tick()
 
     def _status_frame(self) -> bytes:
-        """Return the frame with the status, the number of browsers and the number of render requests."""
         status = self._status_source()
         facts = [*status.facts, Fact(name="viewers", value=len(self._browsers))]
         render_count = self._renders[-1].number if self._renders else 0

@@ -127,7 +127,7 @@ class Recorder:
             mesh = self._resources.mesh_frame(mesh_id)
             if mesh is not None:
                 self.add_frame(time, mesh)
-            cloud = self._resources.cloud(mesh_id)
+            cloud = self._resources.clouds.get(mesh_id)
             if cloud is None:
                 continue
             for name in cloud.channels:

@@ -31,21 +31,17 @@ class WeakIds(Generic[T]):
     def __init__(self) -> None:
         self._counter = itertools.count(1)
         self._ids: WeakKeyDictionary[T, int] = WeakKeyDictionary()
-        self._objects: WeakValueDictionary[int, T] = WeakValueDictionary()
+        self.objects: WeakValueDictionary[int, T] = WeakValueDictionary()
+        """Objects that exist, by their ids."""
 
-    def find_id(self, value: T) -> int | None:
-        """Return the id of an object, or None if it has none."""
-        return self._ids.get(value)
-
-    def assign_id(self, value: T) -> int:
-        """Assign an id to an object that has none."""
+    def id_of(self, value: T) -> tuple[int, bool]:
+        """Return the id of an object, and True if it is new."""
+        object_id = self._ids.get(value)
+        if object_id is not None:
+            return object_id, False
         object_id = self._ids[value] = next(self._counter)
-        self._objects[object_id] = value
-        return object_id
-
-    def find_object(self, object_id: int) -> T | None:
-        """Return the object with an id, or None if it no longer exists."""
-        return self._objects.get(object_id)
+        self.objects[object_id] = value
+        return object_id, True
 
 
 class Resources:
@@ -58,7 +54,7 @@ class Resources:
         self._meshes: WeakIds[Mesh] = WeakIds()
         self._images: WeakIds[Image] = WeakIds()
         self._recent_images: deque[Image] = deque(maxlen=RECENT_IMAGES)
-        self._clouds: WeakValueDictionary[int, PointCloud] = WeakValueDictionary()
+        self.clouds: WeakValueDictionary[int, PointCloud] = WeakValueDictionary()
         """Point clouds by the id of the mesh that draws them."""
         self._mesh_frames: WeakCache[Mesh, bytes] = WeakCache("browser_meshes")
         self.removed_meshes: deque[int] = deque()
@@ -66,31 +62,21 @@ class Resources:
 
     def mesh_id(self, mesh: Mesh) -> int:
         """Return the id of a mesh. A new mesh is assigned one."""
-        mesh_id = self._meshes.find_id(mesh)
-        if mesh_id is None:
-            mesh_id = self._meshes.assign_id(mesh)
+        mesh_id, is_new = self._meshes.id_of(mesh)
+        if is_new:
             finalize(mesh, self.removed_meshes.append, mesh_id).atexit = False
         return mesh_id
 
     def image_id(self, image: Image) -> int:
         """Return the id of an image. A new image is assigned one."""
-        image_id = self._images.find_id(image)
-        if image_id is None:
-            image_id = self._images.assign_id(image)
+        image_id, is_new = self._images.id_of(image)
+        if is_new:
             self._recent_images.append(image)
         return image_id
 
     def image(self, image_id: int) -> Image | None:
         """Return the image with an id, or None if the scene no longer uses it and it is not recent."""
-        return self._images.find_object(image_id)
-
-    def add_cloud(self, mesh_id: int, cloud: PointCloud) -> None:
-        """Register the point cloud that a mesh draws."""
-        self._clouds[mesh_id] = cloud
-
-    def cloud(self, mesh_id: int) -> PointCloud | None:
-        """Return the point cloud that a mesh draws, or None if there is no such cloud."""
-        return self._clouds.get(mesh_id)
+        return self._images.objects.get(image_id)
 
     def take_removed_meshes(self) -> set[int]:
         """Return the ids of the meshes that were removed since the last call."""
@@ -101,12 +87,12 @@ class Resources:
 
     def bytes_to_encode(self, mesh_id: int) -> int:
         """Return the bytes of a mesh's arrays, or 0 if the mesh is already encoded or no longer exists."""
-        mesh = self._meshes.find_object(mesh_id)
+        mesh = self._meshes.objects.get(mesh_id)
         return 0 if mesh is None or self._mesh_frames.get(mesh) is not None else mesh.nbytes
 
     def mesh_frame(self, mesh_id: int) -> bytes | None:
         """Return the frame of a mesh, or None if the mesh no longer exists."""
-        mesh = self._meshes.find_object(mesh_id)
+        mesh = self._meshes.objects.get(mesh_id)
         if mesh is None:
             return None
         frame = self._mesh_frames.get(mesh)

@@ -24,7 +24,7 @@ from gateway.viewer.hub import ViewHub
 from gateway.viewer.messages import REPORTS, Click, ControlChange, Forgot, TimeCommand
 from gateway.viewer.resources import channel_values
 from gateway.viewer.scene_file import STATIC
-from renderers.drawlist import Image, ImageError
+from renderers.drawlist import ImageError
 from renderers.encode import png_rgba
 
 ACKNOWLEDGE: Final = "k"
@@ -69,14 +69,14 @@ def router(hub: ViewHub) -> APIRouter:
         if texture is None:
             return PlainTextResponse(f"nothing in the scene uses image {image_id} any more", 404)
         try:
-            data = await asyncio.to_thread(_encode_png, texture)
+            data = await asyncio.to_thread(lambda: png_rgba(texture.decode()))
         except ImageError as error:
             return PlainTextResponse(f"image {image_id}: {error}", 415)
         return Response(data, media_type="image/png", headers=REVALIDATE)
 
     @routes.get("/view/channel/{mesh_id}", include_in_schema=False)
     async def channel(mesh_id: int, name: str) -> Response:
-        cloud = hub.resources.cloud(mesh_id)
+        cloud = hub.resources.clouds.get(mesh_id)
         # In a thread, because a channel may have tens of megabytes.
         data = None if cloud is None else await asyncio.to_thread(_encode_channel, cloud, name)
         if data is None:
@@ -176,14 +176,8 @@ def _encode_channel(cloud: PointCloud, name: str) -> bytes | None:
     return None if values is None else values.tobytes()
 
 
-def _encode_png(image: Image) -> bytes:
-    """Return a texture as PNG."""
-    return png_rgba(image.decode())
-
-
 @cache
 def _assets() -> frozenset[str]:
-    """Return the names of the page's files in ``assets``."""
     return frozenset(entry.name for entry in (STATIC / "assets").iterdir())
 
 

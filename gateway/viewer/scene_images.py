@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -14,17 +15,15 @@ from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.runtime.shared_results import SharedResults
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.cameras import CameraSpec
-from gateway.scene.flatten import Flattener
-from gateway.scene.labels import LabelTable
-from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.live import Snapshot
+from gateway.scene.live_scene import LiveScene
 from gateway.scene.shown import with_visibility
-from gateway.scene.timeline import Timeline, state_at
+from gateway.scene.timeline import state_at
 from gateway.scene.tree import Path
 from gateway.scene.viewpoints import resolve_camera
 from gateway.viewer.config import ViewerConfig
-from renderers.camera import Camera
 from renderers.encode import jpeg_rgb
-from renderers.interface import Look, LookName, Output, Renderer
+from renderers.interface import LookName, Output, Renderer
 
 _log = structlog.get_logger("view")
 
@@ -69,35 +68,11 @@ class ImageRequest:
 class SceneImages:
     """Renders the newest scene in worker threads. Not thread-safe: called in the event loop only."""
 
-    def __init__(
-        self,
-        config: ViewerConfig,
-        tree: LiveTree,
-        flattener: Flattener,
-        renderer: Renderer,
-        workers: WorkerPool,
-        stereo_camera: Callable[[Snapshot], Camera | None] = lambda snapshot: None,
-        timeline: Timeline | None = None,
-    ) -> None:
-        """Create an object without images.
-
-        Args:
-            config: limits and defaults.
-            tree: the live tree.
-            flattener: converts the tree's snapshots to draw lists.
-            renderer: renders the draw lists.
-            workers: pool of worker threads for rendering.
-            stereo_camera: returns the left camera of the stereo sensor in a snapshot for ``camera=stereo``; None if
-                there is none.
-            timeline: earlier states of the tree; None: there are none.
-        """
+    def __init__(self, config: ViewerConfig, scene: LiveScene, renderer: Renderer, workers: WorkerPool) -> None:
         self.config = config
-        self._tree = tree
-        self._flattener = flattener
+        self._scene = scene
         self._renderer = renderer
         self._workers = workers
-        self._stereo_camera = stereo_camera
-        self._timeline = timeline
         self._images: SharedResults[tuple[ImageRequest, int], bytes] = SharedResults(MAX_IMAGES)
         self.streams = 0
         """Number of open MJPEG streams."""
@@ -116,29 +91,27 @@ class SceneImages:
             DeadlineExceeded: rendering took too long.
             PoolClosed: the gateway shuts down.
         """
-        snapshot = self._tree.snapshot if time is None else await state_at(self._timeline, time)
+        scene = self._scene
+        snapshot = scene.tree.snapshot if time is None else await state_at(scene.timeline, time)
         key = (request, snapshot.revision)
         data = await self._images.get(key, lambda: self._workers.run(self._render, request, snapshot))
         return data, snapshot.revision
 
-    def _look(self, request: ImageRequest) -> Look:
-        style = self.config.style
-        return replace(style, background=request.background or style.background).look_for(request.look)
-
     def _render(self, request: ImageRequest, snapshot: Snapshot) -> bytes:
         """Return a snapshot as JPEG. Called in a worker thread."""
         shown = with_visibility(snapshot, request.hide, request.show)
-        is_newest = shown is self._tree.snapshot
-        draw_list = (self._flattener if is_newest else Flattener(LabelTable())).flatten(shown)
+        draw_list = self._scene.draw_list(shown)
         camera = resolve_camera(
             request.camera,
             shown.root,
             request.width,
             request.height,
-            stereo=self._stereo_camera(snapshot),
+            stereo=self._scene.stereo_camera(shown),
             draw_list=draw_list,
         )
-        frame = self._renderer.render(draw_list, camera, Output.COLOR, self._look(request))
+        style = self.config.style
+        look = replace(style, background=request.background or style.background).look_for(request.look)
+        frame = self._renderer.render(draw_list, camera, Output.COLOR, look)
         assert frame.color is not None
         return jpeg_rgb(frame.color, quality=request.quality)
 
@@ -163,7 +136,7 @@ class SceneImages:
     ) -> AsyncIterator[bytes]:
         loop = asyncio.get_running_loop()
         changed = asyncio.Event()
-        stop_listening = self._tree.listen(partial(loop.call_soon_threadsafe, changed.set))
+        stop_listening = self._scene.tree.listen(partial(loop.call_soon_threadsafe, changed.set))
         try:
             while not closing():
                 frame_start = loop.time()
@@ -189,8 +162,6 @@ async def _wait_for_change(event: asyncio.Event, deadline: float, closing: Calla
     """Wait until the event is set, ``deadline`` of the event loop's clock has passed, or the gateway shuts down."""
     loop = asyncio.get_running_loop()
     while not event.is_set() and not closing() and (seconds_left := deadline - loop.time()) > 0:
-        try:
+        with suppress(TimeoutError):
             async with asyncio.timeout(min(seconds_left, _CLOSING_POLL_SECONDS)):
                 await event.wait()
-        except TimeoutError:
-            pass

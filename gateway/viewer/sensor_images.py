@@ -33,10 +33,8 @@ class SensorImages:
     """The newest images of the stereo camera. Not thread-safe: used in the event loop only."""
 
     def __init__(self, capture: Callable[[], Awaitable[StereoImages]], max_age: float) -> None:
-        """Create an object without images.
-
+        """
         Args:
-            capture: captures a set of images.
             max_age: seconds after which ``recent`` replaces the images.
         """
         self._source = capture
@@ -66,8 +64,6 @@ class SensorImages:
         """Return an image of a capture as JPEG.
 
         Args:
-            capture: the set of images.
-            name: name of the image.
             width: maximum width in pixels; None: no maximum.
         """
         pixels: NDArray[Any] = getattr(capture.images, name)

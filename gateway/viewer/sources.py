@@ -20,22 +20,16 @@ IMAGE_NAMES: Final[tuple[ImageName, ...]] = get_args(ImageName)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoRig:
-    """Pose and intrinsics of the stereo camera in the live scene."""
+    """Pose of the stereo camera in the live scene; size, focal lengths and principal point of its images in pixels."""
 
     pose: NDArray[np.float64]
     """X_world_left, (4, 4): from the left camera's optical frame to the world."""
     width: int
-    """Width of the image in pixels."""
     height: int
-    """Height of the image in pixels."""
     fx: float
-    """Horizontal focal length in pixels."""
     fy: float
-    """Vertical focal length in pixels."""
     cx: float
-    """Horizontal position of the principal point in pixels."""
     cy: float
-    """Vertical position of the principal point in pixels."""
     baseline: float
     """Distance from the left to the right camera in metres, along +X of the left camera."""
 

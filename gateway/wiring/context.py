@@ -23,6 +23,7 @@ from gateway.scene.history import TreeHistory
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
+from gateway.scene.live_scene import LiveScene
 from gateway.server.interface_names import title_of
 from gateway.server.security import Security
 from gateway.settings import MIB, Settings
@@ -140,6 +141,12 @@ class Context:
         from gateway.assets.mesh_files import MeshFiles
 
         return MeshFiles(self.settings.mesh_folders, any_folder=True)
+
+    @property
+    def live_scene(self) -> LiveScene:
+        """The live tree, for images and files of it."""
+        # The stereo camera is set later, when it starts.
+        return LiveScene(self.tree, self.flattener, self.timeline, lambda snapshot: self.stereo_camera(snapshot))
 
     def start_history(self) -> None:
         """Record the live tree until ``close``, if an interface shows it."""

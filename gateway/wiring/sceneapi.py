@@ -16,15 +16,7 @@ async def setup(context: Context) -> None:
     """Add the scene's routes."""
     settings = context.settings
     config = SceneApiConfig(style=replace(style_of(settings), look="auto", samples=0), max_pixels=settings.max_pixels)
-    service = SceneApi(
-        context.tree,
-        context.renderer,
-        context.workers,
-        config,
-        flattener=context.flattener,
-        stereo_camera=lambda snapshot: context.stereo_camera(snapshot),  # set later, when the stereo camera starts
-        timeline=context.timeline,
-    )
+    service = SceneApi(context.live_scene, context.renderer, context.workers, config)
     context.app.include_router(router(service))
     if context.timeline is not None:
         context.app.include_router(motion_router(context.tree, context.timeline, config.max_export_bytes))

@@ -31,15 +31,7 @@ async def setup(context: Context) -> None:
         timeline=context.timeline,
         has_live=context.log is None,
     )
-    images = SceneImages(
-        config,
-        context.tree,
-        context.flattener,
-        context.renderer,
-        context.workers,
-        lambda snapshot: context.stereo_camera(snapshot),
-        context.timeline,
-    )
+    images = SceneImages(config, context.live_scene, context.renderer, context.workers)
     sensor = SensorImages(stereo.capture, config.capture_seconds) if stereo is not None else None
     metrics.watch(context.metrics, metrics.VIEW, hub)
     context.app.include_router(router(hub))

@@ -8,8 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from gateway.scene.geometry import Part
-from gateway.scene.live import LiveTree, Snapshot
-from gateway.scene.merge import merged
+from gateway.scene.live import LiveTree, Snapshot, merged
 from gateway.scene.tree import Node, Path, TreeEdit
 from renderers.drawlist import Material
 from scenegate.messages.geometry import Box

@@ -15,6 +15,7 @@ from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene import transforms as tf
 from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
+from gateway.scene.live_scene import LiveScene
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.routes import router
 from gateway.sceneapi.service import SceneApi
@@ -78,7 +79,7 @@ async def world() -> AsyncIterator[World]:
         edit.set_pose(("frame",), (1, 2, 3, 1, 0, 0, 0))
     renderer, workers = RecordingRenderer(), WorkerPool(2, max_waiting=1)
     config = SceneApiConfig(width=320, height=240, max_pixels=100_000, max_side=1000)
-    service = SceneApi(tree, renderer, workers, config)
+    service = SceneApi(LiveScene(tree), renderer, workers, config)
     app = FastAPI(exception_handlers={RequestValidationError: invalid_parameters})
     app.include_router(router(service))
     transport = httpx2.ASGITransport(app=app)

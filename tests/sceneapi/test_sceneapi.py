@@ -20,6 +20,7 @@ from gateway.gltf import read_gltf
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.geometry import Part, PointCloud
 from gateway.scene.live import LiveTree
+from gateway.scene.live_scene import LiveScene
 from gateway.scene.style import Style
 from gateway.scene.transforms import look_at
 from gateway.sceneapi.config import SceneApiConfig
@@ -116,9 +117,9 @@ async def test_listing_with_non_finite_transforms_and_surrogates(world: World) -
 
 
 async def test_listing_is_limited_and_counts_all_nodes(world: World) -> None:
-    service = SceneApi(world.tree, world.renderer, world.workers, SceneApiConfig(max_nodes=5))
+    service = SceneApi(LiveScene(world.tree), world.renderer, world.workers, SceneApiConfig(max_nodes=5))
     assert service.listing().body.count(b'"path"') == 5
-    service = SceneApi(world.tree, world.renderer, world.workers, SceneApiConfig(max_nodes=2))
+    service = SceneApi(LiveScene(world.tree), world.renderer, world.workers, SceneApiConfig(max_nodes=2))
     body = service.listing().body
     assert body.count(b'"path"') == 2
     assert b'"node_count":5' in body
@@ -262,7 +263,7 @@ async def test_stereo_camera_if_there_is_one(world: World) -> None:
     response = await world.client.get("/scene/render?camera=stereo")
     assert (response.status_code, response.text) == (404, "camera 'stereo': this gateway runs no stereo camera")
     sensor = Camera(1280, 960, 1000, 1000, 640, 480, 0.1, 10, np.eye(4))
-    service = SceneApi(world.tree, world.renderer, world.workers, stereo_camera=lambda snapshot: sensor)
+    service = SceneApi(LiveScene(world.tree, stereo_camera=lambda snapshot: sensor), world.renderer, world.workers)
     service.image(ImageQuery(camera="stereo", width=64, height=48))
     assert world.renderer.calls[-1][1].fx == pytest.approx(50.0)
 
@@ -449,7 +450,7 @@ async def test_status_counts_images(world: World) -> None:
 async def endless(seconds: float | None) -> tuple[EndlessRenderer, FastAPI, WorkerPool]:
     renderer, workers = EndlessRenderer(), WorkerPool(1, seconds=seconds, limit_name="--render-seconds")
     app = FastAPI()
-    app.include_router(router(SceneApi(LiveTree(), renderer, workers)))
+    app.include_router(router(SceneApi(LiveScene(LiveTree()), renderer, workers)))
     return renderer, app, workers
 
 

@@ -18,6 +18,7 @@ from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Part
 from gateway.scene.history import TreeHistory
 from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.live_scene import LiveScene
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.routes import router
 from gateway.sceneapi.service import SceneApi
@@ -48,14 +49,8 @@ class World:
         self.renderer = RecordingRenderer()
         self.workers = WorkerPool(2)
         config = SceneApiConfig(width=64, height=48)
-        service = SceneApi(
-            self.tree,
-            self.renderer,
-            self.workers,
-            config,
-            stereo_camera=self.stereo_camera,
-            timeline=self.history,
-        )
+        scene = LiveScene(self.tree, timeline=self.history, stereo_camera=self.stereo_camera)
+        service = SceneApi(scene, self.renderer, self.workers, config)
         app = FastAPI(exception_handlers={RequestValidationError: invalid_parameters})
         app.include_router(router(service))
         self.client = httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://test")
@@ -130,7 +125,7 @@ async def test_other_times_are_errors_with_the_span(
 async def test_without_a_history_there_is_only_now() -> None:
     workers = WorkerPool(1)
     app = FastAPI()
-    app.include_router(router(SceneApi(LiveTree(), RecordingRenderer(), workers)))
+    app.include_router(router(SceneApi(LiveScene(LiveTree()), RecordingRenderer(), workers)))
     async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://test") as client:
         response = await client.get("/scene?time=-1")
     assert (response.status_code, response.text) == (
@@ -142,7 +137,7 @@ async def test_without_a_history_there_is_only_now() -> None:
 
 def test_the_parameter_is_described(world: Any) -> None:
     app = FastAPI()
-    app.include_router(router(SceneApi(LiveTree(), RecordingRenderer(), WorkerPool(1))))
+    app.include_router(router(SceneApi(LiveScene(LiveTree()), RecordingRenderer(), WorkerPool(1))))
     for route in ("/scene", "/scene.glb", "/scene/render"):
         names = [each["name"] for each in app.openapi()["paths"][route]["get"]["parameters"]]
         assert "time" in names

@@ -9,9 +9,7 @@ from pathlib import Path
 import pytest
 
 from gateway.state import database as module
-from gateway.state.database import Database
-from gateway.state.errors import StateError
-from gateway.state.schema import MIGRATIONS
+from gateway.state.database import MIGRATIONS, Database, StateError
 from tests.support.locks import refuse_locks
 
 

@@ -261,14 +261,14 @@ def test_materials_and_channels_are_encoded() -> None:
     color = draw["material"].pop("color")
     assert draw["material"] == {"alpha": "blend", "metallic": 1.0, "pointSize": 3.0}
     assert color == pytest.approx([1.0, 1.0, 1.0, 0.5]), "colours come from channel rgb"
-    cloud = resources.cloud(draw["mesh"])
+    cloud = resources.clouds.get(draw["mesh"])
     assert cloud is not None
     values = channel_values(cloud, "intensity")
     assert values is not None
     assert sorted(values.ravel().tolist()) == [0.0, 1.0]
     assert channel_values(cloud, "empty") is None
     assert channel_values(cloud, "longer") is None
-    assert resources.cloud(999) is None
+    assert 999 not in resources.clouds
 
 
 def test_points_and_channels_have_the_same_order_and_every_part_is_a_sample() -> None:

@@ -18,7 +18,7 @@ from gateway.scene.clicks import ClickSubscriptions
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.live_page import LivePage
-from gateway.viewer.browser import Browser
+from gateway.viewer.browser import Browser, BrowserState
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.messages import Fact, Status
@@ -294,3 +294,21 @@ async def test_large_meshes_are_encoded_in_a_thread(
     client.browser.close()
     assert len([thread for thread in used if thread is not threading.current_thread()]) == threads
     assert len(used) == 1
+
+
+async def test_an_error_in_the_status_ends_the_hub() -> None:
+    problems: list[str] = []
+
+    def status() -> Status:
+        if problems:
+            raise RuntimeError(problems[0])
+        return Status()
+
+    hub = ViewHub(QUICK, LiveTree(), status=status)
+    browser = hub.connect()
+    problems.append("no status")
+    with pytest.raises(RuntimeError, match="no status"):
+        async with asyncio.timeout(SECONDS):
+            await hub.run()
+    assert not hub.ready
+    assert browser.state is BrowserState.CLOSED

@@ -19,10 +19,9 @@ from gateway.runtime.pool_errors import DeadlineExceeded, QueueFull
 from gateway.runtime.render_record import RenderRecord
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.cameras import parse_camera
-from gateway.scene.flatten import Flattener
 from gateway.scene.geometry import Part, PointCloud
-from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.live_scene import LiveScene
 from gateway.scene.style import Style
 from gateway.scene.tree import Node
 from gateway.server.error_handlers import invalid_parameters
@@ -86,8 +85,7 @@ class World:
         self.renders: list[RenderRecord] = []
         self.hub = ViewHub(self.config, self.tree, renders=self.renders)
         self.renderer = CountingRenderer()
-        flattener = Flattener(LabelTable())
-        self.images = SceneImages(self.config, self.tree, flattener, self.renderer, WorkerPool(1))
+        self.images = SceneImages(self.config, LiveScene(self.tree), self.renderer, WorkerPool(1))
         self.captures = 0
         self.app = FastAPI(exception_handlers={RequestValidationError: invalid_parameters})
         self.app.include_router(router(self.hub))
@@ -158,9 +156,7 @@ class Past:
 
 async def test_images_of_an_earlier_time(world: World) -> None:
     past = Past()
-    images = SceneImages(
-        world.config, world.tree, Flattener(LabelTable()), world.renderer, WorkerPool(1), timeline=past
-    )
+    images = SceneImages(world.config, LiveScene(world.tree, timeline=past), world.renderer, WorkerPool(1))
     app = FastAPI()
     app.include_router(image_router(images, None, world.renders))
     async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://view") as http:
@@ -360,8 +356,7 @@ class EndlessWorld(World):
         super().__init__()
         self.endless = EndlessRenderer()
         self.workers = WorkerPool(1, seconds=seconds, limit_name="--render-seconds")
-        flattener = Flattener(LabelTable())
-        self.images = SceneImages(self.config, self.tree, flattener, self.endless, self.workers)
+        self.images = SceneImages(self.config, LiveScene(self.tree), self.endless, self.workers)
 
 
 async def test_timed_out_rendering_is_not_reused() -> None:

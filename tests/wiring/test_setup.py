@@ -125,7 +125,7 @@ async def test_settings_of_the_scene_api(contexts: Any, monkeypatch: pytest.Monk
     assert (config.style.background, config.max_pixels) == ((1, 2, 3), 7777)
     camera: Any = object()
     context.stereo_camera = lambda snapshot: camera
-    assert made.named["stereo_camera"](context.tree.snapshot) is camera, "the camera starts later"
+    assert made.positional[0].stereo_camera(context.tree.snapshot) is camera, "the camera starts later"
 
 
 @pytest.mark.parametrize(
