@@ -222,8 +222,8 @@ def _load_scenario(source: Source, files: FolderFiles, options: SceneOptions) ->
     """Draw a scene of a scenario, or make it again from the choices of an earlier run if its files have not changed."""
     # Here, because they load kernels, which takes 0.2 s.
     from gateway.datasets.scenario.build import build_scene
+    from gateway.datasets.scenario.choices import choices_of
     from gateway.datasets.scenario.drawing import draw_choices
-    from gateway.datasets.scenario.records import choices_of
 
     catalogue = read_catalogue(Path(source.path))
     record = _recorded_scene(source)

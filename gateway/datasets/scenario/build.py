@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import posixpath
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -16,7 +17,7 @@ from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import ObjectChoice, SceneChoices
 from gateway.datasets.scenario.materials import material_of, with_material
-from gateway.datasets.scenario.models import LoadedModel, digests_by_scenario_path, load_model
+from gateway.datasets.scenario.models import LoadedModel, load_model
 from gateway.datasets.scenario.scenery import Scenery, scenery_of
 from gateway.datasets.scenario.surfaces import node_of
 from gateway.datasets.scenario.tables import ScenarioError
@@ -137,7 +138,9 @@ class _Builder:
         """Return the node of an object at the frame's time."""
         animation = None if table.animation is None else AnimationTime(table.animation, self._seconds)
         model = load_model(self._catalogue, table, choice.file, animation)
-        self._digests |= digests_by_scenario_path(choice.file, model)
+        folder = posixpath.dirname(choice.file)
+        for name, digest in model.digests.items():
+            self._digests[posixpath.normpath(posixpath.join(folder, name))] = digest
         self._warnings |= dict.fromkeys(f"{choice.file}: {warning}" for warning in model.warnings)
         joints = dict(choice.joints)
         if table.joint_track:
