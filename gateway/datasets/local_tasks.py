@@ -11,7 +11,7 @@ import multiprocessing
 import os
 import signal
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
@@ -38,8 +38,7 @@ def run_local(tasks: list[Task], cores: int) -> Iterator[Result]:
 
         yield from map(run_task, tasks)
         return
-    interrupted: list[Task] = []
-    yield from _run_in_parallel(deque(tasks), worker_count, interrupted)
+    interrupted = yield from _run_in_parallel(deque(tasks), worker_count)
     for task in interrupted:
         with _single_process_pool() as pool:
             try:
@@ -48,15 +47,12 @@ def run_local(tasks: list[Task], cores: int) -> Iterator[Result]:
                 yield task.failed(DIED_MESSAGE)
 
 
-def _run_in_parallel(pending: deque[Task], worker_count: int, interrupted: list[Task]) -> Iterator[Result]:
-    """Yield the results of tasks in the order in which they finish.
+def _run_in_parallel(pending: deque[Task], worker_count: int) -> Generator[Result, None, list[Task]]:
+    """Yield the results of tasks in the order in which they finish; return the tasks whose process died.
 
     Each process has its own pool, because all tasks of a pool fail when one of its processes dies.
-
-    Args:
-        pending: tasks to run; becomes empty.
-        interrupted: list to which tasks are added whose process died.
     """
+    interrupted: list[Task] = []
     with ExitStack() as stack:
         idle_pools = [stack.enter_context(_single_process_pool()) for _ in range(worker_count)]
         running: dict[Future[Result], tuple[Task, ProcessPoolExecutor]] = {}
@@ -78,6 +74,7 @@ def _run_in_parallel(pending: deque[Task], worker_count: int, interrupted: list[
         finally:
             for future in running:
                 future.cancel()
+    return interrupted
 
 
 def _single_process_pool() -> ProcessPoolExecutor:

@@ -103,10 +103,8 @@ def ends_in_partial_line(path: Path) -> bool:
     """Return True if the last line of a file is cut off, as by a full disk or a copy that was stopped."""
     try:
         with open_regular(path) as file:
-            if file.seek(0, io.SEEK_END) == 0:
-                return False
-            file.seek(-1, io.SEEK_END)
-            return file.read(1) != b"\n"
+            file.seek(max(0, file.seek(0, io.SEEK_END) - 1))
+            return file.read(1) not in (b"", b"\n")
     except OSError:
         return False
 

@@ -138,20 +138,15 @@ def _sources_below(folder: Path) -> Iterable[Source]:
 def _named_sources(path: Path, numbers: range | None) -> list[Source]:
     """Return the scenes of a file that a command names: the scenes of a scenario, or the only one of another file."""
     if path.suffix.lower() != ".toml":
-        return [_named_source(path)]
+        kind = kind_of(path) or _NAMED_SUFFIXES.get(path.suffix.lower())
+        if kind is None:
+            raise DatasetError(f"{path} is not a scene: not {_SUFFIXES}, {', '.join(_NAMED_SUFFIXES)}")
+        return [_make_source(path.name, path, kind)]
     count = read_catalogue(path.resolve()).scenario.scenes
     source = _make_source(f"{path.stem}-{0:06d}", path, SourceKind.SCENARIO)
     if numbers is not None and numbers.stop > count:
         raise DatasetError(f"--scenes: {path} has the scenes 0 to {count - 1}, not {numbers.stop - 1}")
     return [replace(source, name=f"{path.stem}-{k:06d}", number=k) for k in numbers or range(count)]
-
-
-def _named_source(path: Path) -> Source:
-    """Return the scene file that a command names."""
-    kind = kind_of(path) or _NAMED_SUFFIXES.get(path.suffix.lower())
-    if kind is None:
-        raise DatasetError(f"{path} is not a scene: not {_SUFFIXES}, {', '.join(_NAMED_SUFFIXES)}")
-    return _make_source(path.name, path, kind)
 
 
 def _make_source(name: str, path: Path, kind: SourceKind) -> Source:

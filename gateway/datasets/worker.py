@@ -65,9 +65,13 @@ def run_task(task: Task) -> Result:
     if reason := _rejection(task):
         return Result(failures=[FailureRecord(scene_name, None, reason)])
     try:
-        scene = _with_timeout(task, partial(_load, task))
+        status = Path(task.source.path).stat()
+        load = partial(_load_cached, task.source, load_options(task.settings), status.st_mtime_ns, status.st_size)
+        scene = _with_timeout(task, load)
         warning = rig_warning(scene, task.settings)
-        annotated = _with_timeout(task, partial(_annotate, task, scene))
+        annotated = None
+        if scene.request is None and {*ANNOTATED_TYPES} & {*task.settings.types}:
+            annotated = _with_timeout(task, partial(_annotate_cached, scene, task.classes, task.out))
         description = scene.description
         if annotated is not None:
             description = msgspec.structs.replace(description, models=annotated.models)
@@ -153,12 +157,6 @@ def _rejection(task: Task) -> str:
     return ""
 
 
-def _load(task: Task) -> LoadedScene:
-    """Load the scene of a task, or return it from the cache if its file has not changed."""
-    status = Path(task.source.path).stat()
-    return _load_cached(task.source, load_options(task.settings), status.st_mtime_ns, status.st_size)
-
-
 @lru_cache(CACHED_SCENES)
 def _load_cached(source: Source, options: SceneOptions, modified_ns: int, size: int) -> LoadedScene:
     """Load a scene. The time and size of its file are arguments, so that they are part of the cache's key."""
@@ -172,13 +170,6 @@ def _camera_of(view: View, scene: LoadedScene, settings: manifest.Settings) -> C
     return camera_of(
         view, scene.root, scene.draw_list, scene.file_camera, settings.width, settings.height, settings.fovy
     )
-
-
-def _annotate(task: Task, scene: LoadedScene) -> AnnotatedScene | None:
-    """Return the objects of the scene of a task, from the cache if it has them; None if the samples have none."""
-    if scene.request is not None or not {*ANNOTATED_TYPES} & {*task.settings.types}:
-        return None
-    return _annotate_cached(scene, task.classes, task.out)
 
 
 @lru_cache(CACHED_SCENES)
