@@ -144,7 +144,9 @@ def render_sample(
         ValueError: the image is larger than the renderer's limit.
     """
     scene, camera = inputs.scene, inputs.camera
-    look = _look_of(scene, style)
+    look = style.look_for(scene.look)
+    if scene.scenario is not None:
+        look = scene.scenario.scenery.look(look)
     outputs = reduce(or_, (OUTPUTS.get(image_type, Output(0)) for image_type in formats))
     if inputs.annotated is not None:
         outputs |= ANNOTATION_OUTPUTS
@@ -186,12 +188,6 @@ def _flow(frame: Frame, inputs: SampleInputs, next_camera: Camera) -> bytes:
         motions = instance_motions(inputs.scene.draw_list, inputs.camera, inputs.next_scene.draw_list, next_camera)
         X_next_camera = motions[frame.instance]
     return flow_file(flow_between(frame.depth, inputs.camera, next_camera, X_next_camera))
-
-
-def _look_of(scene: LoadedScene, style: Style) -> Look:
-    """Return the look of the colour image of a scene."""
-    look = style.look_for(scene.look)
-    return look if scene.scenario is None else scene.scenario.scenery.look(look)
 
 
 def _finish(frame: Frame, scene: LoadedScene, camera: Camera, renderer: Renderer, look: Look, style: Style) -> None:

@@ -13,7 +13,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.recording.joints import Joints
 from scenegate.recording.mirror_geometry import (
     IDENTITY,
     NO_GEOMETRY,
@@ -34,7 +33,7 @@ from scenegate.recording.values import (
     FrameTransform,
     SceneChange,
 )
-from scenegate.recording.view_frames import ViewFrame, ViewFrameError
+from scenegate.recording.view_frames import Joints, ViewFrame, ViewFrameError
 
 ROOT_FRAME: Final = "scene"
 """Coordinate frame of the scene's root. The frames of other nodes are paths: ``scene/robot/head``."""

@@ -62,15 +62,13 @@ class CloudTopics:
         would have the same topic.
         """
         with self._lock:
-            if frame not in self._topics:
-                if len(self._topics) >= MAX_SCENE_CLOUDS:
-                    limit = f"the limit is {MAX_SCENE_CLOUDS} topics"
-                    if not self.warnings:
-                        self.warnings = (f"point clouds are left out, that of {frame} first: {limit}",)
-                        self._warn(self.warnings[0])
-                    return None
+            if frame not in self._topics and len(self._topics) < MAX_SCENE_CLOUDS:
                 self._topics[frame] = self._free_topic(frame)
-            return self._topics[frame]
+            elif frame not in self._topics and not self.warnings:
+                limit = f"the limit is {MAX_SCENE_CLOUDS} topics"
+                self.warnings = (f"point clouds are left out, that of {frame} first: {limit}",)
+                self._warn(self.warnings[0])
+            return self._topics.get(frame)
 
     def release(self, frame: str) -> str | None:
         """Free the topic of a cloud that was removed, and return it; None if it has none."""
