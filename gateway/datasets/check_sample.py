@@ -77,7 +77,6 @@ def sample_problems(
 
 
 def _camera_problems(camera: CameraRecord) -> Iterator[str]:
-    """Yield the errors of a camera."""
     if not all(0.0 < focal <= MAX_FOCAL_PIXELS for focal in (camera.fx, camera.fy)):
         yield f"camera: focal lengths ({camera.fx}, {camera.fy}) must be above 0, up to {MAX_FOCAL_PIXELS:.0e}"
     if not camera.near > 0.0 or (camera.far is not None and not camera.near < camera.far):

@@ -173,7 +173,6 @@ def _run_locked(job: Job, run_tasks: TaskRunner, report: Callable[[Progress], No
 
 
 def _add(result: Result, job: Job, journal: Journal, progress: Progress) -> None:
-    """Add the result of a task to the journal and the progress."""
     if result.samples and not progress.rendered:
         _check_space(job, result.samples, job.size - journal.count)
     for sample in result.samples:

@@ -267,7 +267,6 @@ class SceneMirror:
         return NodeGeometry(cloud=geometry.cloud)
 
     def _rig_transforms(self) -> list[FrameTransform]:
-        """Return the transforms of the stereo camera."""
         if self._rig is None:
             return []
         X_world_left = np.asarray(self._rig["pose"], np.float64).reshape(4, 4).T

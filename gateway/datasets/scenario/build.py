@@ -89,15 +89,12 @@ def has_moving_parts(table: tables.Model) -> bool:
 
 
 def _part_objects(node: Node, model: str, path: tuple[PathElement, ...]) -> Iterator[SceneObject]:
-    """Yield an object for each node with geometry."""
     for each, child in node.walk(path):
         if child.parts:
             yield SceneObject(each, f"{model}/{each[-1]}" if each else model)
 
 
 class _Builder:
-    """Builds one frame of a scene."""
-
     def __init__(self, catalogue: Catalogue, choices: SceneChoices, frame: int) -> None:
         self._catalogue = catalogue
         self._folder = catalogue.path.parent

@@ -68,8 +68,6 @@ def _count(random: np.random.Generator, count: tables.Range[int]) -> int:
 
 
 class _Drawing:
-    """The drawing of one scene."""
-
     def __init__(self, catalogue: Catalogue, number: int) -> None:
         self._catalogue = catalogue
         self._scenario = catalogue.scenario

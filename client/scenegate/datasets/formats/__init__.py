@@ -132,7 +132,6 @@ def check_destination(
 
 
 def _files_digest(folder: Path) -> str:
-    """Return ``ExportRecord.files_digest`` of a folder."""
     digest = sha256()
     for path in sorted({*folder.rglob("*")} - {folder / RECORD_FILE}):  # folders count with None as their hash
         digest.update(json.dumps((str(path.relative_to(folder)), sha256_of(path))).encode())
