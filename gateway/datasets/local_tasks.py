@@ -38,28 +38,25 @@ def run_local(tasks: list[Task], cores: int) -> Iterator[Result]:
 
         yield from map(run_task, tasks)
         return
-    interrupted = yield from _run_in_parallel(deque(tasks), worker_count)
-    for task in interrupted:
-        with _single_process_pool() as pool:
-            try:
-                yield _submit(pool, task).result()
-            except BrokenProcessPool:
-                yield task.failed(DIED_MESSAGE)
+    interrupted = yield from _run_in_parallel(tasks, worker_count)
+    interrupted_again = yield from _run_in_parallel(interrupted, 1)
+    yield from (task.failed(DIED_MESSAGE) for task in interrupted_again)
 
 
-def _run_in_parallel(pending: deque[Task], worker_count: int) -> Generator[Result, None, list[Task]]:
+def _run_in_parallel(tasks: list[Task], worker_count: int) -> Generator[Result, None, list[Task]]:
     """Yield the results of tasks in the order in which they finish; return the tasks whose process died.
 
     Each process has its own pool, because all tasks of a pool fail when one of its processes dies.
     """
-    interrupted: list[Task] = []
+    pending, interrupted = deque(tasks), list[Task]()
     with ExitStack() as stack:
-        idle_pools = [stack.enter_context(_single_process_pool()) for _ in range(worker_count)]
+        idle_pools: list[ProcessPoolExecutor] = []
         running: dict[Future[Result], tuple[Task, ProcessPoolExecutor]] = {}
         try:
             while pending or running:
-                while pending and idle_pools:
-                    task, pool = pending.popleft(), idle_pools.pop()
+                while pending and len(running) < worker_count:
+                    task = pending.popleft()
+                    pool = idle_pools.pop() if idle_pools else stack.enter_context(_single_process_pool())
                     running[_submit(pool, task)] = task, pool
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     task, pool = running.pop(future)
@@ -67,10 +64,9 @@ def _run_in_parallel(pending: deque[Task], worker_count: int) -> Generator[Resul
                         result = future.result()
                     except BrokenProcessPool:
                         interrupted.append(task)
-                        pool = stack.enter_context(_single_process_pool())
                     else:
+                        idle_pools.append(pool)
                         yield result
-                    idle_pools.append(pool)
         finally:
             for future in running:
                 future.cancel()

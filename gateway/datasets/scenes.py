@@ -76,14 +76,14 @@ class LoadedScene:
     """Root of the scene's tree; empty for a recorded request."""
     draw_list: DrawList
     """The tree as a draw list; empty for a recorded request."""
-    file_camera: GltfCamera | None
-    """First camera of a glTF file; None if there is none."""
-    look: LookName
-    """Look that ``--look auto`` chooses for this scene."""
-    request: RenderRequest | None
-    """The recorded request, which has its own scene, camera, size and type of image; None for other scenes."""
     description: manifest.SceneRecord
     """Content of ``scene.json``."""
+    look: LookName = "studio"
+    """Look that ``--look auto`` chooses for this scene."""
+    file_camera: GltfCamera | None = None
+    """First camera of a glTF file; None if there is none."""
+    request: RenderRequest | None = None
+    """The recorded request, which has its own scene, camera, size and type of image; None for other scenes."""
     objects: tuple[SceneObject, ...] = ()
     """Nodes that can be annotated, in the order of the tree; empty for a recorded request."""
     scenario: ScenarioScene | None = None
@@ -177,9 +177,8 @@ def _load_file(source: Source, options: SceneOptions) -> LoadedScene:
     file_camera, flaws = usable_camera(scene.cameras, draw_list)
     warnings = (*scene.warnings, *flaws, *scene.notes)
     description = _describe(source, scene.digests, labels, scene.generator, warnings, scene.lights)
-    return LoadedScene(
-        scene.root, draw_list, file_camera, look, None, description, objects_of(scene.root, scene.models)
-    )
+    objects = objects_of(scene.root, scene.models)
+    return LoadedScene(scene.root, draw_list, description, look, file_camera, objects=objects)
 
 
 def _load_tree(source: Source, files: FolderFiles, options: SceneOptions) -> LoadedScene:
@@ -200,7 +199,7 @@ def _load_tree(source: Source, files: FolderFiles, options: SceneOptions) -> Loa
     root = live.snapshot.root
     draw_list, labels = _flatten_numbered(root)
     description = _describe(source, files.digests, labels, warnings=tuple(response.warnings))
-    return LoadedScene(root, draw_list, None, "studio", None, description, objects_of(root))
+    return LoadedScene(root, draw_list, description, objects=objects_of(root))
 
 
 def _load_request(source: Source, files: FolderFiles) -> LoadedScene:
@@ -216,7 +215,7 @@ def _load_request(source: Source, files: FolderFiles) -> LoadedScene:
         reader.close()
     # Only the form is parsed here. The render pipeline reads the glTF scene in it.
     description = _describe(source, files.digests, {}, warnings=request.warnings)
-    return LoadedScene(Node(), DrawList(), None, "pbr", request, description)
+    return LoadedScene(Node(), DrawList(), description, "pbr", request=request)
 
 
 def _load_scenario(source: Source, options: SceneOptions) -> LoadedScene:
@@ -246,7 +245,7 @@ def _load_scenario(source: Source, options: SceneOptions) -> LoadedScene:
     description = _describe(source, built.digests, labels, "", built.warnings, built.scenery.rig.lights)
     description = msgspec.structs.replace(description, scenario=msgspec.to_builtins(choices))
     scenario = ScenarioScene(catalogue, choices, built.scenery)
-    return LoadedScene(built.root, draw_list, None, "studio", None, description, built.objects, scenario)
+    return LoadedScene(built.root, draw_list, description, objects=built.objects, scenario=scenario)
 
 
 class _MeshFileReader:
