@@ -21,8 +21,8 @@ from bench.table import Row, show
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.files import write_atomically
 from gateway.datasets.job import Job, make_job
-from gateway.datasets.journal import Journal
 from gateway.datasets.resume import existing_dataset
+from gateway.datasets.run import Journal
 from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import View
 from scenegate.datasets import manifest

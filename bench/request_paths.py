@@ -33,7 +33,7 @@ from bench.table import Row, show
 from renderers.compiler.jit import KERNELS
 from renderers.compiler.pending import any_pending
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.testing.publish import publish
+from scenegate.tree.requests import Requests
 
 ROOT = Path(__file__).parent.parent
 OURS = tuple(f"{ROOT / name}{os.sep}" for name in ("gateway", "renderers", "client"))
@@ -141,18 +141,27 @@ def render(gateway: ProfiledGateway, repeats: int) -> dict[str, int]:
     return gateway.count(lambda: post(gateway.port, next(bodies)), repeats)
 
 
+def publish(url: str, request: dict[str, object]) -> None:
+    """Send a request to the tree viewer on a new connection, and wait for the response."""
+    requests = Requests(url, SECONDS, binary=False)
+    try:
+        requests.send(request)
+    finally:
+        requests.connection.close()
+
+
 def transform(gateway: ProfiledGateway, repeats: int) -> dict[str, int]:
     """One transform over TCPQ, its response, and the frame for a browser."""
     url = gateway.interface("treeviewer")["tcpq"]["url"]
     box = {"type": "box", "lengths": [1, 1, 1]}
-    publish(url, {"setgeometry": [{"path": ["box"], "geometry": box}]}, SECONDS)
+    publish(url, {"setgeometry": [{"path": ["box"], "geometry": box}]})
     with connect(f"ws://127.0.0.1:{gateway.port}/view/ws", compression=None, max_size=None) as view:
         offsets = iter(range(1, repeats + 1))
 
         def move() -> None:
             view.send("k")  # acknowledges the update before: the next one is not sent without
             pose = {"translation": [next(offsets), 0, 0], "quaternion": [1, 0, 0, 0]}
-            publish(url, {"settransform": [{"path": ["box"], "transform": pose}]}, SECONDS)
+            publish(url, {"settransform": [{"path": ["box"], "transform": pose}]})
             while b'"update"' not in view.recv(decode=False)[:64]:
                 pass
 

@@ -109,11 +109,10 @@ def show(
     if sheet is not None:
         if sheet.suffix.lower() not in SHEET_SUFFIXES:
             raise ValueError(f"--sheet {sheet}: must end in {', '.join(SHEET_SUFFIXES)}")
-        from gateway.datasets.show.overlay import LAYERS
-        from gateway.datasets.show.sheet import contact_sheet
+        from gateway.datasets.show.overlay import LAYERS, contact_sheet
 
         contact_sheet(Dataset(folder), samples, LAYERS).save(sheet)
         return
-    from gateway.datasets.show.server import serve_dataset
+    from gateway.datasets.show.app import serve_dataset
 
     serve_dataset(Dataset(folder), port, lambda url: typer.echo(f"{folder} is at {url} until Ctrl+C.", err=True))

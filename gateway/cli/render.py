@@ -81,7 +81,7 @@ def _render_dataset(
     from gateway.cli.render_dataset import render_dataset
     from gateway.datasets.camera_file import CameraFile, read_camera_file
     from gateway.datasets.job import make_job
-    from gateway.datasets.scenario_jobs import find_scenes
+    from gateway.datasets.sources import find_scenes
 
     out = options.out.absolute()
     cameras = CameraFile() if options.cameras is None else read_camera_file(options.cameras)

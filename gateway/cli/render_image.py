@@ -58,7 +58,7 @@ def _render_image(path: Path, out: Path, settings: Settings, views: tuple[View, 
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(images[image_type])
     if image_type == "label":
-        out.with_suffix(".labels.json").write_bytes(manifest.encode_labels(scene.description))
+        out.with_suffix(".labels.json").write_bytes(manifest.encode_indented(scene.description.labels))
     for warning in (*scene.description.warnings, rig_warning(scene, settings)):
         if warning is not None:
             typer.echo(f"{path}: {warning}", err=True)

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+import hashlib
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.datasets.classes import ClassTable
-from gateway.datasets.models import make_model
 from gateway.datasets.objects import ObjectFrame, joined_objects, object_frame, own_subtree, owner_numbers
 from gateway.datasets.scenes import LoadedScene, SceneError, utf8_path
 from gateway.scene.flatten import flatten, images_of
 from gateway.scene.transforms import Matrix
 from gateway.scene.tree import Path as TreePath
-from renderers.drawlist import DrawList, Instance, Topology
+from renderers.drawlist import DrawList, Instance, Topology, used_vertices
 from renderers.stop import check_stop
-from scenegate.datasets.manifest import ModelRecord
+from scenegate.datasets.manifest import MODELS_FOLDER, ModelRecord
+from scenegate.datasets.ply import encode_ply
 
 MAX_OBJECTS: Final = 10_000
 """Maximum number of annotated objects in a scene. Each may be drawn alone, and takes 900 bytes of a sample's line."""
+
+_DIGEST_CHARS: Final = 32
+"""Number of hexadecimal digits in the name of a model's file."""
 
 SaveModel = Callable[[ModelRecord, bytes], object]
 """Function that gets the record of a model and the content of its file."""
@@ -64,9 +69,9 @@ def annotate_scene(scene: LoadedScene, classes: ClassTable, save: SaveModel) -> 
     Raises:
         SceneError: the scene has more than ``MAX_OBJECTS``.
     """
-    candidates = joined_objects(scene.objects, classes.whole_nodes(scene.description.scene))
-    class_of = classes.classifier(scene.description.scene)
-    class_ids = {each.path: class_of(each.path, each.model) for each in candidates}
+    scene_name = scene.description.scene
+    candidates = joined_objects(scene.objects, partial(classes.is_whole, scene_name))
+    class_ids = {each.path: classes.class_of(scene_name, each.path, each.model) for each in candidates}
     wanted = [each for each in candidates if class_ids[each.path]]
     if len(wanted) > MAX_OBJECTS:
         raise SceneError(f"{len(wanted)} annotated objects are more than the limit, {MAX_OBJECTS}; --classes selects")
@@ -134,3 +139,34 @@ class _Models:
             number += 1
             unique = f"{name}#{number}"
         return unique
+
+
+def make_model(instances: Iterable[Instance], X_model_node: Matrix) -> tuple[ModelRecord, bytes] | None:
+    """Return the record of the model of an object, and its PLY file, called after its digest; None: no finite vertex.
+
+    Args:
+        instances: geometry of the object in the frame of its node. Points and lines have vertices, but no triangles.
+        X_model_node: (4, 4), affine.
+    """
+    all_vertices: list[NDArray[np.float32]] = []
+    all_triangles: list[NDArray[np.int64]] = []
+    count = 0
+    for instance in instances:
+        mesh = instance.mesh
+        used, elements = used_vertices(mesh.elements, len(mesh.positions))
+        X = X_model_node @ instance.X_world_mesh
+        all_vertices.append((mesh.positions[used] @ X[:3, :3].T + X[:3, 3]).astype(np.float32))
+        if mesh.topology is Topology.TRIANGLES:
+            flip = np.linalg.det(X[:3, :3]) < 0.0  # fronts stay fronts
+            all_triangles.append((elements[:, ::-1] if flip else elements).astype(np.int64) + count)
+        count += len(used)
+    vertices = np.concatenate(all_vertices or [np.zeros((0, 3), np.float32)])
+    triangles = np.concatenate(all_triangles or [np.zeros((0, 3), np.int64)])
+    finite = vertices[np.isfinite(vertices).all(axis=1)]
+    if not len(finite):
+        return None
+    data = encode_ply(vertices, triangles, "metres")
+    digest = hashlib.sha256(data).hexdigest()
+    low, high = (tuple(corner.tolist()) for corner in (finite.min(axis=0), finite.max(axis=0)))
+    path = f"{MODELS_FOLDER}/{digest[:_DIGEST_CHARS]}.ply"
+    return ModelRecord(path=path, sha256=digest, box=(low, high)), data

@@ -30,8 +30,6 @@ class _CameraEntry(Intrinsics, frozen=True, forbid_unknown_fields=True):
 
 
 class _FileContent(msgspec.Struct, forbid_unknown_fields=True):
-    """The JSON object in the file."""
-
     cameras: list[_CameraEntry] = []
     scenes: dict[str, list[_CameraEntry]] = {}
 

@@ -6,32 +6,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from numpy.typing import NDArray
-
-from gateway.datasets.check_images import check_file, checked_pixels
-from gateway.datasets.check_objects import object_problems
+from gateway.datasets.check_sample import sample_problems
 from gateway.datasets.files import TEMPORARY_SUFFIX
 from gateway.datasets.scenes import scene_digest
-from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST_VIEW_NAME, check_pose
-from gateway.scene.cameras import CameraError
 from renderers.stop import check_stop
-from scenegate.datasets import Sample, manifest
-from scenegate.datasets.manifest import (
-    CameraRecord,
-    FailureRecord,
-    ImageType,
-    Masks,
-    RecordError,
-    SampleRecord,
-)
+from scenegate.datasets import manifest
+from scenegate.datasets.manifest import FailureRecord, RecordError, SampleRecord
 from scenegate.regular_files import open_regular, sha256_of
 
 BATCH_SAMPLES_PER_THREAD: Final = 16
@@ -41,9 +29,6 @@ CACHED_SCENES: Final = 8
 paths."""
 CACHED_MODELS: Final = 10_000
 """Number of models whose hashes are in memory. Scenes share models."""
-
-MAX_FOCAL_PIXELS: Final = 1e12
-"""Maximum focal length. Those of orthographic cameras, which are far away, are large."""
 
 
 @dataclass(slots=True)
@@ -127,7 +112,7 @@ def _check_samples(
             return None
 
     def problems_of(sample: SampleRecord, scene: manifest.SceneRecord | None) -> list[str]:
-        return list(_sample_problems(folder, sample, description, scene))
+        return list(sample_problems(folder, sample, description, scene))
 
     total = _count_lines(folder / manifest.MANIFEST_FILE)
     samples = manifest.read_lines(folder / manifest.MANIFEST_FILE, SampleRecord)
@@ -172,46 +157,6 @@ def _read_scene(
             )
     report.scenes += 1
     return scene
-
-
-def _sample_problems(
-    folder: Path, sample: SampleRecord, description: manifest.DatasetRecord, scene: manifest.SceneRecord | None
-) -> Iterator[str]:
-    """Yield the errors of a sample, its camera and its images."""
-    if sample.id != f"{sample.scene}/{sample.view}":
-        yield f"the id is not that of scene {sample.scene} and view {sample.view}"
-    if scene is not None and sample.scene_sha256 != scene.sha256:
-        yield "it was drawn of another state of the scene than its scene.json tells"
-    yield from _camera_problems(sample.camera)
-    is_request = sample.view == REQUEST_VIEW_NAME
-    for image_type in description.settings.types:
-        if image_type not in sample.images and not is_request and image_type != "flow":  # the last view has none
-            yield f"the {image_type} image is missing in the manifest"
-    reader = Sample(folder, sample)
-    pixels: dict[ImageType, NDArray[Any]] = {}
-    masks: Masks | None = None
-    for image_type, image in sample.images.items():
-        try:
-            check_file(folder, image)
-            if image_type == "amodal":
-                masks = reader.silhouettes
-            else:
-                pixels[image_type] = checked_pixels(reader, image_type, scene)
-        except RecordError as error:
-            yield f"{image.path}: {str(error).removeprefix(f'{folder / image.path}: ')}"
-    yield from object_problems(sample, description.classes, scene, pixels, masks)
-
-
-def _camera_problems(camera: CameraRecord) -> Iterator[str]:
-    """Yield the errors of a camera."""
-    if not all(0.0 < focal <= MAX_FOCAL_PIXELS for focal in (camera.fx, camera.fy)):
-        yield f"camera: focal lengths ({camera.fx}, {camera.fy}) must be above 0, up to {MAX_FOCAL_PIXELS:.0e}"
-    if not camera.near > 0.0 or (camera.far is not None and not camera.near < camera.far):
-        yield f"camera: planes near={camera.near}, far={camera.far}"
-    try:
-        check_pose(camera.X_world_camera, 3 * MAX_ROTATION_ERROR)
-    except CameraError as error:
-        yield f"camera: {error}"
 
 
 def _note_unknown_files(folder: Path, path_hashes: set[int], report: Report) -> None:

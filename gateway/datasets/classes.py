@@ -20,10 +20,10 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from functools import cache
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -51,8 +51,8 @@ class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     file: _Pattern | tuple[_Pattern, ...] = ()
     whole: bool = False
 
-    def matches(self, scene: str, path: str, model: str) -> bool:
-        pairs = ((self.model, model), (self.path, path), (self.file, scene))
+    def matches(self, scene: str, path: TreePath, model: str) -> bool:
+        pairs = ((self.model, model), (self.path, "/".join(map(str, path))), (self.file, scene))
         return all(
             any(fnmatchcase(text, each) for each in ((patterns,) if isinstance(patterns, str) else patterns))
             for patterns, text in pairs
@@ -66,7 +66,7 @@ class _FileContent(msgspec.Struct, forbid_unknown_fields=True):
     )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ClassTable:
     """Names of classes, and the entries that give objects a class. Equal over all scenes of a dataset."""
 
@@ -80,29 +80,19 @@ class ClassTable:
         """Value of ``DatasetRecord.classes``."""
         return {str(number): name for name, number in sorted(self.ids, key=lambda each: each[1])}
 
-    def whole_nodes(self, scene: str) -> Callable[[TreePath], bool] | None:
-        """Return a function that returns True for the path of a node that is one object with everything below it; None
-        if there is no such node in any scene."""
-        entries = [entry for entry in self.entries if entry.whole]
+    def is_whole(self, scene: str, path: TreePath) -> bool:
+        """Return True if a node of a scene is one object with everything below it."""
+        return any(entry.whole and entry.matches(scene, path, "") for entry in self.entries)
 
-        @cache
-        def is_whole(path: TreePath) -> bool:
-            return any(entry.matches(scene, "/".join(map(str, path)), "") for entry in entries)
+    def class_of(self, scene: str, path: TreePath, model: str) -> int:
+        """Return the number of the class of an object, given the path of its node and its model; 0: none."""
+        if not self.entries:
+            return self._ids.get(model, 0)
+        return next((self._ids[entry.name] for entry in self.entries if entry.matches(scene, path, model)), 0)
 
-        return is_whole if entries else None
-
-    def classifier(self, scene: str) -> Callable[[TreePath, str], int]:
-        """Return a function that returns the number of the class of an object of a scene, given the path and the model
-        of the object; 0: none."""
-        ids = dict(self.ids)
-
-        def class_of(path: TreePath, model: str) -> int:
-            if not self.entries:
-                return ids.get(model, 0)
-            text = "/".join(map(str, path))
-            return next((ids[entry.name] for entry in self.entries if entry.matches(scene, text, model)), 0)
-
-        return class_of
+    @cached_property
+    def _ids(self) -> dict[str, int]:
+        return dict(self.ids)
 
 
 NO_CLASSES: Final = ClassTable()

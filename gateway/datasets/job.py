@@ -23,11 +23,6 @@ the whole task is repeated."""
 _REQUEST_VIEWS: Final = (View(REQUEST_VIEW_NAME, None),)
 
 
-def view_description(view: View, next_view: View | None) -> str:
-    """Return ``SampleRecord.view_description`` of a view, and of the view after it if the sample depends on it."""
-    return view.description if next_view is None else f"{view.description}; then {next_view.description}"
-
-
 @dataclass(frozen=True, slots=True)
 class PlannedSample:
     """A sample that a job has to render."""
@@ -40,9 +35,15 @@ class PlannedSample:
     """View after this one, if the sample depends on it."""
 
     @property
+    def id(self) -> str:
+        """Value of ``SampleRecord.id``."""
+        return f"{self.source.name}/{self.view.name}"
+
+    @property
     def description(self) -> str:
         """Value of ``SampleRecord.view_description``."""
-        return view_description(self.view, self.next_view)
+        then = "" if self.next_view is None else f"; then {self.next_view.description}"
+        return self.view.description + then
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +81,12 @@ class Job:
         if scene not in self._first_numbers:
             return None
         first_number, source = self._first_numbers[scene]
+        index = self._view_indices[id(self.views_of(source))].get(view_name)
+        return None if index is None else self._planned(first_number, source, index)
+
+    def _planned(self, first_number: int, source: Source, index: int) -> PlannedSample:
+        """Return the sample of a scene with an index, given the number of the scene's first sample."""
         views = self.views_of(source)
-        index = self._view_indices[id(views)].get(view_name)
-        if index is None:
-            return None
         return PlannedSample(first_number + index, source, views[index], self._next_view(views, index))
 
     def _next_view(self, views: tuple[View, ...], index: int) -> View | None:
@@ -105,21 +108,20 @@ class Job:
         for first_number, source in self._first_numbers.values():
             if source.problem:
                 continue
-            views = self.views_of(source)
-            missing = [k for k in range(len(views)) if not is_done(first_number + k)]
-            for k in range(0, len(missing), VIEWS_PER_TASK):
-                indices = missing[k : k + VIEWS_PER_TASK]
-                tasks.append(
-                    Task(
-                        source,
-                        tuple((views[index], self._next_view(views, index)) for index in indices),
-                        str(self.out),
-                        self.settings,
-                        renderer_digest,
-                        timeout=self.timeout,
-                        classes=self.classes,
-                    )
+            views = range(len(self.views_of(source)))
+            missing = [self._planned(first_number, source, k) for k in views if not is_done(first_number + k)]
+            tasks.extend(
+                Task(
+                    source,
+                    tuple(missing[k : k + VIEWS_PER_TASK]),
+                    str(self.out),
+                    self.settings,
+                    renderer_digest,
+                    timeout=self.timeout,
+                    classes=self.classes,
                 )
+                for k in range(0, len(missing), VIEWS_PER_TASK)
+            )
         return tasks
 
     @cached_property
@@ -144,8 +146,8 @@ class Task:
     """Views of one scene that a worker process renders. It is sent to the process by pickle."""
 
     source: Source
-    views: tuple[tuple[View, View | None], ...]
-    """Views, each with the view after it if its sample depends on that."""
+    samples: tuple[PlannedSample, ...]
+    """Samples of this scene."""
     out: str
     """Folder of the dataset."""
     settings: Settings
@@ -160,7 +162,7 @@ class Task:
 
     def failed(self, reason: str) -> Result:
         """Return a result in which all views of this task have failed."""
-        return Result(failures=[FailureRecord(self.source.name, view.name, reason) for view, _ in self.views])
+        return Result(failures=[FailureRecord(self.source.name, sample.view.name, reason) for sample in self.samples])
 
 
 @dataclass(slots=True)

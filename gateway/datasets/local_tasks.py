@@ -11,7 +11,7 @@ import multiprocessing
 import os
 import signal
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
@@ -38,32 +38,25 @@ def run_local(tasks: list[Task], cores: int) -> Iterator[Result]:
 
         yield from map(run_task, tasks)
         return
-    interrupted: list[Task] = []
-    yield from _run_in_parallel(deque(tasks), worker_count, interrupted)
-    for task in interrupted:
-        with _single_process_pool() as pool:
-            try:
-                yield _submit(pool, task).result()
-            except BrokenProcessPool:
-                yield task.failed(DIED_MESSAGE)
+    interrupted = yield from _run_in_parallel(tasks, worker_count)
+    interrupted_again = yield from _run_in_parallel(interrupted, 1)
+    yield from (task.failed(DIED_MESSAGE) for task in interrupted_again)
 
 
-def _run_in_parallel(pending: deque[Task], worker_count: int, interrupted: list[Task]) -> Iterator[Result]:
-    """Yield the results of tasks in the order in which they finish.
+def _run_in_parallel(tasks: list[Task], worker_count: int) -> Generator[Result, None, list[Task]]:
+    """Yield the results of tasks in the order in which they finish; return the tasks whose process died.
 
     Each process has its own pool, because all tasks of a pool fail when one of its processes dies.
-
-    Args:
-        pending: tasks to run; becomes empty.
-        interrupted: list to which tasks are added whose process died.
     """
+    pending, interrupted = deque(tasks), list[Task]()
     with ExitStack() as stack:
-        idle_pools = [stack.enter_context(_single_process_pool()) for _ in range(worker_count)]
+        idle_pools: list[ProcessPoolExecutor] = []
         running: dict[Future[Result], tuple[Task, ProcessPoolExecutor]] = {}
         try:
             while pending or running:
-                while pending and idle_pools:
-                    task, pool = pending.popleft(), idle_pools.pop()
+                while pending and len(running) < worker_count:
+                    task = pending.popleft()
+                    pool = idle_pools.pop() if idle_pools else stack.enter_context(_single_process_pool())
                     running[_submit(pool, task)] = task, pool
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     task, pool = running.pop(future)
@@ -71,13 +64,13 @@ def _run_in_parallel(pending: deque[Task], worker_count: int, interrupted: list[
                         result = future.result()
                     except BrokenProcessPool:
                         interrupted.append(task)
-                        pool = stack.enter_context(_single_process_pool())
                     else:
+                        idle_pools.append(pool)
                         yield result
-                    idle_pools.append(pool)
         finally:
             for future in running:
                 future.cancel()
+    return interrupted
 
 
 def _single_process_pool() -> ProcessPoolExecutor:

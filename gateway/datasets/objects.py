@@ -50,16 +50,12 @@ def objects_of(root: Node, models: Mapping[TreePath, str] = MappingProxyType({})
     return tuple(SceneObject(path, models.get(path) or _model_name(path)) for path, node in root.walk() if node.parts)
 
 
-def joined_objects(
-    objects: tuple[SceneObject, ...], is_whole: Callable[[TreePath], bool] | None
-) -> tuple[SceneObject, ...]:
+def joined_objects(objects: tuple[SceneObject, ...], is_whole: Callable[[TreePath], bool]) -> tuple[SceneObject, ...]:
     """Return objects, with those below a whole node replaced by one object of that node, called after it.
 
     Args:
-        is_whole: returns True for the path of a whole node; None: there are none.
+        is_whole: returns True for the path of a whole node.
     """
-    if is_whole is None:
-        return objects
     joined: dict[TreePath, SceneObject] = {}
     for each in objects:
         top = next((each.path[:n] for n in range(1, len(each.path)) if is_whole(each.path[:n])), None)

@@ -18,14 +18,21 @@ import numpy as np
 from gateway.assets.light_rig_file import NO_LIGHT, cached_rig
 from gateway.datasets.annotated_scene import AnnotatedScene
 from gateway.datasets.annotations import ANNOTATION_OUTPUTS, annotate
-from gateway.datasets.base_color import BASE_COLOR_LOOK, unlit
+from gateway.datasets.derived_images import (
+    BASE_COLOR_LOOK,
+    flow_between,
+    flow_file,
+    instance_motions,
+    measured_depth,
+    right_camera,
+    unlit,
+)
 from gateway.datasets.scenes import LoadedScene
-from gateway.datasets.second_view import flow_between, flow_file, instance_motions, right_camera
-from gateway.datasets.stereo_sensor import StereoSensor
 from gateway.render.config import RenderConfig
 from gateway.render.pipeline import Pipeline, camera_of, posted_document
 from gateway.render.request import RenderRequest
 from gateway.scene.style import STUDIO_SAMPLES, Style
+from gateway.stereo.device.profile import Profile
 from renderers.camera import Camera
 from renderers.depth_range import depth_in_millimetres
 from renderers.drawlist import Topology
@@ -108,10 +115,10 @@ class SampleInputs:
     """Scene of the next view, if its objects have moved."""
     baseline: float = 0.0
     """Distance of the right camera in metres, for ``stereo``."""
-    sensor: StereoSensor | None = None
-    """Camera that measures depth, for ``measured``."""
+    profile: Profile | None = None
+    """Profile of the camera that measures depth, for ``measured``."""
     noise_seed: int = 0
-    """Seed of the noise of ``sensor``."""
+    """Seed of that camera's noise."""
 
 
 def render_images(
@@ -137,7 +144,9 @@ def render_sample(
         ValueError: the image is larger than the renderer's limit.
     """
     scene, camera = inputs.scene, inputs.camera
-    look = _look_of(scene, style)
+    look = style.look_for(scene.look)
+    if scene.scenario is not None:
+        look = scene.scenario.scenery.look(look)
     outputs = reduce(or_, (OUTPUTS.get(image_type, Output(0)) for image_type in formats))
     if inputs.annotated is not None:
         outputs |= ANNOTATION_OUTPUTS
@@ -154,8 +163,9 @@ def render_sample(
         right = renderer.render(scene.draw_list, right_view, Output.COLOR, look)
         _finish(right, scene, right_view, renderer, look, style)
         images["stereo"] = _encode(right, "color", formats["stereo"])
-    if "measured" in formats and inputs.sensor is not None:
-        images["measured"] = png_gray16(inputs.sensor.measure(scene.draw_list, camera, look, inputs.noise_seed))
+    if "measured" in formats and inputs.profile is not None:
+        measured = measured_depth(renderer, inputs.profile, scene.draw_list, camera, look, inputs.noise_seed)
+        images["measured"] = png_gray16(measured)
     if "flow" in formats and inputs.next_camera is not None:
         images["flow"] = _flow(frame, inputs, inputs.next_camera)
     if inputs.annotated is None:
@@ -178,12 +188,6 @@ def _flow(frame: Frame, inputs: SampleInputs, next_camera: Camera) -> bytes:
         motions = instance_motions(inputs.scene.draw_list, inputs.camera, inputs.next_scene.draw_list, next_camera)
         X_next_camera = motions[frame.instance]
     return flow_file(flow_between(frame.depth, inputs.camera, next_camera, X_next_camera))
-
-
-def _look_of(scene: LoadedScene, style: Style) -> Look:
-    """Return the look of the colour image of a scene."""
-    look = style.look_for(scene.look)
-    return look if scene.scenario is None else scene.scenario.scenery.look(look)
 
 
 def _finish(frame: Frame, scene: LoadedScene, camera: Camera, renderer: Renderer, look: Look, style: Style) -> None:
@@ -213,25 +217,22 @@ def _encode(frame: Frame, image_type: ImageType, file_format: str) -> bytes:
     return png_gray16(depth_in_millimetres(frame.depth)) if file_format == "png" else tiff_float32(frame.depth)
 
 
-class RequestRenderer:
-    """Renders recorded requests like the render endpoint, with the settings of the dataset."""
+def render_request(renderer: Renderer, request: RenderRequest, settings: Settings) -> tuple[Camera, ImageType, bytes]:
+    """Render a recorded request like the render endpoint, with the settings of the dataset.
 
-    def __init__(self, renderer: Renderer, settings: Settings) -> None:
-        style = style_of(settings)
-        samples = style.samples or (STUDIO_SAMPLES if style.look == "studio" else 1)  # whatever the requests choose
-        config = RenderConfig(
-            style=replace(style, samples=samples),
-            depth_format="png" if settings.depth_format == "png" else "tiff",
-            scene_cache_count=1,
-        )
-        self._pipeline = Pipeline(renderer, config)
+    Return its camera, the type of its image and the encoded image.
 
-    def render(self, request: RenderRequest) -> tuple[Camera, ImageType, bytes]:
-        """Render a request; return its camera, the type of its image and the encoded image.
-
-        Raises:
-            RequestError: the scene or its camera cannot be used.
-        """
-        image = self._pipeline.render(request)
-        camera = camera_of(request, self._pipeline.scenes.get(posted_document(request)))
-        return camera, request.image_type, image.body
+    Raises:
+        RequestError: the scene or its camera cannot be used.
+    """
+    style = style_of(settings)
+    samples = style.samples or (STUDIO_SAMPLES if style.look == "studio" else 1)  # whatever the requests choose
+    config = RenderConfig(
+        style=replace(style, samples=samples),
+        depth_format="png" if settings.depth_format == "png" else "tiff",
+        scene_cache_count=1,
+    )
+    pipeline = Pipeline(renderer, config)
+    image = pipeline.render(request)
+    camera = camera_of(request, pipeline.scenes.get(posted_document(request)))
+    return camera, request.image_type, image.body

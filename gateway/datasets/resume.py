@@ -44,25 +44,17 @@ def existing_dataset(job: Job) -> manifest.DatasetRecord | None:
     for name in Settings.__struct_fields__:
         old, new = getattr(dataset.settings, name), getattr(job.settings, name)
         if old != new:
-            if old and new and name in _CHANGES:
-                raise DatasetError(f"{out} holds a dataset with other settings: {_CHANGES[name]}; name another folder")
-            raise DatasetError(
-                f"{out} holds a dataset with other settings ({name}: {old} there, {new} now); name another folder"
-            )
+            change = f": {_CHANGES[name]}" if old and new and name in _CHANGES else f" ({name}: {old} there, {new} now)"
+            raise DatasetError(f"{out} holds a dataset with other settings{change}; name another folder")
     if dataset.classes != job.classes.names:
         raise DatasetError(
             f"{out} holds a dataset with other classes ({len(dataset.classes)} there, {len(job.classes.names)} now); "
             "name another folder, or give it a file of classes"
         )
-    unknown_count, first_unknown = 0, ""
-    for sample in _recorded_samples(job):
-        if job.find(sample.id) is None:
-            unknown_count += 1
-            first_unknown = min(first_unknown or sample.id, sample.id)
-    if unknown_count:
+    if unknown := [sample.id for sample in _recorded_samples(job) if job.find(sample.id) is None]:
         raise DatasetError(
-            f"{out} holds {unknown_count} samples of scenes or views that this command does not name "
-            f"({first_unknown}); name another folder"
+            f"{out} holds {len(unknown)} samples of scenes or views that this command does not name "
+            f"({min(unknown)}); name another folder"
         )
     return dataset
 
@@ -103,10 +95,8 @@ def ends_in_partial_line(path: Path) -> bool:
     """Return True if the last line of a file is cut off, as by a full disk or a copy that was stopped."""
     try:
         with open_regular(path) as file:
-            if file.seek(0, io.SEEK_END) == 0:
-                return False
-            file.seek(-1, io.SEEK_END)
-            return file.read(1) != b"\n"
+            file.seek(max(0, file.seek(0, io.SEEK_END) - 1))
+            return file.read(1) not in (b"", b"\n")
     except OSError:
         return False
 

@@ -6,16 +6,15 @@ If a run is stopped, the next run of the same job continues it.
 from __future__ import annotations
 
 import shutil
+from array import array
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 from gateway import __version__
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.files import locked, remove_temporary_files, temporary_name, write_atomically
 from gateway.datasets.job import Job, Result, Task
-from gateway.datasets.journal import Journal
 from gateway.datasets.resume import ends_in_partial_line, existing_dataset, valid_samples
 from gateway.runtime.scheduling import usable_cpus
 from renderers.compiler import cache_folder
@@ -25,6 +24,8 @@ from scenegate.datasets.manifest import FailureRecord, SampleRecord
 TaskRunner = Callable[[list[Task]], Iterator[Result]]
 """Function that runs tasks in worker processes, and yields their results in any order."""
 
+_ABSENT: Final = -1
+"""Offset of a sample that is not in the journal."""
 CONVENTIONS: Final = {
     "units": "metres, pixels; the world is right-handed and Z up",
     "X_world_camera": "4 x 4, row-major: pose of the optical frame (+X right, +Y down, +Z forward) in the world",
@@ -69,6 +70,56 @@ class Progress:
         return self.kept + self.rendered
 
 
+class Journal:
+    """A file with a line for each finished sample, in the order in which the samples finish; read in that of the job.
+
+    A run may have millions of samples. Each takes 8 bytes of memory, the offset of its line.
+    """
+
+    def __init__(self, job: Job, file: BinaryIO) -> None:
+        """Create an empty journal.
+
+        Args:
+            file: empty file, open for reading and writing.
+        """
+        self._job = job
+        self._file = file
+        self._end_offset = 0
+        self._offsets = array("q", [_ABSENT]) * job.size
+        """Offset of each sample's line in bytes, by the number of the sample."""
+        self.count = 0
+        """Number of different samples that were added."""
+
+    def has_sample(self, number: int) -> bool:
+        """Return True if the sample with a number was added."""
+        return self._offsets[number] != _ABSENT
+
+    def add(self, sample: SampleRecord) -> None:
+        """Append a sample. It replaces an earlier sample with the same id."""
+        planned = self._job.find(sample.id)
+        assert planned is not None
+        if not self.has_sample(planned.number):
+            self.count += 1
+        self._offsets[planned.number] = self._end_offset
+        self._end_offset += self._file.write(manifest.encode(sample) + b"\n")
+
+    def flush(self) -> None:
+        """Write buffered lines to the file, so that they are not lost if this process is killed."""
+        self._file.flush()
+
+    def lines_in_job_order(self) -> Iterator[bytes]:
+        """Yield the lines of all samples."""
+        self._file.flush()
+        try:
+            for offset in self._offsets:
+                if offset != _ABSENT:
+                    if self._file.tell() != offset:
+                        self._file.seek(offset)
+                    yield self._file.readline()
+        finally:
+            self._file.seek(self._end_offset)  # where ``add`` goes on
+
+
 def run(job: Job, run_tasks: TaskRunner, report: Callable[[Progress], None]) -> Progress:
     """Render the samples of a job that its folder does not have.
 
@@ -85,9 +136,10 @@ def run(job: Job, run_tasks: TaskRunner, report: Callable[[Progress], None]) -> 
 
 
 def _run_locked(job: Job, run_tasks: TaskRunner, report: Callable[[Progress], None]) -> Progress:
-    """Run a job whose folder is locked."""
     out, existing = job.out, existing_dataset(job)
-    manifest_was_cut = existing is not None and ends_in_partial_line(out / manifest.MANIFEST_FILE)
+    notes = []
+    if existing is not None and ends_in_partial_line(out / manifest.MANIFEST_FILE):
+        notes = [f"the last line of {manifest.MANIFEST_FILE} was cut off; its sample is rendered again"]
     description = manifest.DatasetRecord(
         generator=f"scenegate {__version__}",
         renderer=cache_folder.sources_digest(),
@@ -105,15 +157,13 @@ def _run_locked(job: Job, run_tasks: TaskRunner, report: Callable[[Progress], No
         journal.flush()
         temporary.replace(out / manifest.JOURNAL_FILE)
         if existing is not None:
-            _forget_earlier_run(out, description)
-        source_failures = (
-            FailureRecord(source.printable_name, None, source.problem) for source in job.sources if source.problem
-        )
-        progress = Progress(job.size, kept=journal.count, failures=dict.fromkeys(source_failures))
-        if manifest_was_cut:
-            progress.notes.append(
-                f"the last line of {manifest.MANIFEST_FILE} was cut off; its sample is rendered again"
-            )
+            # The journal has the valid samples. The description comes last: once it names this renderer, the next run
+            # takes all samples in the folder for its own.
+            for name in (manifest.MANIFEST_FILE, manifest.FAILURES_FILE):
+                (out / name).unlink(missing_ok=True)
+            write_atomically(out / manifest.DATASET_FILE, manifest.encode_indented(description))
+        problems = (FailureRecord(each.printable_name, None, each.problem) for each in job.sources if each.problem)
+        progress = Progress(job.size, kept=journal.count, failures=dict.fromkeys(problems), notes=notes)
         report(progress)
         for result in run_tasks(job.tasks(journal.has_sample, description.renderer)):
             _add(result, job, journal, progress)
@@ -122,18 +172,7 @@ def _run_locked(job: Job, run_tasks: TaskRunner, report: Callable[[Progress], No
     return progress
 
 
-def _forget_earlier_run(out: Path, description: manifest.DatasetRecord) -> None:
-    """Remove the manifest of an earlier run, whose valid samples the journal has, and replace its description.
-
-    In this order: once the description names this renderer, the next run takes all samples in the folder for its own.
-    """
-    for name in (manifest.MANIFEST_FILE, manifest.FAILURES_FILE):
-        (out / name).unlink(missing_ok=True)
-    write_atomically(out / manifest.DATASET_FILE, manifest.encode_indented(description))
-
-
 def _add(result: Result, job: Job, journal: Journal, progress: Progress) -> None:
-    """Add the result of a task to the journal and the progress."""
     if result.samples and not progress.rendered:
         _check_space(job, result.samples, job.size - journal.count)
     for sample in result.samples:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
@@ -64,9 +64,8 @@ class ScenarioScene:
 
     catalogue: Catalogue
     choices: SceneChoices
-    frame: int
     scenery: Scenery
-    """Lights, background and sensor of the frame."""
+    """Lights, background and sensor of the frame, and its number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,14 +76,14 @@ class LoadedScene:
     """Root of the scene's tree; empty for a recorded request."""
     draw_list: DrawList
     """The tree as a draw list; empty for a recorded request."""
-    file_camera: GltfCamera | None
-    """First camera of a glTF file; None if there is none."""
-    look: LookName
-    """Look that ``--look auto`` chooses for this scene."""
-    request: RenderRequest | None
-    """The recorded request, which has its own scene, camera, size and type of image; None for other scenes."""
     description: manifest.SceneRecord
     """Content of ``scene.json``."""
+    look: LookName = "studio"
+    """Look that ``--look auto`` chooses for this scene."""
+    file_camera: GltfCamera | None = None
+    """First camera of a glTF file; None if there is none."""
+    request: RenderRequest | None = None
+    """The recorded request, which has its own scene, camera, size and type of image; None for other scenes."""
     objects: tuple[SceneObject, ...] = ()
     """Nodes that can be annotated, in the order of the tree; empty for a recorded request."""
     scenario: ScenarioScene | None = None
@@ -110,7 +109,7 @@ class LoadedScene:
         camera = self.scenario.choices.cameras[view.pose.index]
         pose = camera.X_world_camera[frame if len(camera.X_world_camera) > 1 else 0]
         view = replace(view, pose=pose, intrinsics=msgspec.structs.replace(view.intrinsics, fovy=camera.fovy))
-        return (self if frame == self.scenario.frame else self._at(frame)), view
+        return (self if frame == self.scenario.scenery.frame else self._at(frame)), view
 
     def _at(self, frame: int) -> LoadedScene:
         """Return another frame of a scenario's scene."""
@@ -119,21 +118,15 @@ class LoadedScene:
         assert self.scenario is not None
         built = build_scene(self.scenario.catalogue, self.scenario.choices, frame)
         draw_list, _ = _flatten_numbered(built.root)
-        scenario = replace(self.scenario, frame=frame, scenery=built.scenery)
+        scenario = replace(self.scenario, scenery=built.scenery)
         return replace(self, root=built.root, draw_list=draw_list, scenario=scenario)
 
 
 def load_options(settings: manifest.Settings) -> SceneOptions:
-    """Return the options in a dataset's settings."""
-    return SceneOptions(
-        settings.up,  # type: ignore[arg-type]  # checked by the command, as that of robots
-        settings.joints,
-        settings.roots,
-        settings.variant,
-        settings.keyframe,
-        settings.robot_gltf_up,  # type: ignore[arg-type]
-        settings.strict,
-    )
+    """Return the options in a dataset's settings, most of which have the same names."""
+    names = {each.name for each in fields(SceneOptions)} & {*manifest.Settings.__struct_fields__}
+    values: dict[str, Any] = {name: getattr(settings, name) for name in names}
+    return SceneOptions(**values, gltf_up=settings.robot_gltf_up)  # type: ignore[arg-type]  # checked by the command
 
 
 def load_scene(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> LoadedScene:
@@ -144,7 +137,15 @@ def load_scene(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> Loade
     """
     files = FolderFiles(Path(source.path))
     try:
-        return _LOADERS[source.kind](source, files, options)
+        match source.kind:
+            case SourceKind.FILE:
+                return _load_file(source, options)
+            case SourceKind.TREE:
+                return _load_tree(source, files, options)
+            case SourceKind.REQUEST:
+                return _load_request(source, files)
+            case SourceKind.SCENARIO:
+                return _load_scenario(source, options)
     except OSError as error:
         raise SceneError(error.strerror or str(error)) from None
     except (SceneFileError, RequestError, ValueError) as error:  # those of meshes, glTF and trees are ValueErrors
@@ -165,7 +166,7 @@ def model_names(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> froz
         return frozenset()
 
 
-def _load_file(source: Source, files: FolderFiles, options: SceneOptions) -> LoadedScene:
+def _load_file(source: Source, options: SceneOptions) -> LoadedScene:
     """Load a glTF file, a mesh or a robot."""
     scene = read_scene(Path(source.path), options)
     look: LookName = "studio"
@@ -176,9 +177,8 @@ def _load_file(source: Source, files: FolderFiles, options: SceneOptions) -> Loa
     file_camera, flaws = usable_camera(scene.cameras, draw_list)
     warnings = (*scene.warnings, *flaws, *scene.notes)
     description = _describe(source, scene.digests, labels, scene.generator, warnings, scene.lights)
-    return LoadedScene(
-        scene.root, draw_list, file_camera, look, None, description, objects_of(scene.root, scene.models)
-    )
+    objects = objects_of(scene.root, scene.models)
+    return LoadedScene(scene.root, draw_list, description, look, file_camera, objects=objects)
 
 
 def _load_tree(source: Source, files: FolderFiles, options: SceneOptions) -> LoadedScene:
@@ -199,10 +199,10 @@ def _load_tree(source: Source, files: FolderFiles, options: SceneOptions) -> Loa
     root = live.snapshot.root
     draw_list, labels = _flatten_numbered(root)
     description = _describe(source, files.digests, labels, warnings=tuple(response.warnings))
-    return LoadedScene(root, draw_list, None, "studio", None, description, objects_of(root))
+    return LoadedScene(root, draw_list, description, objects=objects_of(root))
 
 
-def _load_request(source: Source, files: FolderFiles, options: SceneOptions) -> LoadedScene:
+def _load_request(source: Source, files: FolderFiles) -> LoadedScene:
     """Parse a recorded render request."""
     config = RenderConfig()
     body = files.read_scene()
@@ -215,25 +215,28 @@ def _load_request(source: Source, files: FolderFiles, options: SceneOptions) -> 
         reader.close()
     # Only the form is parsed here. The render pipeline reads the glTF scene in it.
     description = _describe(source, files.digests, {}, warnings=request.warnings)
-    return LoadedScene(Node(), DrawList(), None, "pbr", request, description)
+    return LoadedScene(Node(), DrawList(), description, "pbr", request=request)
 
 
-def _load_scenario(source: Source, files: FolderFiles, options: SceneOptions) -> LoadedScene:
+def _load_scenario(source: Source, options: SceneOptions) -> LoadedScene:
     """Draw a scene of a scenario, or make it again from the choices of an earlier run if its files have not changed."""
     # Here, because they load kernels, which takes 0.2 s.
     from gateway.datasets.scenario.build import build_scene
+    from gateway.datasets.scenario.choices import choices_of
     from gateway.datasets.scenario.drawing import draw_choices
-    from gateway.datasets.scenario.records import choices_of
 
     catalogue = read_catalogue(Path(source.path))
-    record = _recorded_scene(source)
-    if record is not None:
+    record = None
+    path = Path(source.recorded) / manifest.SCENES_FOLDER / source.name / manifest.SCENE_FILE
+    if source.recorded and path.is_file():
+        record = manifest.read_file(path, manifest.SceneRecord)
+    if record is not None and record.scenario is not None:
         try:
             choices = choices_of(record.scenario, catalogue, source.number)
         except (ScenarioError, msgspec.ValidationError) as error:
-            raise SceneError(f"{_record_path(source)}: scenario: {error}") from None
+            raise SceneError(f"{path}: scenario: {error}") from None
         built = build_scene(catalogue, choices, 0)
-    if record is None or record.sha256 != scene_digest(_sources(source, built.digests)):
+    if record is None or record.scenario is None or record.sha256 != scene_digest(_sources(source, built.digests)):
         choices = draw_choices(catalogue, source.number)
         built = build_scene(catalogue, choices, 0)
     if options.strict and built.warnings:
@@ -241,32 +244,8 @@ def _load_scenario(source: Source, files: FolderFiles, options: SceneOptions) ->
     draw_list, labels = _flatten_numbered(built.root)
     description = _describe(source, built.digests, labels, "", built.warnings, built.scenery.rig.lights)
     description = msgspec.structs.replace(description, scenario=msgspec.to_builtins(choices))
-    scenario = ScenarioScene(catalogue, choices, 0, built.scenery)
-    return LoadedScene(built.root, draw_list, None, "studio", None, description, built.objects, scenario)
-
-
-def _recorded_scene(source: Source) -> manifest.SceneRecord | None:
-    """Return the ``scene.json`` of an earlier run that has the choices of a scene; None if there is none."""
-    path = _record_path(source)
-    if not source.recorded or not path.is_file():
-        return None
-    try:
-        record = manifest.read_file(path, manifest.SceneRecord)
-    except manifest.RecordError as error:
-        raise SceneError(str(error)) from None
-    return None if record.scenario is None else record
-
-
-def _record_path(source: Source) -> Path:
-    return Path(source.recorded) / manifest.SCENES_FOLDER / source.name / manifest.SCENE_FILE
-
-
-_LOADERS: Final[dict[SourceKind, Callable[[Source, FolderFiles, SceneOptions], LoadedScene]]] = {
-    SourceKind.FILE: _load_file,
-    SourceKind.TREE: _load_tree,
-    SourceKind.REQUEST: _load_request,
-    SourceKind.SCENARIO: _load_scenario,
-}
+    scenario = ScenarioScene(catalogue, choices, built.scenery)
+    return LoadedScene(built.root, draw_list, description, objects=built.objects, scenario=scenario)
 
 
 class _MeshFileReader:

@@ -1,16 +1,20 @@
-"""Find the scene files of a command: the files that it names, and those in the folders that it names."""
+"""Find the scenes of a command: the files that it names, those in the folders that it names, and those of scenarios."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import Final
 
+from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.scenario.catalogue import read_catalogue
+from gateway.datasets.views import View, scene_views
 from gateway.robots.scene_files import AMBIGUOUS_SUFFIXES, FOLDER_SUFFIXES
+from scenegate.datasets import manifest
 
 
 class SourceKind(Enum):
@@ -62,6 +66,41 @@ class Source:
         return self.name if self.name.isprintable() else repr(self.name)[1:-1]
 
 
+def find_scenes(
+    inputs: list[Path], cameras: CameraFile, numbers: range | None, recorded: Path | None, out: Path, has_views: bool
+) -> tuple[tuple[Source, ...], CameraFile, str | None]:
+    """Return the scenes of a command, its cameras with those of scenarios, and ``Settings.scenario_sha256``.
+
+    Args:
+        numbers: numbers of the scenes of scenarios; None: all of them.
+        recorded: dataset of the same scenario, whose choices are used; None: those in ``out``, if there are any.
+        has_views: the command names cameras, which replace those of scenarios.
+
+    Raises:
+        DatasetError, ScenarioError, RecordError: a file or folder cannot be used.
+    """
+    sources = find_sources(inputs, numbers)
+    paths = sorted({source.path for source in sources if source.kind is SourceKind.SCENARIO})
+    if not paths:
+        if numbers is not None or recorded is not None:
+            raise DatasetError("--scenes and --recorded are for scenarios (.toml)")
+        return sources, cameras, None
+    digest = hashlib.sha256("".join(read_catalogue(Path(path)).digest for path in paths).encode()).hexdigest()
+    if recorded is not None and manifest.read_dataset(recorded).settings.scenario_sha256 != digest:
+        raise DatasetError(f"--recorded {recorded}: it is not a dataset of {', '.join(paths)} as they are now")
+    folder = str((recorded or out).absolute())
+    sources = tuple(replace(s, recorded=folder) if s.kind is SourceKind.SCENARIO else s for s in sources)
+    if has_views or cameras.default_views:
+        return sources, cameras, digest
+    views: dict[str, tuple[View, ...]] = {}
+    for path in paths:
+        scenario = read_catalogue(Path(path)).scenario
+        # One tuple for all scenes, of which there may be millions.
+        own = scene_views(scenario.camera_count, scenario.frame_count)
+        views |= {source.name: own for source in sources if source.path == path}
+    return sources, replace(cameras, scene_views={**views, **cameras.scene_views}), digest
+
+
 def find_sources(inputs: Iterable[Path], numbers: range | None = None) -> tuple[Source, ...]:
     """Return the scenes of the inputs, which are files and folders, ordered by name.
 
@@ -99,20 +138,15 @@ def _sources_below(folder: Path) -> Iterable[Source]:
 def _named_sources(path: Path, numbers: range | None) -> list[Source]:
     """Return the scenes of a file that a command names: the scenes of a scenario, or the only one of another file."""
     if path.suffix.lower() != ".toml":
-        return [_named_source(path)]
+        kind = kind_of(path) or _NAMED_SUFFIXES.get(path.suffix.lower())
+        if kind is None:
+            raise DatasetError(f"{path} is not a scene: not {_SUFFIXES}, {', '.join(_NAMED_SUFFIXES)}")
+        return [_make_source(path.name, path, kind)]
     count = read_catalogue(path.resolve()).scenario.scenes
     source = _make_source(f"{path.stem}-{0:06d}", path, SourceKind.SCENARIO)
     if numbers is not None and numbers.stop > count:
         raise DatasetError(f"--scenes: {path} has the scenes 0 to {count - 1}, not {numbers.stop - 1}")
     return [replace(source, name=f"{path.stem}-{k:06d}", number=k) for k in numbers or range(count)]
-
-
-def _named_source(path: Path) -> Source:
-    """Return the scene file that a command names."""
-    kind = kind_of(path) or _NAMED_SUFFIXES.get(path.suffix.lower())
-    if kind is None:
-        raise DatasetError(f"{path} is not a scene: not {_SUFFIXES}, {', '.join(_NAMED_SUFFIXES)}")
-    return _make_source(path.name, path, kind)
 
 
 def _make_source(name: str, path: Path, kind: SourceKind) -> Source:

@@ -18,12 +18,13 @@ import msgspec
 
 from gateway.datasets.annotated_scene import AnnotatedScene, annotate_scene
 from gateway.datasets.classes import ClassTable
+from gateway.datasets.derived_images import cached_profile, intrinsics_of
 from gateway.datasets.files import write_atomically
-from gateway.datasets.job import Result, Task, view_description
+from gateway.datasets.job import PlannedSample, Result, Task
 from gateway.datasets.rendering import (
     IMAGE_FORMATS,
-    RequestRenderer,
     SampleInputs,
+    render_request,
     render_sample,
     rig_warning,
     style_of,
@@ -31,7 +32,6 @@ from gateway.datasets.rendering import (
 from gateway.datasets.scenario.tables import ScenarioError
 from gateway.datasets.scenes import LoadedScene, SceneError, load_options, load_scene
 from gateway.datasets.sources import Source
-from gateway.datasets.stereo_sensor import StereoSensor, cached_profile, intrinsics_of
 from gateway.datasets.views import Intrinsics, View, camera_of, record_of
 from gateway.render.errors import RequestError
 from gateway.robots.scene_files import SceneOptions
@@ -65,9 +65,13 @@ def run_task(task: Task) -> Result:
     if reason := _rejection(task):
         return Result(failures=[FailureRecord(scene_name, None, reason)])
     try:
-        scene = _with_timeout(task, partial(_load, task))
+        status = Path(task.source.path).stat()
+        load = partial(_load_cached, task.source, load_options(task.settings), status.st_mtime_ns, status.st_size)
+        scene = _with_timeout(task, load)
         warning = rig_warning(scene, task.settings)
-        annotated = _with_timeout(task, partial(_annotate, task, scene))
+        annotated = None
+        if scene.request is None and {*ANNOTATED_TYPES} & {*task.settings.types}:
+            annotated = _with_timeout(task, partial(_annotate_cached, scene, task.classes, task.out))
         description = scene.description
         if annotated is not None:
             description = msgspec.structs.replace(description, models=annotated.models)
@@ -76,31 +80,37 @@ def run_task(task: Task) -> Result:
     except Exception as error:  # noqa: BLE001 - one bad scene must not end the others
         return Result(failures=[FailureRecord(scene_name, None, _error_text(error))])
     result = Result(warnings=scene.description.warnings if warning is None else (*scene.description.warnings, warning))
-    for view, next_view in task.views:
+    for sample in task.samples:
         try:
-            render = partial(_render_sample, task, scene, annotated, view, next_view)
-            result.samples.append(_with_timeout(task, render))
+            result.samples.append(_with_timeout(task, partial(_render_sample, task, scene, annotated, sample)))
         except Exception as error:  # noqa: BLE001 - one bad view must not end the others
-            result.failures.append(FailureRecord(scene_name, view.name, _error_text(error)))
+            result.failures.append(FailureRecord(scene_name, sample.view.name, _error_text(error)))
     return result
 
 
 def _render_sample(
-    task: Task, scene: LoadedScene, annotated: AnnotatedScene | None, view: View, next_view: View | None
+    task: Task, scene: LoadedScene, annotated: AnnotatedScene | None, sample: PlannedSample
 ) -> SampleRecord:
-    """Render a view, write its images, and return its record."""
-    camera, encoded_images, objects = _render(task, scene, annotated, view, next_view)
+    """Render a sample, write its images, and return its record."""
+    objects: tuple[ObjectRecord, ...] = ()
+    if scene.request is not None:
+        camera, image_type, data = render_request(_renderer(task.threads), scene.request, task.settings)
+        encoded_images = {image_type: data}
+    else:
+        inputs = _inputs(task, scene, annotated, sample)
+        camera = inputs.camera
+        formats = {image_type: _file_format(image_type, task.settings) for image_type in task.settings.types}
+        encoded_images, objects = render_sample(_renderer(task.threads), inputs, formats, style_of(task.settings))
     images: dict[ImageType, manifest.ImageFile] = {}
     for image_type, data in encoded_images.items():
-        suffix = _file_format(image_type, task.settings)
-        path = f"{manifest.SCENES_FOLDER}/{task.source.name}/{view.name}.{image_type}.{suffix}"
+        path = f"{manifest.SCENES_FOLDER}/{sample.id}.{image_type}.{_file_format(image_type, task.settings)}"
         write_atomically(Path(task.out) / path, data)
         images[image_type] = manifest.ImageFile(path, hashlib.sha256(data).hexdigest(), len(data))
     return SampleRecord(
-        id=f"{task.source.name}/{view.name}",
+        id=sample.id,
         scene=task.source.name,
-        view=view.name,
-        view_description=view_description(view, next_view),
+        view=sample.view.name,
+        view_description=sample.description,
         scene_sha256=scene.description.sha256,
         camera=record_of(camera),
         images=images,
@@ -108,37 +118,26 @@ def _render_sample(
     )
 
 
-def _render(
-    task: Task, scene: LoadedScene, annotated: AnnotatedScene | None, view: View, next_view: View | None
-) -> tuple[Camera, dict[ImageType, bytes], tuple[ObjectRecord, ...]]:
-    """Render a view; return its camera, its encoded images by type, and the objects in it."""
-    settings, renderer = task.settings, _renderer(task.threads)
-    if scene.request is not None:
-        camera, image_type, data = RequestRenderer(renderer, settings).render(scene.request)
-        return camera, {image_type: data}, ()
-    scene_at_frame, view_with_pose = scene.at_frame_of(view)
+def _inputs(task: Task, scene: LoadedScene, annotated: AnnotatedScene | None, sample: PlannedSample) -> SampleInputs:
+    """Return scene, cameras and sensor of a sample."""
+    settings = task.settings
+    scene_at_frame, view_with_pose = scene.at_frame_of(sample.view)
     if scene_at_frame is not scene and annotated is not None:
         annotated = _annotate_cached(scene_at_frame, task.classes, task.out)
-    camera = _camera_of(view_with_pose, scene_at_frame, settings)
     next_scene, next_camera = None, None
-    if next_view is not None:
-        next_scene, next_view_with_pose = scene_at_frame.at_frame_of(next_view)
+    if sample.next_view is not None:
+        next_scene, next_view_with_pose = scene_at_frame.at_frame_of(sample.next_view)
         next_camera = _camera_of(next_view_with_pose, next_scene, settings)
-    formats = {image_type: _file_format(image_type, settings) for image_type in settings.types}
-    sensor = None
-    if settings.stereo_profile:
-        sensor = StereoSensor(cached_profile(settings.stereo_profile), renderer)
-    inputs = SampleInputs(
+    return SampleInputs(
         scene_at_frame,
-        camera,
+        _camera_of(view_with_pose, scene_at_frame, settings),
         annotated,
         next_camera=next_camera,
         next_scene=None if next_scene is scene_at_frame else next_scene,
         baseline=settings.baseline,
-        sensor=sensor,
-        noise_seed=zlib.crc32(f"{task.source.name}/{view.name}".encode()),
+        profile=cached_profile(settings.stereo_profile) if settings.stereo_profile else None,
+        noise_seed=zlib.crc32(sample.id.encode()),
     )
-    return camera, *render_sample(renderer, inputs, formats, style_of(settings))
 
 
 @cache
@@ -158,12 +157,6 @@ def _rejection(task: Task) -> str:
     return ""
 
 
-def _load(task: Task) -> LoadedScene:
-    """Load the scene of a task, or return it from the cache if its file has not changed."""
-    status = Path(task.source.path).stat()
-    return _load_cached(task.source, load_options(task.settings), status.st_mtime_ns, status.st_size)
-
-
 @lru_cache(CACHED_SCENES)
 def _load_cached(source: Source, options: SceneOptions, modified_ns: int, size: int) -> LoadedScene:
     """Load a scene. The time and size of its file are arguments, so that they are part of the cache's key."""
@@ -177,13 +170,6 @@ def _camera_of(view: View, scene: LoadedScene, settings: manifest.Settings) -> C
     return camera_of(
         view, scene.root, scene.draw_list, scene.file_camera, settings.width, settings.height, settings.fovy
     )
-
-
-def _annotate(task: Task, scene: LoadedScene) -> AnnotatedScene | None:
-    """Return the objects of the scene of a task, from the cache if it has them; None if the samples have none."""
-    if scene.request is not None or not {*ANNOTATED_TYPES} & {*task.settings.types}:
-        return None
-    return _annotate_cached(scene, task.classes, task.out)
 
 
 @lru_cache(CACHED_SCENES)

@@ -19,7 +19,6 @@ from gateway.viewer.sources import StereoRig
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.recording.camera_values import CameraConverter
 from scenegate.recording.foxglove_messages import deletion_of_all, encode, schemas
-from scenegate.recording.profiles import Profile
 from scenegate.recording.scene_mirror import SceneMirror
 from scenegate.recording.topics import (
     CLOUD_TOPIC,
@@ -28,6 +27,7 @@ from scenegate.recording.topics import (
     SCENE_CLOUDS_TOPIC,
     SCENE_TOPIC,
     TF_TOPIC,
+    Profile,
 )
 from scenegate.recording.view_frames import ViewFrame
 

@@ -12,8 +12,8 @@ from gateway.lcmlog.replay import is_shown
 from gateway.lcmlog.timeline import LogTimeline
 from gateway.recording.snapshot_frames import SnapshotFrames
 from scenegate.recording.mcap_file import McapFiles
-from scenegate.recording.profiles import Profile, ProfileName
 from scenegate.recording.recorder import SceneWriter
+from scenegate.recording.topics import Profile, ProfileName
 from scenegate.recording.view_frames import ViewFrame
 from scenegate.regular_files import errors_name
 

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gateway.datasets.derived_images import cached_profile, flow_between, flow_file, intrinsics_of, right_camera
 from gateway.datasets.rendering import SampleInputs, render_sample
 from gateway.datasets.scenes import LoadedScene
-from gateway.datasets.second_view import flow_between, flow_file, right_camera
-from gateway.datasets.stereo_sensor import StereoSensor, cached_profile, intrinsics_of
 from gateway.datasets.views import Intrinsics
 from gateway.scene.cameras import CameraError
 from gateway.scene.style import Style
@@ -190,7 +189,7 @@ def test_measured_depth_has_the_errors_of_a_profile(renderer: CpuRenderer, path:
     scene = wall(path, 2.0)
 
     def measured(number: int, camera: Camera) -> NDArray[np.uint16]:
-        inputs = SampleInputs(scene, camera, sensor=StereoSensor(profile, renderer), noise_seed=number)
+        inputs = SampleInputs(scene, camera, profile=profile, noise_seed=number)
         images, _ = render_sample(renderer, inputs, {"measured": "png"}, Style())
         return np.asarray(cv2.imdecode(np.frombuffer(images["measured"], np.uint8), cv2.IMREAD_UNCHANGED), np.uint16)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from gateway.datasets import classes
-from gateway.datasets.classes import ClassTable, classes_of_models, read_classes
+from gateway.datasets.classes import classes_of_models, read_classes
 from gateway.datasets.errors import DatasetError
 
 FILE = """
@@ -34,10 +34,6 @@ path = "*"
 """
 
 
-def class_of(table: ClassTable, scene: str, path: tuple[str | int, ...], model: str) -> int:
-    return table.classifier(scene)(path, model)
-
-
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
 def test_the_first_entry_that_matches(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"classes{suffix}"
@@ -55,14 +51,14 @@ def test_the_first_entry_that_matches(tmp_path: Path, suffix: str) -> None:
         ("cells/a.glb", ("pandas", "link"), "l", 2),
         ("a.glb", ("panda", "link"), "l", 2),
     ):
-        assert class_of(table, scene, node, model) == expected
+        assert table.class_of(scene, node, model) == expected
 
 
 def test_objects_without_a_class(tmp_path: Path) -> None:
     path = tmp_path / "classes.toml"
     path.write_text('[[class]]\nname = "a"\nmodel = "[ab]*"')
     table, _ = read_classes(path)
-    assert [class_of(table, "s", ("n",), model) for model in ("a", "b1", "c", "A")] == [1, 1, 0, 0]
+    assert [table.class_of("s", ("n",), model) for model in ("a", "b1", "c", "A")] == [1, 1, 0, 0]
 
 
 def test_whole_nodes(tmp_path: Path) -> None:
@@ -71,19 +67,20 @@ def test_whole_nodes(tmp_path: Path) -> None:
         '[[class]]\nname = "a"\nfile = "*.glb"\npath = "x/*"\nwhole = true\n[[class]]\nname = "b"\npath = "*"'
     )
     table, _ = read_classes(path)
-    is_whole = table.whole_nodes("s.glb")
-    assert is_whole is not None
-    assert [is_whole(node) for node in (("x",), ("x", "y"), ("x", "y", 3), ("y",))] == [False, True, True, False]
-    other_scene = table.whole_nodes("s.urdf")
-    assert other_scene is not None
-    assert not other_scene(("x", "y"))
-    assert classes_of_models(["a"]).whole_nodes("s.glb") is None
+    assert [table.is_whole("s.glb", node) for node in (("x",), ("x", "y"), ("x", "y", 3), ("y",))] == [
+        False,
+        True,
+        True,
+        False,
+    ]
+    assert not table.is_whole("s.urdf", ("x", "y"))
+    assert not classes_of_models(["a"]).is_whole("s.glb", ("x", "y"))
 
 
 def test_without_a_file_each_model_is_a_class(monkeypatch: pytest.MonkeyPatch) -> None:
     table = classes_of_models(["b", "a", "b"])
     assert table.names == {"1": "a", "2": "b"}
-    assert [class_of(table, "s", ("n",), model) for model in ("a", "b", "c")] == [1, 2, 0]
+    assert [table.class_of("s", ("n",), model) for model in ("a", "b", "c")] == [1, 2, 0]
     monkeypatch.setattr(classes, "MAX_CLASSES", 1)
     with pytest.raises(DatasetError, match="2 models are more than 1 classes"):
         classes_of_models(["b", "a"])
@@ -142,4 +139,4 @@ def test_patterns_take_linear_time(tmp_path: Path) -> None:
     path = tmp_path / "classes.json"
     path.write_text(json.dumps({"class": [{"name": "a", "model": "a*" * 400 + "b"}]}))
     table, _ = read_classes(path)
-    assert class_of(table, "s", ("n",), "a" * 100_000) == 0
+    assert table.class_of("s", ("n",), "a" * 100_000) == 0

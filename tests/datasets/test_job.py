@@ -41,13 +41,13 @@ def test_samples_that_are_not_part_of_the_job(job: Job, sample_id: str) -> None:
 
 def test_tasks_are_of_one_scene_and_limited_in_views(job: Job) -> None:
     tasks = job.tasks(lambda number: False, "digest")
-    assert [(task.source, len(task.views)) for task in tasks] == [
+    assert [(task.source, len(task.samples)) for task in tasks] == [
         (REQUEST, 1),
         (MESH, VIEWS_PER_TASK),
         (MESH, 2),
         (SPECIAL, 1),
     ]
-    assert tasks[1].views + tasks[2].views == tuple((view, None) for view in VIEWS)
+    assert tasks[1].samples + tasks[2].samples == tuple(PlannedSample(k, MESH, view) for k, view in enumerate(VIEWS, 1))
     assert {(task.out, task.settings, task.renderer_digest, task.threads, task.timeout) for task in tasks} == {
         ("/out", SETTINGS, "digest", 1, 7.0)
     }
@@ -55,7 +55,7 @@ def test_tasks_are_of_one_scene_and_limited_in_views(job: Job) -> None:
 
 def test_tasks_leave_out_samples_that_exist(job: Job) -> None:
     tasks = job.tasks(lambda number: number not in (2, 18), "digest")
-    assert [(task.source, [view.name for view, _ in task.views]) for task in tasks] == [(MESH, ["v1", "v17"])]
+    assert [(task.source, [sample.view.name for sample in task.samples]) for task in tasks] == [(MESH, ["v1", "v17"])]
 
 
 def test_scenes_with_unusable_names_have_numbers_but_no_tasks() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.datasets.rendering import RequestRenderer, render_images, style_of
+from gateway.datasets.rendering import render_images, render_request, style_of
 from gateway.datasets.scenes import LoadedScene, load_scene
 from gateway.datasets.sources import find_sources
 from gateway.datasets.views import View, camera_of
@@ -91,7 +91,7 @@ def test_requests_are_rendered_with_one_sample_by_default(renderer: CpuRenderer,
     request = load_scene(source).request
     assert request is not None
     for settings in (SETTINGS, msgspec.structs.replace(SETTINGS, samples=4, depth_format="png")):
-        camera, image_type, data = RequestRenderer(renderer, settings).render(request)
+        camera, image_type, data = render_request(renderer, request, settings)
         assert (camera.width, camera.height, image_type) == (64, 48, "depth")
         assert data.startswith(b"II*\0" if settings.depth_format == "tiff" else b"\x89PNG")
     (scenes / "depth.multipart").write_bytes(forms.body(forms.gltf(), forms.drake_fields("color")))
@@ -99,7 +99,7 @@ def test_requests_are_rendered_with_one_sample_by_default(renderer: CpuRenderer,
     assert colored is not None
     settings = msgspec.structs.replace(SETTINGS, antialias="none")
     one, four = (msgspec.structs.replace(settings, samples=samples) for samples in (1, 4))
-    images = [RequestRenderer(renderer, each).render(colored)[2] for each in (settings, one, four)]
+    images = [render_request(renderer, colored, each)[2] for each in (settings, one, four)]
     assert images[0] == images[1] != images[2]
 
 

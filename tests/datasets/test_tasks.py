@@ -108,7 +108,7 @@ def test_a_task_whose_process_died_is_repeated_once_at_the_end(
     results = list(local_tasks.run_local(numbered(task, 4), 2))
     assert len(results) == 4
     failures = [failure for result in results for failure in result.failures]
-    assert [failure.reason for failure in failures] == [local_tasks.DIED_MESSAGE] * failed * len(task.views)
+    assert [failure.reason for failure in failures] == [local_tasks.DIED_MESSAGE] * failed * len(task.samples)
     if deaths:
         assert results[-1].warnings[:1] == (() if failed else ("1",))
         assert pools.made == 4, "two workers, the replacement of the dead one, and one for the repeated task"

@@ -319,14 +319,9 @@ def encode(record: DatasetRecord | SceneRecord | SampleRecord | FailureRecord) -
     return _encoder.encode(record)
 
 
-def encode_indented(record: DatasetRecord | SceneRecord) -> bytes:
-    """Return a record as indented JSON."""
+def encode_indented(record: DatasetRecord | SceneRecord | dict[str, Any]) -> bytes:
+    """Return a record, or a value of one, as indented JSON."""
     return msgspec.json.format(_encoder.encode(record), indent=1) + b"\n"
-
-
-def encode_labels(scene: SceneRecord) -> bytes:
-    """Return a scene's labels as indented JSON. ``scenegate render`` writes them beside a single label image."""
-    return msgspec.json.format(msgspec.json.encode(scene.labels), indent=1) + b"\n"
 
 
 def decode(data: bytes, record_type: type[Record], location: str) -> Record:

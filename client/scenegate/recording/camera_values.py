@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from typing import Any
 
 import numpy as np
@@ -38,25 +39,23 @@ class CameraConverter:
             BadImageError: an image is invalid.
         """
         left = image_set.left if image_set.HasField("left") else None
-        by_time: dict[int, dict[str, Any]] = {}
+        by_time: defaultdict[int, dict[str, Any]] = defaultdict(lambda: {"images": {}})
         if image_set.HasField("disparity"):
             message = image_set.disparity
             self._baseline = message.baseline
-            contents = by_time.setdefault(nanoseconds(message.image.timestamp), {})
+            contents = by_time[nanoseconds(message.image.timestamp)]
             disparity = _disparity(message)
             depth = _depth(disparity)
-            image = CameraImage(disparity.image.calibration, "32FC1", depth.tobytes())
-            contents.update(disparity=disparity, images={"depth": image})
+            contents["disparity"] = disparity
+            contents["images"]["depth"] = CameraImage(disparity.image.calibration, "32FC1", depth.tobytes())
             if self._has_cloud:
                 contents["cloud"] = _cloud(depth, disparity, left)
-        for name, image_message in (
-            ("left", left),
-            ("right", image_set.right if image_set.HasField("right") else None),
-        ):
-            if image_message is None or (name == "right" and self._baseline is None):
-                continue
-            contents = by_time.setdefault(nanoseconds(image_message.timestamp), {})
-            contents.setdefault("images", {})[name] = _image(image_message, self._baseline if name == "right" else None)
+        if left is not None:
+            by_time[nanoseconds(left.timestamp)]["images"]["left"] = _image(left)
+        if image_set.HasField("right") and self._baseline is not None:
+            right = image_set.right
+            tx = -right.focal_length * self._baseline
+            by_time[nanoseconds(right.timestamp)]["images"]["right"] = _image(right, tx)
         return [CameraSet(time_ns, **contents) for time_ns, contents in sorted(by_time.items())]
 
 
@@ -65,16 +64,13 @@ def _calibration(image: pb.Image, tx: float = 0.0) -> Calibration:
     return Calibration(LEFT_FRAME, image.width, image.height, image.focal_length, cx, cy, tx)
 
 
-def _image(message: pb.Image, baseline: float | None) -> CameraImage:
-    """Return a grey or colour image.
-
-    Args:
-        baseline: metres, for the right camera; else None.
-    """
-    calibration = _calibration(message, 0.0 if baseline is None else -message.focal_length * baseline)
+def _image(message: pb.Image, tx: float = 0.0) -> CameraImage:
+    """Return a grey or colour image; ``tx`` is ``Calibration.tx``."""
     array = pixels(message)
     encoding = "rgb8" if array.ndim == 3 else "mono8" if array.dtype == np.uint8 else "mono16"
-    return CameraImage(calibration, encoding, array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes())
+    return CameraImage(
+        _calibration(message, tx), encoding, array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes()
+    )
 
 
 def _disparity(message: pb.DisparityImage) -> Disparity:

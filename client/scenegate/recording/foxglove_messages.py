@@ -1,6 +1,6 @@
 """Convert values to Foxglove's messages. https://docs.foxglove.dev/docs/sdk/schemas
 
-``ros2_messages`` has the same functions: ``profiles.Profile`` calls one of both modules.
+``ros2_messages`` has the same functions: ``topics.Profile`` calls one of both modules.
 """
 
 from __future__ import annotations

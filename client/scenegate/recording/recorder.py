@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Final
@@ -19,9 +20,9 @@ from scenegate.credentials import Credentials
 from scenegate.gateway_http import GatewayError
 from scenegate.recording.camera_values import CameraConverter
 from scenegate.recording.mcap_file import McapFiles
-from scenegate.recording.profiles import Messages, Profile, ProfileName
 from scenegate.recording.scene_mirror import SceneMirror
-from scenegate.recording.sources import QUEUED_ITEMS, Received, Source, camera_sets, imu_samples, scene_frames
+from scenegate.recording.sources import QUEUED_ITEMS, Received, camera_sets, imu_samples, scene_frames, start_receiving
+from scenegate.recording.topics import Messages, Profile, ProfileName
 from scenegate.recording.values import SceneChange
 from scenegate.recording.view_frames import ViewFrame
 from scenegate.regular_files import errors_name
@@ -144,7 +145,14 @@ def record(
         OSError: a file cannot be written, or a certificate not read.
     """
     profile = Profile(options.profile)
-    values = _received(_start_sources(options), stop)
+    received: queue.Queue[Received | Exception] = queue.Queue(QUEUED_ITEMS)
+    if options.scene is not None:
+        start_receiving("scene", partial(scene_frames, options.scene, options.credentials), received)
+    if options.camera is not None:
+        start_receiving("camera", partial(camera_sets, options.camera), received)
+    if options.imu is not None:
+        start_receiving("IMU", partial(imu_samples, options.imu, options.credentials, options.pipeline), received)
+    values = _received(received, stop)
     first = next(filter(None, values), None)
     if first is None:
         raise GatewayError("nothing was received, and no file is written")
@@ -153,27 +161,14 @@ def record(
     with errors_name(options.path), closing(McapFiles(options.path, profile.mcap_profile, **limits)) as files:
         writer = SceneWriter(files, profile)
         flush_time = time.monotonic() + FLUSH_SECONDS
-        for received in chain((first,), values):
-            if received is not None:
-                writer.write(received.value, received.time_ns)
+        for item in chain((first,), values):
+            if item is not None:
+                writer.write(item.value, item.time_ns)
             if time.monotonic() >= flush_time:
                 files.flush()
                 flush_time = time.monotonic() + FLUSH_SECONDS
             report(writer)
         return writer
-
-
-def _start_sources(options: RecordingOptions) -> queue.Queue[Received | Exception]:
-    """Start receiving; return the queue of what is received."""
-    received: queue.Queue[Received | Exception] = queue.Queue(QUEUED_ITEMS)
-    scene, camera, imu = options.scene, options.camera, options.imu
-    if scene is not None:
-        Source("scene", lambda: scene_frames(scene, options.credentials), received)
-    if camera is not None:
-        Source("camera", lambda: camera_sets(camera), received)
-    if imu is not None:
-        Source("IMU", lambda: imu_samples(imu, options.credentials, options.pipeline), received)
-    return received
 
 
 def _received(received: queue.Queue[Received | Exception], stop: threading.Event) -> Iterator[Received | None]:

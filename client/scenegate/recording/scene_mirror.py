@@ -13,7 +13,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.recording.joints import Joints
 from scenegate.recording.mirror_geometry import (
     IDENTITY,
     NO_GEOMETRY,
@@ -33,9 +32,8 @@ from scenegate.recording.values import (
     Entity,
     FrameTransform,
     SceneChange,
-    empty_cloud,
 )
-from scenegate.recording.view_frames import ViewFrame, ViewFrameError
+from scenegate.recording.view_frames import Joints, ViewFrame, ViewFrameError
 
 ROOT_FRAME: Final = "scene"
 """Coordinate frame of the scene's root. The frames of other nodes are paths: ``scene/robot/head``."""
@@ -47,6 +45,7 @@ MAX_WARNINGS: Final = 100
 
 @dataclass(slots=True, eq=False)
 class _Node:
+    id: int
     frame_id: str
     parent: _Node | None
     children: dict[int, _Node] = field(default_factory=dict)
@@ -83,7 +82,7 @@ class SceneMirror:
     """A copy of a gateway's scene."""
 
     def __init__(self) -> None:
-        self._root = _Node(ROOT_FRAME, None)
+        self._root = _Node(0, ROOT_FRAME, None)
         self._nodes: dict[int, _Node] = {0: self._root}
         self._meshes: dict[int, Mesh] = {}
         self._joints = Joints()
@@ -148,7 +147,11 @@ class SceneMirror:
     def _update(self, view_frame: ViewFrame, now_ns: int) -> SceneChange:
         header = view_frame.header
         is_whole_scene = header["from"] == 0
-        removed = self._remove_all() if is_whole_scene else []
+        removed: list[_Node] = []
+        if is_whole_scene:
+            removed += self._root.walk()
+            self._root = _Node(0, ROOT_FRAME, None)
+            self._nodes = {0: self._root}
         for node_id in header.get("removed", ()):
             removed += self._remove(node_id)
         # Ordered sets of nodes whose transforms and whose geometry must be sent.
@@ -176,7 +179,7 @@ class SceneMirror:
         node_id = fields["id"]
         if node_id not in self._nodes:
             parent = self._nodes[fields["parent"]]
-            node = _Node(f"{parent.frame_id}/{_frame_element(fields['name'])}", parent)
+            node = _Node(node_id, f"{parent.frame_id}/{_frame_element(fields['name'])}", parent)
             self._nodes[node_id] = parent.children[node_id] = node
         node = self._nodes[node_id]
         node.visible = fields.get("visible", node.visible)
@@ -191,19 +194,9 @@ class SceneMirror:
         if top is None or top.parent is None:
             return []
         del top.parent.children[node_id]
-        removed = []
-        stack = [(node_id, top)]
-        while stack:
-            descendant_id, node = stack.pop()
-            self._nodes.pop(descendant_id, None)
-            removed.append(node)
-            stack.extend(node.children.items())
-        return removed
-
-    def _remove_all(self) -> list[_Node]:
-        removed = list(self._root.walk())
-        self._root = _Node(ROOT_FRAME, None)
-        self._nodes = {0: self._root}
+        removed = list(top.walk())
+        for node in removed:
+            self._nodes.pop(node.id, None)
         return removed
 
     def _update_subtree(self, top: _Node, moved: dict[_Node, None], redrawn: dict[_Node, None]) -> None:
@@ -256,7 +249,7 @@ class SceneMirror:
             if old.primitives or new.primitives:
                 entities.append(Entity(frame_id, new.primitives, earlier_count=len(old.primitives)))
             if old.cloud is not None or new.cloud is not None:
-                clouds.append(new.cloud or empty_cloud(frame_id))
+                clouds.append(new.cloud or Cloud(frame_id, np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)))
         return entities, clouds
 
     def _geometry(self, node: _Node) -> NodeGeometry:
@@ -274,7 +267,6 @@ class SceneMirror:
         return NodeGeometry(cloud=geometry.cloud)
 
     def _rig_transforms(self) -> list[FrameTransform]:
-        """Return the transforms of the stereo camera."""
         if self._rig is None:
             return []
         X_world_left = np.asarray(self._rig["pose"], np.float64).reshape(4, 4).T

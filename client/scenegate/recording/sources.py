@@ -11,7 +11,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosedOK, InvalidStatus, WebSocketException
@@ -41,33 +41,35 @@ class Received(NamedTuple):
     """Time of reception, nanoseconds since the epoch."""
 
 
-class Source:
-    """A thread that puts what an iterator yields into a queue. After an error it begins again, if it has yielded."""
+Receive = Callable[[], Iterator[ViewFrame | pb.ImageSet | ImuSample]]
 
-    def __init__(
-        self, name: str, receive: Callable[[], Iterator[Any]], received: queue.Queue[Received | Exception]
-    ) -> None:
-        self._receive = receive
-        self._received = received
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
 
-    def _run(self) -> None:
-        has_begun = is_lost = False
-        while True:
-            try:
-                for value in self._receive():
-                    has_begun = True
-                    is_lost = False
-                    self._received.put(Received(value, time.time_ns()))
-            except Exception as error:  # noqa: BLE001 - the recorder raises the first one
-                if not has_begun:
-                    self._received.put(error)
-                    return
-                if not is_lost:
-                    _log.warning("%s; the recording goes on when it is back", error)
-                is_lost = True
-                time.sleep(RETRY_SECONDS)
+def start_receiving(name: str, receive: Receive, received: queue.Queue[Received | Exception]) -> None:
+    """Start a thread that puts what an iterator yields into a queue. After an error it begins again, if it has yielded.
+
+    Args:
+        name: name of the thread.
+        receive: returns the iterator.
+    """
+    threading.Thread(target=_receive, args=(receive, received), name=name, daemon=True).start()
+
+
+def _receive(receive: Receive, received: queue.Queue[Received | Exception]) -> None:
+    has_begun = is_lost = False
+    while True:
+        try:
+            for value in receive():
+                has_begun = True
+                is_lost = False
+                received.put(Received(value, time.time_ns()))
+        except Exception as error:  # noqa: BLE001 - the recorder raises the first one
+            if not has_begun:
+                received.put(error)
+                return
+            if not is_lost:
+                _log.warning("%s; the recording goes on when it is back", error)
+            is_lost = True
+            time.sleep(RETRY_SECONDS)
 
 
 def scene_frames(address: str, credentials: Credentials) -> Iterator[ViewFrame]:

@@ -1,12 +1,20 @@
-"""Topics of recordings, of Foxglove's server and of the ROS 2 node."""
+"""Topics of recordings, of Foxglove's server and of the ROS 2 node, and the messages on them in two formats.
+
+The formats are Foxglove's schemas and ROS 2's messages; both have the same topics.
+"""
 
 from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from importlib import import_module
 from itertools import count
-from typing import Final
+from typing import Final, Literal
+
+from scenegate.camera.imu import ImuSample
+from scenegate.recording.mcap_file import EncodedMessage
+from scenegate.recording.values import CameraSet, SceneChange
 
 IMAGE_TOPICS: Final = {
     "left": ("/stereo/left/image_rect", "/stereo/left/camera_info"),
@@ -26,6 +34,10 @@ MAX_TOPIC_CHARACTERS: Final = 150
 """Maximum length of the topic of a cloud of the scene, without a number: ROS 2 refuses 256 with the namespace."""
 MAX_SCENE_CLOUDS: Final = 1000
 """Maximum number of topics of the scene's point clouds: MCAP files and ROS 2 nodes keep each topic until they end."""
+ProfileName = Literal["foxglove", "ros2"]
+Messages = Iterator[EncodedMessage]
+Wanted = Callable[[str], bool]
+"""Returns True for the topics whose messages are made."""
 
 
 class CloudTopics:
@@ -50,15 +62,13 @@ class CloudTopics:
         would have the same topic.
         """
         with self._lock:
-            if frame not in self._topics:
-                if len(self._topics) >= MAX_SCENE_CLOUDS:
-                    limit = f"the limit is {MAX_SCENE_CLOUDS} topics"
-                    if not self.warnings:
-                        self.warnings = (f"point clouds are left out, that of {frame} first: {limit}",)
-                        self._warn(self.warnings[0])
-                    return None
+            if frame not in self._topics and len(self._topics) < MAX_SCENE_CLOUDS:
                 self._topics[frame] = self._free_topic(frame)
-            return self._topics[frame]
+            elif frame not in self._topics and not self.warnings:
+                limit = f"the limit is {MAX_SCENE_CLOUDS} topics"
+                self.warnings = (f"point clouds are left out, that of {frame} first: {limit}",)
+                self._warn(self.warnings[0])
+            return self._topics.get(frame)
 
     def release(self, frame: str) -> str | None:
         """Free the topic of a cloud that was removed, and return it; None if it has none."""
@@ -72,3 +82,59 @@ class CloudTopics:
         numbered = (topic if number == 1 else f"{topic.rstrip('_')}_{number}" for number in count(1))
         used = set(self._topics.values())
         return next(each for each in numbered if each not in used)
+
+
+def every_topic(topic: str) -> bool:
+    """Return True, as the default of ``Wanted``."""
+    return True
+
+
+class Profile:
+    """Converts values to encoded messages, with ``foxglove_messages`` or ``ros2_messages``."""
+
+    def __init__(self, name: ProfileName, warn: Callable[[str], object] = lambda text: None) -> None:
+        """
+        Args:
+            warn: called with a sentence about point clouds that are left out.
+
+        Raises:
+            ImportError: packages of the profile are not installed.
+        """
+        self.mcap_profile = "ros2" if name == "ros2" else ""
+        """Profile in the header of MCAP files."""
+        self.clouds = CloudTopics(warn)
+        self._messages = import_module(f"scenegate.recording.{name}_messages")
+
+    def scene(self, change: SceneChange, wanted: Wanted = every_topic) -> Messages:
+        """Yield the messages of a change of the scene."""
+        messages = self._messages
+        time_ns = change.time_ns
+        if change.transforms and wanted(TF_TOPIC):
+            yield messages.encode(TF_TOPIC, messages.transforms(change.transforms, time_ns))
+        if change.entities and wanted(SCENE_TOPIC):
+            yield messages.encode(SCENE_TOPIC, messages.entities(change.entities, time_ns))
+        for cloud in change.clouds:
+            topic = self.clouds.topic(cloud.frame)
+            if topic is not None and wanted(topic):
+                yield messages.encode(topic, messages.cloud(cloud, time_ns))
+        if change.joints and wanted(JOINTS_TOPIC):
+            yield messages.encode(JOINTS_TOPIC, messages.joints(change.joints, time_ns))
+
+    def camera(self, images: CameraSet, wanted: Wanted = every_topic) -> Messages:
+        """Yield the messages of a camera's images."""
+        messages = self._messages
+        time_ns = images.time_ns
+        for name, image in images.images.items():
+            image_topic, info_topic = IMAGE_TOPICS[name]
+            if wanted(info_topic):
+                yield messages.encode(info_topic, messages.calibration(image.calibration, time_ns))
+            if wanted(image_topic):
+                yield messages.encode(image_topic, messages.image(image, time_ns))
+        if images.disparity is not None and wanted(DISPARITY_TOPIC):
+            yield messages.encode(DISPARITY_TOPIC, messages.disparity(images.disparity, time_ns))
+        if images.cloud is not None and wanted(CLOUD_TOPIC):
+            yield messages.encode(CLOUD_TOPIC, messages.cloud(images.cloud, time_ns))
+
+    def imu(self, sample: ImuSample) -> Messages:
+        """Yield the message of a sample of the IMU."""
+        yield self._messages.encode(IMU_TOPIC, self._messages.imu(sample))

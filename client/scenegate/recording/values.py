@@ -68,11 +68,6 @@ class Cloud:
     """(N, 3) sRGB."""
 
 
-def empty_cloud(frame: str) -> Cloud:
-    """Return a cloud without points, as for one that was removed."""
-    return Cloud(frame, np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8))
-
-
 @dataclass(frozen=True, slots=True)
 class SceneChange:
     """A change of the scene, or the whole scene."""

@@ -14,7 +14,9 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlsplit
 
-from scenegate.testing.publish import publish, scene_request
+from scenegate.messages.mesh_file import MeshFile
+from scenegate.regular_files import read_regular
+from scenegate.tree.requests import Requests
 
 STOP_SECONDS: Final = 30.0
 """Seconds after SIGTERM before the process is killed."""
@@ -125,14 +127,23 @@ class Gateway:
 
         Raises:
             RuntimeError: The response has a negative status.
+            TimeoutError: There is no response in time.
+            ConnectionError: The gateway cannot be reached.
         """
-        return publish(self.lcm_url, request, self._seconds)
+        requests = Requests(self.lcm_url, self._seconds, binary=False)
+        try:
+            response = requests.send(dict(request))
+        finally:
+            requests.connection.close()
+        if response.status < 0:
+            raise RuntimeError(f"the gateway rejected a request: {response.body.get('error', response.body)}")
+        return response.body
 
     def reset(self, scene: Path | None = None) -> None:
         """Empty the live tree, then publish the file ``scene``; None: leave the tree empty."""
         self.publish({"delete": [{"path": []}]})
         if scene is not None:
-            self.publish(scene_request(scene))
+            self.publish(_scene_request(scene))
 
     def log(self) -> str:
         """Return the log since ``mark_log``, at most its last ``LOG_CHARS`` characters."""
@@ -218,3 +229,14 @@ def _parse_event(line: str) -> Mapping[str, Any]:
     except ValueError:
         return {}
     return event if isinstance(event, dict) else {}
+
+
+def _scene_request(path: Path) -> dict[str, Any]:
+    """Return the request that publishes a file: the content of a ``.json`` file, else a mesh at the path ``scene``."""
+    if path.suffix == ".json":
+        request: dict[str, Any] = json.loads(read_regular(path))
+        return request
+    return {
+        "setgeometry": [{"path": ["scene"], "geometry": MeshFile.read(path).body()}],
+        "settransform": [{"path": ["scene"], "transform": {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}}],
+    }

@@ -21,8 +21,6 @@ from gateway.datasets.scenario.placement import Solid, are_apart, place_on
 from gateway.datasets.scenario.surfaces import solids_of
 from gateway.scene.transforms import translation
 from scenegate.datasets.manifest import pose_rows
-from scenegate.regular_files import errors_as
-from scenegate.robots.errors import RobotFileError
 
 MIN_EXTENT: Final = 1e-6
 """Minimum size of the box of an object, metres: cameras find no place around smaller ones."""
@@ -32,32 +30,18 @@ _MAX_ROUNDS: Final = 4
 """Maximum number of drops: after objects were left out, those that they carried drop again."""
 
 
-@dataclass(slots=True, eq=False)
-class Candidate:
-    """An object before it has a place."""
+@dataclass(frozen=True, eq=False)
+class SceneItem:
+    """An object of a scene, before and after it has a place."""
 
     table: tables.Model
     choice: ObjectChoice
-    """Its pose is the drawn rotation, or the first one of its track."""
-    model: LoadedModel
-
-    @property
-    def solid(self) -> Solid:
-        """The object in its own frame, scaled. Raises ScenarioError for joint values that the model cannot have."""
-        with errors_as(tables.ScenarioError, self.choice.file, RobotFileError):
-            bodies = self.model.bodies(self.choice.joints)
-        return Solid(tuple(body * self.choice.scale for body in bodies))
-
-
-@dataclass(frozen=True, eq=False)
-class _Placed:
-    """An object with a place."""
-
-    candidate: Candidate
+    """What was drawn; its pose is that before the object has a place."""
     solid: Solid
-    """In its own frame, scaled."""
+    """The object in its own frame, scaled."""
     X_world_object: NDArray[np.float64]
-    surface: int | None
+    """Pose, (4, 4). Before the object has a place: the drawn rotation, or the first pose of its track."""
+    surface: int | None = None
     """Index of the surface below; None: the object does not drop."""
 
     @cached_property
@@ -89,48 +73,38 @@ class Arrangement:
     random: np.random.Generator
     notes: list[str] = field(default_factory=list)
     """Sentences about objects that are left out."""
-    _placed: list[_Placed] = field(default_factory=list)
+    _placed: list[SceneItem] = field(default_factory=list)
 
-    def add(self, candidate: Candidate) -> None:
+    def add(self, item: SceneItem) -> None:
         """Find a place for an object; without one it is left out, with a note."""
-        solid, rotation = candidate.solid, np.array(candidate.choice.X_world_object)
-        extent = float(np.ptp(solid.box, axis=0).max())
+        extent = float(np.ptp(item.solid.box, axis=0).max())
         if not extent >= MIN_EXTENT:
-            reason = f"({candidate.choice.file}) has an extent of {extent:g} m, {MIN_EXTENT:g} m are the least"
-            self._leave_out(candidate, reason)
-        elif candidate.table.pose_track:
-            self._placed.append(_Placed(candidate, solid, rotation, None))
+            reason = f"({item.choice.file}) has an extent of {extent:g} m, {MIN_EXTENT:g} m are the least"
+            self._leave_out(item, reason)
+        elif item.table.pose_track:
+            self._placed.append(item)
         else:
-            others = [placed.in_world for placed in self._placed if not placed.candidate.table.pose_track]
-            if candidate.table.position is not None:
-                self._add_at_position(candidate, solid, rotation, candidate.table.position, others)
+            others = [placed.in_world for placed in self._placed if not placed.table.pose_track]
+            if item.table.position is not None:
+                self._add_at_position(item, item.table.position, others)
             else:
-                self._add_on_surface(candidate, solid, rotation, others)
+                self._add_on_surface(item, others)
 
-    def _add_at_position(
-        self,
-        candidate: Candidate,
-        solid: Solid,
-        rotation: NDArray[np.float64],
-        position: tuple[tables.Range[float], ...],
-        others: list[Solid],
-    ) -> None:
+    def _add_at_position(self, item: SceneItem, position: tuple[tables.Range[float], ...], others: list[Solid]) -> None:
         """Place an object at a drawn position in the world, apart from the others."""
         is_fixed = not any(isinstance(each, tuple) for each in position)
         for _ in range(1 if is_fixed else self.scenario.placement.tries):
-            X = translation(*(uniform(self.random, each) for each in position)) @ rotation
-            moved = solid.moved(X)
-            if all(are_apart(moved, other, self.scenario.placement.gap) for other in others):
-                self._placed.append(_Placed(candidate, solid, X, None))
+            X = translation(*(uniform(self.random, each) for each in position)) @ item.X_world_object
+            moved = replace(item, X_world_object=X)
+            if all(are_apart(moved.in_world, other, self.scenario.placement.gap) for other in others):
+                self._placed.append(moved)
                 return
-        self._leave_out(candidate, "has no free place at its position")
+        self._leave_out(item, "has no free place at its position")
 
-    def _add_on_surface(
-        self, candidate: Candidate, solid: Solid, rotation: NDArray[np.float64], others: list[Solid]
-    ) -> None:
+    def _add_on_surface(self, item: SceneItem, others: list[Solid]) -> None:
         """Place an object on a surface or, if objects drop, above it at the lowest of ``DROP_HEIGHTS`` that is free."""
         placement = self.scenario.placement
-        allowed = [k for k, each in enumerate(self.scenario.surfaces) if candidate.table.on in ("", each.name)]
+        allowed = [k for k, each in enumerate(self.scenario.surfaces) if item.table.on in ("", each.name)]
         index = allowed[int(self.random.integers(len(allowed)))]
         surface, X_world_surface = self.surfaces[index], np.array(self.surfaces[index].X_world_surface)
         for k, each in enumerate(self.surfaces):
@@ -138,19 +112,19 @@ class Arrangement:
         area = self.scenario.surfaces[index].area or surface.size
         drops = placement.physics == "mujoco"
         tries = max(1, placement.tries // 10) if drops else placement.tries
-        height = float(np.ptp(solid.moved(rotation).box[:, 2]))
+        height = float(np.ptp(item.in_world.box[:, 2]))
         for level in range(DROP_HEIGHTS if drops else 1):
             above = translation(0.0, 0.0, placement.gap + level * 0.3 * height) if drops else np.eye(4)
             X_above = above @ X_world_surface
-            place = place_on(solid, rotation, X_above, area, others, placement.gap, tries, self.random)
-            if place is not None:
-                self._placed.append(_Placed(candidate, solid, place, index))
+            X = place_on(item.solid, item.X_world_object, X_above, area, others, placement.gap, tries, self.random)
+            if X is not None:
+                self._placed.append(replace(item, X_world_object=X, surface=index))
                 return
         x, y = area
-        self._leave_out(candidate, f"has no free place in {x:g} x {y:g} m after {placement.tries} tries")
+        self._leave_out(item, f"has no free place in {x:g} x {y:g} m after {placement.tries} tries")
 
-    def _leave_out(self, candidate: Candidate, reason: str) -> None:
-        self.notes.append(f"{candidate.choice.name} {reason}; it is left out")
+    def _leave_out(self, item: SceneItem, reason: str) -> None:
+        self.notes.append(f"{item.choice.name} {reason}; it is left out")
 
     def settle(self) -> None:
         """Drop the objects, if the scenario says so. Those that fall off or do not come to rest are left out."""
@@ -160,17 +134,17 @@ class Arrangement:
             dropping = [placed for placed in self._placed if placed.surface is not None]
             if not dropping:
                 return
-            static = [p.in_world for p in self._placed if p.surface is None and not p.candidate.table.pose_track]
+            static = [p.in_world for p in self._placed if p.surface is None and not p.table.pose_track]
             static += [box for surface in self.surfaces for box in solids_of(surface)]
             seconds = self.scenario.placement.seconds
             poses = settle([(placed.solid, placed.X_world_object) for placed in dropping], static, seconds)
-            settled: dict[int, _Placed] = {}
+            settled: dict[int, SceneItem] = {}
             for placed, X in zip(dropping, poses, strict=True):
                 moved = placed if X is None else replace(placed, X_world_object=X)
                 if X is None:
-                    self._leave_out(placed.candidate, f"is not at rest after {seconds:g} s")
+                    self._leave_out(placed, f"is not at rest after {seconds:g} s")
                 elif not self._is_on_surface(moved):
-                    self._leave_out(placed.candidate, "has fallen off its surface")
+                    self._leave_out(placed, "has fallen off its surface")
                 else:
                     settled[id(placed)] = moved
             self._placed = [settled.get(id(p), p) for p in self._placed if p.surface is None or id(p) in settled]
@@ -178,7 +152,7 @@ class Arrangement:
                 return
         raise tables.ScenarioError("placement.physics: objects fall off or do not come to rest, however few are left")
 
-    def _is_on_surface(self, placed: _Placed) -> bool:
+    def _is_on_surface(self, placed: SceneItem) -> bool:
         assert placed.surface is not None
         surface = self.surfaces[placed.surface]
         box = placed.solid.moved(np.linalg.inv(np.array(surface.X_world_surface)) @ placed.X_world_object).box
@@ -188,11 +162,11 @@ class Arrangement:
     def objects(self) -> tuple[ObjectChoice, ...]:
         """Return all objects with their poses."""
         return tuple(
-            msgspec.structs.replace(placed.candidate.choice, X_world_object=pose_rows(placed.X_world_object))
+            msgspec.structs.replace(placed.choice, X_world_object=pose_rows(placed.X_world_object))
             for placed in self._placed
         )
 
     def focus_boxes(self) -> NDArray[np.float64]:
         """Return the boxes that cameras look at, (N, 2, 3): of the annotated objects, or else of the surfaces."""
-        boxes = [p.in_world.box for p in self._placed if p.candidate.choice.entry[0] == "models"]
+        boxes = [p.in_world.box for p in self._placed if p.choice.entry[0] == "models"]
         return np.array(boxes or [solids_of(surface)[0].box for surface in self.surfaces])

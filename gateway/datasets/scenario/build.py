@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import posixpath
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -16,7 +17,7 @@ from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import ObjectChoice, SceneChoices
 from gateway.datasets.scenario.materials import material_of, with_material
-from gateway.datasets.scenario.models import LoadedModel, digests_by_scenario_path, load_model
+from gateway.datasets.scenario.models import load_model
 from gateway.datasets.scenario.scenery import Scenery, scenery_of
 from gateway.datasets.scenario.surfaces import node_of
 from gateway.datasets.scenario.tables import ScenarioError
@@ -25,7 +26,7 @@ from gateway.gltf import AnimationTime
 from gateway.scene.transforms import scaling
 from gateway.scene.tree import Node, PathElement
 from renderers.drawlist import ImageError
-from scenegate.regular_files import sha256_of
+from scenegate.regular_files import errors_as, sha256_of
 from scenegate.robots.errors import RobotFileError
 
 MODEL_NODE: Final = "model"
@@ -88,15 +89,12 @@ def has_moving_parts(table: tables.Model) -> bool:
 
 
 def _part_objects(node: Node, model: str, path: tuple[PathElement, ...]) -> Iterator[SceneObject]:
-    """Yield an object for each node with geometry."""
     for each, child in node.walk(path):
         if child.parts:
             yield SceneObject(each, f"{model}/{each[-1]}" if each else model)
 
 
 class _Builder:
-    """Builds one frame of a scene."""
-
     def __init__(self, catalogue: Catalogue, choices: SceneChoices, frame: int) -> None:
         self._catalogue = catalogue
         self._folder = catalogue.path.parent
@@ -137,27 +135,26 @@ class _Builder:
         """Return the node of an object at the frame's time."""
         animation = None if table.animation is None else AnimationTime(table.animation, self._seconds)
         model = load_model(self._catalogue, table, choice.file, animation)
-        self._digests |= digests_by_scenario_path(choice.file, model)
+        folder = posixpath.dirname(choice.file)
+        for name, digest in model.digests.items():
+            self._digests[posixpath.normpath(posixpath.join(folder, name))] = digest
         self._warnings |= dict.fromkeys(f"{choice.file}: {warning}" for warning in model.warnings)
         joints = dict(choice.joints)
         if table.joint_track:
             self._use(table.joint_track)
             joints |= read_track(self._folder / table.joint_track, poses=False).at(self._seconds)
-        tree = self._tree(model, joints, choice)
+        with errors_as(SceneFileError, choice.file, RobotFileError):
+            tree = model.tree(joints)
         X = np.array(choice.X_world_object)
         if table.pose_track:
             self._use(table.pose_track)
             X = read_track(self._folder / table.pose_track, poses=True).pose_at(self._seconds)
         if choice.scale != 1.0:
             X = X @ scaling(choice.scale, choice.scale, choice.scale)
-        return Node(None, X, {MODEL_NODE: tree})
+        return Node(None, X, {MODEL_NODE: self._with_material(tree, choice)})
 
-    def _tree(self, model: LoadedModel, joints: dict[str, tuple[float, ...]], choice: ObjectChoice) -> Node:
+    def _with_material(self, tree: Node, choice: ObjectChoice) -> Node:
         """Return the tree of a model with its drawn material."""
-        try:
-            tree = model.tree(joints)
-        except RobotFileError as error:
-            raise SceneFileError(f"{choice.file}: {error}") from None
         materials = self._catalogue.scenario.materials
         if materials is None:
             return tree

@@ -8,7 +8,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from gateway.datasets.scenario import tables
-from gateway.datasets.scenario.arrangement import Arrangement, Candidate, load_usable
+from gateway.datasets.scenario.arrangement import Arrangement, SceneItem, load_usable
 from gateway.datasets.scenario.camera_paths import draw_cameras, uniform
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import (
@@ -23,11 +23,13 @@ from gateway.datasets.scenario.choices import (
     SurfaceChoice,
 )
 from gateway.datasets.scenario.models import LoadedModel
-from gateway.datasets.scenario.placement import rotation_of
+from gateway.datasets.scenario.placement import Solid, rotation_of
 from gateway.datasets.scenario.scenery import lamp_direction
 from gateway.datasets.scenario.tracks import read_track
 from gateway.scene.transforms import translation
 from scenegate.datasets.manifest import Vector3, pose_rows
+from scenegate.regular_files import errors_as
+from scenegate.robots.errors import RobotFileError
 
 ChoiceType = TypeVar("ChoiceType", bound=Choice)
 _STREAMS: Final = ("surfaces", "models", "distractors", "places", "cameras", "lights", "background", "sensor")
@@ -66,8 +68,6 @@ def _count(random: np.random.Generator, count: tables.Range[int]) -> int:
 
 
 class _Drawing:
-    """The drawing of one scene."""
-
     def __init__(self, catalogue: Catalogue, number: int) -> None:
         self._catalogue = catalogue
         self._scenario = catalogue.scenario
@@ -83,14 +83,14 @@ class _Drawing:
         scenario = self._scenario
         surfaces = tuple(self._surface(index, table) for index, table in enumerate(scenario.surfaces))
         arrangement = Arrangement(scenario, surfaces, self._random("places"))
-        candidates = [
-            candidate
+        items = [
+            item
             for kind, models in (("models", scenario.models), ("distractors", scenario.distractors))
             for index, table in enumerate(models)
-            for candidate in self._objects(kind, index, table, arrangement.notes)
+            for item in self._objects(kind, index, table, arrangement.notes)
         ]
-        for candidate in sorted(candidates, key=lambda each: each.table.position is None):  # the others give way
-            arrangement.add(candidate)
+        for item in sorted(items, key=lambda each: each.table.position is None):  # the others give way
+            arrangement.add(item)
         arrangement.settle()
         boxes = arrangement.focus_boxes()
         cameras = [
@@ -125,11 +125,11 @@ class _Drawing:
         material = self._material(random, table.material, f"surfaces[{index}].material")
         return SurfaceChoice(kind=table.kind, size=table.size, X_world_surface=pose_rows(X), material=material)
 
-    def _objects(self, kind: str, index: int, table: tables.Model, notes: list[str]) -> list[Candidate]:
+    def _objects(self, kind: str, index: int, table: tables.Model, notes: list[str]) -> list[SceneItem]:
         """Return the objects of a table of models, without their places."""
         random = self._random(kind, index)
         files, materials = self._catalogue.models[kind, index], self._scenario.materials
-        candidates = []
+        items = []
         for k in range(_count(random, table.count)):
             file = files[int(random.integers(len(files)))]
             model = load_usable(self._catalogue, table, file, notes)
@@ -155,8 +155,10 @@ class _Drawing:
                 joints=_joints(random, table, model),
                 material=material,
             )
-            candidates.append(Candidate(table, choice, model))
-        return candidates
+            with errors_as(tables.ScenarioError, file, RobotFileError):  # joint values that the model cannot have
+                bodies = model.bodies(choice.joints)
+            items.append(SceneItem(table, choice, Solid(tuple(body * scale for body in bodies)), X))
+        return items
 
     def _light(self, table: tables.Lights) -> LightChoice:
         random = self._random("lights")

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import re
 import reprlib
 import tomllib
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 
+from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.tables import MAX_OBJECTS, MAX_VIEWS, Fixed, Handheld, Scenario, ScenarioError
 from scenegate.regular_files import errors_as, read_text
 
@@ -115,7 +119,28 @@ def _check(scenario: Scenario) -> None:
 
 
 def schema_text() -> str:
-    """Return the JSON schema of the file, for editors."""
+    """Return the JSON schema of the file, for editors. Its descriptions are the docstrings of tables and fields."""
     content = msgspec.json.schema(Scenario)
+    docstrings = _field_docstrings()
+    for name, definition in content["$defs"].items():
+        for table in reversed(getattr(tables, name).__mro__):
+            for key, text in docstrings.get(table.__name__, {}).items():
+                definition["properties"][key]["description"] = text
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Scenegate scenario", **content}
     return msgspec.json.format(msgspec.json.encode(schema), indent=1).decode() + "\n"
+
+
+def _field_docstrings() -> dict[str, dict[str, str]]:
+    """Return the docstrings of fields by table and field, from the source: objects do not have them."""
+    classes = [each for each in ast.parse(inspect.getsource(tables)).body if isinstance(each, ast.ClassDef)]
+    return {
+        table.name: {
+            field.target.id: " ".join(str(docstring.value.value).replace("``", "`").split())
+            for field, docstring in pairwise(table.body)
+            if isinstance(field, ast.AnnAssign)
+            and isinstance(field.target, ast.Name)
+            and isinstance(docstring, ast.Expr)
+            and isinstance(docstring.value, ast.Constant)
+        }
+        for table in classes
+    }

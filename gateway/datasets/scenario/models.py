@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import posixpath
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -125,13 +124,3 @@ def _points_of(mesh: Mesh) -> Body:
         points = points[np.isfinite(points).all(axis=1)]
         _point_cache.put(mesh, points, points.nbytes)
     return points
-
-
-def digests_by_scenario_path(file: str, model: LoadedModel) -> dict[str, str]:
-    """Return the digests of a model's files, by path as in the scenario.
-
-    Args:
-        file: path of the model as in the scenario: relative to its folder, or absolute, with slashes.
-    """
-    folder = posixpath.dirname(file)
-    return {posixpath.normpath(posixpath.join(folder, name)): digest for name, digest in model.digests.items()}

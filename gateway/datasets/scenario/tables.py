@@ -104,7 +104,7 @@ class Surface(Table, frozen=True):
     turn: Range[Degrees] = 0.0
     """Rotation about its centre, degrees."""
     area: tuple[Length, Length] | None = None
-    """Size of the part in the middle where objects are placed; None: all of it."""
+    """Size of the part in the middle where objects are placed; left out: all of it."""
     material: Materials = Materials()
 
 
@@ -126,7 +126,7 @@ class Shell(Table, frozen=True, tag_field="kind", tag="shell"):
 
     count: Annotated[int, Meta(ge=1, le=1000)] = 1
     distance: Range[Length] | None = None
-    """Metres from what the camera looks at; None: as far as needed to see all objects, times ``margin``."""
+    """Metres from what the camera looks at; left out: as far as needed to see all objects, times ``margin``."""
     margin: Range[Factor] = (1.0, 1.5)
     elevation: Range[Elevation] = (15.0, 75.0)
     azimuth: Range[Degrees] = (-180.0, 180.0)
@@ -189,7 +189,7 @@ class Backgrounds(Table, frozen=True):
     images: str = ""
     """Images: a file, a folder or a pattern. Empty: a colour."""
     color: ColorRange | None = None
-    """None: that of ``--background``."""
+    """Left out: that of ``--background``."""
 
 
 class Sensor(Table, frozen=True):
@@ -228,11 +228,11 @@ class Scenario(Table, frozen=True):
     cameras: tuple[Shell | Handheld | Fixed, ...] = (Shell(),)
     lights: Lights = Lights()
     materials: Materials | None = None
-    """Materials of objects and distractors; None: those of their files."""
+    """Materials of objects and distractors; left out: those of their files."""
     backgrounds: Backgrounds = Backgrounds()
     sensor: Sensor | None = None
     frames: FrameRange | None = None
-    """None: scenes do not move."""
+    """Left out: scenes do not move."""
 
     @property
     def camera_count(self) -> int:

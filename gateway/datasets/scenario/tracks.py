@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +15,6 @@ from gateway.datasets.scenario.tables import MAX_METRES, ScenarioError
 from gateway.gltf.animations import slerp
 from gateway.scene.transforms import Matrix, from_pose
 from scenegate.regular_files import errors_as, read_text
-
-if TYPE_CHECKING:
-    import _csv
 
 MAX_TRACK_BYTES: Final = 64 << 20
 """Maximum size of a track. An hour of 20 joints at 100 Hz has 60 MB."""
@@ -37,8 +33,6 @@ class Track:
     """(N,) float64, seconds, ascending."""
     values: NDArray[np.float64]
     """(N, number of names) float64."""
-    lines: tuple[int, ...] = ()
-    """Line of the file of each row."""
 
     def at(self, seconds: float) -> dict[str, tuple[float, ...]]:
         """Return each value at a time, as a tuple of one."""
@@ -46,11 +40,10 @@ class Track:
         return {name: (number,) for name, number in zip(self.names, numbers, strict=True)}
 
     def pose_at(self, seconds: float) -> Matrix:
-        """Return the pose at a time, (4, 4), of a track with ``POSE_COLUMNS``."""
-        columns = self.values[:, [self.names.index(name) for name in POSE_COLUMNS]]
-        row = float(np.interp(seconds, self.times, np.arange(len(columns))))
+        """Return the pose at a time, (4, 4), of a track that was read with ``poses``."""
+        row = float(np.interp(seconds, self.times, np.arange(len(self.values))))
         t = row - int(row)
-        begin, end = columns[int(row)], columns[min(int(row) + 1, len(columns) - 1)]
+        begin, end = self.values[int(row)], self.values[min(int(row) + 1, len(self.values) - 1)]
         position = (1.0 - t) * begin[:3] + t * end[:3]
         q_begin, q_end = (q / np.linalg.norm(q) for q in (begin[3:], end[3:]))
         return from_pose(position.tolist(), slerp(q_begin, q_end, t).tolist())
@@ -60,68 +53,64 @@ def read_track(path: Path, *, poses: bool) -> Track:
     """Read a track, or return it from the cache if its file has not changed.
 
     Args:
-        poses: the columns must be ``POSE_COLUMNS``.
+        poses: the columns must be ``POSE_COLUMNS``, whose order the track has.
 
     Raises:
         ScenarioError: it cannot be read; the message names the line.
     """
     with errors_as(ScenarioError, path, UnicodeDecodeError):
         status = path.stat()
-        track = _read_cached(path, status.st_mtime_ns, status.st_size)
-    if poses and sorted(track.names) != sorted(POSE_COLUMNS):
-        raise ScenarioError(f"{path}: line 1: the columns are not time,{','.join(POSE_COLUMNS)}")
-    if poses:
-        _check_poses(path, track)
-    return track
-
-
-def _check_poses(path: Path, track: Track) -> None:
-    """Raise ScenarioError if a position or a quaternion is beyond the limits."""
-    columns = track.values[:, [track.names.index(name) for name in POSE_COLUMNS]]
-    norms = np.hypot.reduce(columns[:, 3:], axis=1)
-    is_far = np.abs(columns[:, :3]).max(axis=1) > MAX_METRES
-    is_bad = is_far | (norms < QUATERNION_NORMS[0]) | (norms > QUATERNION_NORMS[1])
-    if is_bad.any():
-        row = int(is_bad.argmax())
-        reason = f"a coordinate must be from -{MAX_METRES} to {MAX_METRES} m, not {columns[row, :3].tolist()}"
-        if not is_far[row]:
-            low, high = QUATERNION_NORMS
-            reason = f"the length of a quaternion must be from {low:g} to {high:g}, not {norms[row]:g}"
-        raise ScenarioError(f"{path}: line {track.lines[row]}: {reason}")
-
-
-def _lines(path: Path, reader: _csv.Reader) -> Iterator[list[str]]:
-    """Yield the fields of each line. Raises ScenarioError for a field that is too long."""
-    try:
-        yield from reader
-    except csv.Error as error:
-        raise ScenarioError(f"{path}: line {reader.line_num}: {error}") from None
+        return _read_cached(path, poses, status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(16)
-def _read_cached(path: Path, modified_ns: int, size: int) -> Track:
+def _read_cached(path: Path, poses: bool, modified_ns: int, size: int) -> Track:
     """Read a track. The time and size of its file are part of the cache's key."""
     reader = csv.reader(read_text(path, MAX_TRACK_BYTES).splitlines())
-    table = _lines(path, reader)
-    header = [name.strip() for name in next(table, [])]
-    if header[:1] != ["time"] or len(header) < 2 or len(set(header)) < len(header):
-        raise ScenarioError(f"{path}: line 1: it must be time and the names of other columns, separated by commas")
     rows: list[list[float]] = []
     lines: list[int] = []
-    for fields in table:
-        if not fields:
-            continue
-        try:
-            row = [float(field) for field in fields]
-        except ValueError:
-            row = []
-        if len(row) != len(header) or not np.isfinite(row).all() or (rows and row[0] < rows[-1][0]):
-            raise ScenarioError(
-                f"{path}: line {reader.line_num}: it must be {len(header)} finite numbers, the time not before the last"
-            )
-        rows.append(row)
-        lines.append(reader.line_num)
+    try:
+        header = [name.strip() for name in next(reader, [])]
+        if header[:1] != ["time"] or len(header) < 2 or len(set(header)) < len(header):
+            raise ScenarioError(f"{path}: line 1: it must be time and the names of other columns, separated by commas")
+        for fields in filter(None, reader):
+            try:
+                row = [float(field) for field in fields]
+            except ValueError:
+                row = []
+            if len(row) != len(header) or not np.isfinite(row).all() or (rows and row[0] < rows[-1][0]):
+                reason = f"it must be {len(header)} finite numbers, the time not before the last"
+                raise ScenarioError(f"{path}: line {reader.line_num}: {reason}")
+            rows.append(row)
+            lines.append(reader.line_num)
+    except csv.Error as error:  # a field is too long
+        raise ScenarioError(f"{path}: line {reader.line_num}: {error}") from None
     if not rows:
         raise ScenarioError(f"{path}: it has no row after the names of the columns")
     numbers = np.array(rows)
-    return Track(tuple(header[1:]), numbers[:, 0], numbers[:, 1:], tuple(lines))
+    if not poses:
+        return Track(tuple(header[1:]), numbers[:, 0], numbers[:, 1:])
+    if sorted(header[1:]) != sorted(POSE_COLUMNS):
+        raise ScenarioError(f"{path}: line 1: the columns are not time,{','.join(POSE_COLUMNS)}")
+    values = numbers[:, [header.index(name) for name in POSE_COLUMNS]]
+    _check_poses(path, values, lines)
+    return Track(POSE_COLUMNS, numbers[:, 0], values)
+
+
+def _check_poses(path: Path, values: NDArray[np.float64], lines: list[int]) -> None:
+    """Raise ScenarioError if a position or a quaternion is beyond the limits.
+
+    Args:
+        values: (N, 7) float64, in the order of ``POSE_COLUMNS``.
+        lines: line of the file of each row.
+    """
+    norms = np.hypot.reduce(values[:, 3:], axis=1)
+    is_far = np.abs(values[:, :3]).max(axis=1) > MAX_METRES
+    is_bad = is_far | (norms < QUATERNION_NORMS[0]) | (norms > QUATERNION_NORMS[1])
+    if is_bad.any():
+        row = int(is_bad.argmax())
+        reason = f"a coordinate must be from -{MAX_METRES} to {MAX_METRES} m, not {values[row, :3].tolist()}"
+        if not is_far[row]:
+            low, high = QUATERNION_NORMS
+            reason = f"the length of a quaternion must be from {low:g} to {high:g}, not {norms[row]:g}"
+        raise ScenarioError(f"{path}: line {lines[row]}: {reason}")

@@ -1,4 +1,4 @@
-"""The web application of ``scenegate dataset show``: pages and images of one dataset, for browsers on this machine."""
+"""The web server of ``scenegate dataset show``: pages and images of one dataset, for browsers on this machine."""
 
 from __future__ import annotations
 
@@ -16,10 +16,16 @@ from fastapi.responses import HTMLResponse, PlainTextResponse
 from gateway.datasets.show.overlay import LAYERS, draw_sample, shown_types
 from gateway.datasets.show.page import PAGE_SAMPLES, Selection, grid_page, sample_page
 from gateway.datasets.show.summary import summarize
+from gateway.runtime import process_tuning
+from gateway.server.http_server import MainServer, server_config
 from gateway.server.middleware import Protection
 from scenegate.datasets import Dataset, RecordError, manifest
 from scenegate.datasets.manifest import ImageType
 
+HOST: Final = "127.0.0.1"
+"""Loopback: the page has no access control."""
+SHUTDOWN_SECONDS: Final = 1.0
+"""Time for images that are being drawn at the end."""
 MAX_WIDTH: Final = 2000
 """Maximum width of a drawn image in pixels."""
 MAX_DRAWN: Final = 4
@@ -108,3 +114,24 @@ def create_app(dataset: Dataset) -> FastAPI:
         return Response(text, media_type=STATIC[name], headers={"Cache-Control": "no-cache"})
 
     return app
+
+
+def serve_dataset(dataset: Dataset, port: int, started: Callable[[str], object]) -> None:
+    """Serve the page until SIGINT or SIGTERM.
+
+    Args:
+        port: TCP port; 0: any.
+        started: called with the URL of the page.
+
+    Raises:
+        OSError: the port cannot be used; the message is one sentence.
+        RecordError: a line of the manifest cannot be read.
+    """
+    app = create_app(dataset)
+    try:
+        listener = process_tuning.listen(HOST, port)
+    except OSError as error:
+        raise OSError(f"--port {port}: {process_tuning.listen_error(error, HOST, port)}") from None
+    started(f"http://{HOST}:{listener.getsockname()[1]}/")
+    server = MainServer(server_config(app, SHUTDOWN_SECONDS, lifespan=False))
+    asyncio.run(server.serve(sockets=[listener]))

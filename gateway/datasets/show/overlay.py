@@ -1,4 +1,4 @@
-"""Draw a sample: one of its images, and over it masks, boxes and poses of its objects."""
+"""Draw samples: one of their images, and over it masks, boxes and poses of objects; and contact sheets of samples."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from scenegate.datasets import NO_LABEL, Sample
+from gateway.datasets.show.summary import random_samples
+from scenegate.datasets import NO_LABEL, Dataset, Sample
 from scenegate.datasets.boxes import EDGES, box_corners
 from scenegate.datasets.manifest import ImageType, ObjectRecord
 
@@ -37,6 +38,14 @@ AXIS_LENGTH: Final = 0.8
 """Length of the axes as a share of the side of a cube with the volume of the object's box."""
 NEAREST: Final = 1e-3
 """Metres along the optical axis at which lines are cut off."""
+SHEET_COLUMNS: Final = 4
+CELL_WIDTH: Final = 320
+"""Width of an image in pixels."""
+GAP: Final = 8
+"""Pixels between images."""
+CAPTION_HEIGHT: Final = 20
+GROUND: Final = (243, 244, 246)
+TEXT: Final = (27, 33, 48)
 _GOLDEN_ANGLE: Final = 0.381966
 """Turn between the hues of two successive classes, so that any number of them differ."""
 
@@ -73,6 +82,32 @@ def draw_sample(
     for record in nearest_last if "boxes" in layers else ():
         _draw_boxes(draw, record, classes.get(record.class_id, str(record.class_id)), scale)
     return canvas.reduce(OVERSAMPLING)
+
+
+def contact_sheet(dataset: Dataset, count: int, layers: Collection[Layer]) -> Image.Image:
+    """Return an image of up to ``count`` samples, with their names.
+
+    Raises:
+        RecordError: a sample cannot be read.
+        ValueError: the dataset has no samples.
+    """
+    count = min(count, len(dataset))
+    if count < 1:
+        raise ValueError(f"{dataset.folder} has no samples")
+    chosen = [dataset[index] for index in random_samples(dataset, count)]
+    classes = dict(dataset.classes)
+    columns = min(SHEET_COLUMNS, count)
+    images = [draw_sample(sample, classes, layers, CELL_WIDTH) for sample in chosen]
+    row_height = max(image.height for image in images) + CAPTION_HEIGHT + GAP
+    rows = -(-count // columns)
+    sheet = Image.new("RGB", (columns * (CELL_WIDTH + GAP) + GAP, rows * row_height + GAP), GROUND)
+    draw = ImageDraw.Draw(sheet)
+    font = ImageFont.load_default(13)
+    for k, (sample, image) in enumerate(zip(chosen, images, strict=True)):
+        x, y = GAP + k % columns * (CELL_WIDTH + GAP), GAP + k // columns * row_height
+        sheet.paste(image, (x, y))
+        draw.text((x, y + image.height + 2), printable(sample.id[-48:]), TEXT, font)
+    return sheet
 
 
 def shown_types(sample: Sample) -> list[ImageType]:

@@ -158,7 +158,6 @@ def _page_link(selection: Selection, step: int, text: str, pages: int) -> str:
 
 
 def _objects(dataset: Dataset, sample: Sample) -> str:
-    """Return the table of a sample's objects."""
     head = "".join(
         f"<th>{name}" for name in ("#", "Class", "Model", "Distance", "Visible", "Truncated", "Visible box", "Node")
     )

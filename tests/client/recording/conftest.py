@@ -17,8 +17,8 @@ pytest.importorskip("foxglove_schemas_protobuf", reason="needs the extra mcap")
 
 from gateway.recording.snapshot_frames import SnapshotFrames
 from scenegate.recording.mcap_file import McapFiles
-from scenegate.recording.profiles import Profile, ProfileName
 from scenegate.recording.recorder import SceneWriter
+from scenegate.recording.topics import Profile, ProfileName
 from scenegate.recording.view_frames import ViewFrame
 
 SECOND = 1_000_000_000

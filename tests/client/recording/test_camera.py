@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.camera.imu import ImuSample
-from scenegate.recording.profiles import ProfileName
 from scenegate.recording.ros2_messages import definition
+from scenegate.recording.topics import ProfileName
 from tests.client.recording.conftest import write_values
 from tests.client.recording.readers import (
     foxglove_messages,

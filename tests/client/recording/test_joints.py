@@ -11,9 +11,8 @@ from gateway.scene.controls import ControlStore
 from gateway.scene.live import LiveTree
 from gateway.viewer.control_frames import ControlFrames
 from scenegate.messages.controls import Slider
-from scenegate.recording.joints import Joints
-from scenegate.recording.profiles import ProfileName
-from scenegate.recording.view_frames import ViewFrame
+from scenegate.recording.topics import ProfileName
+from scenegate.recording.view_frames import Joints, ViewFrame
 from tests.client.recording.conftest import write_values
 from tests.client.recording.readers import foxglove_messages, ros2_messages
 

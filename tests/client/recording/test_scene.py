@@ -28,8 +28,8 @@ from scenegate.camera.imu import ImuSample
 from scenegate.messages.geometry import Box, Sphere, Triad
 from scenegate.recording import mcap_file, scene_mirror
 from scenegate.recording.mcap_file import McapFiles
-from scenegate.recording.profiles import Profile, ProfileName
 from scenegate.recording.recorder import SceneWriter
+from scenegate.recording.topics import Profile, ProfileName
 from scenegate.recording.view_frames import ViewFrame
 from tests.client.recording.conftest import SECOND, write_snapshots
 from tests.client.recording.readers import (

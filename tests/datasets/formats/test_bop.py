@@ -11,7 +11,7 @@ import trimesh
 
 from scenegate.datasets import Dataset, RecordError
 from scenegate.datasets.formats import export
-from scenegate.datasets.formats.bop_models import diameter
+from scenegate.datasets.formats.bop_format import diameter
 from scenegate.datasets.ply import read_ply
 from tests.datasets.analytic import FOCAL, HEIGHT, WIDTH, write_dataset
 from tests.datasets.formats.bop_reader import BopImage, read_bop

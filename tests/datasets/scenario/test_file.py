@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import tomllib
@@ -98,6 +99,14 @@ def test_the_schema_accepts_examples(path: Path, tmp_path: Path) -> None:
 
 def test_the_published_schema_is_that_of_the_code() -> None:
     assert (ROOT / "docs" / "scenario.schema.json").read_text() == schema_text()
+
+
+def test_the_schema_describes_fields() -> None:
+    """Also those that a table has from another one."""
+    definitions = json.loads(schema_text())["$defs"]
+    assert definitions["Handheld"]["properties"]["shake"]["description"].startswith("Amplitude of the hand's shaking")
+    assert definitions["Handheld"]["properties"]["azimuth"]["description"] == "Degrees counter-clockwise from +x."
+    assert definitions["Placement"]["properties"]["physics"]["description"].startswith("`mujoco`: objects drop")
 
 
 def test_names_of_models_are_the_shortest_that_differ(write: Write) -> None:

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gateway.datasets.derived_images import flow_between, instance_motions
 from gateway.datasets.scenario.tables import ScenarioError
 from gateway.datasets.scenario.tracks import read_track
 from gateway.datasets.scenes import LoadedScene, load_scene
-from gateway.datasets.second_view import flow_between, instance_motions
 from gateway.datasets.sources import find_sources
 from gateway.datasets.views import SceneCamera, View, camera_of, scene_views
 from gateway.robots.reader import read_robot

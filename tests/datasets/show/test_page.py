@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gateway.datasets.show.app import create_app
-from gateway.datasets.show.overlay import LAYERS, Layer, class_color, draw_sample
+from gateway.datasets.show.overlay import CELL_WIDTH, LAYERS, Layer, class_color, contact_sheet, draw_sample
 from gateway.datasets.show.page import Selection, grid_page
-from gateway.datasets.show.sheet import CELL_WIDTH, contact_sheet
 from gateway.datasets.show.summary import summarize
 from scenegate.datasets import Dataset, RecordError, Sample
 from tests.datasets.analytic import WIDTH, write_dataset
