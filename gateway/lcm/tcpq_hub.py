@@ -17,8 +17,7 @@ from typing import Any, Final, cast
 import structlog
 
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.patterns import PatternError
-from gateway.lcm.subscriptions import Subscriptions
+from gateway.lcm.subscriptions import PatternError, Subscriptions
 from scenegate.lcm.limits import MAX_HEADER_BYTES
 from scenegate.lcm.tcpq import (
     HUB_HELLO,

@@ -14,7 +14,6 @@ from typing import Final
 
 from scenegate.lcm import udpm, udpm_socket
 from scenegate.lcm.limits import TransportLimits
-from scenegate.lcm.receive_buffer import dropped_datagrams, raise_receive_buffer, receive_buffer, system_limit
 from scenegate.lcm.receive_queue import ReceiveQueue
 from scenegate.lcm.transport import LcmMessage, OnMessage
 from scenegate.lcm.udpm_assembler import Assembler
@@ -106,8 +105,8 @@ class UdpmTransport:
             "incomplete": self._assembler.incomplete,
             "refused": self._assembler.refused,
             "unsent_bytes": self._sender.unsent_bytes,
-            "receive_buffer_bytes": receive_buffer(self._receiver),
-            "lost_datagrams": dropped_datagrams(self._receiver),
+            "receive_buffer_bytes": udpm_socket.receive_buffer(self._receiver),
+            "lost_datagrams": udpm_socket.dropped_datagrams(self._receiver),
             "foreign_datagrams": self.foreign,
             **({"warning": self.warning} if self.warning else {}),
         }
@@ -117,10 +116,10 @@ class UdpmTransport:
 
         The warning is also logged.
         """
-        granted = raise_receive_buffer(self._receiver, requested)
+        granted = udpm_socket.raise_receive_buffer(self._receiver, requested)
         if granted >= requested:
             return ""
-        limit = system_limit()
+        limit = udpm_socket.system_limit()
         current_limit = "" if limit is None else f" (it is {limit} now)"
         warning = (
             f"LCM's receive buffer has {granted} bytes instead of {requested}: larger messages "
