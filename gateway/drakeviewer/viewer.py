@@ -17,7 +17,6 @@ from gateway.assets.mesh_files import MeshFiles
 from gateway.drakeviewer import wire
 from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.contacts import read_contacts
-from gateway.drakeviewer.deformables import read_deformables
 from gateway.drakeviewer.frames import FrameChannel
 from gateway.drakeviewer.link_paths import count_nodes
 from gateway.drakeviewer.messages import Draw, MessageError
@@ -32,6 +31,7 @@ from gateway.drakeviewer.robots import (
     read_robots,
     show_family,
 )
+from gateway.drakeviewer.shapes import read_deformables
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path, TreeEdit
 from scenegate.warning_text import strict_refusal
@@ -263,7 +263,7 @@ class DrakeViewer:
     def _read_deformable(self, channel: str, family: str, message: wire.Message) -> Edit | None:
         limits = self._config.limits
         warnings: list[str] = []
-        bodies = read_deformables(wire.decode_link_data(message, limits), family, limits, warnings)
+        bodies = read_deformables(wire.decode_link_data(message, limits), (ROOT, family), limits, warnings)
         self._refuse_if_strict(warnings)
         shown = self.state.deformables.setdefault(channel, ShownParts())
         if not bodies and not shown.paths:
