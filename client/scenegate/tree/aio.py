@@ -12,7 +12,7 @@ from typing import Any, Concatenate, Final, Generic, ParamSpec, TypeVar, overloa
 
 from scenegate.messages.changes import Key, Path, path_of
 from scenegate.messages.field_kinds import describe
-from scenegate.tree.clicks import Callback
+from scenegate.tree.callbacks import Callback
 from scenegate.tree.control_panel import ControlHandle, V
 from scenegate.tree.controls import ButtonHandle, ControlFolder, MaybePose, PlotHandle
 from scenegate.tree.joint_sliders import JointSliders
