@@ -115,7 +115,13 @@ class RequestApplier:
             yield
         for index, (path, visible, opacity) in enumerate(self.request.properties):
             if edit.root.find(path) is not None or self._has_room(edit, "setproperty", index, path):
-                self._set_properties(edit, path, visible, opacity)
+                if visible is not None:
+                    edit.set_visible(path, visible)
+                if opacity is not None:
+                    edit.set_opacity(path, opacity)
+                node = edit.root.find(path)
+                if node is None or not node.nodes_with_parts:
+                    self._missing[path] = None
             yield
 
     def _has_room(self, edit: TreeEdit, command: str, index: int, path: Path, parts: tuple[Part, ...] = ()) -> bool:
@@ -125,15 +131,6 @@ class RequestApplier:
         if reason:
             self._failures.append(Finding(command, index, reason, path))
         return not reason
-
-    def _set_properties(self, edit: TreeEdit, path: Path, visible: bool | None, opacity: float | None) -> None:
-        if visible is not None:
-            edit.set_visible(path, visible)
-        if opacity is not None:
-            edit.set_opacity(path, opacity)
-        node = edit.root.find(path)
-        if node is None or not node.nodes_with_parts:
-            self._missing[path] = None
 
 
 def _is_at_or_below(path: Path | None, tops: set[Path]) -> bool:
@@ -159,13 +156,10 @@ class PageClient:
 
 
 def update_page(page: LivePage, request: Request, client: PageClient | None, utime: int) -> None:
-    """Execute the commands for the page; add a failure to the request for each that cannot be executed.
+    """Execute a request's commands for the page; add a failure to the request for each that cannot be executed.
 
     Args:
-        page: state that all browser pages share.
-        request: a request; the caller has executed its commands for the tree.
         client: the sender; None if it cannot receive messages of the page.
-        utime: time of the request.
     """
     if request.view is not None:
         page.change_view(request.view)

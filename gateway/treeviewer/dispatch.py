@@ -87,11 +87,8 @@ class Dispatcher:
         store: DurableStore | None = None,
         listeners: Sequence[ChannelListener] = (),
     ) -> None:
-        """Create a dispatcher without requests.
-
+        """
         Args:
-            protocol: reads and applies requests.
-            config: limits and sizes.
             pool: its threads read big requests and those that ``read_at_once`` leaves to them.
             store: storage of the tree; None: responses do not wait for storage.
             listeners: receive the messages of other channels.

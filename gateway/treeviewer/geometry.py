@@ -52,7 +52,6 @@ def read_geometry(params: Any, context: ReadContext, name: str = "geometry") -> 
 
     Args:
         params: the geometry as decoded.
-        context: receives warnings.
         name: name of the geometry in the command, for error texts.
     """
     if not isinstance(params, dict):

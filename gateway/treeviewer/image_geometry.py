@@ -147,14 +147,7 @@ def _unlit(rgba: Color, checked: CheckedImage) -> Material:
 def _material(
     rgba: Color, checked: CheckedImage | None, colors: NDArray[np.float32] | None, *, repeats: bool = True
 ) -> Material:
-    """Return the material of a lit surface.
-
-    Args:
-        rgba: colour that multiplies the texture and the vertex colours.
-        checked: texture; None: none.
-        colors: (N, 4) vertex colours; None: none.
-        repeats: True if the texture repeats outside of 0 to 1.
-    """
+    """Return the material of a lit surface with a texture, which may repeat, and (N, 4) vertex colours, or None."""
     has_alpha = colors is not None and bool((colors[:, 3] < 1.0).any())
     if checked is not None:
         result = textured(rgba, checked.image, has_alpha=has_alpha or checked.has_alpha, repeats=repeats)

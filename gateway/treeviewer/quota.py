@@ -40,15 +40,7 @@ class _ObjectsInUse:
         """Reentrant: while a thread holds it, the garbage collector may free a counted object in this thread."""
 
     def add(self, objects: list[tuple[Any, int]], maximum: float = math.inf) -> int:
-        """Count objects, unless their total would exceed the maximum.
-
-        Args:
-            objects: objects with their sizes.
-            maximum: maximum of the total.
-
-        Returns:
-            The total with the objects. If it is above the maximum, they are not counted.
-        """
+        """Count objects with their sizes, unless their total would exceed the maximum; return the total with them."""
         with self._lock:
             new = {id(each): (each, size) for each, size in objects if id(each) not in self._counted}
             added = sum(size for _, size in new.values())

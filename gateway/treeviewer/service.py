@@ -48,12 +48,9 @@ class TreeViewerService:
         """Create the service; ``run`` starts it.
 
         Args:
-            config: settings.
-            live: tree that requests edit.
             meshfiles: loader of mesh files; None: requests cannot load files.
             store: storage of the tree; None: responses do not wait for storage.
             listeners: receive other channels of the transport and the hub.
-            page: state of the pages that show the tree.
             local_meshfiles: loader of mesh files for programs on this machine; None: ``meshfiles``.
         """
         self._config = config

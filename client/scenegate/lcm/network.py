@@ -35,9 +35,8 @@ def open_transport(url: str, prefixes: tuple[str, ...], limits: TransportLimits)
     """Return the transport that connects to the network at ``url``.
 
     Args:
-        url: LCM URL.
         prefixes: starts of the channel names to receive. One that ends with ``WHOLE_NAME`` is a whole name.
-        limits: limits.
+
     Raises:
         LcmUnavailableError: the transport cannot be opened.
     """

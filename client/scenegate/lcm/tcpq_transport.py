@@ -43,12 +43,8 @@ class TcpqTransport:
     """``Transport`` by a hub. It subscribes to one pattern, and connects again when the connection is lost."""
 
     def __init__(self, url: str, pattern: str, max_message: int) -> None:
-        """Parse the URL; ``start`` connects.
+        """Prepare to receive the channels of a regular expression from ``tcpq://[host[:port]]``; ``start`` connects.
 
-        Args:
-            url: tcpq://host:port, of which host and port are optional.
-            pattern: regular expression of the channels to receive.
-            max_message: maximum bytes of one message.
         Raises:
             ValueError: the URL has no valid port.
         """

@@ -23,10 +23,9 @@ class UdpmSender:
     """Sends datagrams in order, and queues those that the kernel does not accept yet."""
 
     def __init__(self, sock: socket.socket, address: tuple[str, int], url: str, max_unsent: int) -> None:
-        """Create a sender for a non-blocking socket.
-
+        """
         Args:
-            sock: socket to send with. The sender closes it.
+            sock: non-blocking socket to send with. The sender closes it.
             address: multicast address and port.
             url: LCM URL, for error texts.
             max_unsent: maximum bytes in the queue. A single message may be larger.

@@ -126,11 +126,7 @@ def check_route(url: str, network: UdpmUrl, receiver: socket.socket, sender: soc
 
 
 def own_addresses(sock: socket.socket) -> frozenset[str]:
-    """Return the IPv4 addresses of this machine's interfaces.
-
-    Args:
-        sock: any socket.
-    """
+    """Return the IPv4 addresses of this machine's interfaces, by any socket."""
     if sys.platform != "linux":
         return frozenset(socket.gethostbyname_ex(socket.gethostname())[2])
     import fcntl

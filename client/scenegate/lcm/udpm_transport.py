@@ -34,13 +34,8 @@ class UdpmTransport:
     """``Transport`` by UDP multicast. It joins the group when created; the kernel keeps datagrams until ``start``."""
 
     def __init__(self, url: str, prefixes: tuple[str, ...], config: TransportLimits, max_message: int) -> None:
-        """Join the multicast group and test the route.
+        """Join the multicast group and test the route; see ``network.open_transport`` for the arguments.
 
-        Args:
-            url: ``udpm://`` URL.
-            prefixes: starts of the channel names to receive.
-            config: sizes of buffers and queues.
-            max_message: maximum bytes of one message.
         Raises:
             ValueError: the URL is invalid.
             LcmUnavailableError: the port is in use, or there is no route.

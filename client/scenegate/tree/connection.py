@@ -23,12 +23,7 @@ class LcmConnection:
     """LCM connection that any thread may publish on. It connects again when it loses a TCPQ hub."""
 
     def __init__(self, url: str | None, handlers: Mapping[str, Callable[[bytes], None]], timeout: float) -> None:
-        """Connect, and start the receiving thread.
-
-        Args:
-            url: LCM URL; None: the environment variable LCM_DEFAULT_URL, or else LCM's default.
-            handlers: callback for each channel. The receiving thread calls it with the message.
-            timeout: seconds to wait for a hub.
+        """Connect, and start the receiving thread, which calls the handler of a channel with each message.
 
         Raises:
             ConnectionError: no hub listens, or there is no route.

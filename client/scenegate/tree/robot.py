@@ -132,13 +132,7 @@ def _checked(joints: Mapping[str, JointValue]) -> dict[str, JointValue]:
 
 
 def _add_poses(changes: Changes, path: Path, links: Iterable[str], poses: NDArray[np.float64]) -> None:
-    """Add the transforms of links to changes.
-
-    Args:
-        path: path of the robot.
-        links: names of N links.
-        poses: (N, 4, 4) X_robot_link.
-    """
+    """Add the transforms of N links of the robot at ``path`` to changes; ``poses`` are X_robot_link, (N, 4, 4)."""
     quaternions = quaternions_of(poses[:, :3, :3]).tolist()
     for link, translation, quaternion in zip(links, poses[:, :3, 3].tolist(), quaternions, strict=True):
         changes.set_entry((*path, link), Entry(transform={"translation": translation, "quaternion": quaternion}))
