@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer.channels import Channel, Kind
 from gateway.drakeviewer.config import DrakeViewerConfig, Limits
 from gateway.drakeviewer.messages import MessageError
 from gateway.scene.flatten import flatten
@@ -201,7 +202,7 @@ OF_A_SIMULATION = {
 def test_what_arrives_while_a_load_is_read_belongs_to_the_new_simulation(viewer: Viewer) -> None:
     frame = draw({(0, "f"): IDENTITY})
     viewer.handle("DRAKE_DRAW_FRAMES_OLD", frame)
-    loading = viewer.read(LOAD, load(link("a", 1, BALL)))
+    loading = viewer.read(Channel(LOAD, Kind.LOAD, "illustration"), load(link("a", 1, BALL)))
     viewer.handle("DRAKE_DRAW_FRAMES_NEW", frame)
     viewer.apply(loading)
     assert viewer.paths() == [("drake", "frames", "NEW", "f")]
