@@ -84,8 +84,8 @@ class DrakeViewerService:
             "channels": {channel.name: count for channel, count in self._channels.items()},
             "families": self.viewer.families(),
         }
-        if self.viewer.simulation_seconds is not None:
-            status["simulation_seconds"] = self.viewer.simulation_seconds
+        if self.viewer.state.seconds is not None:
+            status["simulation_seconds"] = self.viewer.state.seconds
         warnings = self._warnings.listed()
         if self._unshown:
             status["unshown_channels"] = dict(self._unshown)

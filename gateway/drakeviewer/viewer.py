@@ -156,11 +156,6 @@ class DrakeViewer:
             case Kind.FRAMES:
                 return self._read_frames(channel, message)
 
-    @property
-    def simulation_seconds(self) -> float | None:
-        """Time of the simulation in the last draw message that was shown; None before the first one."""
-        return self.state.seconds
-
     def families(self) -> dict[str, dict[str, int]]:
         """Return the numbers of links and draw messages of each family, as plain JSON values."""
         return {

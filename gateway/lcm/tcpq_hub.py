@@ -18,7 +18,6 @@ import structlog
 
 from gateway.lcm.config import LcmConfig
 from gateway.lcm.subscriptions import PatternError, Subscriptions
-from scenegate.lcm.limits import MAX_HEADER_BYTES
 from scenegate.lcm.tcpq import (
     HUB_HELLO,
     MAGIC_CLIENT,
@@ -28,7 +27,7 @@ from scenegate.lcm.tcpq import (
     FrameType,
     publish_header,
 )
-from scenegate.lcm.transport import LcmMessage, LcmUnavailableError
+from scenegate.lcm.transport import MAX_HEADER_BYTES, LcmMessage, LcmUnavailableError
 
 _log = structlog.get_logger("gateway.lcm")
 

@@ -109,7 +109,7 @@ class LogReplay(Closing):
     @property
     def simulation_seconds(self) -> float | None:
         """Time of the simulation in the last draw message of Drake's; None before the first one."""
-        return self._drake.simulation_seconds
+        return self._drake.state.seconds
 
     @property
     def state(self) -> ReplayState:

@@ -433,10 +433,10 @@ def test_names_of_deformable_bodies_are_limited(viewer: Viewer) -> None:
 
 def test_time_of_the_simulation(viewer: Viewer) -> None:
     viewer.handle(LOAD, load(link("a", 0, BALL)))
-    times = [viewer.simulation_seconds]
+    times = [viewer.state.seconds]
     for name, milliseconds in (("a", 2345), ("stale", 9999), ("a", 0)):  # at 0, the simulation starts again
         viewer.handle(DRAW, draw({(0, name): IDENTITY}, milliseconds=milliseconds))
-        times.append(viewer.simulation_seconds)
+        times.append(viewer.state.seconds)
     assert times == [None, 2.345, 2.345, 0.0]
 
 

@@ -6,9 +6,8 @@ import asyncio
 import threading
 from collections.abc import Callable, Mapping
 
-from scenegate.lcm.limits import TransportLimits
 from scenegate.lcm.network import WHOLE_NAME, open_transport, resolve_url
-from scenegate.lcm.transport import LcmMessage
+from scenegate.lcm.transport import LcmMessage, TransportLimits
 
 CLOSE_SECONDS = 2.0
 """Maximum time for messages to be sent when the connection is closed."""
