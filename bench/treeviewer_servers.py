@@ -29,7 +29,7 @@ from gateway.treeviewer import responses
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, response_channel
 from gateway.treeviewer.service import TreeViewerService
-from scenegate.lcm.receive_buffer import raise_receive_buffer
+from scenegate.lcm.udpm_socket import raise_receive_buffer
 from scenegate.messages import wire
 
 

@@ -37,8 +37,8 @@ from gateway.scene.tree import Path as TreePath
 from gateway.treeviewer.apply import RequestApplier
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import ReadContext
-from gateway.treeviewer.json_reader import JsonReader
 from gateway.treeviewer.quota import TreeQuota
+from gateway.treeviewer.request_reader import JsonReader
 from renderers.drawlist import DrawList, Light
 from renderers.interface import LookName
 from scenegate.datasets import manifest

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scenegate.lcm.limits import MIB
+from scenegate.lcm.transport import MIB
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.drakeviewer.arrows import arrows
-from gateway.drakeviewer.float_meshes import drawable_triangles
+from gateway.drakeviewer.meshes import drawable_triangles
 from gateway.drakeviewer.messages import Contacts, MessageError, SurfaceContact
 from gateway.drakeviewer.robots import ROOT
 from gateway.scene.geometry import Part, Surface

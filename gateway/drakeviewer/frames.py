@@ -47,11 +47,7 @@ class FrameChannel:
         return [(*self.root, *paths[key]) for key in names.keys]
 
     def apply(self, draw: Draw, paths: list[Path], edit: TreeEdit) -> None:
-        """Move the frames. If their names have changed, delete the earlier frames.
-
-        Args:
-            paths: result of ``paths_of``.
-        """
+        """Move the frames at ``paths_of`` the message. If their names have changed, delete the earlier frames."""
         if draw.names is not self.names:
             if self.names is None or set(draw.names.keys) != set(self.names.keys):
                 edit.delete(self.root)

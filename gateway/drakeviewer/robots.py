@@ -56,7 +56,12 @@ def read_robots(links: tuple[Link, ...], family: str, files: MeshFiles, limits: 
     warnings: list[str] = []
     trees: dict[str, TreeEdit] = {family: TreeEdit(Node())}
     paths: dict[LinkKey, Path] = {}
-    origins = {link.key: _family_and_key(link.key, family) for link in links}
+    origins: dict[LinkKey, tuple[str, LinkKey]] = {}
+    """Family of each link, and its key without the mark."""
+    for link in links:
+        robot, name = link.key
+        _, mark, rest = name.partition(INERTIA_MARK)
+        origins[link.key] = (INERTIA, (robot, rest)) if mark else (family, link.key)
     paths_by_family = {
         name: link_paths((key for own_family, key in origins.values() if own_family == name), limits)
         for name in (family, INERTIA)
@@ -68,17 +73,6 @@ def read_robots(links: tuple[Link, ...], family: str, files: MeshFiles, limits: 
         tree = trees.setdefault(own_family, TreeEdit(Node()))
         tree.set_parts(path, read_geometries(link.geometries, files, limits, warnings))
     return LoadedRobots({name: tree.commit() for name, tree in trees.items()}, paths, tuple(warnings))
-
-
-def _family_and_key(key: LinkKey, family: str) -> tuple[str, LinkKey]:
-    """Return a link's family, ``INERTIA`` if its name is marked so, and the link's key without the mark.
-
-    Args:
-        family: family of the channel.
-    """
-    robot, name = key
-    _, mark, rest = name.partition(INERTIA_MARK)
-    return (INERTIA, (robot, rest)) if mark else (family, key)
 
 
 @dataclass(slots=True, eq=False)
@@ -133,7 +127,11 @@ class RobotChannels:
             self.stale += 1
             return f"its {len(draw.names.keys)} links are not the {self._movable} that are loaded"
         if not is_shown:
-            self._show(loaded, edit)
+            for family, subtree in loaded.families.items():
+                show_family(edit, family)
+                for name, child in subtree.children.items():
+                    edit.set_subtree((ROOT, family, name), child)
+            self._was_shown, self._poses = True, None
         poses, last = draw.poses, self._poses
         moved = np.ones(len(poses), np.bool_) if last is None else (poses != last).any(axis=1)
         edit.set_poses(list(compress(self._paths, moved.tolist())), map(tuple, poses[moved].tolist()))
@@ -145,14 +143,6 @@ class RobotChannels:
     def _movable(self) -> int:
         """Number of loaded links for which Drake sends poses."""
         return 0 if self._loaded is None else sum(key != WORLD for key in self._loaded.paths)
-
-    def _show(self, loaded: LoadedRobots, edit: TreeEdit) -> None:
-        """Add the loaded links to the live tree."""
-        for family, subtree in loaded.families.items():
-            show_family(edit, family)
-            for name, child in subtree.children.items():
-                edit.set_subtree((ROOT, family, name), child)
-        self._was_shown, self._poses = True, None
 
 
 def _has_links(root: Node, loaded: LoadedRobots) -> bool:

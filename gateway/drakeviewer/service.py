@@ -13,6 +13,7 @@ from typing import Any, Final
 import structlog
 
 from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer.channels import Channel, Kind, channel_of
 from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.messages import MessageError
 from gateway.drakeviewer.viewer import DrakeViewer, Edit
@@ -52,19 +53,19 @@ class DrakeViewerService:
         self._pool = WorkerPool(
             self._config.threads, self._config.channels, name="drakeviewer", niceness=BACKGROUND_NICENESS
         )
-        self._waiting: dict[str, dict[str, LcmMessage]] = {}
+        self._waiting: dict[str, dict[Channel, LcmMessage]] = {}
         """Queues of messages by group and channel, oldest first."""
         self._waiting_bytes = 0
         self._unapplied = live.unapplied_arrivals
         self._tasks: dict[str, asyncio.Task[None]] = {}
         """Task that empties the queue of each group that has one."""
-        self._channels: dict[str, int] = {}
+        self._channels: dict[Channel, int] = {}
         """Number of messages of each shown channel. One without a fixed name is added with its first shown message."""
-        self._sizes: dict[str, int] = {}
+        self._sizes: dict[Channel, int] = {}
         """Bytes of the newest shown message of each channel."""
         self._unshown: dict[str, int] = {}
         """Number of messages of each channel that is not shown."""
-        self._logged: set[tuple[str, str]] = set()
+        self._logged: set[tuple[Channel, str]] = set()
         """Channels and reasons that were logged."""
         self._warnings = WarningList()
         """Reason, by channel, why its newest message is not shown completely."""
@@ -80,11 +81,11 @@ class DrakeViewerService:
             **asdict(self.viewer.counters),
             "superseded": self._superseded,
             "dropped": self._dropped,
-            "channels": dict(self._channels),
+            "channels": {channel.name: count for channel, count in self._channels.items()},
             "families": self.viewer.families(),
         }
-        if self.viewer.simulation_seconds is not None:
-            status["simulation_seconds"] = self.viewer.simulation_seconds
+        if self.viewer.state.seconds is not None:
+            status["simulation_seconds"] = self.viewer.state.seconds
         warnings = self._warnings.listed()
         if self._unshown:
             status["unshown_channels"] = dict(self._unshown)
@@ -112,30 +113,29 @@ class DrakeViewerService:
 
         Must be called on the event loop.
         """
-        channel, nbytes = message.channel, len(message.data)
         if not self.ready:
             return
-        if not self.viewer.is_shown(channel):
-            self._count_unshown(channel)
+        channel, nbytes = channel_of(message.channel), len(message.data)
+        if channel is None:
+            self._count_unshown(message.channel)
             return
         if not self._admit(channel, nbytes):
             return
-        if channel in self._channels or self.viewer.has_fixed_name(channel):
+        if channel in self._channels or channel.has_fixed_name:
             self._channels[channel] = self._channels.get(channel, 0) + 1
         self.viewer.counters.received += 1
-        group = self.viewer.group(channel)
-        if group not in self._tasks and not self._needs_thread(message):
-            with lcm_message_span(channel, nbytes):
-                self._show(message)
+        if channel.group not in self._tasks and not self._needs_thread(channel, message):
+            with lcm_message_span(channel.name, nbytes):
+                self._show(channel, message)
             return
-        self._enqueue(group, message)
-        if group not in self._tasks:
-            self._tasks[group] = asyncio.get_running_loop().create_task(self._show_waiting(group))
+        self._enqueue(channel, message)
+        if channel.group not in self._tasks:
+            self._tasks[channel.group] = asyncio.get_running_loop().create_task(self._show_waiting(channel.group))
 
-    def _admit(self, channel: str, size: int) -> bool:
+    def _admit(self, channel: Channel, size: int) -> bool:
         """Return False, and count the message, if it is beyond the limits on all channels."""
-        is_new = channel not in self._channels and not self.viewer.has_fixed_name(channel)
-        waiting = {name for queue in self._waiting.values() for name in queue} if is_new else set()
+        is_new = channel not in self._channels and not channel.has_fixed_name
+        waiting = {other for queue in self._waiting.values() for other in queue} if is_new else set()
         if is_new and len((self._channels.keys() | waiting) - {channel}) >= self._config.channels:
             reason = f"{self._config.channels} channels are shown or wait, which is the limit"
         elif sum(self._sizes.values()) - self._sizes.get(channel, 0) + size > self._config.shown_bytes:
@@ -146,23 +146,23 @@ class DrakeViewerService:
         self._report(channel, reason)
         return False
 
-    def _needs_thread(self, message: LcmMessage) -> bool:
+    def _needs_thread(self, channel: Channel, message: LcmMessage) -> bool:
         """Return True if reading the message may take milliseconds."""
-        return len(message.data) >= self._config.offload_bytes or self.viewer.reads_meshes(message.channel)
+        return len(message.data) >= self._config.offload_bytes or channel.reads_meshes
 
-    def _enqueue(self, group: str, message: LcmMessage) -> None:
+    def _enqueue(self, channel: Channel, message: LcmMessage) -> None:
         """Add a message to the end of its group's queue, and remove an earlier one of its channel."""
-        queue = self._waiting.setdefault(group, {})
-        earlier = queue.pop(message.channel, None)
+        queue = self._waiting.setdefault(channel.group, {})
+        earlier = queue.pop(channel, None)
         if earlier is not None:
             self._superseded += 1
             self._waiting_bytes -= len(earlier.data)
         if self._waiting_bytes + len(message.data) > self._config.waiting_bytes:
             self._dropped += 1
-            self._report(message.channel, f"{self._waiting_bytes} bytes of messages are waiting")
+            self._report(channel, f"{self._waiting_bytes} bytes of messages are waiting")
             return
-        queue[message.channel] = message
-        self._unapplied.setdefault((self, group), message.arrival)
+        queue[channel] = message
+        self._unapplied.setdefault((self, channel.group), message.arrival)
         self._waiting_bytes += len(message.data)
 
     async def _show_waiting(self, group: str) -> None:
@@ -177,54 +177,53 @@ class DrakeViewerService:
                 self._waiting_bytes -= nbytes
                 if not self._admit(channel, nbytes):
                     continue
-                with lcm_message_span(channel, nbytes):
-                    if self._needs_thread(message):
-                        await self._read_in_thread(message)
+                with lcm_message_span(channel.name, nbytes):
+                    if self._needs_thread(channel, message):
+                        await self._read_in_thread(channel, message)
                     else:
-                        self._show(message)
+                        self._show(channel, message)
         finally:
             self._waiting.pop(group, None)
             self._unapplied.pop((self, group), None)
             del self._tasks[group]
 
-    def _show(self, message: LcmMessage) -> None:
+    def _show(self, channel: Channel, message: LcmMessage) -> None:
         try:
-            self._apply(message, self.viewer.read(message.channel, message.data))
+            self._apply(channel, message, self.viewer.read(channel, message.data))
         except Exception as error:  # noqa: BLE001 - one message must not end the transport
-            self._report_error(message.channel, error)
+            self._report_error(channel, error)
 
-    async def _read_in_thread(self, message: LcmMessage) -> None:
+    async def _read_in_thread(self, channel: Channel, message: LcmMessage) -> None:
         files = self._local_files if message.is_local else self._files
         try:
-            self._apply(message, await self._pool.run(self.viewer.read, message.channel, message.data, files))
+            self._apply(channel, message, await self._pool.run(self.viewer.read, channel, message.data, files))
         except Exception as error:  # noqa: BLE001 - one message must not end the service
-            self._report_error(message.channel, error)
+            self._report_error(channel, error)
 
-    def _apply(self, message: LcmMessage, edit: Edit | None) -> None:
+    def _apply(self, channel: Channel, message: LcmMessage, edit: Edit | None) -> None:
         """Apply a message's edit, and count its channel and size. Damaged messages do not count as shown."""
-        channel = message.channel
         self._report(channel, *self.viewer.apply(edit, message.arrival))
-        if self.viewer.is_load(channel):  # it may have deleted point clouds and frames; the next messages warn again
-            self._sizes = {name: size for name, size in self._sizes.items() if self.viewer.has_fixed_name(name)}
-            self._warnings.remove(lambda name: not self.viewer.is_load(name))
+        if channel.kind is Kind.LOAD:  # it may have deleted point clouds and frames; the next messages warn again
+            self._sizes = {other: size for other, size in self._sizes.items() if other.has_fixed_name}
+            self._warnings.remove(lambda other: other.kind is not Kind.LOAD)
         self._channels.setdefault(channel, 1)
         self._sizes[channel] = len(message.data)
 
-    def _report_error(self, channel: str, error: Exception) -> None:
+    def _report_error(self, channel: Channel, error: Exception) -> None:
         self.viewer.counters.undecodable += 1
         if isinstance(error, (MessageError, *UnavailableErrors)):
             self._report(channel, str(error))
         else:
-            _log.error("A message could not be shown", channel=channel, exc_info=error)
+            _log.error("A message could not be shown", channel=channel.name, exc_info=error)
             self._report(channel, "internal error; the gateway's log says more")
 
-    def _report(self, channel: str, *reasons: str) -> None:
+    def _report(self, channel: Channel, *reasons: str) -> None:
         """Log reasons once for each channel, and keep them for ``/healthz`` until a message of the channel is shown."""
-        self._warnings.set(channel, *(f"{channel}: {reason}" for reason in reasons))
+        self._warnings.set(channel, *(f"{channel.name}: {reason}" for reason in reasons))
         reason = joined_warnings(reasons)
         if reason and (channel, reason) not in self._logged and len(self._logged) < MAX_REASONS:
             self._logged.add((channel, reason))
-            _log.warning("A message of Drake's was ignored, or shown only in part", channel=channel, reason=reason)
+            _log.warning("A message of Drake's was ignored, or shown only in part", channel=channel.name, reason=reason)
 
     def _count_unshown(self, channel: str) -> None:
         self.viewer.counters.unshown += 1

@@ -1,4 +1,4 @@
-"""Read a link's geometries as parts of the scene."""
+"""Read the geometries of links, and deformable bodies, as parts of the scene."""
 
 from __future__ import annotations
 
@@ -7,18 +7,17 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
 from gateway.assets.mesh_files import MeshFileError, MeshFiles
 from gateway.assets.mesh_formats import PLAIN_MATERIAL
 from gateway.drakeviewer.config import Limits
-from gateway.drakeviewer.float_meshes import surface_of
-from gateway.drakeviewer.json_meshes import memory_mesh
-from gateway.drakeviewer.messages import Geometry, GeometryType, MessageError
+from gateway.drakeviewer.link_paths import split_name
+from gateway.drakeviewer.meshes import memory_mesh, surface_of
+from gateway.drakeviewer.messages import Geometry, GeometryType, Link, MessageError
 from gateway.scene.geometry import Part, Shape
 from gateway.scene.materials import Color, material
 from gateway.scene.transforms import from_pose
+from gateway.scene.tree import Path
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 
 
@@ -39,15 +38,40 @@ def read_geometries(
     return tuple(parts)
 
 
-def color_of(geometry: Geometry) -> Color:
+def read_deformables(link: Link, family: Path, limits: Limits, warnings: list[str]) -> dict[Path, tuple[Part, ...]]:
+    """Return the bodies of a message by path in the live tree. A body without drawable triangles has no parts.
+
+    Args:
+        link: the message; each of its geometries is a body.
+        family: path of the family of the channel.
+        warnings: list to which the reason is added if a mesh is damaged or beyond a limit. That body has no parts.
+
+    Raises:
+        MessageError: A name is beyond a limit.
+    """
+    bodies: dict[Path, tuple[Part, ...]] = {}
+    parent = (*family, *split_name(link.key[1], limits))
+    for geometry in link.geometries:
+        if len(geometry.text) > limits.name_bytes:  # string_data may be as long as a mesh in JSON
+            raise MessageError(
+                f"the name of a deformable body has {len(geometry.text)} characters, the limit is {limits.name_bytes}"
+            )
+        path = (*parent, *split_name(geometry.text, limits))
+        parts = bodies.setdefault(path, ())
+        try:
+            surface = surface_of(geometry.floats, limits)
+        except MessageError as error:
+            warnings.append(str(error))
+            continue
+        if surface is not None:
+            bodies[path] = (*parts, _part(geometry, surface, "mesh_data"))
+    return bodies
+
+
+def _color_of(geometry: Geometry) -> Color:
     """Return a geometry's colour, sRGB and alpha, clipped to 0 .. 1; 0 for NaN."""
     r, g, b, alpha = (min(max(value, 0.0), 1.0) if value == value else 0.0 for value in geometry.color)
     return r, g, b, alpha
-
-
-def transform_of(geometry: Geometry) -> NDArray[np.float64]:
-    """Return X_link_geometry, (4, 4) float64."""
-    return from_pose(geometry.position, geometry.quaternion)
 
 
 def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits, warnings: list[str]) -> tuple[Part, ...]:
@@ -70,7 +94,8 @@ def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits, warnings: li
 
 
 def _part(geometry: Geometry, shape: Shape, kind: str) -> Part:
-    return Part(shape, material(color_of(geometry)), transform_of(geometry), kind)
+    X_link_geometry = from_pose(geometry.position, geometry.quaternion)
+    return Part(shape, material(_color_of(geometry)), X_link_geometry, kind)
 
 
 def _mesh_file(geometry: Geometry, files: MeshFiles, warnings: list[str]) -> tuple[Part, ...]:
@@ -80,8 +105,8 @@ def _mesh_file(geometry: Geometry, files: MeshFiles, warnings: list[str]) -> tup
         loaded = memory_mesh(geometry.text, scale, files, warnings)
     else:
         loaded = files.load(geometry.text, scale, warnings)
-    X_link_geometry = transform_of(geometry)
-    own_material = material(color_of(geometry))
+    X_link_geometry = from_pose(geometry.position, geometry.quaternion)
+    own_material = material(_color_of(geometry))
     return tuple(
         msgspec.structs.replace(
             part,

@@ -15,55 +15,27 @@ import numpy as np
 
 from gateway.assets.mesh_files import MeshFiles
 from gateway.drakeviewer import wire
+from gateway.drakeviewer.channels import Channel, Kind, channel_of
 from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.contacts import read_contacts
-from gateway.drakeviewer.deformables import read_deformables
 from gateway.drakeviewer.frames import FrameChannel
 from gateway.drakeviewer.link_paths import count_nodes
 from gateway.drakeviewer.messages import Draw, MessageError
 from gateway.drakeviewer.point_clouds import read_cloud
 from gateway.drakeviewer.robots import (
-    ILLUSTRATION,
-    INERTIA,
-    PROXIMITY,
-    ROOT,
     RobotChannels,
     ShownParts,
     read_robots,
     show_family,
 )
+from gateway.drakeviewer.shapes import read_deformables
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path, TreeEdit
 from scenegate.warning_text import strict_refusal
 
-PREFIXES: Final = ("DRAKE_", "CONTACT_RESULTS")
-"""Prefixes of the names of channels that are received. Not all of them are shown."""
-LOAD: Final = "DRAKE_VIEWER_LOAD_ROBOT"
-"""Prefix of the channels of load messages."""
-DRAW: Final = "DRAKE_VIEWER_DRAW"
-"""Prefix of the channels of draw messages: poses of links."""
-DEFORMABLE: Final = "DRAKE_VIEWER_DEFORMABLE"
-"""Prefix of the channels of deformable bodies."""
-CONTACT_RESULTS: Final = "CONTACT_RESULTS"
-"""Name of the channel of contacts."""
-POINT_CLOUD: Final = "DRAKE_POINT_CLOUD"
-"""Prefix of the channels of point clouds."""
-FRAMES: Final = "DRAKE_DRAW_FRAMES"
-"""Prefix of the channels of coordinate frames."""
-CLOUD_GROUP: Final = "point clouds"
-"""Name of the node above the point clouds."""
-FRAME_GROUP: Final = "frames"
-"""Name of the node above the frames."""
 RESTART_SECONDS: Final = 0.1
 """A draw message whose time is earlier than the last one's by more than this starts a new simulation. UDP can swap
 messages that are milliseconds apart."""
-FAMILIES: Final = {
-    "": ILLUSTRATION,
-    "_ILLUSTRATION": ILLUSTRATION,
-    "_PROXIMITY": PROXIMITY,
-    "_INERTIA": INERTIA,
-}
-"""Family by the suffix of the channels ``LOAD``, ``DRAW`` and ``DEFORMABLE``."""
 
 Edit = Callable[[TreeEdit], Sequence[str]]
 """Applies a message to the live tree. Returns the reasons why some or all of the message is not shown."""
@@ -91,7 +63,7 @@ class DrakeState:
 
     robots: dict[str, RobotChannels] = field(default_factory=dict)
     """Robots by family."""
-    loads: dict[str, tuple[bytes, bool]] = field(default_factory=dict)
+    loads: dict[Channel, tuple[bytes, bool]] = field(default_factory=dict)
     """Last load message of each channel, and True if it must be read again: it names files, or something is missing."""
     deformables: dict[str, ShownParts] = field(default_factory=dict)
     """Deformable bodies by channel."""
@@ -104,7 +76,7 @@ class DrakeState:
     """Time of the last draw message that was shown."""
     shown: int = 0
     """Number of messages of contacts, point clouds and frames that were shown."""
-    shown_at: dict[str, int] = field(default_factory=dict)
+    shown_at: dict[Channel, int] = field(default_factory=dict)
     """Value of ``shown`` after the newest of these messages, by channel."""
 
     def copy(self) -> DrakeState:
@@ -145,38 +117,14 @@ class DrakeViewer:
         self.state = state or DrakeState()
         self.counters = Counters()
 
-    @staticmethod
-    def is_shown(channel: str) -> bool:
-        """Return True for the channels that are shown."""
-        is_of_family = _kind_and_family(channel) is not None
-        return is_of_family or channel == CONTACT_RESULTS or channel.startswith((POINT_CLOUD, FRAMES))
-
-    def has_fixed_name(self, channel: str) -> bool:
-        """Return False for the channels of point clouds and frames, of which there can be any number."""
-        return not channel.startswith((POINT_CLOUD, FRAMES))
-
-    def group(self, channel: str) -> str:
-        """Return the family of a channel, or the channel itself: messages of one group depend on each other."""
-        found = _kind_and_family(channel)
-        return channel if found is None else found[1]
-
-    def is_load(self, channel: str) -> bool:
-        """Return True for the channels of load messages."""
-        return channel.startswith(LOAD)
-
-    def reads_meshes(self, channel: str) -> bool:
-        """Return True for the channels of meshes, which must be read in a worker thread: they may name files, and the
-        kernels of their normals may not be compiled yet.
-        """
-        return channel.startswith((LOAD, DEFORMABLE))
-
-    def handle(self, channel: str, message: wire.Message) -> Sequence[str]:
-        """Read a message and apply it at once; see ``Edit`` for the result.
+    def handle(self, channel_name: str, message: wire.Message) -> Sequence[str]:
+        """Read a message and apply it at once, unless its channel is not shown; see ``Edit`` for the result.
 
         Raises:
             MessageError: The message is damaged, of another type, or beyond a limit.
         """
-        return self.apply(self.read(channel, message))
+        channel = channel_of(channel_name)
+        return () if channel is None else self.apply(self.read(channel, message))
 
     def apply(self, edit: Edit | None, timestamp: int | None = None) -> Sequence[str]:
         """Apply an edit as one revision of the live tree, valid from ``timestamp``; see ``Edit`` for the result."""
@@ -185,8 +133,8 @@ class DrakeViewer:
         with self._live.edit(timestamp) as tree:
             return edit(tree)
 
-    def read(self, channel: str, message: wire.Message, files: MeshFiles | None = None) -> Edit | None:
-        """Read a message of a channel for which ``is_shown`` is true; return its edit, None if it changes nothing.
+    def read(self, channel: Channel, message: wire.Message, files: MeshFiles | None = None) -> Edit | None:
+        """Read a message; return its edit, None if it changes nothing.
 
         Args:
             files: mesh files that the sender may name; None: those that all senders may name.
@@ -194,22 +142,19 @@ class DrakeViewer:
         Raises:
             MessageError: The message is damaged, of another type, or beyond a limit.
         """
-        found = _kind_and_family(channel)
-        if found is not None:
-            kind, family = found
-            if kind == LOAD:
-                return self._read_load(channel, family, message, files or self._files)
-            return self._read_draw(family, message) if kind == DRAW else self._read_deformable(channel, family, message)
-        if channel == CONTACT_RESULTS:
-            return self._read_contacts(message)
-        if channel.startswith(POINT_CLOUD):
-            return self._read_cloud(channel, message)
-        return self._read_frames(channel, message)
-
-    @property
-    def simulation_seconds(self) -> float | None:
-        """Time of the simulation in the last draw message that was shown; None before the first one."""
-        return self.state.seconds
+        match channel.kind:
+            case Kind.LOAD:
+                return self._read_load(channel, message, files or self._files)
+            case Kind.DRAW:
+                return self._read_draw(channel.family, message)
+            case Kind.DEFORMABLE:
+                return self._read_deformable(channel, message)
+            case Kind.CONTACTS:
+                return self._read_contacts(channel, message)
+            case Kind.CLOUD:
+                return self._read_cloud(channel, message)
+            case Kind.FRAMES:
+                return self._read_frames(channel, message)
 
     def families(self) -> dict[str, dict[str, int]]:
         """Return the numbers of links and draw messages of each family, as plain JSON values."""
@@ -218,8 +163,8 @@ class DrakeViewer:
             for family, robots in self.state.robots.items()
         }
 
-    def _read_load(self, channel: str, family: str, message: wire.Message, files: MeshFiles) -> Edit | None:
-        limits, loads = self._config.limits, self.state.loads
+    def _read_load(self, channel: Channel, message: wire.Message, files: MeshFiles) -> Edit | None:
+        limits, loads, family = self._config.limits, self.state.loads, channel.family
         shown_before = self.state.shown  # what arrives while files are read belongs to the new simulation
         data = bytes(message)
         last, must_be_read = loads.get(channel, (b"", False))
@@ -237,7 +182,7 @@ class DrakeViewer:
             if not is_repeated:
                 self._clear_simulation(edit, shown_before)
             self._robots(family).load(loaded, edit)
-            for other in [name for name in loads if _kind_and_family(name) == (LOAD, family)]:
+            for other in [other for other in loads if other.family == family]:
                 del loads[other]
             loads[channel] = (data, has_files or bool(warnings))
             self.counters.loads += 1
@@ -260,52 +205,51 @@ class DrakeViewer:
 
         return apply
 
-    def _read_deformable(self, channel: str, family: str, message: wire.Message) -> Edit | None:
+    def _read_deformable(self, channel: Channel, message: wire.Message) -> Edit | None:
         limits = self._config.limits
         warnings: list[str] = []
-        bodies = read_deformables(wire.decode_link_data(message, limits), family, limits, warnings)
+        bodies = read_deformables(wire.decode_link_data(message, limits), channel.node, limits, warnings)
         self._refuse_if_strict(warnings)
-        shown = self.state.deformables.setdefault(channel, ShownParts())
+        shown = self.state.deformables.setdefault(channel.name, ShownParts())
         if not bodies and not shown.paths:
             return None
 
         def apply(edit: TreeEdit) -> Sequence[str]:
-            self._reserve_nodes(channel, bodies)
+            self._reserve_nodes(channel.name, bodies)
             if bodies:
-                show_family(edit, family)
+                show_family(edit, channel.family)
             shown.replace(bodies, edit)
             return warnings
 
         return apply
 
-    def _read_contacts(self, message: wire.Message) -> Edit | None:
+    def _read_contacts(self, channel: Channel, message: wire.Message) -> Edit | None:
         warnings: list[str] = []
         parts = read_contacts(wire.decode_contacts(message, self._config.limits), warnings)
         shown = self.state.contacts
         if not parts and not shown.paths and not warnings:
             return None
-        return self._simulation_edit(CONTACT_RESULTS, lambda edit: shown.replace(parts, edit), warnings)
+        return self._simulation_edit(channel, lambda edit: shown.replace(parts, edit), warnings)
 
-    def _read_cloud(self, channel: str, message: wire.Message) -> Edit:
+    def _read_cloud(self, channel: Channel, message: wire.Message) -> Edit:
         warnings: list[str] = []
         parts = read_cloud(wire.decode_point_cloud(message, self._config.limits), warnings)
-        path = _channel_path(CLOUD_GROUP, channel, POINT_CLOUD)
-        return self._simulation_edit(channel, lambda edit: edit.set_parts(path, parts), warnings)
+        return self._simulation_edit(channel, lambda edit: edit.set_parts(channel.node, parts), warnings)
 
-    def _read_frames(self, channel: str, message: wire.Message) -> Edit:
-        shown = self.state.frames.get(channel) or FrameChannel(_channel_path(FRAME_GROUP, channel, FRAMES))
+    def _read_frames(self, channel: Channel, message: wire.Message) -> Edit:
+        shown = self.state.frames.get(channel.name) or FrameChannel(channel.node)
         draw = wire.decode_draw(message, self._config.limits, shown.names)
         paths = shown.paths_of(draw.names, self._config.limits)
-        self.state.frames[channel] = shown
+        self.state.frames[channel.name] = shown
 
         def apply(edit: TreeEdit) -> None:
             if draw.names is not shown.names:
-                self._reserve_nodes(channel, paths)
+                self._reserve_nodes(channel.name, paths)
             shown.apply(draw, paths, edit)
 
         return self._simulation_edit(channel, apply, _not_finite(draw))
 
-    def _simulation_edit(self, channel: str, apply: Callable[[TreeEdit], object], warnings: Sequence[str]) -> Edit:
+    def _simulation_edit(self, channel: Channel, apply: Callable[[TreeEdit], object], warnings: Sequence[str]) -> Edit:
         """Return the edit of a message of contacts, point clouds or frames, and count it for ``_clear_simulation``."""
         self._refuse_if_strict(warnings)
 
@@ -326,14 +270,12 @@ class DrakeViewer:
         state = self.state
         for channel in [channel for channel, number in state.shown_at.items() if number <= last]:
             del state.shown_at[channel]
-            if channel == CONTACT_RESULTS:
+            if channel.kind is Kind.CONTACTS:
                 state.contacts.replace({}, edit)
-            elif channel.startswith(POINT_CLOUD):
-                edit.delete(_channel_path(CLOUD_GROUP, channel, POINT_CLOUD))
             else:
-                edit.delete(_channel_path(FRAME_GROUP, channel, FRAMES))
-                state.frames.pop(channel, None)
-                state.nodes.pop(channel, None)
+                edit.delete(channel.node)
+                state.frames.pop(channel.name, None)
+                state.nodes.pop(channel.name, None)
 
     def _reserve_nodes(self, source: str, paths: Iterable[Path]) -> None:
         """Count the nodes of a family's links, or of a channel, in place of its earlier ones.
@@ -356,20 +298,6 @@ class DrakeViewer:
 
     def _robots(self, family: str) -> RobotChannels:
         return self.state.robots.setdefault(family, RobotChannels(family))
-
-
-def _kind_and_family(channel: str) -> tuple[str, str] | None:
-    """Return the kind and the family of a load, draw or deformable channel; None for others."""
-    for kind in (LOAD, DRAW, DEFORMABLE):
-        if channel.startswith(kind):
-            family = FAMILIES.get(channel[len(kind) :])
-            return None if family is None else (kind, family)
-    return None
-
-
-def _channel_path(group: str, channel: str, prefix: str) -> Path:
-    """Return the path of a channel's node: below ``group``, with the channel's name without ``prefix``."""
-    return (ROOT, group, channel[len(prefix) :].removeprefix("_") or "default")
 
 
 def _not_finite(draw: Draw) -> list[str]:

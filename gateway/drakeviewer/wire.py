@@ -78,11 +78,7 @@ class Reader:
         return int.from_bytes(self.take(size), "big", signed=True)
 
     def count(self, name: str, limit: int) -> int:
-        """Return the number of elements of an array.
-
-        Args:
-            name: name of the field, for errors.
-        """
+        """Return the number of elements of the array ``name``."""
         count = self.integer()
         if not 0 <= count <= limit:
             raise MessageError(f"{name} is {count}, the limit is {limit}")

@@ -17,9 +17,7 @@ from typing import Any, Final, cast
 import structlog
 
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.patterns import PatternError
-from gateway.lcm.subscriptions import Subscriptions
-from scenegate.lcm.limits import MAX_HEADER_BYTES
+from gateway.lcm.subscriptions import PatternError, Subscriptions
 from scenegate.lcm.tcpq import (
     HUB_HELLO,
     MAGIC_CLIENT,
@@ -29,7 +27,7 @@ from scenegate.lcm.tcpq import (
     FrameType,
     publish_header,
 )
-from scenegate.lcm.transport import LcmMessage, LcmUnavailableError
+from scenegate.lcm.transport import MAX_HEADER_BYTES, LcmMessage, LcmUnavailableError
 
 _log = structlog.get_logger("gateway.lcm")
 

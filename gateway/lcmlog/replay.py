@@ -10,6 +10,7 @@ from typing import Final
 import structlog
 
 from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer.channels import channel_of
 from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.messages import MessageError
 from gateway.drakeviewer.viewer import DrakeState, DrakeViewer
@@ -36,7 +37,7 @@ SKIPPED_COST: Final = 0.02
 
 def is_shown(channel: str) -> bool:
     """Return True for the channels that change the tree."""
-    return channel.startswith(wire.REQUEST) or DrakeViewer.is_shown(channel)
+    return channel.startswith(wire.REQUEST) or channel_of(channel) is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +109,7 @@ class LogReplay(Closing):
     @property
     def simulation_seconds(self) -> float | None:
         """Time of the simulation in the last draw message of Drake's; None before the first one."""
-        return self._drake.simulation_seconds
+        return self._drake.state.seconds
 
     @property
     def state(self) -> ReplayState:
@@ -161,8 +162,8 @@ class LogReplay(Closing):
 
     def _apply(self, event: Event) -> Sequence[str]:
         if not event.channel.startswith(wire.REQUEST):
-            shown = self._drake.state.shown_at
-            is_new = event.channel not in shown and not self._drake.has_fixed_name(event.channel)
+            shown, channel = self._drake.state.shown_at, channel_of(event.channel)
+            is_new = channel is not None and channel not in shown and not channel.has_fixed_name
             if is_new and len(shown) >= MAX_CHANNELS:
                 return (f"{len(shown)} channels of clouds and frames are shown, which is the limit",)
             return self._drake.handle(event.channel, event.data)

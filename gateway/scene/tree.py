@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gateway.scene.geometry import Part
 from gateway.scene.transforms import IDENTITY, from_pose
+from scenegate.messages.changes import Path as Path
 
 NODE_BYTES: Final = 400
 """Memory of a node without its children."""
@@ -25,9 +26,7 @@ UNKNOWN_BYTES: Final = 1 << 40
 """``TreeEdit.replaced_bytes`` of a larger subtree."""
 
 PathElement = str | int
-Path = tuple[PathElement, ...]
-"""Path elements from the root to a node; () is the root. "a/b" is one element; 1 and "1" are different elements."""
-
+"""Name of a node below its parent. "a/b" is one name; 1 and "1" are different names."""
 Pose = tuple[float, float, float, float, float, float, float]
 """(x, y, z, qw, qx, qy, qz): translation in metres, and a quaternion of any length."""
 

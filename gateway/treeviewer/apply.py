@@ -1,9 +1,10 @@
-"""Execute a request on the live tree: deletes, geometries, transforms, properties."""
+"""Execute a request: ``RequestApplier`` on the live tree, ``update_page`` on the state of the browser pages."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import islice
 
 import msgspec
@@ -11,11 +12,13 @@ import msgspec
 from gateway.runtime.warning_list import WarningList
 from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree
+from gateway.scene.live_page import LivePage
 from gateway.scene.tree import Path, TreeEdit
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.quota import TreeQuota
 from gateway.treeviewer.requests import Finding, Request, Subject
-from gateway.treeviewer.responses import Response
+from gateway.treeviewer.responses import ClickMessage, ControlsMessage, ControlValue, PageMessage, Response
+from scenegate.messages.controls import Value
 from scenegate.messages.wire import ERROR_HANDLING_REQUEST, MISSING_PATHS, OK
 
 
@@ -71,7 +74,8 @@ class RequestApplier:
         limit = self._limits.problems
         if self._failures:
             response.status = ERROR_HANDLING_REQUEST
-            response.error = _valid_text(_summary(self._failures))
+            more = f" (and {len(self._failures) - 1} more)" if len(self._failures) > 1 else ""
+            response.error = _valid_text(self._failures[0].text + more)
             for failure in self._failures[:limit]:
                 response.errors.append(msgspec.structs.replace(failure, reason=_valid_text(failure.reason)))
         if self.request.warnings:
@@ -84,7 +88,7 @@ class RequestApplier:
         request, warnings = self.request, self._warnings
         if warnings.sentences:
             deleted = set(request.deletes)
-            warnings.remove(lambda subject: _is_below(subject[1], deleted))
+            warnings.remove(lambda subject: _is_at_or_below(subject[1], deleted))
             for subject in request.subjects():
                 warnings.set(subject)
         found: dict[Subject, list[str]] = {}
@@ -99,7 +103,9 @@ class RequestApplier:
             edit.delete(path)
             yield
         for index, (path, parts) in enumerate(self.request.geometries):
-            self._set_geometry(edit, index, path, parts)
+            if self._has_room(edit, "setgeometry", index, path, parts):
+                edit.set_parts(path, parts)
+                self._added[path] = None
             yield
         for index, (path, pose) in enumerate(self.request.transforms):
             if edit.root.find(path) is not None or self._has_room(edit, "settransform", index, path):
@@ -109,38 +115,26 @@ class RequestApplier:
             yield
         for index, (path, visible, opacity) in enumerate(self.request.properties):
             if edit.root.find(path) is not None or self._has_room(edit, "setproperty", index, path):
-                self._set_properties(edit, path, visible, opacity)
+                if visible is not None:
+                    edit.set_visible(path, visible)
+                if opacity is not None:
+                    edit.set_opacity(path, opacity)
+                node = edit.root.find(path)
+                if node is None or not node.nodes_with_parts:
+                    self._missing[path] = None
             yield
 
     def _has_room(self, edit: TreeEdit, command: str, index: int, path: Path, parts: tuple[Part, ...] = ()) -> bool:
         """Return True if the limits allow a command; else add a failure."""
         node_count = edit.root.node_count + self._live.snapshot.root.node_count - edit.base.node_count
-        reason = self._quota.refusal(edit.root, node_count, path, len(parts))
-        if parts and not reason:
-            reason = self._quota.reserve(parts)
+        reason = self._quota.admit(edit.root, node_count, path, parts)
         if reason:
             self._failures.append(Finding(command, index, reason, path))
         return not reason
 
-    def _set_geometry(self, edit: TreeEdit, index: int, path: Path, parts: tuple[Part, ...]) -> None:
-        if self._has_room(edit, "setgeometry", index, path, parts):
-            edit.set_parts(path, parts)
-            self._quota.add_parts(len(parts))
-            self._added[path] = None
 
-    def _set_properties(self, edit: TreeEdit, path: Path, visible: bool | None, opacity: float | None) -> None:
-        if visible is not None:
-            edit.set_visible(path, visible)
-        if opacity is not None:
-            edit.set_opacity(path, opacity)
-        node = edit.root.find(path)
-        if node is None or not node.nodes_with_parts:
-            self._missing[path] = None
-
-
-def _is_below(path: Path | None, deleted: set[Path]) -> bool:
-    """Return True if a path or one above it was deleted."""
-    return path is not None and any(path[:depth] in deleted for depth in range(len(path) + 1))
+def _is_at_or_below(path: Path | None, tops: set[Path]) -> bool:
+    return path is not None and any(path[:depth] in tops for depth in range(len(path) + 1))
 
 
 def _valid_text(text: str) -> str:
@@ -148,7 +142,49 @@ def _valid_text(text: str) -> str:
     return text.encode("utf-8", "replace").decode()
 
 
-def _summary(failures: list[Finding]) -> str:
-    """Return the first failure's command, path and reason, and the number of other failures."""
-    more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
-    return failures[0].text + more
+@dataclass(frozen=True, slots=True)
+class PageClient:
+    """The client that sent a request, as a receiver of clicks and values from the page."""
+
+    key: Hashable | None
+    """Identifies the client; None without a client id, because clients without an id share a channel."""
+    send: Callable[[PageMessage], None]
+
+    def send_values(self, values: Sequence[tuple[Path, Value]], after: int) -> None:
+        """Send values of controls. See ``gateway.scene.controls.Deliver``."""
+        self.send(ControlsMessage([ControlValue(path, value) for path, value in values], after))
+
+
+def update_page(page: LivePage, request: Request, client: PageClient | None, utime: int) -> None:
+    """Execute a request's commands for the page; add a failure to the request for each that cannot be executed.
+
+    Args:
+        client: the sender; None if it cannot receive messages of the page.
+    """
+    if request.view is not None:
+        page.change_view(request.view)
+    if request.click_paths is None and request.controls is None and not request.control_changes:
+        return
+    if client is None or client.key is None:
+        for name in sorted({"setclicks", "setcontrols", "setvalues"} & set(request.newer_commands)):
+            reason = "clicks and values are sent only on a channel with a client id"
+            request.failures.append(Finding(name, 0, reason))
+        return
+    if request.click_paths is not None:
+        reason = page.clicks.subscribe(client.key, request.click_paths, lambda click: client.send(ClickMessage(click)))
+        if reason:
+            request.failures.append(Finding("setclicks", 0, reason))
+        else:
+            page.notify()
+    if request.controls is not None:
+        reason = page.controls.set_controls(client.key, request.controls, client.send_values, utime)
+        if reason:
+            request.failures.append(Finding("setcontrols", 0, reason))
+    for change in request.control_changes:
+        try:
+            if change.samples is not None:
+                page.controls.add_samples(client.key, change.path, change.samples, utime)
+            else:
+                page.controls.set_value(client.key, change.path, change.value, utime)
+        except ValueError as error:
+            request.failures.append(Finding("setvalues", change.index, str(error), change.path))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gateway.lcm.config import LcmConfig
-from scenegate.lcm.limits import MIB
+from scenegate.lcm.transport import MIB
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,6 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
 from gateway.scene.geometry import Part
 from gateway.scene.materials import WHITE, material
@@ -54,7 +52,6 @@ def read_geometry(params: Any, context: ReadContext, name: str = "geometry") -> 
 
     Args:
         params: the geometry as decoded.
-        context: receives warnings.
         name: name of the geometry in the command, for error texts.
     """
     if not isinstance(params, dict):
@@ -68,19 +65,15 @@ def read_geometry(params: Any, context: ReadContext, name: str = "geometry") -> 
         rgba = WHITE if color is None else read_color(color, "color", context)
         X_node_geometry = fields.local_transform(params)
         values = read_fields(geometry, params, context)
-        if make_parts is not None:
-            return _placed(make_parts(rgba, context, **values), kind, X_node_geometry)
-        solid: Any = geometry(**values)
-        return (Part(solid, material(rgba), X_node_geometry, kind),)
+        if make_parts is None:
+            solid: Any = geometry(**values)
+            return (Part(solid, material(rgba), X_node_geometry, kind),)
+        parts = make_parts(rgba, context, **values)
     except NothingToDraw as nothing:
         context.warnings.append(f"{name}: {nothing}")
         return ()
     except CommandError as error:
         raise CommandError(f"{name}.{error}") from None
-
-
-def _placed(parts: tuple[Part, ...], kind: str, X_node_geometry: NDArray[np.float64]) -> tuple[Part, ...]:
-    """Return parts in the frame of a geometry as parts of its path."""
     is_identity = X_node_geometry is IDENTITY
     return tuple(
         msgspec.structs.replace(

@@ -50,32 +50,13 @@ def mesh(
         coordinates = np.clip(np.nan_to_num(coordinates), -MAX_UV, MAX_UV)
     if not len(triangle_indices):
         return ()
-    surface = Surface(_smooth_mesh(vertices, triangle_indices, coordinates, linear_colors))
-    return (Part(surface, _material(rgba, image, linear_colors)),)
-
-
-def _smooth_mesh(
-    vertices: NDArray[np.float32],
-    faces: NDArray[np.uint32],
-    uv: NDArray[np.float32] | None,
-    colors: NDArray[np.float32] | None,
-) -> Mesh:
-    """Return a mesh with smooth normals and creases.
-
-    With ``uv``, vertices at equal positions are merged, so that normals are smooth across the seams of the texture.
-    Other meshes, as in ``mesh_data``, are smooth only where faces share a vertex: merging takes five times as long.
-
-    Args:
-        vertices: (N, 3) metres.
-        faces: (M, 3) indices.
-        uv: (N, 2) texture coordinates or None.
-        colors: (N, 4) linear RGBA or None.
-    """
-    if uv is not None:
-        return with_creases(vertices, faces, uv=uv, colors=colors)
-    source_vertex, smooth_faces, normals = smooth_vertices(vertices, faces)
-    colors = None if colors is None else colors[source_vertex]
-    return Mesh(vertices[source_vertex], smooth_faces, normals, colors=colors)
+    if coordinates is not None:  # vertices at equal positions are merged: normals are smooth across a texture's seams
+        smooth = with_creases(vertices, triangle_indices, uv=coordinates, colors=linear_colors)
+    else:  # as in ``mesh_data``: smooth where faces share a vertex, because merging takes five times as long
+        source_vertex, smooth_faces, normals = smooth_vertices(vertices, triangle_indices)
+        source_colors = None if linear_colors is None else linear_colors[source_vertex]
+        smooth = Mesh(vertices[source_vertex], smooth_faces, normals, colors=source_colors)
+    return (Part(Surface(smooth), _material(rgba, image, linear_colors)),)
 
 
 def image(
@@ -151,21 +132,12 @@ def camera_frustum(
         raise NothingToDraw(f"the image plane is too large, {NOTHING_DRAWN}")
     parts = [Part(Surface(edges), material(rgba, line_width=line_width or 1.0))]
     if image is not None:
-        parts.append(_image_plane(corners, _unlit((1.0, 1.0, 1.0, rgba[3]), image)))
+        plane_width, plane_height, _ = (corners[2] - corners[0]).tolist()
+        X_camera_image = translation(*(0.5 * (corners[0] + corners[2])).tolist())
+        X_camera_image[1, 1] = X_camera_image[2, 2] = -1.0  # +y is down in the optical frame
+        plane = Surface(rectangle(plane_width, plane_height))
+        parts.append(Part(plane, _unlit((1.0, 1.0, 1.0, rgba[3]), image), X_camera_image))
     return tuple(parts)
-
-
-def _image_plane(corners: NDArray[np.float64], plane_material: Material) -> Part:
-    """Return the rectangle of a frustum's image plane.
-
-    Args:
-        corners: (4, 3) metres in the optical frame, as ``frustum_edges`` returns them.
-        plane_material: material with the image.
-    """
-    extent = corners[2] - corners[0]
-    X_camera_image = translation(*(0.5 * (corners[0] + corners[2])).tolist())
-    X_camera_image[1, 1] = X_camera_image[2, 2] = -1.0  # +y is down in the optical frame
-    return Part(Surface(rectangle(float(extent[0]), float(extent[1]))), plane_material, X_camera_image)
 
 
 def _unlit(rgba: Color, checked: CheckedImage) -> Material:
@@ -175,14 +147,7 @@ def _unlit(rgba: Color, checked: CheckedImage) -> Material:
 def _material(
     rgba: Color, checked: CheckedImage | None, colors: NDArray[np.float32] | None, *, repeats: bool = True
 ) -> Material:
-    """Return the material of a lit surface.
-
-    Args:
-        rgba: colour that multiplies the texture and the vertex colours.
-        checked: texture; None: none.
-        colors: (N, 4) vertex colours; None: none.
-        repeats: True if the texture repeats outside of 0 to 1.
-    """
+    """Return the material of a lit surface with a texture, which may repeat, and (N, 4) vertex colours, or None."""
     has_alpha = colors is not None and bool((colors[:, 3] < 1.0).any())
     if checked is not None:
         result = textured(rgba, checked.image, has_alpha=has_alpha or checked.has_alpha, repeats=repeats)

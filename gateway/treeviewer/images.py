@@ -54,7 +54,10 @@ def read_image(value: Any, name: str, limits: Limits) -> CheckedImage:
         CommandError: the image cannot be decoded, or exceeds a limit.
     """
     try:
-        data = _encoded_file(value, name, limits)
+        if isinstance(value, PackedArray):
+            data = png_rgba(_rgba(value.pixels(limits.image_pixels)))
+        else:
+            data = file_content(value, name, "a PNG or JPEG file (base64 in JSON) or a uint8 array")
         if len(data) > limits.image_bytes:
             raise CommandError(f"{name} has {len(data)} bytes, the limit is {limits.image_bytes}")
         return check_image(data, limits.image_pixels)
@@ -84,13 +87,6 @@ def drawn_image(pixels: NDArray[np.uint8]) -> CheckedImage:
     height, width = pixels.shape[:2]
     image = image_from_bytes(png_rgba(pixels))
     return CheckedImage(image, width, height, bool((pixels[:, :, 3] < 255).any()))
-
-
-def _encoded_file(value: Any, name: str, limits: Limits) -> bytes:
-    """Return the encoded file of an image field."""
-    if isinstance(value, PackedArray):
-        return png_rgba(_rgba(value.pixels(limits.image_pixels)))
-    return file_content(value, name, "a PNG or JPEG file (base64 in JSON) or a uint8 array")
 
 
 def file_content(value: Any, name: str, expected: str = "the content of a file (base64 in JSON)") -> bytes:

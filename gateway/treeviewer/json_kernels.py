@@ -7,7 +7,7 @@ Python objects, and hold the GIL. These kernels parse the same text to float64 a
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,26 +52,31 @@ MAX_EXPONENT: Final = 1_000_000
 """Exponents saturate here: the number is 0 or infinite."""
 COLUMN_COUNT: Final = 6
 BEGIN, END, NUMBERS, ROWS, COLUMNS, DIMENSIONS = range(COLUMN_COUNT)
-"""Columns of the table of ``find_arrays``."""
+"""Columns of the table of ``_find_arrays``: the fields of ``TextArray``."""
 NOT_HERE: Final = -1
 """Position after a text that is not valid."""
 
 
-def find_arrays(text: NDArray[np.uint8], max_arrays: int, min_numbers: int) -> NDArray[np.int64]:
-    """Return the first ``max_arrays`` arrays in JSON text that have at least ``min_numbers`` numbers.
+class TextArray(NamedTuple):
+    """An array of numbers, or of rows of numbers, in JSON text."""
 
-    An array contains numbers, or rows of numbers.
+    begin: int
+    """Position of the first byte."""
+    end: int
+    """Position of the byte after the last."""
+    number_count: int
+    rows: int
+    columns: int
+    """Columns of an array of two dimensions, or ``MIXED_COLUMNS``; ``NO_COLUMNS`` for one dimension."""
+    dimensions: int
+    """1 or 2."""
 
-    Args:
-        text: (N,) uint8.
 
-    Returns:
-        (M, COLUMN_COUNT) int64: first byte, byte after the last, number of numbers, rows, columns, dimensions (1 or 2).
-        An array of one dimension has 0 rows and NO_COLUMNS.
-    """
+def find_arrays(text: NDArray[np.uint8], max_arrays: int, min_numbers: int) -> list[TextArray]:
+    """Return the first ``max_arrays`` arrays in JSON text, (N,) uint8, that have at least ``min_numbers`` numbers."""
     table = np.empty((max_arrays, COLUMN_COUNT), np.int64)
     found = _find_arrays(address_of(text, np.uint8), len(text), address_of(table, np.int64), max_arrays, min_numbers)
-    return table[:found]
+    return [TextArray(*row) for row in table[:found].tolist()]
 
 
 def read_numbers(text: NDArray[np.uint8], begin: int, end: int, count: int) -> tuple[NDArray[np.float64], int]:
@@ -98,7 +103,7 @@ def read_numbers(text: NDArray[np.uint8], begin: int, end: int, count: int) -> t
 def _scan_array(data, size, begin):
     """Return (end, count, rows, columns, dimensions) of the array whose opening bracket is at ``begin``.
 
-    See ``find_arrays`` for the values. ``end`` is -1 if the array contains anything but numbers and rows of numbers.
+    See ``TextArray`` for the values. ``end`` is -1 if the array contains anything but numbers and rows of numbers.
     This function checks only the classes of bytes; ``_read_numbers`` checks the grammar.
     """
     depth = 0
@@ -144,7 +149,7 @@ def _scan_array(data, size, begin):
 
 @kernel("int64(int64, int64, int64, int64, int64)")
 def _find_arrays(text_at, size, table_at, max_arrays, min_numbers):
-    """Write the table that ``find_arrays`` returns, and return the number of arrays.
+    """Write a table of arrays, and return their number.
 
     Each byte is read at most three times: ``_scan_array`` stops where brackets are nested three deep.
     """

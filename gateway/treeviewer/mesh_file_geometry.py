@@ -92,18 +92,14 @@ def _sent(
     context.warnings += [f"{show(filename)}: {text}" for text in found]
     if default_color is not None or default_texture is not None:
         color = np.array(WHITE if default_color is None else read_color(default_color, "default_color", context))
-        texture = None if default_texture is None else _texture(default_texture, context)
+        texture = None
+        if default_texture is not None:
+            try:
+                image = check_image(file_content(default_texture, "default_texture"), context.limits.image_pixels).image
+                texture = Texture(image, name="default_texture")
+            except ImageError as error:
+                context.warnings.append(f"default_texture cannot be decoded: {error}; it is not shown")
         plain = diffuse_material(color, None)
         parts = with_default_materials(parts, plain, plain if texture is None else diffuse_material(color, texture))
     X = scaling(*scale)
     return tuple(msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in parts)
-
-
-def _texture(value: Any, context: ReadContext) -> Texture | None:
-    """Return ``default_texture``; None, with a warning, if it cannot be decoded."""
-    try:
-        image = check_image(file_content(value, "default_texture"), context.limits.image_pixels).image
-        return Texture(image, name="default_texture")
-    except ImageError as error:
-        context.warnings.append(f"default_texture cannot be decoded: {error}; it is not shown")
-        return None

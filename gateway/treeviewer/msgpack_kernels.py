@@ -1,6 +1,6 @@
 """Count the values in a MessagePack message without the GIL and without creating Python objects.
 
-``msgpack_reader`` refuses a request with too many values before it decodes the request.
+``request_reader`` refuses a request with too many values before it decodes the request.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.treeviewer import json_kernels
+from gateway.treeviewer.json_kernels import TextArray
 from gateway.treeviewer.packed_arrays import ArrayError, PackedArray
 from gateway.treeviewer.requests import RequestError
 
@@ -22,29 +23,8 @@ MIN_NUMBERS: Final = 256
 """Shorter arrays stay in the JSON text. Paths must stay there, and Python decodes few numbers quickly."""
 MAX_ARRAYS: Final = 65_536
 """Maximum number of arrays taken out of one request; further ones stay in the JSON text."""
-_MAX_ARRAYS_OF_SMALL_REQUEST: Final = 64
-"""The same for requests of up to ``MAX_ARRAYS`` bytes, whose table of arrays is smaller."""
-
-
 _NUMBER_TYPES: Final = frozenset((int, float, bool, type(None)))
 """Types of the numbers in decoded lists. JSON.jl and nlohmann/json write null for NaN."""
-
-
-@dataclass(frozen=True, slots=True)
-class _TextArray:
-    """A number array in the JSON text: one row of ``json_kernels.find_arrays``."""
-
-    begin: int
-    """Position of the first byte."""
-    end: int
-    """Position of the byte after the last."""
-    count: int
-    """Number of numbers."""
-    rows: int
-    columns: int
-    """Columns of an array of two dimensions, or ``json_kernels.MIXED_COLUMNS``."""
-    dimensions: int
-    """1 or 2."""
 
 
 @dataclass(slots=True)
@@ -53,22 +33,19 @@ class NumberArrays:
 
     _token: str = ""
     _text: NDArray[np.uint8] | None = None
-    _arrays: list[_TextArray] = field(default_factory=list)
+    _arrays: list[TextArray] = field(default_factory=list)
 
     def extract(self, data: memoryview) -> bytes:
         """Return the JSON text with short values in place of its long arrays. Keeps a reference to ``data``."""
         text = np.frombuffer(data, np.uint8)
-        max_arrays = MAX_ARRAYS if len(data) > MAX_ARRAYS else _MAX_ARRAYS_OF_SMALL_REQUEST
-        table = json_kernels.find_arrays(text, max_arrays, MIN_NUMBERS)
-        if not len(table):
+        self._arrays = json_kernels.find_arrays(text, MAX_ARRAYS, MIN_NUMBERS)
+        if not self._arrays:
             return bytes(data)
         self._text = text
         self._token = f"\x00{os.urandom(12).hex()}"
         pieces: list[bytes | memoryview] = []
         position = 0
-        for index, row in enumerate(table.tolist()):
-            array = _TextArray(*row)
-            self._arrays.append(array)
+        for index, array in enumerate(self._arrays):
             pieces.append(data[position : array.begin])
             pieces.append(f'[{{"\\u0000{self._token[1:]}":{index}}}]'.encode())
             position = array.end
@@ -155,26 +132,26 @@ class NumberArrays:
             return value.values
         array = self._extracted(value)
         if array is not None:
-            _check_rows(array.rows if array.dimensions == 2 else array.count, max_rows)
+            _check_rows(array.rows if array.dimensions == 2 else array.number_count, max_rows)
             return self._parse(array)
         if not isinstance(value, list):
             raise ArrayError(f"must be a list of {_columns_text(columns)}")
         _check_rows(len(value), max_rows)
         return _from_list(value, columns)
 
-    def _extracted(self, value: Any) -> _TextArray | None:
+    def _extracted(self, value: Any) -> TextArray | None:
         """Return the array of the JSON text that a decoded value stands for; None for other values."""
         if self._text is None or not isinstance(value, list) or len(value) != 1 or not isinstance(value[0], dict):
             return None
         index = value[0].get(self._token)
         return None if index is None else self._arrays[index]
 
-    def _parse(self, array: _TextArray) -> NDArray[np.float64]:
+    def _parse(self, array: TextArray) -> NDArray[np.float64]:
         """Return the numbers of an array in the JSON text."""
         if array.dimensions == 2 and array.columns == json_kernels.MIXED_COLUMNS:
             raise ArrayError("has rows of different lengths")
         assert self._text is not None
-        numbers, error_at = json_kernels.read_numbers(self._text, array.begin, array.end, array.count)
+        numbers, error_at = json_kernels.read_numbers(self._text, array.begin, array.end, array.number_count)
         if error_at >= 0:
             excerpt = bytes(self._text[error_at : error_at + 12]).decode("ascii", "replace")
             raise RequestError(

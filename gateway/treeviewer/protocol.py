@@ -14,14 +14,11 @@ from gateway.runtime.warning_list import WarningList
 from gateway.scene.live import LiveTree
 from gateway.scene.live_page import LivePage
 from gateway.treeviewer import responses
-from gateway.treeviewer.apply import RequestApplier
+from gateway.treeviewer.apply import PageClient, RequestApplier, update_page
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import MeshLoader, ReadContext, ThreadRequired
-from gateway.treeviewer.json_reader import JsonReader
-from gateway.treeviewer.msgpack_reader import MsgpackReader
-from gateway.treeviewer.page_commands import PageClient, update_page
 from gateway.treeviewer.quota import TreeQuota
-from gateway.treeviewer.request_reader import RequestReader
+from gateway.treeviewer.request_reader import JsonReader, MsgpackReader, RequestReader
 from gateway.treeviewer.requests import RequestError
 from gateway.treeviewer.responses import AnyResponse
 from renderers.compiler.pending import KernelsPending

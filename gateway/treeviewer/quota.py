@@ -34,21 +34,13 @@ class _ObjectsInUse:
 
     def __init__(self) -> None:
         self.total = 0
-        self._counted: dict[int, weakref.ref[Any]] = {}
-        """Counted objects, by ``id``."""
+        self._counted: set[int] = set()
+        """``id`` of the counted objects."""
         self._lock = threading.RLock()
         """Reentrant: while a thread holds it, the garbage collector may free a counted object in this thread."""
 
     def add(self, objects: list[tuple[Any, int]], maximum: float = math.inf) -> int:
-        """Count objects, unless their total would exceed the maximum.
-
-        Args:
-            objects: objects with their sizes.
-            maximum: maximum of the total.
-
-        Returns:
-            The total with the objects. If it is above the maximum, they are not counted.
-        """
+        """Count objects with their sizes, unless their total would exceed the maximum; return the total with them."""
         with self._lock:
             new = {id(each): (each, size) for each, size in objects if id(each) not in self._counted}
             added = sum(size for _, size in new.values())
@@ -56,18 +48,14 @@ class _ObjectsInUse:
                 return self.total + added
             self.total += added
             for key, (each, size) in new.items():
-                self._counted[key] = weakref.ref(each, self._on_freed(key, size))
+                self._counted.add(key)
+                weakref.finalize(each, self._freed, key, size).atexit = False
             return self.total
 
-    def _on_freed(self, key: int, size: int) -> Callable[[Any], None]:
-        """Return the callback of a weak reference that subtracts an object."""
-
-        def freed(_: Any) -> None:
-            with self._lock:
-                del self._counted[key]
-                self.total -= size
-
-        return freed
+    def _freed(self, key: int, size: int) -> None:
+        with self._lock:
+            self._counted.remove(key)
+            self.total -= size
 
 
 class TreeQuota:
@@ -84,7 +72,7 @@ class TreeQuota:
         """Number of nodes that a big request has added to its own copy of the tree so far. ``RequestApplier.slices``
         sets it while other requests run."""
         self._part_count = 0
-        """Upper bound of the number of geometries in the tree; exact after ``_recount``."""
+        """Upper bound of the number of geometries in the tree; exact when they were counted at ``_last_count``."""
         self._arrays_in_use = _ObjectsInUse()
         """Bytes of large arrays and images."""
         self._labels_in_use = _ObjectsInUse()
@@ -102,38 +90,36 @@ class TreeQuota:
             self._arrays_in_use.add(_large_objects(node.parts or ()))
             self._labels_in_use.add(_labels(node.parts or ()))
 
-    def refusal(self, root: Node, node_count: int, path: Path, part_count: int = 0) -> str:
-        """Return the reason why geometries cannot be added at a path, or an empty string.
+    def admit(self, root: Node, node_count: int, path: Path, parts: Sequence[Part] = ()) -> str:
+        """Count what a command adds to the tree: geometries, and their arrays, images and labels until they are freed.
 
         Args:
             root: the tree that is edited.
             node_count: number of its nodes, with those that others have added to the live tree since the edit began.
-            path: path of the geometries. Nodes on it that do not exist count as well.
-            part_count: number of geometries.
+            path: path of the command. Nodes on it that do not exist count as well.
+            parts: geometries that the command adds.
+
+        Returns:
+            The reason why the command exceeds a limit, so that nothing is counted; or an empty string.
         """
         node_count += self.unpublished_nodes
         max_nodes = self._limits.nodes
         if node_count + len(path) > max_nodes:  # else no node of the path can be too many
-            created = _missing_nodes(root, path)
+            created, node = len(path), root
+            for element in path:
+                if (child := node.children.get(element)) is None:
+                    break
+                created, node = created - 1, child
             if created and node_count + created > max_nodes:
                 return f"the tree has {node_count} nodes, the limit is {max_nodes}"
         max_parts = self._limits.parts
-        if part_count and self._part_count + part_count > max_parts:
-            self._recount(root)
-            if self._part_count + part_count > max_parts:
+        if parts and self._part_count + len(parts) > max_parts:
+            now = self._clock()
+            if now - self._last_count >= RECOUNT_SECONDS:
+                self._last_count = now
+                self._part_count = _count_parts(root)
+            if self._part_count + len(parts) > max_parts:
                 return f"the tree has {self._part_count} geometries, the limit is {max_parts}"
-        return ""
-
-    def add_parts(self, count: int) -> None:
-        """Count geometries that have been added to the tree."""
-        self._part_count += count
-
-    def reserve(self, parts: Sequence[Part]) -> str:
-        """Count large arrays, images and text labels of geometries until they are freed.
-
-        Returns:
-            The reason why they exceed a limit, or an empty string.
-        """
         labels = _labels(parts)
         max_labels = self._limits.text_labels
         if labels and (count := self._labels_in_use.add(labels, max_labels)) > max_labels:
@@ -146,25 +132,8 @@ class TreeQuota:
                 f"the tree's geometry holds {before} bytes and {nbytes - before} more are wanted, "
                 f"the limit is {max_bytes}"
             )
+        self._part_count += len(parts)
         return ""
-
-    def _recount(self, root: Node) -> None:
-        """Count the geometries in the tree, at most once in ``RECOUNT_SECONDS``."""
-        now = self._clock()
-        if now - self._last_count >= RECOUNT_SECONDS:
-            self._last_count = now
-            self._part_count = _count_parts(root)
-
-
-def _missing_nodes(root: Node, path: Path) -> int:
-    """Return the number of nodes that must be created for ``path``."""
-    node = root
-    for depth, element in enumerate(path):
-        child = node.children.get(element)
-        if child is None:
-            return len(path) - depth
-        node = child
-    return 0
 
 
 def _count_parts(root: Node) -> int:

@@ -1,39 +1,61 @@
-"""Read requests: paths, geometries, transforms, and the reason of each command that failed.
+"""Read requests in both formats: JSON (``treeviewer_json``) and MessagePack (``treeviewer_msgpack``).
 
-``JsonReader`` and ``MsgpackReader`` are the subclasses: they prepare big requests, and decode irregular data. A list of
-regular transforms or solids is decoded to typed objects (docs/decisions/0016-fast-tree-viewer-requests.md). A list with
-an irregular command, and all other commands, are decoded to dicts and lists, and read in every form that known clients
-send.
+A list of regular transforms or solids is decoded to typed objects (docs/decisions/0016-fast-tree-viewer-requests.md). A
+list with an irregular command, and all other commands, are decoded to dicts and lists, of which ``commands`` reads
+every form that clients send. Long number arrays in JSON are parsed apart, by ``NumberArrays``; in MessagePack they are
+extensions that hold their bytes (docs/tree-viewer-binary.md).
 """
 
 from __future__ import annotations
 
-import math
+import json
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
 import msgspec
+import numpy as np
 
-from gateway.scene.geometry import Part
-from gateway.scene.tree import Path, Pose
-from gateway.treeviewer import fields
-from gateway.treeviewer.command_lists import read_list, read_path
+from gateway.treeviewer import msgpack_kernels
+from gateway.treeviewer.commands import read_deletes, read_geometries, read_transforms
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import ReadContext
-from gateway.treeviewer.geometry import read_parts
 from gateway.treeviewer.newer_commands import READERS as NEWER_COMMANDS
-from gateway.treeviewer.regular_commands import list_types, parts_of
-from gateway.treeviewer.requests import Finding, Request, RequestError
-from scenegate.messages.field_kinds import CommandError, show
+from gateway.treeviewer.packed_arrays import EXTENSION, unpack
+from gateway.treeviewer.regular_commands import list_types
+from gateway.treeviewer.requests import Request, RequestError
+from scenegate.messages.field_kinds import show
 
 DECODE_ERRORS: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """Raised by msgspec for data that it cannot decode."""
+READERS: Final = {
+    "delete": read_deletes,
+    "setgeometry": read_geometries,
+    "settransform": read_transforms,
+    **NEWER_COMMANDS,
+}
+"""Functions that read a decoded list of commands into the request, by name, in the order of execution."""
+SMALL_JSON_BYTES: Final = 16 * 1024
+"""Maximum size of JSON requests whose long number arrays are not parsed apart."""
+SYNTAX_ERRORS: Final = {
+    msgpack_kernels.TRUNCATED: "it ends too early",
+    msgpack_kernels.UNUSED_BYTE: "byte c1 is never used",
+    msgpack_kernels.TRAILING_BYTES: "bytes follow its end",
+}
+_OLD_NAMES: Final = {"load": "setgeometry", "draw": "settransform"}
+"""Director's older names of commands. As in Director, they override the newer ones."""
+_ABSENT: Final = msgspec.Raw()
+_ENVELOPE: Final = msgspec.defstruct(
+    "Envelope", [(name, msgspec.Raw, _ABSENT) for name in (*READERS, *_OLD_NAMES)], gc=False
+)
+"""Type of a request whose lists of commands are not decoded."""
 
 
-class RequestReader:
+class RequestReader(ABC):
     """Base class of the readers of both formats. Thread-safe."""
 
-    type_text = "an object"
+    type_text: str
     """Description of a request's outermost value, for error texts."""
 
     def __init__(self, make_decoder: Callable[[Any], Any], small_bytes: int, limits: Limits) -> None:
@@ -41,14 +63,11 @@ class RequestReader:
         Args:
             make_decoder: returns msgspec's decoder of the format for a type.
             small_bytes: size up to which requests are decoded without ``prepare_big``.
-            limits: limits of a request.
         """
         self.limits = limits
         self._small_bytes = small_bytes
         self._envelope_decoder = make_decoder(_ENVELOPE)
-        geometries_type, transforms_type = list_types(self.limits)
-        geometries = make_decoder(geometries_type)
-        transforms = make_decoder(transforms_type)
+        geometries, transforms = map(make_decoder, list_types(limits))
         self._list_decoders = {
             "setgeometry": geometries,
             "load": geometries,
@@ -70,23 +89,28 @@ class RequestReader:
             message: Any = self._decode(prepared)
         except DECODE_ERRORS:  # NaN in JSON, keys that are no text in MessagePack: slower, but accepted
             message = self.decode_plain(prepared)
-        return self._read_commands(message, context)
+        request = Request()
+        if message is None:
+            return request
+        if not isinstance(message, dict):
+            raise RequestError(f"the request must be {self.type_text}, not {show(message)}")
+        for old_name, name in _OLD_NAMES.items():
+            if old_name in message:
+                message[name] = message[old_name]
+        for name, read_commands in READERS.items():
+            if (value := message.get(name)) is not None:
+                if name in NEWER_COMMANDS:
+                    request.newer_commands.append(name)
+                read_commands(value, request, context)
+        return request
 
+    @abstractmethod
     def prepare_big(self, data: memoryview, context: ReadContext) -> bytes | memoryview:
-        """Check a big request; return the part of it that is decoded.
+        """Return the part of a big request that is decoded; raise RequestError if it has errors or exceeds a limit."""
 
-        Raises:
-            RequestError: the data exceeds a limit, or has errors.
-        """
-        raise NotImplementedError
-
+    @abstractmethod
     def decode_plain(self, data: bytes | memoryview) -> Any:
-        """Return a request as plain values, of data that ``_decode`` cannot decode.
-
-        Raises:
-            RequestError: the data cannot be decoded.
-        """
-        raise NotImplementedError
+        """Return a request that ``_decode`` cannot decode as plain values; raise RequestError if that fails, too."""
 
     def _decode(self, data: bytes | memoryview) -> dict[str, Any]:
         """Return the lists of commands by name: those of regular commands as typed objects, others as plain values.
@@ -105,85 +129,70 @@ class RequestReader:
                     lists[name] = self.any_decoder.decode(raw)
         return lists
 
-    def _read_commands(self, message: Any, context: ReadContext) -> Request:
-        """Return the commands of a decoded message.
 
-        Raises:
-            RequestError: the message is not an object.
-        """
-        request = Request()
-        if message is None:
-            return request
-        if not isinstance(message, dict):
-            raise RequestError(f"the request must be {self.type_text}, not {show(message)}")
-        for old_name, name in _OLD_NAMES.items():
-            if old_name in message:
-                message[name] = message[old_name]
-        for name, read_commands in READERS.items():
-            if (value := message.get(name)) is not None:
-                if name in NEWER_COMMANDS:
-                    request.newer_commands.append(name)
-                read_commands(value, request, context)
-        return request
+class JsonReader(RequestReader):
+    """Reader of ``treeviewer_json`` requests."""
 
+    type_text = "a JSON object"
 
-def _read_deletes(value: Any, request: Request, context: ReadContext) -> None:
-    """Add the delete commands of a decoded list to the request."""
-    read_list("delete", value, request, context, read_path, request.deletes)
+    def __init__(self, limits: Limits | None = None) -> None:
+        limits = limits or Limits()
+        super().__init__(msgspec.json.Decoder, min(SMALL_JSON_BYTES, limits.json_bytes), limits)
 
+    def prepare_big(self, data: memoryview, context: ReadContext) -> bytes:
+        """Return the JSON text without its long arrays."""
+        json_text = context.arrays.extract(data)
+        if len(json_text) > self.limits.json_bytes:
+            raise RequestError(f"the request has {len(json_text)} bytes of JSON, the limit is {self.limits.json_bytes}")
+        return json_text
 
-def _read_geometries(value: Any, request: Request, context: ReadContext) -> None:
-    """Add the setgeometry commands of a decoded list to the request, with warnings."""
-    if _is_regular(value):  # msgspec has checked paths and limits, and nothing was tolerated
-        for index, command in enumerate(value):
-            parts = parts_of(command)
-            if parts is None:
-                request.fail(Finding("setgeometry", index, "geometries is missing", command.path), context.limits)
-            else:
-                request.geometries.append((command.path, parts))
-        return
-
-    def read(_index: int, path: Path, command: dict[str, Any]) -> tuple[Path, tuple[Part, ...]]:
-        return path, read_parts(command, context)
-
-    read_list("setgeometry", value, request, context, read, request.geometries)
+    def decode_plain(self, data: bytes | memoryview) -> Any:
+        """Decode by Python's json: Python clients write NaN and Infinity, which msgspec refuses."""
+        try:
+            return json.loads(bytes(data).decode())
+        except UnicodeDecodeError as error:
+            raise RequestError(f"the request is not valid JSON text: {error.reason} at byte {error.start}") from None
+        except RecursionError:
+            raise RequestError("the request is nested too deeply") from None
+        except ValueError as error:  # not JSON, or an integer of more digits than Python converts
+            raise RequestError(f"the request is not valid JSON ({error})") from None
 
 
-def _read_transforms(value: Any, request: Request, context: ReadContext) -> None:
-    """Add the settransform commands of a decoded list to the request, with warnings."""
-    if _is_regular(value):
-        request.transforms += [
-            (command.path, command.transform.translation + command.transform.quaternion) for command in value
-        ]
-        return
+class UnknownExtension:
+    """Placeholder of a MessagePack extension that is not a number array.
 
-    def read(_index: int, path: Path, command: dict[str, Any]) -> tuple[Path, Pose]:
-        if "transform" not in command:
-            raise CommandError("transform is missing")
-        pose = fields.pose(command["transform"])
-        if not all(map(math.isfinite, pose)):
-            context.warnings.append("transform is not finite, so nothing below it is drawn")
-        return path, pose
-
-    read_list("settransform", value, request, context, read, request.transforms)
+    In a field that the protocol defines it is an error; elsewhere it is ignored.
+    """
 
 
-def _is_regular(commands: Any) -> bool:
-    """Return True for a list of typed objects."""
-    return isinstance(commands, list) and bool(commands) and isinstance(commands[0], msgspec.Struct)
+class MsgpackReader(RequestReader):
+    """Reader of ``treeviewer_msgpack`` requests."""
 
+    type_text = "a MessagePack map"
 
-READERS: Final = {
-    "delete": _read_deletes,
-    "setgeometry": _read_geometries,
-    "settransform": _read_transforms,
-    **NEWER_COMMANDS,
-}
-"""Functions that read a decoded list of commands into the request, by name, in the order of execution."""
-_OLD_NAMES: Final = {"load": "setgeometry", "draw": "settransform"}
-"""Director's older names of commands. As in Director, they override the newer ones."""
-_ABSENT: Final = msgspec.Raw()
-_ENVELOPE: Final = msgspec.defstruct(
-    "Envelope", [(name, msgspec.Raw, _ABSENT) for name in (*READERS, *_OLD_NAMES)], gc=False
-)
-"""Type of a request whose lists of commands are not decoded."""
+    def __init__(self, limits: Limits | None = None) -> None:
+        limits = limits or Limits()
+
+        def decode_extension(code: int, payload: memoryview) -> object:
+            return unpack(payload) if code == EXTENSION else UnknownExtension()
+
+        make_decoder = partial(msgspec.msgpack.Decoder, ext_hook=decode_extension)
+        # a request of fewer bytes has fewer objects than the limit: each takes at least a byte
+        super().__init__(make_decoder, limits.binary_objects, limits)
+
+    def prepare_big(self, data: memoryview, context: ReadContext) -> memoryview:
+        """Return the data, unless decoding would create more Python objects than the limit."""
+        limit = self.limits.binary_objects
+        count_or_error = msgpack_kernels.count_values(np.frombuffer(data, np.uint8), limit)
+        if count_or_error in SYNTAX_ERRORS:
+            raise RequestError(f"the request is not valid MessagePack ({SYNTAX_ERRORS[count_or_error]})")
+        if count_or_error > limit:
+            raise RequestError(f"the request has more than {limit} objects besides its arrays, the limit")
+        return data
+
+    def decode_plain(self, data: bytes | memoryview) -> Any:
+        """Decode to dicts and lists, for requests that are no maps of texts."""
+        try:
+            return self.any_decoder.decode(data)
+        except DECODE_ERRORS as error:
+            raise RequestError(f"the request is not valid MessagePack ({error})") from None

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, Final
 from urllib.parse import urlsplit
@@ -20,7 +19,8 @@ from gateway.scene.live_page import LivePage
 from gateway.treeviewer import responses
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.context import MeshLoader
-from gateway.treeviewer.dispatch import Dispatcher, DurableStore
+from gateway.treeviewer.delivery import DurableStore
+from gateway.treeviewer.dispatch import Dispatcher
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 from scenegate.lcm import tcpq_transport
 from scenegate.lcm.network import open_transport, resolve_url
@@ -40,7 +40,6 @@ class TreeViewerService:
         config: TreeViewerConfig,
         live: LiveTree,
         meshfiles: MeshLoader | None = None,
-        clock: Callable[[], float] = time.monotonic,
         store: DurableStore | None = None,
         listeners: Sequence[ChannelListener] = (),
         page: LivePage | None = None,
@@ -49,18 +48,14 @@ class TreeViewerService:
         """Create the service; ``run`` starts it.
 
         Args:
-            config: settings.
-            live: tree that requests edit.
             meshfiles: loader of mesh files; None: requests cannot load files.
-            clock: monotonic time in seconds.
             store: storage of the tree; None: responses do not wait for storage.
             listeners: receive other channels of the transport and the hub.
-            page: state of the pages that show the tree.
             local_meshfiles: loader of mesh files for programs on this machine; None: ``meshfiles``.
         """
         self._config = config
         self.protocol = TreeViewerProtocol(
-            live, config.limits, meshfiles, clock, page, local_meshfiles, strict=config.strict
+            live, config.limits, meshfiles, page=page, local_meshes=local_meshfiles, strict=config.strict
         )
         self._pool = WorkerPool(
             config.threads, config.waiting_requests, name="treeviewer", niceness=BACKGROUND_NICENESS
@@ -124,7 +119,10 @@ class TreeViewerService:
         if self._config.lcm.tcpq_port is not None:
             await self._start_hub(ready_message)
         if url != OFF and not self._is_own_hub(url):
-            self._open_transport(url)
+            try:
+                self._transport = open_transport(url, self._prefixes, self._config.lcm)
+            except LcmUnavailableError as error:
+                self._add_problem("lcm", error)
         if self._problems and self._transport is None and self.hub is None:
             raise LcmUnavailableError("; ".join(self._problems.values()))
         if self._transport is not None:
@@ -143,12 +141,6 @@ class TreeViewerService:
             self._add_problem("tcpq", error)
         else:
             self.hub = hub
-
-    def _open_transport(self, url: str) -> None:
-        try:
-            self._transport = open_transport(url, self._prefixes, self._config.lcm)
-        except LcmUnavailableError as error:
-            self._add_problem("lcm", error)
 
     async def _stop(self) -> None:
         await self._dispatcher.close()

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from gateway.drakeviewer.channels import PREFIXES
 from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.service import DrakeViewerService
-from gateway.drakeviewer.viewer import PREFIXES
 from gateway.lcm.listener import ChannelListener
 from gateway.wiring.context import Context
 

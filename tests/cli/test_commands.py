@@ -22,8 +22,7 @@ from scenegate.cli import SERVER_COMMANDS
 from scenegate.cli.play import STATE_CHANNELS
 from scenegate.datasets.manifest import FailureRecord
 from scenegate.lcm import replay
-from scenegate.lcm.event_log import EventLogError
-from scenegate.lcm.log_section import Section
+from scenegate.lcm.event_log import EventLogError, Section
 from tests.support.command import scenegate
 from tests.support.waiting import SECONDS
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -15,7 +16,7 @@ from scenegate.messages.geometry import Sphere
 from scenegate.messages.request_encoding import encode_request
 from scenegate.tree import requests as requests_module
 from scenegate.tree.answer import Answer, TreeViewerError
-from scenegate.tree.viewer import TreeViewer
+from scenegate.tree.viewer import MAX_LOGGED, TreeViewer
 from tests.support.waiting import SECONDS
 
 
@@ -73,6 +74,21 @@ def test_paths_and_warnings_of_a_response(viewer: TreeViewer) -> None:
         }
     ]
     assert viewer["a"].set(Sphere(1)) == Answer(0, (("a",),), (("b", 1),), (("c",), ("d",)), (), ("odd",), "")
+
+
+def test_each_warning_is_logged_once(viewer: TreeViewer, caplog: pytest.LogCaptureFixture) -> None:
+    connection(viewer).bodies = [{"status": 0, "warnings": texts} for texts in (["odd", "big"], ["odd"], ["small"])]
+    with caplog.at_level(logging.WARNING, "scenegate.tree.viewer"):
+        for _ in range(3):
+            viewer["a"].set(Sphere(1))
+    assert [record.getMessage().rpartition(": ")[2] for record in caplog.records] == ["odd", "big", "small"]
+
+
+def test_a_flood_of_warnings_is_not_logged(viewer: TreeViewer, caplog: pytest.LogCaptureFixture) -> None:
+    connection(viewer).bodies = [{"status": 0, "warnings": [f"pose {i} is odd" for i in range(MAX_LOGGED + 50)]}]
+    with caplog.at_level(logging.WARNING, "scenegate.tree.viewer"):
+        viewer["a"].set(Sphere(1))
+    assert len(caplog.records) == MAX_LOGGED
 
 
 @pytest.mark.parametrize(("errors", "more"), [(0, ""), (1, ""), (2, " (2 commands failed)")])

@@ -293,6 +293,10 @@ async def test_async_client() -> None:
         go = await folder.add_button("go")
         plot = await folder.add_plot("loads", "a")
         await plot.add(1.0)
+        gizmo = await viewer.controls.add_gizmo("target", "arm/hand")
+        with pytest.raises(ValueError, match="a gizmo follows its node: set the node's transform"):
+            await gizmo.set(np.eye(4))
+        await gizmo.delete()
 
         async def stop(value: float) -> None:
             received.append(value)

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer.channels import PREFIXES
 from gateway.drakeviewer.contacts import NEWTONS_PER_METRE
 from gateway.drakeviewer.service import DrakeViewerService
-from gateway.drakeviewer.viewer import PREFIXES
 from gateway.lcm.config import LcmConfig
 from gateway.lcm.listener import ChannelListener
 from gateway.scene.geometry import PointCloud, Surface

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer.channels import Channel, Kind
 from gateway.drakeviewer.config import DrakeViewerConfig, Limits
 from gateway.drakeviewer.messages import MessageError
 from gateway.scene.flatten import flatten
@@ -201,7 +202,7 @@ OF_A_SIMULATION = {
 def test_what_arrives_while_a_load_is_read_belongs_to_the_new_simulation(viewer: Viewer) -> None:
     frame = draw({(0, "f"): IDENTITY})
     viewer.handle("DRAKE_DRAW_FRAMES_OLD", frame)
-    loading = viewer.read(LOAD, load(link("a", 1, BALL)))
+    loading = viewer.read(Channel(LOAD, Kind.LOAD, "illustration"), load(link("a", 1, BALL)))
     viewer.handle("DRAKE_DRAW_FRAMES_NEW", frame)
     viewer.apply(loading)
     assert viewer.paths() == [("drake", "frames", "NEW", "f")]
@@ -432,10 +433,10 @@ def test_names_of_deformable_bodies_are_limited(viewer: Viewer) -> None:
 
 def test_time_of_the_simulation(viewer: Viewer) -> None:
     viewer.handle(LOAD, load(link("a", 0, BALL)))
-    times = [viewer.simulation_seconds]
+    times = [viewer.state.seconds]
     for name, milliseconds in (("a", 2345), ("stale", 9999), ("a", 0)):  # at 0, the simulation starts again
         viewer.handle(DRAW, draw({(0, name): IDENTITY}, milliseconds=milliseconds))
-        times.append(viewer.simulation_seconds)
+        times.append(viewer.state.seconds)
     assert times == [None, 2.345, 2.345, 0.0]
 
 

@@ -13,9 +13,9 @@ import pytest
 from structlog.testing import capture_logs
 
 from gateway.assets.mesh_files import MeshFiles
+from gateway.drakeviewer.channels import PREFIXES, Channel
 from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.service import DrakeViewerService
-from gateway.drakeviewer.viewer import PREFIXES
 from gateway.lcm.config import LcmConfig
 from gateway.lcm.listener import ChannelListener
 from gateway.runtime.warning_list import MAX_LISTED
@@ -115,7 +115,7 @@ async def test_big_messages_are_read_in_a_thread(monkeypatch: pytest.MonkeyPatch
         threads = []
         read = found.service.viewer.read
 
-        def watched(channel: str, message: Any, files: MeshFiles) -> Any:
+        def watched(channel: Channel, message: Any, files: MeshFiles) -> Any:
             threads.append(threading.current_thread().name)
             return read(channel, message, files)
 

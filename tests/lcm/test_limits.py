@@ -6,8 +6,7 @@ import io
 
 import pytest
 
-from gateway.lcm.patterns import PatternError
-from gateway.lcm.subscriptions import Subscriptions
+from gateway.lcm.subscriptions import PatternError, Subscriptions
 from scenegate.lcm import event_log, tcpq, udpm
 from scenegate.lcm.event_log import EventLogError, pack_event, read_events
 from scenegate.lcm.receive_queue import OVERHEAD_BYTES, ReceiveQueue

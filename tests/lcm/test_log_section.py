@@ -11,8 +11,7 @@ import pytest
 from gateway.scene.live import LiveTree
 from scenegate.cli import main
 from scenegate.cli.play import STATE_CHANNELS
-from scenegate.lcm.event_log import Event, pack_event, read_events
-from scenegate.lcm.log_section import EmptySectionError, Section, section_events
+from scenegate.lcm.event_log import EmptySectionError, Event, Section, pack_event, read_events, section_events
 from tests.support.corpus import corpus_dir
 from tests.support.waiting import until
 from tests.treeviewer.conversation import BOX, message

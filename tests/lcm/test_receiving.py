@@ -16,7 +16,7 @@ import pytest
 
 from gateway.lcm import tcpq_hub
 from gateway.lcm.config import LcmConfig
-from scenegate.lcm import network, receive_buffer, udpm_socket
+from scenegate.lcm import network, udpm_socket
 from scenegate.lcm.liblcm_transport import MAX_READ, LiblcmTransport
 from scenegate.lcm.receive_queue import MAX_HANDLED, OVERHEAD_BYTES, ReceiveQueue
 from scenegate.lcm.transport import LcmMessage
@@ -84,8 +84,8 @@ def test_messages_beyond_the_limit_are_counted() -> None:
 def test_the_receive_buffer_has_the_requested_size() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 100_000)
-        assert receive_buffer.receive_buffer(sock) == 100_000
-        assert receive_buffer.raise_receive_buffer(sock, 120_000) == 120_000
+        assert udpm_socket.receive_buffer(sock) == 100_000
+        assert udpm_socket.raise_receive_buffer(sock, 120_000) == 120_000
 
 
 @dataclass
@@ -111,29 +111,29 @@ class FakeSocket:
 
 def test_the_system_limits_the_receive_buffer_of_other_users() -> None:
     sock: Any = FakeSocket()
-    assert receive_buffer.raise_receive_buffer(sock, 100) == 100
+    assert udpm_socket.raise_receive_buffer(sock, 100) == 100
     assert list(sock.sizes) == [33], "the option for privileged users is enough"
     sock = FakeSocket(refused=(33,))
-    assert receive_buffer.raise_receive_buffer(sock, 100) == 100
+    assert udpm_socket.raise_receive_buffer(sock, 100) == 100
     assert list(sock.sizes) == [socket.SO_RCVBUF]
     sock = FakeSocket(refused=(33, socket.SO_RCVBUF))
-    assert receive_buffer.raise_receive_buffer(sock, 100) == 50
+    assert udpm_socket.raise_receive_buffer(sock, 100) == 50
 
 
 def test_dropped_datagrams_are_the_last_of_nine_counters() -> None:
     counters = struct.pack("9I", *range(11, 20))
     for data, dropped in ((counters, 19), (counters[:-4], 0), (None, 0)):
         sock: Any = FakeSocket(counters=data)
-        assert receive_buffer.dropped_datagrams(sock) == dropped
+        assert udpm_socket.dropped_datagrams(sock) == dropped
 
 
 def test_the_systems_limit(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "rmem_max"
-    monkeypatch.setattr(receive_buffer, "_RMEM_MAX", path)
-    assert receive_buffer.system_limit() is None
+    monkeypatch.setattr(udpm_socket, "_RMEM_MAX", path)
+    assert udpm_socket.system_limit() is None
     for text, limit in (("212992\n", 212_992), ("much", None)):
         path.write_text(text)
-        assert receive_buffer.system_limit() == limit
+        assert udpm_socket.system_limit() == limit
 
 
 @pytest.mark.parametrize("url", ["tcpq://h:1", "udpm://239.1.1.1:1", "file:///log"])

@@ -19,9 +19,9 @@ from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST
 from scenegate.lcm import event_log, replay
 from scenegate.lcm.event_log import MAX_DATA_BYTES, SYNC, Event, EventLogError, pack_event, read_events
-from scenegate.lcm.limits import TransportLimits
 from scenegate.lcm.network import open_transport
 from scenegate.lcm.tcpq import HUB_HELLO, publish_header
+from scenegate.lcm.transport import TransportLimits
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
 from tests.support.waiting import until

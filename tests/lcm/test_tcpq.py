@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.lcm.patterns import PatternError, compile_pattern
+from gateway.lcm.subscriptions import PatternError, compile_pattern
 from scenegate.lcm.tcpq import (
     CLIENT_HELLO,
     MAGIC_CLIENT,

@@ -65,7 +65,7 @@ def states(log: Path) -> list[tuple[int, Node]]:
             try:
                 if event.channel.startswith(REQUEST):
                     tree.handle(event.data)
-                elif drake.is_shown(event.channel):
+                else:
                     drake.handle(event.channel, event.data)
             except (wire.WireError, MessageError):
                 pass

@@ -16,8 +16,8 @@ from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Node
 from gateway.treeviewer import responses
-from gateway.treeviewer.client_queue import OVERHEAD_BYTES
 from gateway.treeviewer.config import Limits, TreeViewerConfig
+from gateway.treeviewer.delivery import OVERHEAD_BYTES
 from gateway.treeviewer.dispatch import MAX_LOGGED, Dispatcher
 from gateway.treeviewer.protocol import REQUEST, TreeViewerProtocol
 from renderers.compiler import pending
@@ -341,7 +341,7 @@ async def test_requests_are_refused_while_the_storage_is_full() -> None:
 
 
 async def test_responses_that_miss_paths_are_delayed_in_order(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gateway.treeviewer.delayed_responses.DELAY_SECONDS", 1000.0)
+    monkeypatch.setattr("gateway.treeviewer.delivery.DELAY_SECONDS", 1000.0)
     world.receive(MISSING)
     world.receive(ONE_BOX)
     world.receive(ONE_BOX, channel=f"{REQUEST}_<other>")
@@ -352,7 +352,7 @@ async def test_responses_that_miss_paths_are_delayed_in_order(world: World, monk
 
 
 async def test_the_delay_ends_by_itself(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gateway.treeviewer.delayed_responses.DELAY_SECONDS", 0.0)
+    monkeypatch.setattr("gateway.treeviewer.delivery.DELAY_SECONDS", 0.0)
     for data in (MISSING, ONE_BOX, MISSING, ONE_BOX):
         world.receive(data)
     await until(lambda: len(world.published) == 4)

@@ -12,7 +12,7 @@ from gateway.lcm.config import LcmConfig
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
-from gateway.treeviewer.delayed_responses import DELAY_SECONDS
+from gateway.treeviewer.delivery import DELAY_SECONDS
 from gateway.treeviewer.dispatch import Dispatcher
 from gateway.treeviewer.protocol import REQUEST, TreeViewerProtocol
 from scenegate.lcm.transport import LcmMessage

@@ -11,8 +11,8 @@ from gateway.scene.cameras import LookAtCamera
 from gateway.scene.clicks import ClickLimits, ClickSubscriptions
 from gateway.scene.live_page import PageView
 from gateway.scene.tree import Path
+from gateway.treeviewer.apply import PageClient
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.page_commands import PageClient
 from gateway.treeviewer.responses import ClickMessage, PageMessage
 from scenegate.messages import wire
 from scenegate.messages.clicks import Click

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.scene.geometry import Line
-from gateway.treeviewer import json_reader
+from gateway.treeviewer import request_reader
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.context import ReadContext
-from gateway.treeviewer.json_reader import JsonReader
 from gateway.treeviewer.number_arrays import MIN_NUMBERS, NumberArrays
+from gateway.treeviewer.request_reader import JsonReader
 from gateway.treeviewer.requests import Request, RequestError
 
 
@@ -23,7 +23,7 @@ def read(request: Any) -> Request:
     """Read a request after its long arrays were taken out, whatever its size."""
     text = request if isinstance(request, str) else json.dumps(request)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(json_reader, "SMALL_BYTES", 0)
+        patch.setattr(request_reader, "SMALL_JSON_BYTES", 0)
         return JsonReader(Limits()).read(memoryview(text.encode()), ReadContext())
 
 

@@ -7,7 +7,7 @@ import pytest
 from gateway.lcm.config import LcmConfig
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
-from scenegate.lcm import udpm_transport
+from scenegate.lcm import udpm_socket
 from tests.support.waiting import MILLISECONDS
 from tests.treeviewer import recordings
 from tests.treeviewer.conversation import ONE_BOX, decoded
@@ -122,8 +122,8 @@ async def test_raises_the_receive_buffer_or_names_the_sysctl(url: str) -> None:
 
 @pytest.mark.lcm
 async def test_warns_about_a_small_receive_buffer(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(udpm_transport, "raise_receive_buffer", lambda sock, size: 212_992)
-    monkeypatch.setattr(udpm_transport, "system_limit", lambda: 212_992)
+    monkeypatch.setattr(udpm_socket, "raise_receive_buffer", lambda sock, size: 212_992)
+    monkeypatch.setattr(udpm_socket, "system_limit", lambda: 212_992)
     async with serving(config_of(url)) as service:
         assert service.status()["lcm"]["warning"] == (
             "LCM's receive buffer has 212992 bytes instead of 67108864: larger messages and bursts can get lost; "

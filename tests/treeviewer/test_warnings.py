@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from gateway.treeviewer.page_commands import PageClient
+from gateway.treeviewer.apply import PageClient
 from tests.treeviewer.conversation import BOX, Viewer, message
 
 NEGATIVE = {"type": "sphere", "radius": -1}

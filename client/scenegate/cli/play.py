@@ -12,7 +12,7 @@ from scenegate.cli.options import add_channels, add_lcm_url, at_least, existing_
 from scenegate.cli.progress_bar import progress_bar
 from scenegate.cli.record import run_with_bar
 from scenegate.lcm import replay
-from scenegate.lcm.log_section import Section, StateChannels
+from scenegate.lcm.event_log import Section, StateChannels
 from scenegate.messages import wire
 
 STATE_CHANNELS: Final = StateChannels(edit_prefixes=(wire.REQUEST,), value_prefixes=("DRAKE_", "CONTACT_RESULTS"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import logging
 import signal
 import sys
 import time
@@ -71,6 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Publish a file, in place of everything at and below the path."""
     source: Path = options.source
+    logging.getLogger("scenegate.tree.viewer").setLevel(logging.ERROR)  # the command prints the viewer's warnings
     is_pipe = not source.is_file()
     if source.suffix.lower() in SUFFIXES or (is_pipe and not source.suffix):
         if options.reload and is_pipe:

@@ -4,7 +4,7 @@
 - ``udpm``, ``udpm_assembler``: datagrams of UDP multicast; ``udpm_socket``, ``udpm_sender``, ``udpm_transport``: I/O.
 - ``tcpq``: frames of TCPQ, LCM over TCP; ``tcpq_transport``: a client of a hub.
 - ``liblcm_transport``: LCM's own library, for ``memq://``, ``mpudpm://`` and ``file://``.
-- ``receive_queue``: received messages before they are handled; ``receive_buffer``: the kernel's buffer of a UDP socket.
+- ``receive_queue``: received messages before they are handled.
 - ``event_log``, ``replay``: record a network to LCM's log files, and play these into a network.
 """
 

@@ -28,12 +28,8 @@ class LiblcmTransport:
     """``Transport`` by liblcm. Must be created before many files are open (see ``MAX_OPEN_FILES``)."""
 
     def __init__(self, url: str, pattern: str, queued_bytes: int) -> None:
-        """Join the network.
+        """Join the network, and receive the channels of a regular expression.
 
-        Args:
-            url: valid LCM URL.
-            pattern: regular expression of the channels to receive.
-            queued_bytes: maximum bytes of messages that are not handled yet. Further messages are dropped.
         Raises:
             LcmUnavailableError: liblcm cannot be loaded, or refuses the URL or the pattern.
         """

@@ -6,9 +6,8 @@ import os
 from typing import Final
 
 from scenegate.lcm.liblcm_transport import LiblcmTransport
-from scenegate.lcm.limits import MAX_HEADER_BYTES, TransportLimits
 from scenegate.lcm.tcpq_transport import TcpqTransport
-from scenegate.lcm.transport import LcmUnavailableError, Transport
+from scenegate.lcm.transport import MAX_HEADER_BYTES, LcmUnavailableError, Transport, TransportLimits
 from scenegate.lcm.udpm_transport import UdpmTransport
 from scenegate.lcm.url import check_lcm_url
 
@@ -35,9 +34,8 @@ def open_transport(url: str, prefixes: tuple[str, ...], limits: TransportLimits)
     """Return the transport that connects to the network at ``url``.
 
     Args:
-        url: LCM URL.
         prefixes: starts of the channel names to receive. One that ends with ``WHOLE_NAME`` is a whole name.
-        limits: limits.
+
     Raises:
         LcmUnavailableError: the transport cannot be opened.
     """

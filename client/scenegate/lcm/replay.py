@@ -11,11 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from scenegate.lcm.event_log import pack_event
-from scenegate.lcm.limits import TransportLimits
-from scenegate.lcm.log_section import Section, section_events
+from scenegate.lcm.event_log import Section, pack_event, section_events
 from scenegate.lcm.network import open_transport, resolve_url
-from scenegate.lcm.transport import LcmMessage, OnMessage, Transport
+from scenegate.lcm.transport import LcmMessage, OnMessage, Transport, TransportLimits
 from scenegate.regular_files import errors_name, open_regular
 
 CONNECT_SECONDS: Final = 10.0

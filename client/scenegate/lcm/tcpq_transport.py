@@ -43,12 +43,8 @@ class TcpqTransport:
     """``Transport`` by a hub. It subscribes to one pattern, and connects again when the connection is lost."""
 
     def __init__(self, url: str, pattern: str, max_message: int) -> None:
-        """Parse the URL; ``start`` connects.
+        """Prepare to receive the channels of a regular expression from ``tcpq://[host[:port]]``; ``start`` connects.
 
-        Args:
-            url: tcpq://host:port, of which host and port are optional.
-            pattern: regular expression of the channels to receive.
-            max_message: maximum bytes of one message.
         Raises:
             ValueError: the URL has no valid port.
         """
@@ -117,34 +113,26 @@ class TcpqTransport:
                 _log.info("Connected to the LCM hub %s", self.url)
                 on_connect()
                 problem = f"the hub has gone: {await connection.lost}"
+            except socket.gaierror:
+                problem = f"the host {self.host!r} is unknown"
+            except ConnectionRefusedError:
+                problem = "no hub listens there"
             except (OSError, asyncio.TimeoutError) as error:
-                problem = _connect_problem(self.host, error)
+                reason = error.strerror if isinstance(error, OSError) else None
+                problem = f"the hub cannot be reached: {reason or 'timeout'}"
             finally:
                 self._connection = None
                 connection.close("")
             if self._finishing:
                 return
-            self._set_problem(problem)
+            if problem != self._problem:
+                _log.warning("%s: %s", self.url, problem)
+            self._problem = problem
             await asyncio.sleep(RETRY_SECONDS)
 
     def _set_connection(self, connection: _Connection) -> None:
         """Publish by this connection from now on: the hub's first message, its greeting, is answered."""
         self._connection = connection
-
-    def _set_problem(self, problem: str) -> None:
-        """Record why there is no connection, and log the reason if it is new."""
-        if problem != self._problem:
-            _log.warning("%s: %s", self.url, problem)
-        self._problem = problem
-
-
-def _connect_problem(host: str, error: Exception) -> str:
-    """Return why there is no connection."""
-    if isinstance(error, socket.gaierror):
-        return f"the host {host!r} is unknown"
-    if isinstance(error, ConnectionRefusedError):
-        return "no hub listens there"
-    return f"the hub cannot be reached: {(isinstance(error, OSError) and error.strerror) or 'timeout'}"
 
 
 class _Connection(asyncio.BufferedProtocol):

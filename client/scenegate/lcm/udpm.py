@@ -56,10 +56,6 @@ class Fragment(NamedTuple):
 def datagrams(channel: str, data: bytes | bytearray, sequence: int) -> Iterator[list[bytes | bytearray | memoryview]]:
     """Yield the datagrams of a message, each as a list of buffers for ``sendmsg``.
 
-    Args:
-        channel: channel name.
-        data: the message.
-        sequence: sequence number of the message.
     Raises:
         ValueError: the channel name is too long, or the message needs more fragments than can be numbered.
     """

@@ -49,13 +49,11 @@ class Assembler:
     def __init__(
         self, prefixes: tuple[bytes, ...], max_message: int, max_bytes: int, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Create an assembler without messages.
-
+        """
         Args:
             prefixes: starts of the channel names to receive; with a NUL at the end, whole names.
             max_message: maximum bytes of one message.
             max_bytes: maximum bytes of all incomplete messages. Beyond it, the oldest ones are discarded.
-            clock: monotonic time in seconds.
         """
         self._prefixes = prefixes
         self._max_message = max_message
@@ -113,7 +111,12 @@ class Assembler:
         if len(partial.spans) < count:
             return None
         self._end(key, size, count)
-        return _message(partial)
+        position = 0
+        for begin, end in sorted(partial.spans.values()):
+            if begin != position:
+                return None  # a gap, which is uninitialised memory
+            position = end
+        return udpm.Message(partial.channel, partial.data) if position == size else None
 
     def _add_partial(self, key: MessageKey, size: int, count: int) -> _PartialMessage:
         """Return a new incomplete message; discard stale ones, and the oldest ones if they exceed a limit."""
@@ -151,13 +154,3 @@ class Assembler:
         partial = self._partials.pop(key)
         self.waiting_bytes -= len(partial.data)
         self.incomplete += 1
-
-
-def _message(partial: _PartialMessage) -> udpm.Message | None:
-    """Return the message of all fragments; None if they leave gaps, because these are uninitialised memory."""
-    position = 0
-    for begin, end in sorted(partial.spans.values()):
-        if begin != position:
-            return None
-        position = end
-    return udpm.Message(partial.channel, partial.data) if position == len(partial.data) else None

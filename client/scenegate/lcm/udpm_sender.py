@@ -23,10 +23,9 @@ class UdpmSender:
     """Sends datagrams in order, and queues those that the kernel does not accept yet."""
 
     def __init__(self, sock: socket.socket, address: tuple[str, int], url: str, max_unsent: int) -> None:
-        """Create a sender for a non-blocking socket.
-
+        """
         Args:
-            sock: socket to send with. The sender closes it.
+            sock: non-blocking socket to send with. The sender closes it.
             address: multicast address and port.
             url: LCM URL, for error texts.
             max_unsent: maximum bytes in the queue. A single message may be larger.
@@ -57,8 +56,14 @@ class UdpmSender:
         datagrams = udpm.datagrams(channel, message, self._sequence)
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         for datagram in datagrams:
-            if self._queue or not self._try_send(datagram):
-                self._enqueue(datagram)
+            if not self._queue:
+                if self._try_send(datagram):
+                    continue
+                if self._loop is None:
+                    raise OSError(f"the network {self._url} accepts nothing now")
+                self._loop.add_writer(self._socket.fileno(), self._on_writable)
+            self._queue.append(datagram)
+            self.unsent_bytes += sum(map(len, datagram))
 
     async def drain(self, max_bytes: int) -> None:
         """Wait until at most ``max_bytes`` are queued."""
@@ -84,15 +89,6 @@ class UdpmSender:
         except (BlockingIOError, InterruptedError):
             return False
         return True
-
-    def _enqueue(self, datagram: list[bytes | bytearray | memoryview]) -> None:
-        """Queue a datagram until the socket is writable."""
-        if self._loop is None:
-            raise OSError(f"the network {self._url} accepts nothing now")
-        if not self._queue:
-            self._loop.add_writer(self._socket.fileno(), self._on_writable)
-        self._queue.append(datagram)
-        self.unsent_bytes += sum(map(len, datagram))
 
     def _on_writable(self) -> None:
         """Send queued datagrams."""

@@ -1,4 +1,8 @@
-"""Create the sockets of a multicast group, test the route, list own addresses, for ``udpm_transport``."""
+"""The sockets of a multicast group, for ``udpm_transport``: their options, receive buffer, arrival times and addresses.
+
+The kernel drops datagrams while the receive buffer is full, so its size limits the messages and bursts that arrive
+complete.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ import socket
 import struct
 import sys
 import time
+from pathlib import Path
 from typing import Final
 
 from scenegate.lcm import udpm
@@ -37,6 +42,13 @@ _TIMESTAMPS: Final = 35
 """Socket option SO_TIMESTAMPNS of Linux, which Python's ``socket`` lacks, and type of its control messages."""
 _TIMESPEC: Final = struct.Struct("@ll")
 _CONTROL_BYTES: Final = 0 if sys.platform == "win32" else socket.CMSG_SPACE(_TIMESPEC.size)
+_RMEM_MAX: Final = Path("/proc/sys/net/core/rmem_max")
+"""File with the maximum size of receive buffers, net.core.rmem_max."""
+_SO_RCVBUFFORCE: Final = 33
+"""Linux option that may exceed net.core.rmem_max; needs CAP_NET_ADMIN."""
+_SO_MEMINFO: Final = 55
+"""Linux option (4.12 and later) with nine counters of the socket. The last counts dropped datagrams."""
+_MEMINFO: Final = struct.Struct("9I")
 
 
 def receive_socket(url: str, network: UdpmUrl) -> socket.socket:
@@ -114,11 +126,7 @@ def check_route(url: str, network: UdpmUrl, receiver: socket.socket, sender: soc
 
 
 def own_addresses(sock: socket.socket) -> frozenset[str]:
-    """Return the IPv4 addresses of this machine's interfaces.
-
-    Args:
-        sock: any socket.
-    """
+    """Return the IPv4 addresses of this machine's interfaces, by any socket."""
     if sys.platform != "linux":
         return frozenset(socket.gethostbyname_ex(socket.gethostname())[2])
     import fcntl
@@ -128,3 +136,36 @@ def own_addresses(sock: socket.socket) -> frozenset[str]:
     size, _ = struct.unpack("iP", fcntl.ioctl(sock, _SIOCGIFCONF, struct.pack("iP", size, address)))
     starts = range(_ADDRESS_OFFSET, size, _IFREQ_BYTES)
     return frozenset(socket.inet_ntoa(buffer[start : start + 4].tobytes()) for start in starts)
+
+
+def system_limit() -> int | None:
+    """Return net.core.rmem_max in bytes, or None if it cannot be read."""
+    try:
+        return int(_RMEM_MAX.read_text())
+    except (OSError, ValueError):
+        return None
+
+
+def raise_receive_buffer(sock: socket.socket, size: int) -> int:
+    """Request a receive buffer of ``size`` bytes; return the size that the kernel grants."""
+    for option in (_SO_RCVBUFFORCE, socket.SO_RCVBUF):
+        try:
+            sock.setsockopt(socket.SOL_SOCKET, option, size)
+        except OSError:
+            continue
+        break
+    return receive_buffer(sock)
+
+
+def receive_buffer(sock: socket.socket) -> int:
+    """Return the size of the receive buffer in bytes. The kernel reports twice the size that was requested."""
+    return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
+
+
+def dropped_datagrams(sock: socket.socket) -> int:
+    """Return the number of datagrams that a full buffer has dropped; 0 if the kernel does not report it."""
+    try:
+        counters = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size)
+    except OSError:
+        return 0
+    return int(_MEMINFO.unpack(counters)[-1]) if len(counters) == _MEMINFO.size else 0

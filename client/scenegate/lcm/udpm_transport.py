@@ -13,10 +13,8 @@ from collections.abc import Callable
 from typing import Final
 
 from scenegate.lcm import udpm, udpm_socket
-from scenegate.lcm.limits import TransportLimits
-from scenegate.lcm.receive_buffer import dropped_datagrams, raise_receive_buffer, receive_buffer, system_limit
 from scenegate.lcm.receive_queue import ReceiveQueue
-from scenegate.lcm.transport import LcmMessage, OnMessage
+from scenegate.lcm.transport import LcmMessage, OnMessage, TransportLimits
 from scenegate.lcm.udpm_assembler import Assembler
 from scenegate.lcm.udpm_sender import UdpmSender
 from scenegate.lcm.url import parse_udpm_url
@@ -35,13 +33,8 @@ class UdpmTransport:
     """``Transport`` by UDP multicast. It joins the group when created; the kernel keeps datagrams until ``start``."""
 
     def __init__(self, url: str, prefixes: tuple[str, ...], config: TransportLimits, max_message: int) -> None:
-        """Join the multicast group and test the route.
+        """Join the multicast group and test the route; see ``network.open_transport`` for the arguments.
 
-        Args:
-            url: ``udpm://`` URL.
-            prefixes: starts of the channel names to receive.
-            config: sizes of buffers and queues.
-            max_message: maximum bytes of one message.
         Raises:
             ValueError: the URL is invalid.
             LcmUnavailableError: the port is in use, or there is no route.
@@ -106,8 +99,8 @@ class UdpmTransport:
             "incomplete": self._assembler.incomplete,
             "refused": self._assembler.refused,
             "unsent_bytes": self._sender.unsent_bytes,
-            "receive_buffer_bytes": receive_buffer(self._receiver),
-            "lost_datagrams": dropped_datagrams(self._receiver),
+            "receive_buffer_bytes": udpm_socket.receive_buffer(self._receiver),
+            "lost_datagrams": udpm_socket.dropped_datagrams(self._receiver),
             "foreign_datagrams": self.foreign,
             **({"warning": self.warning} if self.warning else {}),
         }
@@ -117,10 +110,10 @@ class UdpmTransport:
 
         The warning is also logged.
         """
-        granted = raise_receive_buffer(self._receiver, requested)
+        granted = udpm_socket.raise_receive_buffer(self._receiver, requested)
         if granted >= requested:
             return ""
-        limit = system_limit()
+        limit = udpm_socket.system_limit()
         current_limit = "" if limit is None else f" (it is {limit} now)"
         warning = (
             f"LCM's receive buffer has {granted} bytes instead of {requested}: larger messages "

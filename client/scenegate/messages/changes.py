@@ -34,14 +34,9 @@ class Entry:
 
     def update(self, other: Entry) -> None:
         """Replace what is set in another entry."""
-        if other.geometries is not None:
-            self.geometries = other.geometries
-        if other.transform is not None:
-            self.transform = other.transform
-        if other.visible is not None:
-            self.visible = other.visible
-        if other.opacity is not None:
-            self.opacity = other.opacity
+        for name in ("geometries", "transform", "visible", "opacity"):
+            if (value := getattr(other, name)) is not None:
+                setattr(self, name, value)
 
     @property
     def properties(self) -> dict[str, Any]:

@@ -2,8 +2,8 @@
 
 - ``viewer``: the client; ``aio``: the same for asyncio.
 - ``nodes``: paths and batches; ``answer``: results of requests.
-- ``robot``: robots that joint values move; ``clicks``: clicks in the browser.
-- ``controls``: controls in the page; ``control_panel``: their values; ``callbacks``: the threads of callbacks.
+- ``robot``: robots that joint values move; ``controls``: controls in the page; ``control_panel``: their values.
+- ``callbacks``: callbacks for clicks in the browser, and the threads of all callbacks.
 - ``joint_sliders``: sliders that move a robot.
 - ``connection``: the connection to an LCM network.
 """

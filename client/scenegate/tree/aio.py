@@ -8,11 +8,11 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from contextlib import asynccontextmanager
 from functools import wraps
 from types import TracebackType
-from typing import Any, Concatenate, Final, Generic, ParamSpec, TypeVar, overload
+from typing import Any, Concatenate, Final, Generic, ParamSpec, TypeVar
 
 from scenegate.messages.changes import Key, Path, path_of
 from scenegate.messages.field_kinds import describe
-from scenegate.tree.clicks import Callback
+from scenegate.tree.callbacks import Callback
 from scenegate.tree.control_panel import ControlHandle, V
 from scenegate.tree.controls import ButtonHandle, ControlFolder, MaybePose, PlotHandle
 from scenegate.tree.joint_sliders import JointSliders
@@ -28,29 +28,23 @@ Wrapped = TypeVar("Wrapped")
 NodeType = TypeVar("NodeType", bound=Node)
 
 
-class _InThread(Generic[Arguments, Result]):
-    """A method that is a coroutine, which calls a blocking method of ``_blocking`` in a thread."""
+def _in_thread_as(
+    convert: Callable[[Result], Converted], method: Callable[Concatenate[Blocking, Arguments], Result]
+) -> Callable[Concatenate[Any, Arguments], Coroutine[Any, Any, Converted]]:
+    """Return a coroutine method that calls a method of ``self._blocking`` in a thread, and converts its result."""
 
-    def __init__(self, method: Callable[Concatenate[Blocking, Arguments], Result]) -> None:
-        self._method: Callable[..., Result] = method
-        self.__doc__ = method.__doc__
+    @wraps(method)
+    async def call(self: Any, /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Converted:
+        blocking_method = getattr(self._blocking, method.__name__)  # of its own class, which may override ``method``
+        return convert(await asyncio.to_thread(blocking_method, *args, **kwargs))
 
-    @overload
-    def __get__(self, instance: None, owner: type) -> _InThread[Arguments, Result]: ...
-    @overload
-    def __get__(self, instance: object, owner: type) -> Callable[Arguments, Coroutine[Any, Any, Result]]: ...
-    def __get__(
-        self, instance: Any, owner: type
-    ) -> _InThread[Arguments, Result] | Callable[Arguments, Coroutine[Any, Any, Result]]:
-        if instance is None:
-            return self
-        blocking = instance._blocking  # noqa: SLF001 - of the class with this method
+    return call
 
-        @wraps(self._method)
-        async def call(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-            return await asyncio.to_thread(self._method, blocking, *args, **kwargs)
 
-        return call
+def _in_thread(
+    method: Callable[Concatenate[Blocking, Arguments], Result],
+) -> Callable[Concatenate[Any, Arguments], Coroutine[Any, Any, Result]]:
+    return _in_thread_as(lambda result: result, method)
 
 
 class _Wrapper(Generic[Wrapped]):
@@ -66,11 +60,11 @@ class AsyncNode(_Wrapper[NodeType]):
     def __getitem__(self, key: Key) -> AsyncNode[Node]:
         return AsyncNode(self._blocking[key])
 
-    set = _InThread(Node.set)
-    transform = _InThread(Node.transform)
-    set_visible = _InThread(Node.set_visible)
-    set_opacity = _InThread(Node.set_opacity)
-    delete = _InThread(Node.delete)
+    set = _in_thread(Node.set)
+    transform = _in_thread(Node.transform)
+    set_visible = _in_thread(Node.set_visible)
+    set_opacity = _in_thread(Node.set_opacity)
+    delete = _in_thread(Node.delete)
 
 
 class AsyncRobot(AsyncNode[PublishedRobot]):
@@ -81,19 +75,7 @@ class AsyncRobot(AsyncNode[PublishedRobot]):
         """The robot, for its links, joints and warnings."""
         return self._blocking
 
-    set_joints = _InThread(PublishedRobot.set_joints)
-
-
-def _returning(
-    convert: Callable[[Result], Converted], method: Callable[Concatenate[Blocking, Arguments], Result]
-) -> Callable[Concatenate[Blocking, Arguments], Converted]:
-    """Return a method with another type of result."""
-
-    def call(blocking: Blocking, /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Converted:
-        return convert(method(blocking, *args, **kwargs))
-
-    call.__doc__ = method.__doc__
-    return call
+    set_joints = _in_thread(PublishedRobot.set_joints)
 
 
 _callback_tasks: Final[set[asyncio.Task[None]]] = set()
@@ -136,8 +118,8 @@ class AsyncControl(_Wrapper[ControlHandle[V]]):
         """See ``ControlHandle.on_update``. ``callback`` may be a coroutine."""
         return self._blocking.on_update(_on_loop(callback, "on_update"))
 
-    set = _InThread(ControlHandle.set)
-    delete = _InThread(ControlHandle.delete)
+    set = _in_thread(ControlHandle.set)
+    delete = _in_thread(ControlHandle.delete)
 
 
 class AsyncButton(AsyncControl[int]):
@@ -154,8 +136,8 @@ class AsyncPlot(AsyncControl[None]):
     """``PlotHandle`` for asyncio."""
 
     _blocking: PlotHandle
-    add = _InThread(PlotHandle.add)
-    add_samples = _InThread(PlotHandle.add_samples)
+    add = _in_thread(PlotHandle.add)
+    add_samples = _in_thread(PlotHandle.add_samples)
 
 
 class AsyncJointSliders(_Wrapper[JointSliders]):
@@ -166,9 +148,9 @@ class AsyncJointSliders(_Wrapper[JointSliders]):
         """See ``JointSliders``."""
         return self._blocking.values
 
-    set = _InThread(JointSliders.set)
-    reset = _InThread(JointSliders.reset)
-    delete = _InThread(JointSliders.delete)
+    set = _in_thread(JointSliders.set)
+    reset = _in_thread(JointSliders.reset)
+    delete = _in_thread(JointSliders.delete)
 
 
 class AsyncControlFolder(_Wrapper[ControlFolder]):
@@ -177,16 +159,16 @@ class AsyncControlFolder(_Wrapper[ControlFolder]):
     def __getitem__(self, key: Key) -> AsyncControlFolder:
         return AsyncControlFolder(self._blocking[key])
 
-    add_button = _InThread(_returning(AsyncButton, ControlFolder.add_button))
-    add_slider = _InThread(_returning(AsyncControl[float], ControlFolder.add_slider))
-    add_number = _InThread(_returning(AsyncControl[float], ControlFolder.add_number))
-    add_text = _InThread(_returning(AsyncControl[str], ControlFolder.add_text))
-    add_checkbox = _InThread(_returning(AsyncControl[bool], ControlFolder.add_checkbox))
-    add_dropdown = _InThread(_returning(AsyncControl[str], ControlFolder.add_dropdown))
-    add_color = _InThread(_returning(AsyncControl[tuple[float, float, float]], ControlFolder.add_color))
-    add_plot = _InThread(_returning(AsyncPlot, ControlFolder.add_plot))
-    add_gizmo = _InThread(_returning(AsyncControl[MaybePose], ControlFolder.add_gizmo))
-    delete = _InThread(ControlFolder.delete)
+    add_button = _in_thread_as(AsyncButton, ControlFolder.add_button)
+    add_slider = _in_thread_as(AsyncControl[float], ControlFolder.add_slider)
+    add_number = _in_thread_as(AsyncControl[float], ControlFolder.add_number)
+    add_text = _in_thread_as(AsyncControl[str], ControlFolder.add_text)
+    add_checkbox = _in_thread_as(AsyncControl[bool], ControlFolder.add_checkbox)
+    add_dropdown = _in_thread_as(AsyncControl[str], ControlFolder.add_dropdown)
+    add_color = _in_thread_as(AsyncControl[tuple[float, float, float]], ControlFolder.add_color)
+    add_plot = _in_thread_as(AsyncPlot, ControlFolder.add_plot)
+    add_gizmo = _in_thread_as(AsyncControl[MaybePose], ControlFolder.add_gizmo)
+    delete = _in_thread(ControlFolder.delete)
 
     async def add_joint_sliders(self, robot: AsyncRobot, name: Key | None = None) -> AsyncJointSliders:
         """See ``ControlFolder.add_joint_sliders``."""
@@ -213,12 +195,12 @@ class AsyncTreeViewer:
     def __getitem__(self, key: Key) -> AsyncNode[Node]:
         return AsyncNode(Node(self._blocking, path_of(key)))
 
-    delete = _InThread(TreeViewer.delete)
-    set_transforms = _InThread(TreeViewer.set_transforms)
-    set_view = _InThread(TreeViewer.set_view)
-    show = _InThread(TreeViewer.show)
-    image = _InThread(TreeViewer.image)
-    robot = _InThread(_returning(AsyncRobot, TreeViewer.robot))
+    delete = _in_thread(TreeViewer.delete)
+    set_transforms = _in_thread(TreeViewer.set_transforms)
+    set_view = _in_thread(TreeViewer.set_view)
+    show = _in_thread(TreeViewer.show)
+    image = _in_thread(TreeViewer.image)
+    robot = _in_thread_as(AsyncRobot, TreeViewer.robot)
 
     async def on_click(self, path: Key, callback: Callback) -> Callable[[], Awaitable[None]]:
         """See ``TreeViewer.on_click``. The event loop calls ``callback``, which may be a coroutine."""

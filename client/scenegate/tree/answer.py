@@ -42,12 +42,7 @@ class Answer:
 
 
 def answer_of(response: Response, missing: list[Path]) -> Answer:
-    """Return the result of a request.
-
-    Args:
-        response: response to the request.
-        missing: paths without geometry that the client has not published.
-    """
+    """Return the result of a request; ``missing`` are paths without geometry that the client has not published."""
     body = response.body
 
     def paths(name: str) -> tuple[Path, ...]:

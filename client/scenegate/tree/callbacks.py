@@ -1,24 +1,34 @@
-"""Threads of a client for messages of the page: one runs callbacks in order, the other repeats subscriptions."""
+"""Callbacks for messages of the page, and the threads that run them and repeat the subscriptions."""
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import logging
 import queue
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
+import msgspec
+
+from scenegate.messages.changes import Path, is_at_or_below
+from scenegate.messages.clicks import Click
 from scenegate.messages.field_kinds import describe
 
 RESEND_SECONDS: Final = 10.0
 """Interval of repeated subscriptions. A viewer drops the subscription of a client after 30 s without one."""
+MAX_WAITING: Final = 100
+"""Maximum number of calls that wait when a click arrives; further clicks are dropped."""
+
+Callback = Callable[[Click], Any]
 
 _log = logging.getLogger(__name__)
 
 
 class CallbackThreads:
-    """Both threads. They start with the first subscription."""
+    """Two threads: one runs callbacks in order, the other repeats subscriptions. They start with the first one."""
 
     def __init__(self, resend: Callable[[], None]) -> None:
         """``resend`` sends the subscriptions without waiting for a response."""
@@ -78,3 +88,48 @@ def check_callback(callback: object, method: str) -> None:
         raise TypeError(f"a callback of TreeViewer.{method} must not be a coroutine; AsyncTreeViewer takes both")
     if not callable(callback):
         raise TypeError(f"a callback of {method} must be a function, not {describe(callback)}")
+
+
+class ClickListener:
+    """Callbacks of one client for clicks on geometry in the browser."""
+
+    def __init__(self, threads: CallbackThreads) -> None:
+        self._threads = threads
+        self._callbacks: list[tuple[Path, Callback]] = []
+        self._lock = threading.Lock()
+
+    def add(self, path: Path, callback: Callback) -> Callable[[], None]:
+        """Add a callback for clicks at and below a path; return the function that removes it.
+
+        Raises:
+            TypeError: the callback is a coroutine function, or cannot be called.
+        """
+        check_callback(callback, "on_click")
+        entry = (path, callback)
+        with self._lock:
+            self._callbacks.append(entry)
+        self._threads.start()
+
+        def remove() -> None:
+            with self._lock, contextlib.suppress(ValueError):
+                self._callbacks.remove(entry)
+
+        return remove
+
+    def paths(self) -> list[Path]:
+        """Return the paths that have callbacks, without duplicates."""
+        with self._lock:
+            return list(dict.fromkeys(path for path, _ in self._callbacks))
+
+    def receive(self, fields: Any) -> None:
+        """Queue the callbacks for the click of a message. Invalid ones are ignored."""
+        try:
+            click = msgspec.convert(fields, Click)
+        except msgspec.ValidationError:
+            return
+        if self._threads.waiting >= MAX_WAITING:
+            return
+        with self._lock:
+            callbacks = [callback for path, callback in self._callbacks if is_at_or_below(click.path, path)]
+        for callback in callbacks:
+            self._threads.call(partial(callback, click))

@@ -6,9 +6,8 @@ import asyncio
 import threading
 from collections.abc import Callable, Mapping
 
-from scenegate.lcm.limits import TransportLimits
 from scenegate.lcm.network import WHOLE_NAME, open_transport, resolve_url
-from scenegate.lcm.transport import LcmMessage
+from scenegate.lcm.transport import LcmMessage, TransportLimits
 
 CLOSE_SECONDS = 2.0
 """Maximum time for messages to be sent when the connection is closed."""
@@ -23,12 +22,7 @@ class LcmConnection:
     """LCM connection that any thread may publish on. It connects again when it loses a TCPQ hub."""
 
     def __init__(self, url: str | None, handlers: Mapping[str, Callable[[bytes], None]], timeout: float) -> None:
-        """Connect, and start the receiving thread.
-
-        Args:
-            url: LCM URL; None: the environment variable LCM_DEFAULT_URL, or else LCM's default.
-            handlers: callback for each channel. The receiving thread calls it with the message.
-            timeout: seconds to wait for a hub.
+        """Connect, and start the receiving thread, which calls the handler of a channel with each message.
 
         Raises:
             ConnectionError: no hub listens, or there is no route.

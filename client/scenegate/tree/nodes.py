@@ -92,16 +92,7 @@ class Batch:
 
 
 def transforms_of(paths: Iterable[Key], poses: ArrayLike) -> Changes:
-    """Return the changes that replace the transforms of many paths.
-
-    Args:
-        paths: N paths, as for ``viewer[...]``.
-        poses: (N, 7): X_parent_node of each path as x, y, z in metres and the quaternion w, x, y, z.
-
-    Raises:
-        TypeError: ``paths`` is one string.
-        ValueError: the shapes differ, a number is not finite, or a quaternion is zero.
-    """
+    """Return the changes that replace the transforms of many paths; see ``TreeViewer.set_transforms``."""
     if isinstance(paths, str):
         raise TypeError(
             f"paths must be a list of paths, not {describe(paths)}; for one path use set_transforms([path], ...)"

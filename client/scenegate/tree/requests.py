@@ -72,11 +72,11 @@ class Requests:
         if self.message_format is None:  # called before the wait for a viewer
             encode_request(body, 0, wire.BINARY)
             encoded()
-        response = self._exchange(body, self._negotiated_format(), encoded)
+        response = self.wait(self.post(body, self._negotiated_format(), encoded))
         refused = response.status in UNKNOWN_FORMATS
         if refused and self.message_format == wire.BINARY and self._negotiates_format:
             self.message_format = wire.JSON  # another viewer, without MessagePack, runs now
-            response = self._exchange(body, self.message_format, encoded)
+            response = self.wait(self.post(body, self.message_format, encoded))
         return response
 
     def send_without_response(self, body: dict[str, Any]) -> None:
@@ -95,15 +95,9 @@ class Requests:
     def _negotiated_format(self) -> str:
         """Return the format of requests. An empty request negotiates it."""
         if self.message_format is None:
-            status = self._exchange({}, wire.BINARY).status
+            status = self.wait(self.post({}, wire.BINARY)).status
             self.message_format = wire.JSON if status in UNKNOWN_FORMATS else wire.BINARY
         return self.message_format
-
-    def _exchange(
-        self, body: dict[str, Any], message_format: str, encoded: Callable[[], None] = lambda: None
-    ) -> Response:
-        """Send one request and wait for its response."""
-        return self.wait(self.post(body, message_format, encoded))
 
     def post(
         self, body: dict[str, Any], message_format: str | None = None, encoded: Callable[[], None] = lambda: None

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from os import PathLike, fspath
-from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.messages.changes import Changes, Entry, Path, path_of
+from scenegate.messages.changes import Changes, Entry, Path
 from scenegate.messages.field_kinds import describe
 from scenegate.messages.geometry import Geometry
 from scenegate.messages.wire import OK
 from scenegate.transforms import quaternions_of
 from scenegate.tree.answer import Answer
 from scenegate.tree.nodes import Node, Sender
-from scenegate.warning_text import NOTHING_DRAWN, strict_refusal
+from scenegate.warning_text import NOTHING_DRAWN
 
 _NEEDS_SERVER: Final = (
     "MJCF, keyframes, gltf_up='auto', textures=False and viewers other than Scenegate need packages of the server: "
@@ -27,13 +27,6 @@ _NEEDS_SERVER: Final = (
 
 if TYPE_CHECKING:
     from scenegate.robots.robot import Joint, JointValue, Robot
-
-
-class Viewer(Sender, Protocol):
-    """A viewer to publish robots to."""
-
-    def reads_files(self) -> bool:
-        """Return True if the viewer reads the content of mesh files."""
 
 
 class PublishedRobot(Node):
@@ -100,41 +93,35 @@ class PublishedRobot(Node):
         return answer
 
 
-def publish_robot(
-    viewer: Viewer,
-    path: str | int | tuple[str | int, ...],
+def read_robot_for(
+    reads_files: Callable[[], bool],
     file: str | PathLike[str],
-    joints: Mapping[str, JointValue],
-    roots: Iterable[str | PathLike[str]],
-    geometry: Literal["visual", "collision"],
+    options: dict[str, Any],
+    *,
     textures: bool,
     keyframe: str,
-    gltf_up: Literal["y", "z", "auto"],
-    strict: bool,
-) -> PublishedRobot:
-    """Read a robot file and publish it. See ``TreeViewer.robot``."""
+) -> Robot[Geometry]:
+    """Read a robot file in the form that the viewer shows, by the client's reader or the server's.
+
+    Args:
+        reads_files: returns True if the viewer reads the content of mesh files.
+        options: arguments of both readers; see ``TreeViewer.robot`` for the others and for errors.
+    """
     from importlib.metadata import entry_points  # these are slow to import, and most clients publish no robots
 
     from scenegate.robots.reader import NeedsServerError, read_robot
 
-    robot = None
-    options: dict[str, Any] = {"roots": list(roots), "geometry": geometry, "gltf_up": gltf_up, "strict": strict}
     needs_server = NeedsServerError(_NEEDS_SERVER)
-    if textures and not keyframe and gltf_up != "auto" and viewer.reads_files():
+    if textures and not keyframe and options["gltf_up"] != "auto" and reads_files():
         try:
-            robot = read_robot(fspath(file), **options)
+            return read_robot(fspath(file), **options)
         except NeedsServerError as error:
             needs_server = error
-    if robot is None:
-        readers = entry_points(group="scenegate.robots")
-        if not readers:
-            raise needs_server
-        robot = next(iter(readers)).load()(file, **options, keyframe=keyframe, textures=textures)
-    published = PublishedRobot(viewer, path_of(path), robot, joints)
-    if strict and published.answer.warnings:
-        published.delete()
-        raise ValueError(f"{fspath(file)}: {strict_refusal(published.answer.warnings)}")
-    return published
+    readers = entry_points(group="scenegate.robots")
+    if not readers:
+        raise needs_server
+    robot: Robot[Geometry] = next(iter(readers)).load()(file, **options, keyframe=keyframe, textures=textures)
+    return robot
 
 
 def _checked(joints: Mapping[str, JointValue]) -> dict[str, JointValue]:
@@ -145,13 +132,7 @@ def _checked(joints: Mapping[str, JointValue]) -> dict[str, JointValue]:
 
 
 def _add_poses(changes: Changes, path: Path, links: Iterable[str], poses: NDArray[np.float64]) -> None:
-    """Add the transforms of links to changes.
-
-    Args:
-        path: path of the robot.
-        links: names of N links.
-        poses: (N, 4, 4) X_robot_link.
-    """
+    """Add the transforms of N links of the robot at ``path`` to changes; ``poses`` are X_robot_link, (N, 4, 4)."""
     quaternions = quaternions_of(poses[:, :3, :3]).tolist()
     for link, translation, quaternion in zip(links, poses[:, :3, 3].tolist(), quaternions, strict=True):
         changes.set_entry((*path, link), Entry(transform={"translation": translation, "quaternion": quaternion}))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from os import PathLike
+from os import PathLike, fspath
 from types import EllipsisType
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,17 +21,22 @@ from scenegate.messages.field_kinds import describe, number_list
 from scenegate.messages.request_encoding import Response
 from scenegate.messages.wire import MISSING_PATHS, OK
 from scenegate.tree.answer import UNSUPPORTED, Answer, TreeViewerError, answer_of
-from scenegate.tree.callbacks import CallbackThreads
-from scenegate.tree.clicks import Callback, ClickListener
+from scenegate.tree.callbacks import Callback, CallbackThreads, ClickListener
 from scenegate.tree.control_panel import ControlPanel
 from scenegate.tree.controls import ControlFolder
 from scenegate.tree.nodes import Batch, Node, transforms_of
 from scenegate.tree.notebook import NotebookViews
 from scenegate.tree.requests import Requests
-from scenegate.tree.robot import PublishedRobot, publish_robot
+from scenegate.tree.robot import PublishedRobot, read_robot_for
+from scenegate.warning_text import strict_refusal
 
 if TYPE_CHECKING:
     from scenegate.robots.robot import JointValue
+
+MAX_LOGGED: Final = 100
+"""Maximum number of different warnings of a viewer that are logged."""
+
+_log = logging.getLogger(__name__)
 
 
 class TreeViewer(NotebookViews, Closing):
@@ -46,7 +52,8 @@ class TreeViewer(NotebookViews, Closing):
             url: LCM URL (``tcpq://host:7700``, ``udpm://...``); None: the environment variable LCM_DEFAULT_URL, or
                 else LCM's default.
             timeout: seconds to wait for a response, or for a hub.
-            binary: format of requests. True: MessagePack; False: JSON; None: MessagePack if the viewer supports it.
+            binary: format of requests. True: MessagePack; False: JSON, which has no NaN and infinite numbers: ``null``
+                is sent in their place; None: MessagePack if the viewer supports it.
 
         Raises:
             ConnectionError: no hub listens, or there is no route for multicast.
@@ -56,6 +63,8 @@ class TreeViewer(NotebookViews, Closing):
         self._lock = threading.Lock()
         """Guards ``_published``. Held until what was published before is on its way again: a change that another thread
         sends meanwhile must arrive after it."""
+        self._logged: set[str] = set()
+        """Warnings of the viewer that were logged."""
         self._threads = CallbackThreads(self._resend_subscriptions)
         self._clicks = ClickListener(self._threads)
         self._panel = ControlPanel(self.send, self._threads, self._record)
@@ -214,10 +223,18 @@ class TreeViewer(NotebookViews, Closing):
             ImportError: a package that is needed to read the file is not installed.
             TreeViewerError, TimeoutError, ConnectionError: see ``send``.
         """
-        return publish_robot(self, path, file, joints or {}, roots, geometry, textures, keyframe, gltf_up, strict)
+        options = {"roots": list(roots), "geometry": geometry, "gltf_up": gltf_up, "strict": strict}
+        robot = read_robot_for(self.reads_files, file, options, textures=textures, keyframe=keyframe)
+        published = PublishedRobot(self, path_of(path), robot, joints or {})
+        if strict and published.answer.warnings:
+            published.delete()
+            raise ValueError(f"{fspath(file)}: {strict_refusal(published.answer.warnings)}")
+        return published
 
     def send(self, changes: Changes) -> Answer:
         """Send changes and wait for the response. If the viewer reports missing paths, publish them again.
+
+        Warnings are in the result, and each new text is logged once.
 
         Raises:
             TreeViewerError: the viewer rejected a command.
@@ -229,6 +246,10 @@ class TreeViewer(NotebookViews, Closing):
         if response.status == MISSING_PATHS:
             response, missing = self._republish(response, missing)
         answer = answer_of(response, missing)
+        for warning in answer.warnings:
+            if warning not in self._logged and len(self._logged) < MAX_LOGGED:
+                self._logged.add(warning)
+                _log.warning("The tree viewer warns: %s", warning)
         unknown = changes.newer_commands().keys() - set(response.body.get("newer_commands", ()))
         if unknown and answer.status >= OK:
             error = f"this viewer does not know {', '.join(sorted(unknown))}; it has done everything else"
