@@ -8,9 +8,8 @@ itself, and rejects documents beyond ``GltfLimits``. Documents that share a ``Gl
 
 from gateway.gltf.animations import AnimationTime
 from gateway.gltf.buffers import Resolver
-from gateway.gltf.document_cache import DocumentContent, HashedDocument
+from gateway.gltf.document_cache import DocumentContent, GltfCache, HashedDocument
 from gateway.gltf.errors import GltfError
-from gateway.gltf.gltf_cache import GltfCache
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.materials import DEFAULT_MATERIAL, label_from_material
 from gateway.gltf.reader import read_gltf, read_mesh_names

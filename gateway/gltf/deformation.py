@@ -91,7 +91,9 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
         with np.errstate(all="ignore"):
             unbound = _skin(attributes, joints, weights, self.joint_matrices)
         if unbound and self.influences:
-            warnings.append(f"{name}: {unbound} of {len(weights)} vertices have no weights, they follow their first joint")
+            warnings.append(
+                f"{name}: {unbound} of {len(weights)} vertices have no weights, they follow their first joint"
+            )
 
 
 def _skin(

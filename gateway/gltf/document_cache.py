@@ -1,4 +1,4 @@
-"""Cache of everything in a document but its nodes, for documents that differ from earlier ones only in their nodes.
+"""Caches of the reader: meshes and images, and everything in a document but its nodes.
 
 Drake's client sends the whole scene with every image, with the members of the JSON document sorted by name. While a
 robot moves, the text before the member ``nodes`` (accessors, buffers, materials, meshes: nearly the whole document)
@@ -21,7 +21,8 @@ from gateway.gltf.container import Container
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import count_values
 from gateway.scene.geometry import Part
-from renderers.cache import Cache, CacheBudget
+from renderers.cache import SHARED, Cache, CacheBudget
+from renderers.drawlist import Image, Mesh
 
 MIN_BYTES: Final = 4096
 """Minimum size of the text before the nodes. Parsing a shorter text costs no more than hashing it."""
@@ -90,6 +91,11 @@ class DocumentContent:
     """Size of the meshes' arrays, each mesh counted once."""
 
 
+MeshKey: TypeAlias = bytes
+"""The content of a primitive: its mode, and ``Accessor.key`` of its indices and of each attribute."""
+ImageKey: TypeAlias = tuple[bytes, int, int, int]
+"""SHA-256 of the buffer that holds an encoded image, its offset and length in bytes, and ``max_image_pixels``."""
+ContentKey: TypeAlias = MeshKey | ImageKey
 _Key: TypeAlias = tuple[bytes, GltfLimits]
 """``HashedDocument.prefix_digest`` and limits."""
 
@@ -107,30 +113,29 @@ class _Entry:
     """JSON text, by name, of the members after ``nodes`` that must be equal for a hit, such as ``samplers``."""
 
 
-class DocumentCache:
-    """Contents of documents by the digest of the text before their nodes. Thread-safe."""
+class GltfCache:
+    """Contents of documents by the digest of the text before their nodes, and meshes and images by their bytes.
 
-    def __init__(self, budget: CacheBudget) -> None:
-        self.cache: Final[Cache[_Key, _Entry]] = Cache("documents", budget=budget)
+    Equal bytes become the same ``Mesh`` and ``Image`` objects in all documents. A renderer, which prepares each object
+    only once, has nothing to prepare again either. Thread-safe.
+    """
+
+    def __init__(self, budget: CacheBudget = SHARED) -> None:
+        self.documents: Final[Cache[_Key, _Entry]] = Cache("documents", budget=budget)
+        self.content: Final[Cache[ContentKey, Mesh | Image]] = Cache("content", budget=budget)
 
     def find(self, document: HashedDocument, limits: GltfLimits) -> tuple[DocumentContent, schema.Document] | None:
         """Return the content of a document, and one with only its nodes and scenes; None if all of it must be read."""
         if document.nodes_offset == 0:
             return None
-        entry = self.cache.get((document.prefix_digest, limits))
+        entry = self.documents.get((document.prefix_digest, limits))
         if entry is None:
             return None
         with memoryview(document.data) as view:
             node_document = _parse_suffix(bytes(view[document.nodes_offset :]), entry, limits)
         return None if node_document is None else (entry.content, node_document)
 
-    def add(
-        self,
-        document: HashedDocument,
-        container: Container,
-        limits: GltfLimits,
-        content: DocumentContent,
-    ) -> None:
+    def add(self, document: HashedDocument, container: Container, limits: GltfLimits, content: DocumentContent) -> None:
         """Keep the content of a document, if its text can be split before its nodes.
 
         Args:
@@ -139,7 +144,7 @@ class DocumentCache:
         entry = _new_entry(document, container, content)
         if entry is not None:
             nbytes = content.mesh_bytes + len(document.data)  # the file's size bounds that of its images, kept encoded
-            self.cache.put((document.prefix_digest, limits), entry, nbytes)
+            self.documents.put((document.prefix_digest, limits), entry, nbytes)
 
 
 def _nodes_offset(text: bytes | bytearray) -> int:

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from gateway.gltf.accessors import Accessor, Accessors
 from gateway.gltf.deformation import REST, SKIN_ATTRIBUTES, Deformation, MeshPose, deformation_of
+from gateway.gltf.document_cache import ContentKey, MeshKey
 from gateway.gltf.draco import EXTENSION as DRACO
 from gateway.gltf.draco import DracoMeshes
 from gateway.gltf.errors import GltfError, GltfLimitError, as_warning
-from gateway.gltf.gltf_cache import ContentKey, MeshKey
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension
 from gateway.gltf.schema import DracoCompression, Primitive

@@ -21,6 +21,31 @@ from renderers.stop import check_stop
 _MAX_FLOAT: Final = sys.float_info.max
 _MAX_QUOTED_CHARACTERS: Final = 60
 """Maximum number of characters of a JSON value in a message."""
+_SUPPORTED_EXTENSIONS: Final = frozenset(
+    {
+        "EXT_mesh_gpu_instancing",
+        "EXT_meshopt_compression",
+        "EXT_texture_webp",
+        "KHR_accessor_float64",
+        "KHR_draco_mesh_compression",
+        "KHR_lights_punctual",
+        "KHR_materials_emissive_strength",
+        "KHR_materials_ior",
+        "KHR_materials_pbrSpecularGlossiness",
+        "KHR_materials_specular",
+        "KHR_materials_transmission",
+        "KHR_materials_unlit",
+        "KHR_materials_variants",
+        "KHR_mesh_quantization",
+        "KHR_node_visibility",
+        "KHR_texture_transform",
+    }
+)
+_IMAGE_FORMATS: Final = frozenset({"KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds"})
+"""Extensions that offer another image for a texture. They give no warning here: the texture's own image (PNG or JPEG)
+is used, and ``textures`` warns about a texture without one."""
+_MAX_LISTED_CHARACTERS: Final = 500
+"""Maximum number of characters of extension names in a message."""
 _UNPAIRED_SURROGATE: Final = re.compile("[\ud800-\udfff]")
 """An escape such as ``\\ud800`` without its second half, which JSON allows and UTF-8 does not."""
 _TYPE_CHECKS: Final[dict[type[inspect.Type], tuple[str, Callable[[Any], bool]]]] = {
@@ -202,6 +227,14 @@ def check_version(document: Document, warnings: list[str]) -> None:
             raise GltfError(f"asset.{name}: glTF {version[:16]} is not supported, only 2.x")
     if document.asset.min_version not in (None, "2.0"):
         warnings.append(f"asset.minVersion: glTF {document.asset.min_version[:16]} is read as glTF 2.0")
+
+
+def check_extensions(document: Document, warnings: list[str]) -> None:
+    """Warn about extensions that are ignored. Required ones are no error, as in other viewers."""
+    names = {name for name in (*(document.extensions_required or ()), *(document.extensions_used or ())) if name}
+    ignored = sorted(names - _SUPPORTED_EXTENSIONS - _IMAGE_FORMATS)
+    if ignored:
+        warnings.append(f"extensionsUsed: {', '.join(ignored)[:_MAX_LISTED_CHARACTERS]} ignored")
 
 
 def vector_or_default(
