@@ -86,8 +86,6 @@ class GlbWriter:
         self._document = GltfDocument(GENERATOR, max_bytes)
         self._document.warnings = list(warnings)
         self._materials = MaterialWriter(self._document)
-        self._primitives: list[dict[str, Any]] = []
-        """JSON of the primitives, one for each ``Mesh``, without materials."""
         self._json_nodes: dict[int, tuple[int, dict[str, Any]]] = {}
         """Index and JSON of the nodes by ``id``."""
 
@@ -176,15 +174,14 @@ class GlbWriter:
 
     def _mesh(self, mesh: Mesh, material: Material) -> int | None:
         """Return the index of a glTF mesh with one primitive; None if it draws nothing or is not finite."""
-        primitive = self._document.get_or_add_by_identity("primitive", mesh, lambda: self._primitive(mesh))
+        primitive = self._document.get_or_add("primitive", mesh, lambda: self._primitive(mesh))
         if primitive is None:
             return None
-        with_material = {**self._primitives[primitive], "material": self._materials.material(material)}
-        mesh_json = {"primitives": [with_material]}
-        return self._document.get_or_add("mesh", (primitive, material), lambda: self._document.add("meshes", mesh_json))
+        mesh_json = {"primitives": [{**primitive, "material": self._materials.material(material)}]}
+        return self._document.get_or_add("mesh", (mesh, material), lambda: self._document.add("meshes", mesh_json))
 
-    def _primitive(self, mesh: Mesh) -> int | None:
-        """Write a mesh's arrays and return its index in ``_primitives``; None and arguments as for ``_mesh``."""
+    def _primitive(self, mesh: Mesh) -> dict[str, Any] | None:
+        """Write a mesh's arrays, and return the JSON of its primitive without material; None as for ``_mesh``."""
         if not mesh.elements.size or not np.isfinite(mesh.positions).all():
             return None
         attributes = {"POSITION": self._document.add_accessor(mesh.positions, VERTEX_TARGET, bounds=True)}
@@ -199,11 +196,8 @@ class GlbWriter:
                 attributes[name] = self._document.add_accessor(array, VERTEX_TARGET)
         fits_uint16 = len(mesh.positions) < 0xFFFF  # 0xFFFF itself is the primitive restart value
         indices = mesh.elements.ravel().astype(np.uint16 if fits_uint16 else np.uint32)
-        self._primitives.append(
-            {
-                "attributes": attributes,
-                "indices": self._document.add_accessor(indices[:, None], INDEX_TARGET),
-                "mode": _MODES[mesh.topology],
-            }
-        )
-        return len(self._primitives) - 1
+        return {
+            "attributes": attributes,
+            "indices": self._document.add_accessor(indices[:, None], INDEX_TARGET),
+            "mode": _MODES[mesh.topology],
+        }
