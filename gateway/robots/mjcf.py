@@ -1,19 +1,21 @@
-"""Reads MJCF. The package ``mujoco`` compiles the file and computes the kinematics."""
+"""Reads MJCF. The package ``mujoco`` compiles the file, in a limited child process, and computes the kinematics."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.robots.limits import RobotLimits
-from gateway.robots.mjcf_compiler import compile_mjcf
 from gateway.robots.mjcf_files import MjcfFiles
 from gateway.robots.mjcf_geometry import MjcfGeometry
 from gateway.robots.robot import Robot
+from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_limited
 from scenegate.name_hint import name_hint
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.files import RobotFiles
@@ -21,6 +23,9 @@ from scenegate.robots.limits import check_count
 from scenegate.robots.robot import GeometryUse, Joint, JointKind, Mimic
 from scenegate.robots.xml_text import Element
 
+_OUT_OF_MEMORY: Final = ("Could not allocate memory", "Caught an unknown exception!")
+"""Parts of MuJoCo's error messages when memory runs out; the second one is for std::bad_alloc."""
+_output_decoder: Final = msgspec.msgpack.Decoder(tuple[bytes, list[str]] | str)
 _VALUE_COUNTS: Final[dict[JointKind, int]] = {"floating": 7, "ball": 4, "prismatic": 1, "revolute": 1}
 
 
@@ -41,7 +46,7 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, keyframe: str,
     mujoco = _mujoco()
     mjcf_files = MjcfFiles(root, files, limits)
     try:
-        model, compiler_warnings = compile_mjcf(mujoco, files.path, limits)
+        model, compiler_warnings = _compiled(mujoco, files.path, limits)
     except RobotFileError as error:
         raise RobotFileError(f"{mjcf_files.link_prefix(str(error))}{error}") from None
     check_count(model.nbody, limits.max_links, "bodies")
@@ -73,6 +78,24 @@ def _mujoco() -> Any:
             f"MJCF files need the package mujoco ({error}): pip install 'scenegate[robots]'; URDF files do not"
         ) from None
     return mujoco
+
+
+def _compiled(mujoco: Any, path: Path, limits: RobotLimits) -> tuple[Any, list[str]]:
+    """Compile a file in a child process; return an ``MjModel``, and the compiler's warnings."""
+    arguments = (str(path), limits.max_model_bytes)
+    process_limits = ProcessLimits(limits.max_compiler_bytes, limits.max_compiler_seconds)
+    try:
+        result = _output_decoder.decode(call_limited("gateway.parsers.mjcf:compile_file", arguments, process_limits))
+    except ProcessFailed as failure:
+        result = ""  # no error message: it ran out of memory or crashed
+        if failure.timed_out:
+            result = f"it takes longer than max_compiler_seconds = {process_limits.seconds}"
+    if isinstance(result, str):
+        if not result or any(message in result for message in _OUT_OF_MEMORY):
+            result = f"it needs more than max_compiler_bytes = {process_limits.memory_bytes} of memory, or crashes"
+        raise RobotFileError(f"MuJoCo cannot compile it: {result}")
+    model, warnings = result
+    return mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": model}), warnings
 
 
 class _Kinematics:
