@@ -81,7 +81,7 @@ def _read(files: RobotFiles, geometry: GeometryUse, keyframe: str, gltf_up: Robo
         raise RobotFileError("only MJCF files have keyframes")
     model = parse_links(root, files, geometry, limits, warnings)
     joints, kinematics = model.moving_joints(warnings), LinkKinematics(model)
-    parts = LinkParts(files, limits, warnings, "z" if gltf_up == "z" else "y").parts_of(model.links)
+    parts = LinkParts(files, limits, warnings, "z" if gltf_up == "z" else "y").of_links(model.links)
     notes: tuple[str, ...] = ()
     if gltf_up == "auto":
         collision_links = parse_links(root, files, "collision", limits, []).links
@@ -104,8 +104,8 @@ def _choose_up_axis(
 
     Either axis gives the same warnings: those of ``y_up`` are kept, and the others dropped.
     """
-    z_up = LinkParts(files, limits, [], "z").parts_of(links)
-    collision = LinkParts(files, limits, [], "y").parts_of(collision_links)
+    z_up = LinkParts(files, limits, [], "z").of_links(links)
+    collision = LinkParts(files, limits, [], "y").of_links(collision_links)
     up = nearest_up_axis(y_up, z_up, collision)
     note = f"glTF meshes are taken as {up.upper()} up: their bounds are nearer to those of the collision geometry"
     return z_up if up == "z" else y_up, note

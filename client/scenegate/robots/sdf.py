@@ -24,7 +24,7 @@ from scenegate.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind
 from scenegate.robots.ros_packages import split_url
 from scenegate.robots.sdf_frames import SEPARATOR, WORLD, Frame, Frames, read_pose, scoped
 from scenegate.robots.sdf_geometry import read_geometries
-from scenegate.robots.urdf_joints import joint_kind, read_mimic, unit_axis
+from scenegate.robots.shared_elements import joint_kind, read_mimic, unit_axis
 from scenegate.robots.xml_text import Element, attribute, children_as_attributes, numbers, parse_xml
 
 _KINDS: Final[dict[str, JointKind | None]] = {

@@ -14,8 +14,7 @@ from scenegate.robots.link_model import Cone, LinkGeometry, LinkMaterial, LinkSh
 from scenegate.robots.material_scripts import MaterialScripts
 from scenegate.robots.robot import GeometryUse
 from scenegate.robots.sdf_frames import read_pose
-from scenegate.robots.urdf_geometry import read_color
-from scenegate.robots.urdf_shapes import read_shape, sizes
+from scenegate.robots.shared_elements import read_color, read_shape, sizes
 from scenegate.robots.xml_text import Element, InvalidAttributeError, children_as_attributes, named_elements, numbers
 from scenegate.transforms import IDENTITY
 
