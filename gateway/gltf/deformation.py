@@ -112,7 +112,7 @@ def _skin(
     Returns:
         Number of vertices without weights, which follow their first joint.
     """
-    totals = weights.sum(axis=1, keepdims=True)
+    totals = np.cumsum(weights, axis=1)[:, -1:]  # one after the other: the order in sum depends on NumPy and CPU
     is_bound = (totals > 0.0) & (totals < np.inf)
     only_first = np.arange(weights.shape[1]) == 0
     shares = np.where(is_bound, weights / totals, only_first).astype(np.float32)

@@ -16,7 +16,7 @@ from gateway.gltf.buffers import Buffer, Buffers
 from gateway.gltf.errors import GltfError, as_warning
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension
-from gateway.parsers.draco_data import DecodedMesh
+from gateway.parsers.mesh_data import DecodedMesh
 from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_limited
 
 EXTENSION: Final = "KHR_draco_mesh_compression"

@@ -12,8 +12,7 @@ import collada
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshLimits, Shape
-from gateway.parsers.shapes import shape_of
+from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshLimits, Shape, shape_of
 from gateway.parsers.texture_files import ReadFile, TextureFiles
 
 MAX_ELEMENTS: Final = 1_000_000

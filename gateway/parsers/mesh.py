@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from trimesh.visual.material import SimpleMaterial
 
 from gateway.parsers.collada import read_collada
-from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshLimits, Shape
+from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshLimits, Shape, checked_triangles, shape_of
 from gateway.parsers.obj import with_absolute_faces, without_broken_faces
 from gateway.parsers.ply import triangles_of_strips, with_plain_header, with_triangles
-from gateway.parsers.shapes import checked_triangles, shape_of
 from gateway.parsers.texture_files import ReadFile, TextureFiles
 from gateway.parsers.vtk import read_vtk
 
