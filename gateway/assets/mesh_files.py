@@ -119,7 +119,9 @@ class MeshFiles:
             lock = self._loading.setdefault(key, threading.Lock())
         try:
             with lock:
-                loaded = self._cached(key) or self._load(path, filename)
+                loaded = self.cache.get(key)
+                if loaded is None or any(_stamp(stamp[0]) != stamp for stamp in loaded.stamps):
+                    loaded = self._load(path, filename)
         finally:
             with self._lock:
                 self._loading.pop(key, None)
@@ -243,13 +245,6 @@ class MeshFiles:
         """Return True if a path, with symbolic links resolved, may be read."""
         is_of_known_format = path.suffix[1:].lower() in READABLE_EXTENSIONS
         return self._is_below_root(path) or (self._any_folder and is_of_known_format)
-
-    def _cached(self, key: str) -> _LoadedFile | None:
-        """Return a file from the cache; None if it is not there, or if it or a file that it refers to has changed."""
-        loaded = self.cache.get(key)
-        if loaded is None or not all(_stamp(stamp[0]) == stamp for stamp in loaded.stamps):
-            return None
-        return loaded
 
     def _load(self, path: Path, filename: str) -> _LoadedFile:
         reader = _FileReader(path, self._is_allowed, self._limits)

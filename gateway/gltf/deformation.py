@@ -163,7 +163,11 @@ def deformation_of(
             # The differences of tangents have no handedness.
             components = 3 if attribute == "TANGENT" else attributes[attribute].components
             with as_warning(warnings, f"{path} is ignored"):
-                differences[attribute] = _checked_difference(accessors.get(index, path), components, count, path)
+                accessor = accessors.get(index, path)
+                if accessor.components != components or accessor.count < count:
+                    found = f"{accessor.count} values of {accessor.components} components"
+                    raise GltfError(f"{path}: {accessor.name} has {found}, not {count} of {components}")
+                differences[attribute] = accessor
         targets.append((weight, differences))
     influences = [] if pose.joint_matrices is None else list(_influences(attributes, name))
     if not targets and pose.joint_matrices is None:
@@ -184,13 +188,3 @@ def _influences(attributes: dict[str, Accessor], name: str) -> Iterator[tuple[Ac
                 f"{name}.attributes.JOINTS_{n}: {joints.name} does not have unsigned integers of 8 or 16 bits"
             )
         yield joints, weights
-
-
-def _checked_difference(accessor: Accessor, components: int, count: int, path: str) -> Accessor:
-    """Return the accessor if it has ``components`` components and at least ``count`` values."""
-    if accessor.components != components or accessor.count < count:
-        raise GltfError(
-            f"{path}: {accessor.name} has {accessor.count} values of {accessor.components} components, "
-            f"not {count} of {components}"
-        )
-    return accessor

@@ -36,9 +36,7 @@ _CHANGING_MEMBERS: Final = frozenset({"nodes", "scene", "scenes"})
 """Members of the document that are parsed again."""
 
 _members_decoder: Final = msgspec.json.Decoder(dict[str, msgspec.Raw])
-_nodes_decoder: Final = msgspec.json.Decoder(list[schema.Node | None] | None)
-_scenes_decoder: Final = msgspec.json.Decoder(list[schema.Scene | None] | None)
-_scene_decoder: Final = msgspec.json.Decoder(int | None)
+_document_decoder: Final = msgspec.json.Decoder(schema.Document)
 
 
 class HashedDocument:
@@ -125,7 +123,7 @@ class GltfCache:
         self.content: Final[Cache[ContentKey, Mesh | Image]] = Cache("content", budget=budget)
 
     def find(self, document: HashedDocument, limits: GltfLimits) -> tuple[DocumentContent, schema.Document] | None:
-        """Return the content of a document, and one with only its nodes and scenes; None if all of it must be read."""
+        """Return the content of a document, and a document with its nodes and scenes; None if all must be read."""
         if document.nodes_offset == 0:
             return None
         entry = self.documents.get((document.prefix_digest, limits))
@@ -186,12 +184,16 @@ def _new_entry(document: HashedDocument, container: Container, content: Document
         return None
     if not _CHANGING_MEMBERS.isdisjoint(prefix_members):
         return None
-    unchanging = {name: value.copy() for name, value in suffix_members.items() if name not in _CHANGING_MEMBERS}
+    unchanging = {name: value.copy() for name, value in _unchanging(suffix_members).items()}
     return _Entry(content, split, count_values(text[:split]), unchanging)
 
 
+def _unchanging(members: dict[str, msgspec.Raw]) -> dict[str, msgspec.Raw]:
+    return {name: value for name, value in members.items() if name not in _CHANGING_MEMBERS}
+
+
 def _parse_suffix(text: bytes, entry: _Entry, limits: GltfLimits) -> schema.Document | None:
-    """Return a document of nodes and scenes only; None if the whole document must be read, or is beyond a limit.
+    """Return a document with its nodes and scenes; None if the whole document must be read, or is beyond a limit.
 
     Args:
         text: JSON text from the name of the member ``nodes`` to the end.
@@ -203,15 +205,8 @@ def _parse_suffix(text: bytes, entry: _Entry, limits: GltfLimits) -> schema.Docu
     if json_bytes > limits.max_json_values and entry.prefix_value_count + count_values(text) > limits.max_json_values:
         return None
     try:
-        members = _members_decoder.decode(b"{" + text)
-        nodes = members.pop("nodes")
-        scenes, scene = members.pop("scenes", None), members.pop("scene", None)
-        if members != entry.suffix_members:
-            return None
-        return schema.Document(
-            nodes=_nodes_decoder.decode(nodes),
-            scenes=_scenes_decoder.decode(scenes) if scenes is not None else None,
-            scene=_scene_decoder.decode(scene) if scene is not None else None,
-        )
+        if _unchanging(_members_decoder.decode(b"{" + text)) == entry.suffix_members:
+            return _document_decoder.decode(b"{" + text)
     except (msgspec.MsgspecError, ValueError, RecursionError):
-        return None
+        pass
+    return None

@@ -69,8 +69,11 @@ def _read(
     read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, use_up_axis: bool, submesh: str
 ) -> MeshData:
     if extension == "vtk":
-        positions, triangles = read_vtk(data, limits.max_vertices, limits.max_elements)
-        return _single(positions, triangles)
+        content = MeshData()
+        shape = shape_of(*read_vtk(data, limits.max_vertices, limits.max_elements), content.warnings)
+        if shape is not None:
+            content.shapes, content.instances = [shape], [(0, _IDENTITY)]
+        return content
     if extension == "dae":
         return read_collada(data, read_file, limits, use_up_axis, submesh)
     if extension == "obj":
@@ -108,13 +111,6 @@ def _undefined_materials(data: bytes, materials: set[bytes]) -> list[str]:
         return []
     names = ", ".join(sorted(repr(name[:60].decode("utf-8", "replace")) for name in undefined)[:_MAX_NAMED])
     return [f"materials of usemtl that no MTL file defines ({len(undefined)}): {names}; they are white"]
-
-
-def _single(positions: NDArray[np.float32], triangles: NDArray[np.int64]) -> MeshData:
-    result = MeshData()
-    if (shape := shape_of(positions, triangles, result.warnings)) is not None:
-        result.shapes, result.instances = [shape], [(0, _IDENTITY)]
-    return result
 
 
 class _Resolver(trimesh.resolvers.Resolver):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -43,7 +43,11 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, keyframe: str,
         RobotFileError: MuJoCo cannot compile the file, it has no such keyframe, or a limit is exceeded.
         ImportError: The package ``mujoco`` is not installed.
     """
-    mujoco = _mujoco()
+    try:
+        import mujoco
+    except ImportError as error:
+        needed = f"MJCF files need the package mujoco ({error}): pip install 'scenegate[robots]'; URDF files do not"
+        raise ImportError(needed) from None
     mjcf_files = MjcfFiles(root, files, limits)
     try:
         model, compiler_warnings = _compiled(mujoco, files.path, limits)
@@ -62,22 +66,9 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, keyframe: str,
         f"{count} {what} are not shown" for count, what in ((model.nskin, "skins"), (model.nflex, "flexes")) if count
     )
     name = root.get("model") or files.path.stem
-    kinematics = _Kinematics(
-        mujoco, model, {joint: int(address) for joint, address in zip(joints, model.jnt_qposadr, strict=True)}
-    )
+    kinematics = _Kinematics(mujoco, model, joints)
     warnings = (*warnings, *converter.warnings, *compiler_warnings)
     return Robot(name, links, joints, parts, kinematics, warnings, digests=files.digests)
-
-
-def _mujoco() -> Any:
-    """Import and return the package ``mujoco``; raises ImportError that names the extra."""
-    try:
-        import mujoco
-    except ImportError as error:
-        raise ImportError(
-            f"MJCF files need the package mujoco ({error}): pip install 'scenegate[robots]'; URDF files do not"
-        ) from None
-    return mujoco
 
 
 def _compiled(mujoco: Any, path: Path, limits: RobotLimits) -> tuple[Any, list[str]]:
@@ -101,14 +92,11 @@ def _compiled(mujoco: Any, path: Path, limits: RobotLimits) -> tuple[Any, list[s
 class _Kinematics:
     """MuJoCo's forward kinematics. Thread-safe."""
 
-    def __init__(self, mujoco: Any, model: Any, addresses: Mapping[str, int]) -> None:
-        """
-        Args:
-            addresses: Index of each joint's first value in ``qpos``.
-        """
+    def __init__(self, mujoco: Any, model: Any, joints: Iterable[str]) -> None:
         self._mujoco = mujoco
         self._model = model
-        self._addresses = addresses
+        self._addresses = dict(zip(joints, map(int, model.jnt_qposadr), strict=True))
+        """Index of each joint's first value in ``qpos``."""
         self._data = mujoco.MjData(model)
         self._lock = threading.Lock()
         """Protects ``_data``, which each call overwrites."""
