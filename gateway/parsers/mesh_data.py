@@ -7,14 +7,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
-class MeshLimits(msgspec.Struct, frozen=True):
-    """Limits of a mesh file's content. The names are those of ``GltfLimits``."""
+class MeshOptions(msgspec.Struct, frozen=True):
+    """Options of a parser: limits of the content, with the names of ``GltfLimits``, and what is read of COLLADA."""
 
     max_vertices: int
     max_elements: int
     max_instances: int
     max_drawn_elements: int
     max_node_depth: int
+    use_up_axis: bool = True
+    """True: a COLLADA file's up axis is rotated to Z. False: the file is taken as Z up."""
+    submesh: str = ""
+    """Name of the node of a COLLADA file whose geometry is read; empty: all geometry."""
 
 
 class Shape(msgspec.Struct):
