@@ -2,8 +2,11 @@
 
 ``read_gltf`` is the entry point; its module ``reader`` lists the steps. The reader decodes no images, opens no files by
 itself, and rejects documents beyond ``GltfLimits``. Documents that share a ``GltfCache`` share one ``Mesh`` or
-``Image`` object for equal bytes. Functions append sentences about what is left out or repaired to the list
-``warnings``. ``export.export_glb`` writes a scene tree.
+``Image`` object for equal bytes. ``export.export_glb`` writes a scene tree.
+
+In all functions, ``warnings`` is a list to which sentences about what is left out or repaired are appended. For these
+and for errors, ``name`` is an object in the document, such as ``meshes[2].primitives[0]``, and ``path`` a property that
+refers to something, such as ``nodes[3].mesh``.
 """
 
 from gateway.gltf.animations import AnimationTime as AnimationTime

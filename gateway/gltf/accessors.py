@@ -165,7 +165,6 @@ class Accessors:
         """Return the buffer, and the offset and the stride in bytes, of ``count`` values of ``size`` bytes each.
 
         Args:
-            name: The accessor, for messages.
             view_index: Index of the buffer view; None: the result has no buffer.
             byte_offset: Offset in bytes within the buffer view; None: 0.
         """

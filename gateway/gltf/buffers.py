@@ -145,7 +145,6 @@ class Buffers:
 
         Args:
             json_uri: String from the JSON: a URI, or the placeholder of one in ``Container.data_uris``.
-            path: Property that holds the string, for messages.
         """
         check_stop()
         uri = self._container.data_uris.get(json_uri, json_uri)
@@ -165,9 +164,6 @@ class Buffers:
 
     def count_bytes(self, nbytes: int, path: str) -> None:
         """Count bytes towards ``max_buffer_bytes`` before they are allocated.
-
-        Args:
-            path: Property that refers to the bytes, for messages.
 
         Raises:
             GltfLimitError: The limit is exceeded.

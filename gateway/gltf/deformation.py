@@ -67,8 +67,6 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
         Args:
             attributes: Arrays of (number of vertices, components) by name.
             begin: Index of the first vertex in the accessors.
-            name: Name of the primitive, for messages.
-            warnings: A sentence about vertices without weights is appended to this list.
 
         Raises:
             GltfError: A vertex refers to a joint that the skin does not have.
@@ -144,8 +142,6 @@ def deformation_of(
 
     Args:
         attributes: Accessors by attribute name, JOINTS_n and WEIGHTS_n among them.
-        name: Name of the primitive, for messages.
-        warnings: A sentence about each attribute of a morph target that cannot be used is appended to this list.
 
     Raises:
         GltfError: An accessor of joints has the wrong type, or a vertex has more than ``4 * _MAX_INFLUENCES`` joints.

@@ -46,10 +46,8 @@ class DracoMeshes:
         """Return the attributes of a primitive, and its vertex indices: three for each triangle.
 
         Args:
-            source: The extension.
             attributes: The primitive's accessors by attribute. Those of compressed attributes are replaced.
             indices: The primitive's accessor of vertex indices. It is replaced.
-            name: Name of the extension in the document, for messages.
 
         Raises:
             GltfError: The data cannot be decompressed, or does not have what the accessors say.

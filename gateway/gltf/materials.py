@@ -65,9 +65,6 @@ class Materials:
     def get(self, primitive: schema.Primitive, name: str) -> Material:
         """Return the material of a primitive; ``DEFAULT_MATERIAL`` if it has none, or one that cannot be read.
 
-        Args:
-            name: ``meshes[2].primitives[0]``, for messages.
-
         Raises:
             GltfLimitError: Images are beyond the limits.
         """
@@ -109,7 +106,6 @@ class Materials:
         """Read a material.
 
         Args:
-            name: ``materials[3]``, for messages.
             from_vtk: True for a material of VTK's exporter, which writes neither ``alphaMode`` nor ``doubleSided``.
         """
         pbr = source.pbr_metallic_roughness or schema.MetallicRoughness()

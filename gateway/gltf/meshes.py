@@ -100,7 +100,6 @@ class Meshes:
         """Return the mesh of a primitive; None if it draws nothing.
 
         Args:
-            name: ``meshes[2].primitives[0]``, for messages.
             pose: The state that deforms the mesh.
             smooth: True: compute smooth normals for triangles without stored normals; False: they are flat.
 

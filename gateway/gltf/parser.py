@@ -73,9 +73,6 @@ _type_info: Final = functools.cache(inspect.type_info)
 def parse_document(text: bytes, limits: GltfLimits, warnings: list[str]) -> Document:
     """Parse JSON ``text`` (UTF-8, with or without a byte order mark).
 
-    Args:
-        warnings: A sentence about each property of a wrong type is appended to this list.
-
     Raises:
         GltfError: The text is not a JSON object, or beyond ``limits``.
     """
@@ -104,7 +101,6 @@ def extension(
 
     Args:
         path: The object with the extension, for messages; empty for the document.
-        warnings: A sentence about each property of a wrong type is appended to this list.
 
     Raises:
         GltfError: ``type_`` has essential properties, and one of them or the extension itself has a wrong type.
@@ -243,7 +239,6 @@ def vector_or_default(
     """Return ``values`` as a tuple; ``default`` for None or, with a warning, for a wrong number of values.
 
     Args:
-        path: Name of the property, for messages.
         default: Default value. Its length is the required length of ``values``.
     """
     if values is None:

@@ -24,7 +24,6 @@ class PartReader:
     def __init__(
         self, document: Document, meshes: Meshes, materials: Materials, limits: GltfLimits, warnings: list[str]
     ) -> None:
-        """``warnings``: Sentences about primitives that are left out are appended to this list."""
         self._document = document
         self._meshes = meshes
         self._materials = materials
@@ -72,7 +71,6 @@ class PartReader:
         """Return the parts of ``meshes[index]``.
 
         Args:
-            path: Property that holds the index, for messages.
             pose: None: the pose in which the mesh is stored.
             missing: A sentence is appended to this list if there is no such mesh, or nothing in it.
         """

@@ -172,11 +172,7 @@ def _paths_of(nodes: SceneNodes) -> list[Path]:
 
 
 def _tree_of(nodes: SceneNodes, parts: NodeParts) -> Node:
-    """Return a committed tree: a root without parts, whose children are the roots of the scene.
-
-    Args:
-        parts: Parts of each node.
-    """
+    """Return a committed tree: a root without parts, whose children are the roots of the scene."""
     names = _names(nodes)
     not_identity = (nodes.X_parent_node != IDENTITY).any(axis=(1, 2)).tolist()
     matrices = [X if differs else IDENTITY for X, differs in zip(nodes.X_parent_node, not_identity, strict=True)]

@@ -53,10 +53,6 @@ class Textures:
     def get(self, info: schema.TextureInfo | None, path: str) -> Texture | None:
         """Return the texture of a material's property; None if there is none, or none that can be read.
 
-        Args:
-            info: The property's value.
-            path: Name of the property, for messages.
-
         Raises:
             GltfLimitError: Images are beyond the limits.
         """
@@ -166,10 +162,6 @@ class Textures:
 
     def _count_pixels(self, data: memoryview, name: str) -> None:
         """Count an image's pixels towards the limits.
-
-        Args:
-            data: The encoded image.
-            name: Name of the image, for messages.
 
         Raises:
             GltfLimitError: A limit is exceeded.
