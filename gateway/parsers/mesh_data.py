@@ -88,6 +88,21 @@ def checked_triangles(faces: NDArray[np.int64], vertex_count: int, warnings: lis
     return faces[is_valid]
 
 
+def triangles_of_polygons(
+    indices: NDArray[np.int64], starts: NDArray[np.int64], sizes: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the (M, 3) triangles of convex polygons as fans.
+
+    Args:
+        indices: Vertices of all polygons.
+        starts, sizes: (N,), place of the first vertex of each polygon in ``indices``, and number of its vertices.
+    """
+    counts = np.maximum(sizes - 2, 0)
+    first = np.repeat(starts, counts)
+    second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return np.column_stack((indices[first], indices[second], indices[second + 1]))
+
+
 def shape_of(
     positions: ArrayLike,
     triangles: NDArray[np.int64] | None,
