@@ -10,6 +10,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.gltf.accessors import COMPONENT_COUNTS, COMPONENT_TYPES
 from gateway.scene.sampling import FileTooLargeError
 from gateway.scene.transforms import Matrix
 
@@ -18,13 +19,11 @@ MAX_BYTES: Final = 1 << 30
 VERTEX_TARGET: Final = 34962
 INDEX_TARGET: Final = 34963
 """Targets of buffer views: ARRAY_BUFFER and ELEMENT_ARRAY_BUFFER."""
-_FLOAT: Final = 5126
-_UINT16: Final = 5123
-_UINT32: Final = 5125
-"""Values of ``componentType``."""
-T = TypeVar("T")
-_ACCESSOR_TYPES: Final = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+_COMPONENT_TYPES: Final = {dtype: code for code, dtype in COMPONENT_TYPES.items()}
+"""``componentType`` by data type."""
+_ACCESSOR_TYPES: Final = {count: name for name, count in COMPONENT_COUNTS.items()}
 """``type`` by number of components."""
+T = TypeVar("T")
 
 
 class GltfDocument:
@@ -68,10 +67,9 @@ class GltfDocument:
             target: ``VERTEX_TARGET`` or ``INDEX_TARGET``; None for keys of animations.
             bounds: True to write ``min`` and ``max``, as positions and times require.
         """
-        component_type = {"f": _FLOAT, "u": _UINT16 if array.dtype.itemsize == 2 else _UINT32}[array.dtype.kind]
         item: dict[str, Any] = {
             "bufferView": self.add_buffer_view(np.ascontiguousarray(array).tobytes(), target),
-            "componentType": component_type,
+            "componentType": _COMPONENT_TYPES[array.dtype],
             "count": len(array),
             "type": _ACCESSOR_TYPES[array.shape[1]],
         }
