@@ -82,7 +82,6 @@ def parse_mesh(
     white (``PLAIN_MATERIAL``), so that callers can apply a colour. Textures that cannot be decoded are left out.
 
     Args:
-        data: The file.
         extension: One of ``FORMATS``.
         resolve: Returns the files of materials and textures. Those for which it raises OSError or ValueError are left
             out, with a warning.

@@ -33,11 +33,7 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, keyframe: str,
     """Return the robot of an MJCF file. Its links are MuJoCo's bodies; its geometry in the world is the link ``world``.
 
     Args:
-        root: Root element of the file.
-        files: Reads the file and those that it refers to.
-        use: Geometry to return.
         keyframe: Name of the ``<key>`` with the joints' default values; empty: those of the model.
-        limits: Limits of the file and of the compiled model.
 
     Raises:
         RobotFileError: MuJoCo cannot compile the file, it has no such keyframe, or a limit is exceeded.

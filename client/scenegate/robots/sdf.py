@@ -73,8 +73,6 @@ def parse_sdf(
     """Return the content of an SDF document.
 
     Args:
-        root: The element ``<sdf>``.
-        files: Reads included files.
         use: Geometry to return; the other one is not read.
 
     Raises:
