@@ -1,28 +1,7 @@
 """Reads light rigs of the look ``studio`` from TOML files.
 
 Missing values have the defaults of ``renderers.light_rig``. Positions and directions are in the world frame, metres,
-Z up; angles are in degrees. An example::
-
-    exposure = 1.0
-    tone = "neutral"            # aces, none
-    shadow_size = 2048          # 0: no shadows
-
-    [surroundings]
-    image = "studio.hdr"        # in the folder of this file; or sky, ground and softboxes
-    intensity = 0.8
-    turn = 90
-
-    [[surroundings.softboxes]]
-    direction = [-1, -1, 1]
-    radiance = [2, 2, 2]
-    width = 30
-    height = 20
-
-    [[lights]]
-    kind = "directional"        # point, spot
-    direction = [0.3, 0.5, -1]
-    color = [1, 0.95, 0.9]
-    intensity = 2.3
+Z up; angles are in degrees. ``docs/scene-api.md`` has an example.
 """
 
 from __future__ import annotations

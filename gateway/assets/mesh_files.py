@@ -119,7 +119,9 @@ class MeshFiles:
             lock = self._loading.setdefault(key, threading.Lock())
         try:
             with lock:
-                loaded = self._cached(key) or self._load(path, filename)
+                loaded = self.cache.get(key)
+                if loaded is None or any(_stamp(stamp[0]) != stamp for stamp in loaded.stamps):
+                    loaded = self._load(path, filename)
         finally:
             with self._lock:
                 self._loading.pop(key, None)
@@ -153,13 +155,7 @@ class MeshFiles:
             raise MeshFileError(f"{quoted(name)} is not a file of a known format ({formats})")
         if len(data) > self._limits.max_bytes:
             raise MeshFileError(f"{quoted(name)} has {len(data)} bytes, the limit is {self._limits.max_bytes}")
-        found: list[str] = []
-        try:
-            parts = parse_mesh(data, extension, resolve, self._limits.gltf, found)
-        except (MeshFormatError, GltfError) as error:
-            raise MeshFileError(f"{quoted(name)}: {error}") from error
-        warnings += [f"{quoted(name)}: {text}" for text in found]
-        return _scaled(tuple(msgspec.structs.replace(part, kind="mesh_file", source=name) for part in parts), scale)
+        return _scaled(self._parsed(data, extension, resolve, name, warnings), scale)
 
     def read(self, filename: str) -> bytes:
         """Return the bytes of a file that a client names.
@@ -171,8 +167,6 @@ class MeshFiles:
             if self._is_allowed(path) and _is_file(path):
                 try:
                     return _FileReader(path, self._is_allowed, self._limits).read(path)
-                except _NotAllowedError as error:
-                    raise MeshFileError(str(error)) from error
                 except OSError as error:
                     raise MeshFileError(f"{quoted(filename)} cannot be read: {error.strerror}") from error
         raise MeshFileError(f"{quoted(filename)}: there is no such file", missing=True)
@@ -244,32 +238,29 @@ class MeshFiles:
         is_of_known_format = path.suffix[1:].lower() in READABLE_EXTENSIONS
         return self._is_below_root(path) or (self._any_folder and is_of_known_format)
 
-    def _cached(self, key: str) -> _LoadedFile | None:
-        """Return a file from the cache; None if it is not there, or if it or a file that it refers to has changed."""
-        loaded = self.cache.get(key)
-        if loaded is None or not all(_stamp(stamp[0]) == stamp for stamp in loaded.stamps):
-            return None
-        return loaded
-
     def _load(self, path: Path, filename: str) -> _LoadedFile:
         reader = _FileReader(path, self._is_allowed, self._limits)
         warnings: list[str] = []
         try:
             data = reader.read(path)
-            parts = parse_mesh(data, path.suffix[1:].lower(), reader.resolve, self._limits.gltf, warnings)
-        except (MeshFormatError, GltfError, _NotAllowedError) as error:
-            raise MeshFileError(f"{quoted(filename)}: {error}") from error
+            parts = self._parsed(data, path.suffix[1:].lower(), reader.resolve, filename, warnings)
         except OSError as error:
             raise MeshFileError(f"{quoted(filename)} cannot be read: {error.strerror}") from error
-        parts = tuple(msgspec.structs.replace(part, kind="mesh_file", source=filename) for part in parts)
-        sentences = tuple(f"{quoted(filename)}: {text}" for text in warnings)
-        loaded = _LoadedFile(parts, sentences, tuple(reader.stamps))
+        loaded = _LoadedFile(parts, tuple(warnings), tuple(reader.stamps))
         self.cache.put(str(path), loaded, _nbytes(parts))
         return loaded
 
-
-class _NotAllowedError(ValueError):
-    """A file that may not be read. The message names the file and the reason."""
+    def _parsed(
+        self, data: bytes, extension: str, resolve: Resolve, name: str, warnings: list[str]
+    ) -> tuple[Part, ...]:
+        """Return the parts of a file; errors and warnings start with its name."""
+        found: list[str] = []
+        try:
+            parts = parse_mesh(data, extension, resolve, self._limits.gltf, found)
+        except (MeshFormatError, GltfError) as error:
+            raise MeshFileError(f"{quoted(name)}: {error}") from error
+        warnings += [f"{quoted(name)}: {text}" for text in found]
+        return tuple(msgspec.structs.replace(part, kind="mesh_file", source=name) for part in parts)
 
 
 class _FileReader:
@@ -291,10 +282,10 @@ class _FileReader:
             name: Path relative to the mesh file's folder, percent-encoded.
         """
         if "\0" in name or "://" in name:
-            raise _NotAllowedError(f"{quoted(name)} is not a file beside it")
+            raise MeshFileError(f"{quoted(name)} is not a file beside it")
         path = Path(os.path.realpath(self._folder / unquote(name).replace("\\", "/")))
         if not self._is_allowed(path):
-            raise _NotAllowedError(f"{quoted(name)} lies outside of the folders or formats that are open to clients")
+            raise MeshFileError(f"{quoted(name)} lies outside of the folders or formats that are open to clients")
         return self.read(path)
 
     def read(self, path: Path) -> bytes:
@@ -309,7 +300,7 @@ class _FileReader:
             data = read_regular(path, limit, follow_links=False)
         except OSError as error:
             if error.errno == errno.EFBIG:
-                raise _NotAllowedError(
+                raise MeshFileError(
                     f"{quoted(path.name)} is larger than the {limit} bytes that are left to it"
                 ) from None
             raise

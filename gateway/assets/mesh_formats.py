@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gateway.assets.scene_file import Up
 from gateway.gltf import GltfLimits, read_gltf
-from gateway.parsers.mesh_data import MeshData, MeshLimits
+from gateway.parsers.mesh_data import MeshData, MeshOptions
 from gateway.parsers.mesh_data import Shape as ParsedShape
 from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_limited
 from gateway.scene.broken_textures import without_broken_textures
@@ -82,7 +82,6 @@ def parse_mesh(
     white (``PLAIN_MATERIAL``), so that callers can apply a colour. Textures that cannot be decoded are left out.
 
     Args:
-        data: The file.
         extension: One of ``FORMATS``.
         resolve: Returns the files of materials and textures. Those for which it raises OSError or ValueError are left
             out, with a warning.
@@ -100,9 +99,9 @@ def parse_mesh(
     if extension in _GLTF_FORMATS:
         parts = _parts_of_gltf(data, resolve, limits, warnings, gltf_up)
     else:
-        content = _parse_in_child(
-            data, extension, _warning_resolve(resolve, warnings), limits, collada_up_axis, submesh
-        )
+        maxima = {name: getattr(limits, name) for name in MeshOptions.__struct_fields__ if name.startswith("max_")}
+        options = MeshOptions(**maxima, use_up_axis=collada_up_axis, submesh=submesh)
+        content = _parse_in_child(data, extension, _warning_resolve(resolve, warnings), options)
         warnings += content.warnings
         parts = _parts_of_content(content, limits)
     return without_broken_textures(parts, limits.max_total_image_pixels, warnings)
@@ -159,16 +158,11 @@ def _warning_resolve(resolve: Resolve, warnings: list[str]) -> Resolve:
     return resolve_or_warn
 
 
-def _parse_in_child(
-    data: bytes, extension: str, resolve: Resolve, limits: GltfLimits, collada_up_axis: bool, submesh: str
-) -> MeshData:
-    names = MeshLimits.__struct_fields__
-    arguments = (data, extension, {name: getattr(limits, name) for name in names}, collada_up_axis, submesh)
-    process_limits = PARSER_LIMITS.of(len(data))
+def _parse_in_child(data: bytes, extension: str, resolve: Resolve, options: MeshOptions) -> MeshData:
+    arguments, process_limits = (data, extension, options), PARSER_LIMITS.of(len(data))
     try:
-        result: MeshData | str = _result_decoder.decode(
-            call_limited("gateway.parsers.mesh:read_mesh", arguments, process_limits, resolve)
-        )
+        output = call_limited("gateway.parsers.mesh:read_mesh", arguments, process_limits, resolve)
+        result: MeshData | str = _result_decoder.decode(output)
     except ProcessFailed as error:
         raise MeshFormatError(f"it cannot be read as {extension.upper()}: {error}") from None
     if isinstance(result, str):

@@ -2,35 +2,25 @@
 
 ``read_gltf`` is the entry point; its module ``reader`` lists the steps. The reader decodes no images, opens no files by
 itself, and rejects documents beyond ``GltfLimits``. Documents that share a ``GltfCache`` share one ``Mesh`` or
-``Image`` object for equal bytes. Functions append sentences about what is left out or repaired to the list
-``warnings``. ``export.export_glb`` writes a scene tree.
+``Image`` object for equal bytes. ``export.export_glb`` writes a scene tree.
+
+In all functions, ``warnings`` is a list to which sentences about what is left out or repaired are appended. For these
+and for errors, ``name`` is an object in the document, such as ``meshes[2].primitives[0]``, and ``path`` a property that
+refers to something, such as ``nodes[3].mesh``.
 """
 
-from gateway.gltf.animations import AnimationTime
-from gateway.gltf.buffers import Resolver
-from gateway.gltf.document_cache import DocumentContent, HashedDocument
-from gateway.gltf.errors import GltfError
-from gateway.gltf.gltf_cache import GltfCache
-from gateway.gltf.limits import GltfLimits
-from gateway.gltf.materials import DEFAULT_MATERIAL, label_from_material
-from gateway.gltf.reader import read_gltf, read_mesh_names
-from gateway.gltf.scene import GltfCamera, GltfScene
-from gateway.gltf.schema import DRAKE_GENERATORS, DRAKE_MERGER
-
-__all__ = [
-    "DEFAULT_MATERIAL",
-    "DRAKE_GENERATORS",
-    "DRAKE_MERGER",
-    "AnimationTime",
-    "DocumentContent",
-    "GltfCache",
-    "GltfCamera",
-    "GltfError",
-    "GltfLimits",
-    "GltfScene",
-    "HashedDocument",
-    "Resolver",
-    "label_from_material",
-    "read_gltf",
-    "read_mesh_names",
-]
+from gateway.gltf.animations import AnimationTime as AnimationTime
+from gateway.gltf.buffers import Resolver as Resolver
+from gateway.gltf.document_cache import DocumentContent as DocumentContent
+from gateway.gltf.document_cache import GltfCache as GltfCache
+from gateway.gltf.document_cache import HashedDocument as HashedDocument
+from gateway.gltf.errors import GltfError as GltfError
+from gateway.gltf.limits import GltfLimits as GltfLimits
+from gateway.gltf.materials import DEFAULT_MATERIAL as DEFAULT_MATERIAL
+from gateway.gltf.materials import label_from_material as label_from_material
+from gateway.gltf.reader import read_gltf as read_gltf
+from gateway.gltf.reader import read_mesh_names as read_mesh_names
+from gateway.gltf.scene import GltfCamera as GltfCamera
+from gateway.gltf.scene import GltfScene as GltfScene
+from gateway.gltf.schema import DRAKE_GENERATORS as DRAKE_GENERATORS
+from gateway.gltf.schema import DRAKE_MERGER as DRAKE_MERGER

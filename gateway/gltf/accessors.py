@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from struct import Struct
 from typing import Any, Final, TypeAlias
 
@@ -152,10 +153,8 @@ class Accessors:
         location = self._locate(name, source.buffer_view, source.byte_offset, dtype.itemsize * components, count)
         accessor = Accessor(name, dtype, components, bool(source.normalized), count, *location)
         if source.sparse is not None:
-            if self._merged_by_drake:
-                with as_warning(self._warnings, "ignored, as Drake's merge does not adapt sparse accessors"):
-                    accessor = self._with_sparse(accessor, source.sparse)
-            else:
+            ignored = "ignored, as Drake's merge does not adapt sparse accessors"
+            with as_warning(self._warnings, ignored) if self._merged_by_drake else nullcontext():
                 accessor = self._with_sparse(accessor, source.sparse)
         self._accessors[index] = accessor
         return accessor
@@ -166,7 +165,6 @@ class Accessors:
         """Return the buffer, and the offset and the stride in bytes, of ``count`` values of ``size`` bytes each.
 
         Args:
-            name: The accessor, for messages.
             view_index: Index of the buffer view; None: the result has no buffer.
             byte_offset: Offset in bytes within the buffer view; None: 0.
         """

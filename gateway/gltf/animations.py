@@ -36,35 +36,30 @@ def pose_nodes(document: schema.Document, accessors: Accessors, time: AnimationT
     """
     index = _index_of(document, time.animation)
     animation = checked_item(document.animations, index, "animations", "animation")
-    channels: list[tuple[schema.Channel, str, NDArray[np.float32]]] = []
+    channels: list[tuple[int, str, schema.AnimationSampler, NDArray[np.float32], str]] = []
     for number, channel in enumerate(animation.channels or ()):
         path = f"animations[{index}].channels[{number}]"
         with as_warning(warnings, _IGNORED):
-            if channel is None or channel.target is None or channel.target.path not in _COMPONENTS:
+            target = None if channel is None else channel.target
+            if channel is None or target is None or target.path is None or target.path not in _COMPONENTS:
                 raise GltfError(f"{path}.target: it is not the {', '.join(_COMPONENTS)} of a node")
-            if channel.target.node is None:
+            if target.node is None:
                 raise GltfError(f"{path}.target.node: missing")
             sampler = checked_item(animation.samplers, channel.sampler, "samplers", f"{path}.sampler")
             times = accessors.get(-1 if sampler.input is None else sampler.input, f"{path}.input").floats()[:, 0]
             if not len(times) or not np.isfinite(times).all() or (np.diff(times) < 0.0).any():
                 raise GltfError(f"{path}: its times are not ascending numbers")
-            channels.append((channel, path, times))
-    duration = max((float(times[-1]) for _, _, times in channels), default=0.0)
+            channels.append((target.node, target.path, sampler, times, path))
+    duration = max((float(times[-1]) for _, _, _, times, _ in channels), default=0.0)
     seconds = time.seconds % duration if time.seconds > duration > 0.0 else time.seconds
-    for channel, path, times in channels:
+    nodes = document.nodes or []
+    for node_index, name, sampler, times, path in channels:
         with as_warning(warnings, _IGNORED):
-            assert channel.target is not None
-            sampler = checked_item(animation.samplers, channel.sampler, "samplers", f"{path}.sampler")
-            name = str(channel.target.path)
-            value = _sample(sampler, times, seconds, name, accessors, path)
-            assert document.nodes is None or channel.target.node is not None
-            node = checked_item(document.nodes, channel.target.node, "nodes", f"{path}.target.node")
-            posed: dict[str, Any] = (
-                {name: value.tolist()} if name == "weights" else {name: value.tolist(), "matrix": None}
-            )
-            assert document.nodes is not None
-            assert channel.target.node is not None
-            document.nodes[channel.target.node] = msgspec.structs.replace(node, **posed)
+            posed: dict[str, Any] = {name: _sample(sampler, times, seconds, name, accessors, path).tolist()}
+            if name != "weights":
+                posed["matrix"] = None
+            node = checked_item(nodes, node_index, "nodes", f"{path}.target.node")
+            nodes[node_index] = msgspec.structs.replace(node, **posed)
 
 
 def _index_of(document: schema.Document, animation: str | int) -> int:

@@ -16,6 +16,7 @@ from gateway.gltf.container import Container
 from gateway.gltf.errors import GltfError, GltfLimitError, checked_item
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension
+from gateway.gltf.schema import BufferView as SourceView
 from gateway.gltf.schema import Document, MeshoptCompression
 from renderers.stop import check_stop
 from scenegate.regular_files import reason_of
@@ -94,20 +95,14 @@ class Buffers:
                 view = self._decompress(compression, f"{name}.extensions.{meshopt.EXTENSION}")
                 self._decompressed[index] = view
                 return view
-        return self._uncompressed(source.buffer, source.byte_offset, source.byte_length, source.byte_stride, name)
+        return self._uncompressed(source, name)
 
-    def _uncompressed(
-        self, index: int | None, byte_offset: int | None, length: int | None, stride: int | None, name: str
-    ) -> BufferView:
-        """Return a part of ``buffers[index]``.
-
-        Args:
-            name: Object with these properties, for messages.
-        """
+    def _uncompressed(self, source: SourceView | MeshoptCompression, name: str) -> BufferView:
+        """Return the part of a buffer that an object in the document refers to; ``name`` is that of the object."""
+        index, offset, length = source.buffer, source.byte_offset or 0, source.byte_length
         if index is None:
             raise GltfError(f"{name}.buffer: missing")
         buffer = self._buffer(index, f"{name}.buffer")
-        offset = byte_offset or 0
         if length is None:
             raise GltfError(f"{name}.byteLength: missing")
         if offset < 0 or length < 0 or offset + length > len(buffer.data):
@@ -115,18 +110,12 @@ class Buffers:
                 f"{name}: bytes {offset} .. {offset + length} are outside of buffers[{index}] "
                 f"({len(buffer.data)} bytes)"
             )
-        return BufferView(buffer, offset, length, stride)
+        return BufferView(buffer, offset, length, source.byte_stride)
 
     def _decompress(self, source: MeshoptCompression, name: str) -> BufferView:
-        """Return the decompressed content of a buffer view.
-
-        Args:
-            source: The buffer view's extension.
-            name: Name of the extension in the document, for messages.
-        """
         count, stride = meshopt.checked_layout(source, name)
         self.count_bytes(count * stride, name)
-        view = self._uncompressed(source.buffer, source.byte_offset, source.byte_length, None, name)
+        view = self._uncompressed(source, name)
         check_stop()
         compressed = memoryview(view.buffer.data)[view.offset : view.offset + view.length]
         data = meshopt.decompress(source, compressed, name)
@@ -156,7 +145,6 @@ class Buffers:
 
         Args:
             json_uri: String from the JSON: a URI, or the placeholder of one in ``Container.data_uris``.
-            path: Property that holds the string, for messages.
         """
         check_stop()
         uri = self._container.data_uris.get(json_uri, json_uri)
@@ -176,9 +164,6 @@ class Buffers:
 
     def count_bytes(self, nbytes: int, path: str) -> None:
         """Count bytes towards ``max_buffer_bytes`` before they are allocated.
-
-        Args:
-            path: Property that refers to the bytes, for messages.
 
         Raises:
             GltfLimitError: The limit is exceeded.

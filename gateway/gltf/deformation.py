@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from gateway.gltf.accessors import Accessor, Accessors
 from gateway.gltf.errors import GltfError, as_warning
 from gateway.gltf.schema import Primitive
-from gateway.gltf.skinning import skin_vertices
 from gateway.gltf.vertex_attributes import Floats
 from renderers.stop import check_stop
 
@@ -34,6 +33,7 @@ SKIN_ATTRIBUTES: Final = ("JOINTS_", "WEIGHTS_")
 """Prefixes of the names of the attributes that bind vertices to joints."""
 _MAX_INFLUENCES: Final = 4
 """Maximum number of pairs ``JOINTS_n`` and ``WEIGHTS_n``; exporters write one or two."""
+_VERTICES_PER_STOP_CHECK: Final = 1 << 14
 REST: Final = MeshPose()
 """The pose in which meshes are drawn as they are stored."""
 
@@ -67,8 +67,6 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
         Args:
             attributes: Arrays of (number of vertices, components) by name.
             begin: Index of the first vertex in the accessors.
-            name: Name of the primitive, for messages.
-            warnings: A sentence about vertices without weights is appended to this list.
 
         Raises:
             GltfError: A vertex refers to a joint that the skin does not have.
@@ -88,20 +86,48 @@ class Deformation(msgspec.Struct, frozen=True, gc=False, eq=False):
         joint_count = len(self.joint_matrices)
         if joints.size and (largest := int(joints.max())) >= joint_count:
             raise GltfError(f"{name}: a vertex follows joint {largest} of a skin with {joint_count} joints")
-        totals = weights.sum(axis=1)
-        unbound = len(totals) - np.count_nonzero((totals > 0.0) & (totals < np.inf))
+        with np.errstate(all="ignore"):
+            unbound = _skin(attributes, joints, weights, self.joint_matrices)
         if unbound and self.influences:
             warnings.append(
-                f"{name}: {unbound} of {len(totals)} vertices have no weights, they follow their first joint"
+                f"{name}: {unbound} of {len(weights)} vertices have no weights, they follow their first joint"
             )
-        skin_vertices(
-            attributes["POSITION"],
-            attributes.get("NORMAL"),
-            attributes.get("TANGENT"),
-            np.ascontiguousarray(joints, np.uint16),
-            np.ascontiguousarray(weights),
-            self.joint_matrices,
-        )
+
+
+def _skin(
+    attributes: dict[str, Floats], joints: NDArray[Any], weights: Floats, joint_matrices: NDArray[np.float32]
+) -> int:
+    """Multiply each vertex, in place, by the weighted mean of its joints' matrices (linear blend skinning).
+
+    Directions are multiplied by the linear part of the mean, which is exact unless a joint scales its axes differently;
+    their lengths may change.
+
+    Args:
+        joints: (N, K), indices of matrices.
+        weights: (N, K).
+        joint_matrices: (number of joints, 3, 4).
+
+    Returns:
+        Number of vertices without weights, which follow their first joint.
+    """
+    totals = np.cumsum(weights, axis=1)[:, -1:]  # one after the other: the order in sum depends on NumPy and CPU
+    is_bound = (totals > 0.0) & (totals < np.inf)
+    only_first = np.arange(weights.shape[1]) == 0
+    shares = np.where(is_bound, weights / totals, only_first).astype(np.float32)
+    for begin in range(0, len(weights), _VERTICES_PER_STOP_CHECK):
+        check_stop()
+        block = slice(begin, begin + _VERTICES_PER_STOP_CHECK)
+        mean = np.zeros((len(shares[block]), 3, 4), np.float32)
+        for share, joint in zip(shares[block].T[..., None, None], joints[block].T, strict=True):
+            mean += np.where(share != 0.0, share * joint_matrices[joint], 0.0)
+        for name in ("POSITION", "NORMAL", "TANGENT"):
+            if name in attributes:
+                vectors = attributes[name][block]
+                x, y, z = vectors[:, :3].T[..., None]
+                vectors[:, :3] = mean[:, :, 0] * x + mean[:, :, 1] * y + mean[:, :, 2] * z
+                if name == "POSITION":
+                    vectors[:, :3] += mean[:, :, 3]
+    return len(weights) - int(np.count_nonzero(is_bound))
 
 
 def deformation_of(
@@ -116,8 +142,6 @@ def deformation_of(
 
     Args:
         attributes: Accessors by attribute name, JOINTS_n and WEIGHTS_n among them.
-        name: Name of the primitive, for messages.
-        warnings: A sentence about each attribute of a morph target that cannot be used is appended to this list.
 
     Raises:
         GltfError: An accessor of joints has the wrong type, or a vertex has more than ``4 * _MAX_INFLUENCES`` joints.
@@ -135,7 +159,11 @@ def deformation_of(
             # The differences of tangents have no handedness.
             components = 3 if attribute == "TANGENT" else attributes[attribute].components
             with as_warning(warnings, f"{path} is ignored"):
-                differences[attribute] = _checked_difference(accessors.get(index, path), components, count, path)
+                accessor = accessors.get(index, path)
+                if accessor.components != components or accessor.count < count:
+                    found = f"{accessor.count} values of {accessor.components} components"
+                    raise GltfError(f"{path}: {accessor.name} has {found}, not {count} of {components}")
+                differences[attribute] = accessor
         targets.append((weight, differences))
     influences = [] if pose.joint_matrices is None else list(_influences(attributes, name))
     if not targets and pose.joint_matrices is None:
@@ -156,13 +184,3 @@ def _influences(attributes: dict[str, Accessor], name: str) -> Iterator[tuple[Ac
                 f"{name}.attributes.JOINTS_{n}: {joints.name} does not have unsigned integers of 8 or 16 bits"
             )
         yield joints, weights
-
-
-def _checked_difference(accessor: Accessor, components: int, count: int, path: str) -> Accessor:
-    """Return the accessor if it has ``components`` components and at least ``count`` values."""
-    if accessor.components != components or accessor.count < count:
-        raise GltfError(
-            f"{path}: {accessor.name} has {accessor.count} values of {accessor.components} components, "
-            f"not {count} of {components}"
-        )
-    return accessor

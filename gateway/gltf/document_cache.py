@@ -1,4 +1,4 @@
-"""Cache of everything in a document but its nodes, for documents that differ from earlier ones only in their nodes.
+"""Caches of the reader: meshes and images, and everything in a document but its nodes.
 
 Drake's client sends the whole scene with every image, with the members of the JSON document sorted by name. While a
 robot moves, the text before the member ``nodes`` (accessors, buffers, materials, meshes: nearly the whole document)
@@ -21,7 +21,8 @@ from gateway.gltf.container import Container
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import count_values
 from gateway.scene.geometry import Part
-from renderers.cache import Cache, CacheBudget
+from renderers.cache import SHARED, Cache, CacheBudget
+from renderers.drawlist import Image, Mesh
 
 MIN_BYTES: Final = 4096
 """Minimum size of the text before the nodes. Parsing a shorter text costs no more than hashing it."""
@@ -35,9 +36,7 @@ _CHANGING_MEMBERS: Final = frozenset({"nodes", "scene", "scenes"})
 """Members of the document that are parsed again."""
 
 _members_decoder: Final = msgspec.json.Decoder(dict[str, msgspec.Raw])
-_nodes_decoder: Final = msgspec.json.Decoder(list[schema.Node | None] | None)
-_scenes_decoder: Final = msgspec.json.Decoder(list[schema.Scene | None] | None)
-_scene_decoder: Final = msgspec.json.Decoder(int | None)
+_document_decoder: Final = msgspec.json.Decoder(schema.Document)
 
 
 class HashedDocument:
@@ -90,6 +89,11 @@ class DocumentContent:
     """Size of the meshes' arrays, each mesh counted once."""
 
 
+MeshKey: TypeAlias = bytes
+"""The content of a primitive: its mode, and ``Accessor.key`` of its indices and of each attribute."""
+ImageKey: TypeAlias = tuple[bytes, int, int, int]
+"""SHA-256 of the buffer that holds an encoded image, its offset and length in bytes, and ``max_image_pixels``."""
+ContentKey: TypeAlias = MeshKey | ImageKey
 _Key: TypeAlias = tuple[bytes, GltfLimits]
 """``HashedDocument.prefix_digest`` and limits."""
 
@@ -107,30 +111,29 @@ class _Entry:
     """JSON text, by name, of the members after ``nodes`` that must be equal for a hit, such as ``samplers``."""
 
 
-class DocumentCache:
-    """Contents of documents by the digest of the text before their nodes. Thread-safe."""
+class GltfCache:
+    """Contents of documents by the digest of the text before their nodes, and meshes and images by their bytes.
 
-    def __init__(self, budget: CacheBudget) -> None:
-        self.cache: Final[Cache[_Key, _Entry]] = Cache("documents", budget=budget)
+    Equal bytes become the same ``Mesh`` and ``Image`` objects in all documents. A renderer, which prepares each object
+    only once, has nothing to prepare again either. Thread-safe.
+    """
+
+    def __init__(self, budget: CacheBudget = SHARED) -> None:
+        self.documents: Final[Cache[_Key, _Entry]] = Cache("documents", budget=budget)
+        self.content: Final[Cache[ContentKey, Mesh | Image]] = Cache("content", budget=budget)
 
     def find(self, document: HashedDocument, limits: GltfLimits) -> tuple[DocumentContent, schema.Document] | None:
-        """Return the content of a document, and one with only its nodes and scenes; None if all of it must be read."""
+        """Return the content of a document, and a document with its nodes and scenes; None if all must be read."""
         if document.nodes_offset == 0:
             return None
-        entry = self.cache.get((document.prefix_digest, limits))
+        entry = self.documents.get((document.prefix_digest, limits))
         if entry is None:
             return None
         with memoryview(document.data) as view:
             node_document = _parse_suffix(bytes(view[document.nodes_offset :]), entry, limits)
         return None if node_document is None else (entry.content, node_document)
 
-    def add(
-        self,
-        document: HashedDocument,
-        container: Container,
-        limits: GltfLimits,
-        content: DocumentContent,
-    ) -> None:
+    def add(self, document: HashedDocument, container: Container, limits: GltfLimits, content: DocumentContent) -> None:
         """Keep the content of a document, if its text can be split before its nodes.
 
         Args:
@@ -139,7 +142,7 @@ class DocumentCache:
         entry = _new_entry(document, container, content)
         if entry is not None:
             nbytes = content.mesh_bytes + len(document.data)  # the file's size bounds that of its images, kept encoded
-            self.cache.put((document.prefix_digest, limits), entry, nbytes)
+            self.documents.put((document.prefix_digest, limits), entry, nbytes)
 
 
 def _nodes_offset(text: bytes | bytearray) -> int:
@@ -181,12 +184,16 @@ def _new_entry(document: HashedDocument, container: Container, content: Document
         return None
     if not _CHANGING_MEMBERS.isdisjoint(prefix_members):
         return None
-    unchanging = {name: value.copy() for name, value in suffix_members.items() if name not in _CHANGING_MEMBERS}
+    unchanging = {name: value.copy() for name, value in _unchanging(suffix_members).items()}
     return _Entry(content, split, count_values(text[:split]), unchanging)
 
 
+def _unchanging(members: dict[str, msgspec.Raw]) -> dict[str, msgspec.Raw]:
+    return {name: value for name, value in members.items() if name not in _CHANGING_MEMBERS}
+
+
 def _parse_suffix(text: bytes, entry: _Entry, limits: GltfLimits) -> schema.Document | None:
-    """Return a document of nodes and scenes only; None if the whole document must be read, or is beyond a limit.
+    """Return a document with its nodes and scenes; None if the whole document must be read, or is beyond a limit.
 
     Args:
         text: JSON text from the name of the member ``nodes`` to the end.
@@ -198,15 +205,8 @@ def _parse_suffix(text: bytes, entry: _Entry, limits: GltfLimits) -> schema.Docu
     if json_bytes > limits.max_json_values and entry.prefix_value_count + count_values(text) > limits.max_json_values:
         return None
     try:
-        members = _members_decoder.decode(b"{" + text)
-        nodes = members.pop("nodes")
-        scenes, scene = members.pop("scenes", None), members.pop("scene", None)
-        if members != entry.suffix_members:
-            return None
-        return schema.Document(
-            nodes=_nodes_decoder.decode(nodes),
-            scenes=_scenes_decoder.decode(scenes) if scenes is not None else None,
-            scene=_scene_decoder.decode(scene) if scene is not None else None,
-        )
+        if _unchanging(_members_decoder.decode(b"{" + text)) == entry.suffix_members:
+            return _document_decoder.decode(b"{" + text)
     except (msgspec.MsgspecError, ValueError, RecursionError):
-        return None
+        pass
+    return None

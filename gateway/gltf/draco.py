@@ -16,7 +16,7 @@ from gateway.gltf.buffers import Buffer, Buffers
 from gateway.gltf.errors import GltfError, as_warning
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension
-from gateway.parsers.draco_data import DecodedMesh
+from gateway.parsers.mesh_data import DecodedMesh
 from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_limited
 
 EXTENSION: Final = "KHR_draco_mesh_compression"
@@ -46,10 +46,8 @@ class DracoMeshes:
         """Return the attributes of a primitive, and its vertex indices: three for each triangle.
 
         Args:
-            source: The extension.
             attributes: The primitive's accessors by attribute. Those of compressed attributes are replaced.
             indices: The primitive's accessor of vertex indices. It is replaced.
-            name: Name of the extension in the document, for messages.
 
         Raises:
             GltfError: The data cannot be decompressed, or does not have what the accessors say.

@@ -60,9 +60,6 @@ def place_lights(
 def _light(source: schema.Light, name: str, X_world_node: Matrix, warnings: list[str]) -> Light:
     """Return a light at the pose of its node.
 
-    Args:
-        name: ``lights[2]``, for messages.
-
     Raises:
         GltfError: A property is invalid, or the node's transform has no direction.
     """

@@ -61,14 +61,9 @@ class Materials:
         self._decodes_vertex_colors = not document.from_old_drake
         self._materials: dict[tuple[int, bool], Material] = {}
         """Materials by index in the document, and True if VTK's exporter wrote the primitive."""
-        self._written_by_vtk: dict[int, bool] = {}
-        """Results of ``_looks_written_by_vtk`` by index in the document."""
 
     def get(self, primitive: schema.Primitive, name: str) -> Material:
         """Return the material of a primitive; ``DEFAULT_MATERIAL`` if it has none, or one that cannot be read.
-
-        Args:
-            name: ``meshes[2].primitives[0]``, for messages.
 
         Raises:
             GltfLimitError: Images are beyond the limits.
@@ -104,18 +99,13 @@ class Materials:
         index, sources = primitive.material, self._sources or []
         if index is None or not self._from_drake or not _NEVER_FROM_VTK.isdisjoint(primitive.attributes or ()):
             return False
-        is_from_vtk = self._written_by_vtk.get(index)
-        if is_from_vtk is None:
-            source = sources[index] if 0 <= index < len(sources) else None
-            is_from_vtk = isinstance(source, schema.Material) and _looks_written_by_vtk(source)
-            self._written_by_vtk[index] = is_from_vtk
-        return is_from_vtk
+        source = sources[index] if 0 <= index < len(sources) else None
+        return isinstance(source, schema.Material) and _looks_written_by_vtk(source)
 
     def _read(self, source: schema.Material, name: str, from_vtk: bool) -> Material:
         """Read a material.
 
         Args:
-            name: ``materials[3]``, for messages.
             from_vtk: True for a material of VTK's exporter, which writes neither ``alphaMode`` nor ``doubleSided``.
         """
         pbr = source.pbr_metallic_roughness or schema.MetallicRoughness()

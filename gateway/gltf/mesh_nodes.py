@@ -123,9 +123,6 @@ class _Skins:
         The pose is a translation to the first joint. The joint matrices are relative to it, so their float32 values
         stay exact far from the origin.
 
-        Args:
-            path: Property that holds the index, for messages.
-
         Returns:
             X_world_mesh, (4, 4); joint matrices, (number of joints, 3, 4), as in ``MeshPose``.
         """
@@ -163,12 +160,7 @@ class _Skins:
 def _instance_matrices(
     source: schema.Instancing, accessors: Accessors, limits: GltfLimits, path: str
 ) -> NDArray[np.float64]:
-    """Return the poses of a node's instances in the frame of the node, (number of instances, 4, 4).
-
-    Args:
-        source: EXT_mesh_gpu_instancing.
-        path: Name of the extension, for messages.
-    """
+    """Return the poses of a node's instances in the frame of the node, (number of instances, 4, 4)."""
     attributes = source.attributes or {}
     columns: dict[str, NDArray[np.float64]] = {}
     for attribute, default in _INSTANCE_ATTRIBUTES.items():

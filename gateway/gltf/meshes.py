@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from gateway.gltf.accessors import Accessor, Accessors
 from gateway.gltf.deformation import REST, SKIN_ATTRIBUTES, Deformation, MeshPose, deformation_of
+from gateway.gltf.document_cache import ContentKey, MeshKey
 from gateway.gltf.draco import EXTENSION as DRACO
 from gateway.gltf.draco import DracoMeshes
 from gateway.gltf.errors import GltfError, GltfLimitError, as_warning
-from gateway.gltf.gltf_cache import ContentKey, MeshKey
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension
 from gateway.gltf.schema import DracoCompression, Primitive
@@ -63,7 +63,6 @@ class _CheckedPrimitive(msgspec.Struct, frozen=True, gc=False, eq=False):
     """For messages, such as ``meshes[2].primitives[0]``."""
     mode: int
     """``primitive.mode``, 0 .. 6."""
-    position: Accessor
     indices: Accessor | None
     attributes: dict[str, Accessor]
     """Accessors by attribute name: POSITION, and those other attributes of ``_COMPONENT_COUNTS`` that can be used. In a
@@ -101,7 +100,6 @@ class Meshes:
         """Return the mesh of a primitive; None if it draws nothing.
 
         Args:
-            name: ``meshes[2].primitives[0]``, for messages.
             pose: The state that deforms the mesh.
             smooth: True: compute smooth normals for triangles without stored normals; False: they are flat.
 
@@ -169,7 +167,7 @@ class Meshes:
         deformation = deformation_of(primitive, pose, attributes, self._accessors, name, self._warnings)
         if deformation is not None and deformation.joint_matrices is not None and not deformation.influences:
             self._warnings.append(f"{name}: no JOINTS_0 and WEIGHTS_0 to use, it follows the first joint of its skin")
-        return _CheckedPrimitive(name, mode, attributes["POSITION"], indices, attributes, deformation, smooth)
+        return _CheckedPrimitive(name, mode, indices, attributes, deformation, smooth)
 
     def _decompressed(
         self, primitive: Primitive, attributes: dict[str, Accessor], indices: Accessor | None, mode: int, name: str
@@ -214,7 +212,7 @@ class Meshes:
 
     def _read_new(self, checked: _CheckedPrimitive) -> Mesh | None:
         """Read a mesh from its accessors; return None if it has no complete element with finite positions."""
-        begin, end = 0, checked.position.count
+        begin, end = 0, checked.attributes["POSITION"].count
         count = element_count(checked.mode, end if checked.indices is None else checked.indices.count)
         if count == 0:
             return None
@@ -293,15 +291,16 @@ def _index_range(checked: _CheckedPrimitive, accessor: Accessor, indices: NDArra
         GltfError: An index is beyond the vertices, or the primitive restart value.
     """
     min_index, max_index = int(np.minimum.reduce(indices)), int(np.maximum.reduce(indices))
+    position = checked.attributes["POSITION"]
     check_stop()
     if max_index == _RESTART_INDEX[indices.itemsize]:
         raise GltfError(
             f"{checked.name}.indices: {accessor.name} has the index {max_index}, the largest of its component "
             "type, which glTF forbids: graphics libraries take it for the start of another primitive"
         )
-    if min_index < 0 or max_index >= checked.position.count:
+    if min_index < 0 or max_index >= position.count:
         raise GltfError(
             f"{checked.name}.indices: {accessor.name} has the index {min_index if min_index < 0 else max_index}, "
-            f"but {checked.position.name} has {checked.position.count} vertices"
+            f"but {position.name} has {position.count} vertices"
         )
     return min_index, max_index

@@ -25,11 +25,6 @@ _ELEMENTS_PER_STOP_CHECK: Final = 1 << 16
 def decompress(source: schema.MeshoptCompression, compressed: bytes | memoryview, path: str) -> memoryview:
     """Return the content of a buffer view: ``count * byteStride`` bytes.
 
-    Args:
-        source: The extension's properties.
-        compressed: The extension's bytes.
-        path: Name of the extension in the document, for messages.
-
     Raises:
         GltfError: A property has a value that is not allowed, or the bytes cannot be decompressed.
     """

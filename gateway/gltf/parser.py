@@ -21,6 +21,31 @@ from renderers.stop import check_stop
 _MAX_FLOAT: Final = sys.float_info.max
 _MAX_QUOTED_CHARACTERS: Final = 60
 """Maximum number of characters of a JSON value in a message."""
+_SUPPORTED_EXTENSIONS: Final = frozenset(
+    {
+        "EXT_mesh_gpu_instancing",
+        "EXT_meshopt_compression",
+        "EXT_texture_webp",
+        "KHR_accessor_float64",
+        "KHR_draco_mesh_compression",
+        "KHR_lights_punctual",
+        "KHR_materials_emissive_strength",
+        "KHR_materials_ior",
+        "KHR_materials_pbrSpecularGlossiness",
+        "KHR_materials_specular",
+        "KHR_materials_transmission",
+        "KHR_materials_unlit",
+        "KHR_materials_variants",
+        "KHR_mesh_quantization",
+        "KHR_node_visibility",
+        "KHR_texture_transform",
+    }
+)
+_IMAGE_FORMATS: Final = frozenset({"KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds"})
+"""Extensions that offer another image for a texture. They give no warning here: the texture's own image (PNG or JPEG)
+is used, and ``textures`` warns about a texture without one."""
+_MAX_LISTED_CHARACTERS: Final = 500
+"""Maximum number of characters of extension names in a message."""
 _UNPAIRED_SURROGATE: Final = re.compile("[\ud800-\udfff]")
 """An escape such as ``\\ud800`` without its second half, which JSON allows and UTF-8 does not."""
 _TYPE_CHECKS: Final[dict[type[inspect.Type], tuple[str, Callable[[Any], bool]]]] = {
@@ -47,9 +72,6 @@ _type_info: Final = functools.cache(inspect.type_info)
 
 def parse_document(text: bytes, limits: GltfLimits, warnings: list[str]) -> Document:
     """Parse JSON ``text`` (UTF-8, with or without a byte order mark).
-
-    Args:
-        warnings: A sentence about each property of a wrong type is appended to this list.
 
     Raises:
         GltfError: The text is not a JSON object, or beyond ``limits``.
@@ -79,7 +101,6 @@ def extension(
 
     Args:
         path: The object with the extension, for messages; empty for the document.
-        warnings: A sentence about each property of a wrong type is appended to this list.
 
     Raises:
         GltfError: ``type_`` has essential properties, and one of them or the extension itself has a wrong type.
@@ -204,13 +225,20 @@ def check_version(document: Document, warnings: list[str]) -> None:
         warnings.append(f"asset.minVersion: glTF {document.asset.min_version[:16]} is read as glTF 2.0")
 
 
+def check_extensions(document: Document, warnings: list[str]) -> None:
+    """Warn about extensions that are ignored. Required ones are no error, as in other viewers."""
+    names = {name for name in (*(document.extensions_required or ()), *(document.extensions_used or ())) if name}
+    ignored = sorted(names - _SUPPORTED_EXTENSIONS - _IMAGE_FORMATS)
+    if ignored:
+        warnings.append(f"extensionsUsed: {', '.join(ignored)[:_MAX_LISTED_CHARACTERS]} ignored")
+
+
 def vector_or_default(
     values: list[float] | None, path: str, default: tuple[float, ...], warnings: list[str]
 ) -> tuple[Any, ...]:
     """Return ``values`` as a tuple; ``default`` for None or, with a warning, for a wrong number of values.
 
     Args:
-        path: Name of the property, for messages.
         default: Default value. Its length is the required length of ``values``.
     """
     if values is None:

@@ -24,7 +24,6 @@ class PartReader:
     def __init__(
         self, document: Document, meshes: Meshes, materials: Materials, limits: GltfLimits, warnings: list[str]
     ) -> None:
-        """``warnings``: Sentences about primitives that are left out are appended to this list."""
         self._document = document
         self._meshes = meshes
         self._materials = materials
@@ -50,20 +49,18 @@ class PartReader:
         """
         parts_of_mesh: dict[int, Parts] = {}
         posed_parts: dict[int, Parts] = {}
-        parts_in_pose: dict[tuple[int, MeshPose], Parts] = {}  # the instances of a node share a pose
+        read: dict[tuple[int, MeshPose | None], Parts] = {}  # the instances of a node share a pose
         missing: list[str] = []
         for position, (node_index, mesh_index) in enumerate(zip(nodes.indices, nodes.meshes, strict=True)):
             if mesh_index is None:
                 continue
-            path = f"nodes[{node_index}].mesh"
             pose = poses.get(position)
+            if (mesh_index, pose) not in read:
+                read[mesh_index, pose] = self._read_mesh(mesh_index, f"nodes[{node_index}].mesh", pose, missing)
             if pose is None:
-                if mesh_index not in parts_of_mesh:
-                    parts_of_mesh[mesh_index] = self._read_mesh(mesh_index, path, None, missing)
-                continue
-            if (mesh_index, pose) not in parts_in_pose:
-                parts_in_pose[mesh_index, pose] = self._read_mesh(mesh_index, path, pose, missing)
-            posed_parts[position] = parts_in_pose[mesh_index, pose]
+                parts_of_mesh[mesh_index] = read[mesh_index, pose]
+            else:
+                posed_parts[position] = read[mesh_index, pose]
         if not self._any_valid and (missing or self._left_out):
             raise GltfError(f"nothing can be drawn: {joined_warnings(missing + self._left_out)}")
         self._warnings += self._left_out
@@ -74,7 +71,6 @@ class PartReader:
         """Return the parts of ``meshes[index]``.
 
         Args:
-            path: Property that holds the index, for messages.
             pose: None: the pose in which the mesh is stored.
             missing: A sentence is appended to this list if there is no such mesh, or nothing in it.
         """

@@ -19,21 +19,18 @@ from gateway.gltf.animations import AnimationTime, pose_nodes
 from gateway.gltf.buffers import Buffers, Resolver
 from gateway.gltf.container import open_container
 from gateway.gltf.deformation import MeshPose
-from gateway.gltf.document_cache import DocumentContent, HashedDocument
+from gateway.gltf.document_cache import DocumentContent, GltfCache, HashedDocument
 from gateway.gltf.draco import DracoMeshes
 from gateway.gltf.errors import GltfLimitError
-from gateway.gltf.extensions import check_extensions
-from gateway.gltf.gltf_cache import GltfCache
 from gateway.gltf.lights import place_lights, read_lights
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.materials import Materials
 from gateway.gltf.mesh_nodes import expand_mesh_nodes
 from gateway.gltf.meshes import Meshes
-from gateway.gltf.node_tree import mesh_names
 from gateway.gltf.nodes import INSTANCING, NodeParts, SceneNodes, read_nodes
-from gateway.gltf.parser import check_version, parse_document
+from gateway.gltf.parser import check_extensions, check_version, parse_document
 from gateway.gltf.part_reader import PartReader, count_elements
-from gateway.gltf.scene import GltfScene, read_cameras
+from gateway.gltf.scene import GltfScene, mesh_names, read_cameras
 from gateway.gltf.schema import DRAKE_MERGER, Mesh
 from gateway.gltf.textures import Textures
 from renderers.cache import CacheBudget
@@ -118,7 +115,7 @@ def read_gltf(
     # Poses of nodes, and warnings that may be about nodes, do not hold for a document with other nodes.
     depends_on_nodes = has_posed_nodes or has_wrong_types or nodes.warnings
     if hashed is not None and not depends_on_nodes and len(content.warnings) <= _MAX_LISTED_WARNINGS:
-        cache.documents.add(hashed, container, limits, content)
+        cache.add(hashed, container, limits, content)
     return scene
 
 
@@ -134,7 +131,7 @@ def read_mesh_names(data: bytes) -> frozenset[str]:
 
 def _cached_scene(document: HashedDocument, cache: GltfCache, limits: GltfLimits) -> GltfScene | None:
     """Return the scene of a document that differs from one in the cache only in its nodes; None if there is none."""
-    cached = cache.documents.find(document, limits)
+    cached = cache.find(document, limits)
     if cached is None:
         return None
     content, node_document = cached

@@ -1,4 +1,4 @@
-"""A scene read from a glTF document, the result of ``read_gltf``, and its cameras."""
+"""A scene read from a glTF document, the result of ``read_gltf``: its tree, its cameras, and names of its meshes."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ import numpy as np
 from gateway.gltf import schema
 from gateway.gltf.document_cache import DocumentContent
 from gateway.gltf.errors import as_warning, checked_item
-from gateway.gltf.node_tree import paths_of, tree_of
 from gateway.gltf.nodes import NodeParts, SceneNodes
 from gateway.gltf.schema import DRAKE_GENERATORS
-from gateway.scene.transforms import Matrix
-from gateway.scene.tree import Node, Path
+from gateway.scene.transforms import IDENTITY, Matrix
+from gateway.scene.tree import Node, Path, PathElement
 from renderers.camera import OPENGL_FROM_OPTICAL
 from renderers.drawlist import Light
 
@@ -66,13 +65,13 @@ class GltfScene:
     @cached_property
     def root(self) -> Node:
         """The nodes as an immutable tree, in the document's own axes (not rotated to Z up)."""
-        return tree_of(self.nodes, self.parts)
+        return _tree_of(self.nodes, self.parts)
 
     @cached_property
     def models(self) -> dict[Path, str]:
         """Name of the mesh of each node with a mesh, by the node's path in ``root``."""
         names = self.content.mesh_names
-        pairs = zip(paths_of(self.nodes), self.nodes.meshes, strict=True)
+        pairs = zip(_paths_of(self.nodes), self.nodes.meshes, strict=True)
         return {path: names[mesh] for path, mesh in pairs if mesh is not None}
 
     @property
@@ -146,3 +145,65 @@ def _optical_pose(X_world_node: Matrix) -> Matrix:
             pose[:3, :3] /= axis_lengths
     pose[:3, 1:3] = 0.0 - pose[:3, 1:3]  # negation would make negative zeros
     return pose
+
+
+def mesh_names(nodes: SceneNodes, meshes: list[schema.Mesh | None] | None) -> dict[int, str]:
+    """Return a name for each mesh in use, by mesh index. Meshes without a name are called after their first node.
+
+    Args:
+        meshes: Meshes of the document.
+    """
+    names: dict[int, str] = {}
+    used: dict[str, int] = {}
+    for position, mesh in enumerate(nodes.meshes):
+        if mesh is not None and mesh not in names:
+            source = meshes[mesh] if meshes is not None and 0 <= mesh < len(meshes) else None
+            name = (source.name if isinstance(source, schema.Mesh) else "") or nodes.sources[position].name
+            names[mesh] = _unique(name or f"mesh{mesh}", used)
+    return names
+
+
+def _paths_of(nodes: SceneNodes) -> list[Path]:
+    """Return the path of each node in the tree."""
+    paths: list[Path] = []
+    for name, parent in zip(_names(nodes), nodes.parents, strict=True):
+        paths.append((*(paths[parent] if parent >= 0 else ()), name))
+    return paths
+
+
+def _tree_of(nodes: SceneNodes, parts: NodeParts) -> Node:
+    """Return a committed tree: a root without parts, whose children are the roots of the scene."""
+    names = _names(nodes)
+    not_identity = (nodes.X_parent_node != IDENTITY).any(axis=(1, 2)).tolist()
+    matrices = [X if differs else IDENTITY for X, differs in zip(nodes.X_parent_node, not_identity, strict=True)]
+    # children[p] has the children of the node at position p, last child first; children[-1] has the roots.
+    children: list[dict[PathElement, Node]] = [{} for _ in range(len(names) + 1)]
+    for position in range(len(names) - 1, -1, -1):
+        ordered = dict(reversed(children[position].items()))
+        children[nodes.parents[position]][names[position]] = Node(parts[position], matrices[position], ordered)
+    return Node(None, IDENTITY, dict(reversed(children[-1].items())))
+
+
+def _names(nodes: SceneNodes) -> list[str]:
+    """Return the name of each node, unique among its siblings."""
+    names = [source.name or f"node{index}" for index, source in zip(nodes.indices, nodes.sources, strict=True)]
+    if len(set(zip(nodes.parents, names, strict=True))) == len(names):
+        return names
+    numbers: dict[int, dict[str, int]] = {}
+    return [_unique(name, numbers.setdefault(parent, {})) for name, parent in zip(names, nodes.parents, strict=True)]
+
+
+def _unique(name: str, last_numbers: dict[str, int]) -> str:
+    """Return ``name``, or the first of ``name#2``, ``name#3`` ... that no sibling has.
+
+    Args:
+        last_numbers: The last number tried, by the names of the siblings; the result is added. With 100,000 equal
+            names, trying all numbers for each name would take minutes.
+    """
+    candidate, number = name, last_numbers.get(name, 1)
+    while candidate in last_numbers:
+        number += 1
+        candidate = f"{name}#{number}"
+    last_numbers[name] = number
+    last_numbers.setdefault(candidate, 1)
+    return candidate

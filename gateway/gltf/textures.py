@@ -8,8 +8,8 @@ from typing import Final
 
 from gateway.gltf import schema
 from gateway.gltf.buffers import Buffers
+from gateway.gltf.document_cache import ContentKey
 from gateway.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
-from gateway.gltf.gltf_cache import IMAGE_BYTES, ContentKey
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension, vector_or_default
 from renderers.cache import Cache
@@ -17,6 +17,8 @@ from renderers.drawlist import Image, Mesh, Sampler, Texture, Wrap, name_image_e
 from renderers.images import image_from_bytes, image_header
 from renderers.stop import check_stop
 
+_IMAGE_BYTES: Final = 256
+"""Approximate size of an ``Image`` besides its encoded data."""
 _NEAREST: Final = 9728
 """``magFilter`` NEAREST."""
 _MIN_NEAREST: Final = frozenset({9728, 9984, 9986})
@@ -50,10 +52,6 @@ class Textures:
 
     def get(self, info: schema.TextureInfo | None, path: str) -> Texture | None:
         """Return the texture of a material's property; None if there is none, or none that can be read.
-
-        Args:
-            info: The property's value.
-            path: Name of the property, for messages.
 
         Raises:
             GltfLimitError: Images are beyond the limits.
@@ -150,7 +148,7 @@ class Textures:
         data = memoryview(buffer.data)[offset : offset + length]
         if not isinstance(image, Image):
             image = image_from_bytes(bytes(data), max_pixels=self._limits.max_image_pixels)
-            self._content.put(key, image, length + IMAGE_BYTES)
+            self._content.put(key, image, length + _IMAGE_BYTES)
         if image not in self._counted_images:
             self._count_pixels(data, name)
             if self._decodes:
@@ -164,10 +162,6 @@ class Textures:
 
     def _count_pixels(self, data: memoryview, name: str) -> None:
         """Count an image's pixels towards the limits.
-
-        Args:
-            data: The encoded image.
-            name: Name of the image, for messages.
 
         Raises:
             GltfLimitError: A limit is exceeded.

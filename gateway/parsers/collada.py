@@ -12,8 +12,7 @@ import collada
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshLimits, Shape
-from gateway.parsers.shapes import shape_of
+from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, shape_of
 from gateway.parsers.texture_files import ReadFile, TextureFiles
 
 MAX_ELEMENTS: Final = 1_000_000
@@ -30,14 +29,8 @@ _UP_AXES: Final = {"X_UP": np.array(_X_UP), "Y_UP": np.array(_Y_UP), "Z_UP": np.
 """Rotation to Z up. X_UP: up +X to +Z, right -Y to +X, towards the viewer +Z to -Y (COLLADA 1.4, 5-19)."""
 
 
-def read_collada(
-    data: bytes, read_file: ReadFile, limits: MeshLimits, use_up_axis: bool, submesh: str = ""
-) -> MeshData:
+def read_collada(data: bytes, read_file: ReadFile, options: MeshOptions) -> MeshData:
     """Return the content of a COLLADA file, in metres.
-
-    Args:
-        use_up_axis: True: the file's up axis is rotated to Z. False: the file is taken as Z up.
-        submesh: name of the node whose geometry is returned; empty: all geometry.
 
     Raises:
         MeshFaultError: The file is damaged, or beyond a limit.
@@ -50,10 +43,10 @@ def read_collada(
         document = collada.Collada(io.BytesIO(_without_lost_materials(document, data)), ignore=[collada.DaeError])
     if document.scene is None:
         return MeshData()
-    reader = _SceneReader(limits, read_file, _axes(document, use_up_axis), submesh)
+    reader = _SceneReader(options, read_file, _axes(document, options.use_up_axis))
     reader.read(document.scene.nodes)
-    if submesh and not reader.result.instances:
-        raise MeshFaultError(f"it has no node {submesh[:60]!r} with geometry")
+    if options.submesh and not reader.result.instances:
+        raise MeshFaultError(f"it has no node {options.submesh[:60]!r} with geometry")
     sentences = dict.fromkeys(" ".join(str(error.msg).split())[:200] for error in errors)
     # Lights and cameras are not used anyway.
     lost = [text for text in sentences if not text.startswith(("Light ", "Camera "))]
@@ -122,14 +115,12 @@ def _axes(document: Any, use_up_axis: bool) -> NDArray[np.float64]:
 class _SceneReader:
     """Collects the instances of geometry in a scene. Instances with the same materials share their shapes."""
 
-    def __init__(self, limits: MeshLimits, read_file: ReadFile, axes: NDArray[np.float64], submesh: str) -> None:
+    def __init__(self, options: MeshOptions, read_file: ReadFile, axes: NDArray[np.float64]) -> None:
         """
         Args:
             axes: (4, 4) transform of the scene to metres and its up axis.
-            submesh: Name of the node whose geometry is read; empty: all nodes.
         """
-        self._submesh = submesh
-        self._limits = limits
+        self._options = options
         self._axes = axes
         self._sizes: dict[int, tuple[int, int, int]] = {}
         """Number of parts, nodes and levels in the subtree of each node, by the node's ``id``."""
@@ -142,8 +133,8 @@ class _SceneReader:
     def read(self, nodes: list[Any]) -> None:
         sizes = [self._size(node, 1) for node in nodes]
         parts, visited = sum(size[0] for size in sizes), sum(size[1] for size in sizes)
-        if parts > self._limits.max_instances:
-            raise MeshFaultError(f"it has {_about(parts)} parts, the limit is {self._limits.max_instances}")
+        if parts > self._options.max_instances:
+            raise MeshFaultError(f"it has {_about(parts)} parts, the limit is {self._options.max_instances}")
         if visited > MAX_VISITED_NODES:
             raise MeshFaultError(f"it has {_about(visited)} nodes, the limit is {MAX_VISITED_NODES}")
         for node in nodes:
@@ -163,8 +154,8 @@ class _SceneReader:
         target = node.node if isinstance(node, collada.scene.NodeNode) else node
         size = self._sizes.get(id(target))
         if size is None:
-            if level > self._limits.max_node_depth:
-                raise MeshFaultError(f"it has more than {self._limits.max_node_depth} levels of nodes")
+            if level > self._options.max_node_depth:
+                raise MeshFaultError(f"it has more than {self._options.max_node_depth} levels of nodes")
             below = [self._size(child, level + 1) for child in target.children or ()]
             parts = sum(child[0] for child in below)
             size = (
@@ -173,8 +164,8 @@ class _SceneReader:
                 1 + max((c[2] for c in below), default=0),
             )
             self._sizes[id(target)] = size
-        if level + size[2] > self._limits.max_node_depth + 1:
-            raise MeshFaultError(f"it has more than {self._limits.max_node_depth} levels of nodes")
+        if level + size[2] > self._options.max_node_depth + 1:
+            raise MeshFaultError(f"it has more than {self._options.max_node_depth} levels of nodes")
         return size
 
     def _add(self, node: Any, X: NDArray[np.float64], name: str) -> None:
@@ -185,14 +176,14 @@ class _SceneReader:
         """
         geometry = _geometry_of(node)
         if geometry is not None:
-            if self._submesh not in ("", name):
+            if self._options.submesh not in ("", name):
                 return
             if isinstance(node, collada.scene.ControllerNode):
                 X = self._X_bind(node.controller, X)
             for shape, triangles in self._shapes_of(geometry, node.materials):
                 self._drawn += triangles
-                if self._drawn > self._limits.max_drawn_elements:
-                    raise MeshFaultError(f"its parts draw more than {self._limits.max_drawn_elements} triangles")
+                if self._drawn > self._options.max_drawn_elements:
+                    raise MeshFaultError(f"its parts draw more than {self._options.max_drawn_elements} triangles")
                 self.result.instances.append((shape, X.tobytes()))
         elif self._size(node, 0)[0]:
             X_child = X @ np.asarray(node.matrix, np.float64)
@@ -228,8 +219,8 @@ class _SceneReader:
                 continue
             count = len(primitive.vertex_index)
             self._triangles += count
-            if self._triangles > self._limits.max_elements:
-                raise MeshFaultError(f"it has more than {self._limits.max_elements} triangles")
+            if self._triangles > self._options.max_elements:
+                raise MeshFaultError(f"it has more than {self._options.max_elements} triangles")
             shape = self._read_primitive(primitive, materials.get(primitive.material))
             if shape is not None:
                 self.result.shapes.append(shape)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import DracoPy
 
-from gateway.parsers.draco_data import DecodedAttribute, DecodedMesh
+from gateway.parsers.mesh_data import DecodedAttribute, DecodedMesh
 
 
 def decode_meshes(

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from trimesh.visual.material import SimpleMaterial
 
 from gateway.parsers.collada import read_collada
-from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshLimits, Shape
+from gateway.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, checked_triangles, shape_of
 from gateway.parsers.obj import with_absolute_faces, without_broken_faces
 from gateway.parsers.ply import triangles_of_strips, with_plain_header, with_triangles
-from gateway.parsers.shapes import checked_triangles, shape_of
 from gateway.parsers.texture_files import ReadFile, TextureFiles
 from gateway.parsers.vtk import read_vtk
 
@@ -29,19 +28,15 @@ _MAX_NAMED: Final = 5
 """Maximum number of names in a warning."""
 
 
-def read_mesh(
-    read_file: ReadFile, data: bytes, extension: str, limits: dict[str, Any], use_up_axis: bool, submesh: str = ""
-) -> MeshData | str:
+def read_mesh(read_file: ReadFile, data: bytes, extension: str, options: dict[str, Any]) -> MeshData | str:
     """Return the content of a mesh file, or the reason why it cannot be used.
 
     Args:
         extension: obj, stl, ply, dae or vtk.
-        limits: ``MeshLimits``.
-        use_up_axis: True: a COLLADA file's up axis is rotated to Z. False: the file is taken as Z up.
-        submesh: name of the node of a COLLADA file whose content is returned; empty: all content.
+        options: ``MeshOptions``.
     """
     try:
-        result = _read(read_file, data, extension, msgspec.convert(limits, MeshLimits), use_up_axis, submesh)
+        result = _read(read_file, data, extension, msgspec.convert(options, MeshOptions))
     except MemoryError:
         raise
     except MeshFaultError as error:
@@ -66,14 +61,15 @@ def _make_visible(content: MeshData) -> None:
         content.warnings.append("all its materials have an opacity of 0; it is drawn opaque")
 
 
-def _read(
-    read_file: ReadFile, data: bytes, extension: str, limits: MeshLimits, use_up_axis: bool, submesh: str
-) -> MeshData:
+def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions) -> MeshData:
     if extension == "vtk":
-        positions, triangles = read_vtk(data, limits.max_vertices, limits.max_elements)
-        return _single(positions, triangles)
+        content = MeshData()
+        shape = shape_of(*read_vtk(data, options.max_vertices, options.max_elements), content.warnings)
+        if shape is not None:
+            content.shapes, content.instances = [shape], [(0, _IDENTITY)]
+        return content
     if extension == "dae":
-        return read_collada(data, read_file, limits, use_up_axis, submesh)
+        return read_collada(data, read_file, options)
     if extension == "obj":
         original = data
         data = with_absolute_faces(data)
@@ -98,7 +94,7 @@ def _read(
         scene = load(without_broken_faces(data, original, result.warnings))
     if resolver.materials:
         result.warnings += _undefined_materials(data, resolver.materials)
-    _add_content(scene, textures, limits, result)
+    _add_content(scene, textures, options, result)
     return result
 
 
@@ -109,13 +105,6 @@ def _undefined_materials(data: bytes, materials: set[bytes]) -> list[str]:
         return []
     names = ", ".join(sorted(repr(name[:60].decode("utf-8", "replace")) for name in undefined)[:_MAX_NAMED])
     return [f"materials of usemtl that no MTL file defines ({len(undefined)}): {names}; they are white"]
-
-
-def _single(positions: NDArray[np.float32], triangles: NDArray[np.int64]) -> MeshData:
-    result = MeshData()
-    if (shape := shape_of(positions, triangles, result.warnings)) is not None:
-        result.shapes, result.instances = [shape], [(0, _IDENTITY)]
-    return result
 
 
 class _Resolver(trimesh.resolvers.Resolver):
@@ -146,7 +135,7 @@ class _Resolver(trimesh.resolvers.Resolver):
         return self
 
 
-def _add_content(scene: Any, textures: TextureFiles, limits: MeshLimits, result: MeshData) -> None:
+def _add_content(scene: Any, textures: TextureFiles, limits: MeshOptions, result: MeshData) -> None:
     """Add the content of a ``trimesh.Scene``: one instance of each geometry, as these formats have no others."""
     if len(scene.geometry) > limits.max_instances:
         raise MeshFaultError(f"it has {len(scene.geometry)} parts, the limit is {limits.max_instances}")

@@ -1,18 +1,24 @@
-"""Content of a mesh file: what a parser's child process sends to the program."""
+"""Content of a mesh file: what a parser's child process sends to the program, and how it is made of arrays."""
 
 from __future__ import annotations
 
 import msgspec
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 
-class MeshLimits(msgspec.Struct, frozen=True):
-    """Limits of a mesh file's content. The names are those of ``GltfLimits``."""
+class MeshOptions(msgspec.Struct, frozen=True):
+    """Options of a parser: limits of the content, with the names of ``GltfLimits``, and what is read of COLLADA."""
 
     max_vertices: int
     max_elements: int
     max_instances: int
     max_drawn_elements: int
     max_node_depth: int
+    use_up_axis: bool = True
+    """True: a COLLADA file's up axis is rotated to Z. False: the file is taken as Z up."""
+    submesh: str = ""
+    """Name of the node of a COLLADA file whose geometry is read; empty: all geometry."""
 
 
 class Shape(msgspec.Struct):
@@ -46,5 +52,101 @@ class MeshData(msgspec.Struct):
     """Sentences about content that was left out or repaired."""
 
 
+class DecodedAttribute(msgspec.Struct):
+    """An attribute of a decompressed Draco mesh."""
+
+    unique_id: int
+    dtype: str
+    """Name of the NumPy data type."""
+    components: int
+    data: bytes
+    """Values, (number of vertices, components)."""
+
+
+class DecodedMesh(msgspec.Struct):
+    """A decompressed Draco mesh."""
+
+    triangles: bytes
+    """(M, 3) uint32, vertex indices."""
+    attributes: list[DecodedAttribute]
+
+
 class MeshFaultError(ValueError):
     """Raised by parsers: a file cannot be used."""
+
+
+def checked_triangles(faces: NDArray[np.int64], vertex_count: int, warnings: list[str]) -> NDArray[np.int64]:
+    """Return the faces whose indices are below ``vertex_count``; a sentence is appended if others are left out."""
+    if not faces.size or (faces.min() >= 0 and faces.max() < vertex_count):
+        return faces
+    worst = int(faces.min()) if faces.min() < 0 else int(faces.max())
+    is_valid = ((faces >= 0) & (faces < vertex_count)).all(axis=1)
+    count = len(faces) - np.count_nonzero(is_valid)
+    warnings.append(
+        f"{count} of {len(faces)} triangles refer to vertices that do not exist ({worst} of {vertex_count})"
+    )
+    return faces[is_valid]
+
+
+def triangles_of_polygons(
+    indices: NDArray[np.int64], starts: NDArray[np.int64], sizes: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the (M, 3) triangles of convex polygons as fans.
+
+    Args:
+        indices: Vertices of all polygons.
+        starts, sizes: (N,), place of the first vertex of each polygon in ``indices``, and number of its vertices.
+    """
+    counts = np.maximum(sizes - 2, 0)
+    first = np.repeat(starts, counts)
+    second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return np.column_stack((indices[first], indices[second], indices[second + 1]))
+
+
+def shape_of(
+    positions: ArrayLike,
+    triangles: NDArray[np.int64] | None,
+    warnings: list[str],
+    *,
+    normals: ArrayLike | None = None,
+    uv: ArrayLike | None = None,
+    colors: NDArray[np.uint8] | None = None,
+    color: tuple[float, float, float, float] | None = None,
+    image: int | None = None,
+) -> Shape | None:
+    """Return a shape; None if it draws nothing.
+
+    Args:
+        warnings: A sentence is appended if triangles are left out, as their vertices are not finite in float32.
+        uv: Texture coordinates; (0, 0) is the image's bottom left corner. They are kept without an image, too.
+    """
+    with np.errstate(over="ignore"):
+        points = np.ascontiguousarray(positions, np.float32)
+    if triangles is None:
+        return Shape(points.tobytes(), None, colors=None if colors is None else colors.tobytes())
+    finite = np.asarray(np.isfinite(points).all(axis=1))
+    if not finite.all():
+        is_drawn = finite[triangles].all(axis=1)
+        if not is_drawn.all():
+            count = len(triangles) - np.count_nonzero(is_drawn)
+            warnings.append(f"{count} of {len(triangles)} triangles with vertices that are not finite are left out")
+        triangles = triangles[is_drawn]
+        points[~finite] = 0.0
+    if not len(triangles):
+        return None
+    shape = Shape(points.tobytes(), np.ascontiguousarray(triangles, np.uint32).tobytes(), color=color)
+    if normals is not None:
+        shape.normals = _unit_rows(np.asarray(normals, np.float64)).tobytes()
+    if colors is not None:
+        shape.colors = np.ascontiguousarray(colors, np.uint8).tobytes()
+    if uv is not None and np.shape(uv) == (len(points), 2) and np.isfinite(uv).all():
+        flipped = np.array(uv, np.float32)
+        flipped[:, 1] = 1.0 - flipped[:, 1]
+        shape.uv, shape.image = flipped.tobytes(), image
+    return shape
+
+
+def _unit_rows(vectors: NDArray[np.float64]) -> NDArray[np.float32]:
+    with np.errstate(all="ignore"):
+        units = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.ascontiguousarray(np.nan_to_num(units, posinf=0.0, neginf=0.0), np.float32)

@@ -11,6 +11,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.parsers.mesh_data import triangles_of_polygons
+
 _CODES: Final = {
     "char": "b",
     "uchar": "B",
@@ -103,9 +105,13 @@ def with_triangles(data: bytes) -> bytes:
     index_list, index = drawn.index_list()
     if drawn.name == "face" and _are_small_and_equal(data, place, drawn, index_list):
         return data
-    counts, places, _ = _lists(data, place, drawn)
-    corners = _fans if drawn.name == "face" else _strips
-    triangles = corners(data, counts[:, index_list], places[:, index_list], index)
+    all_lengths, places, _ = _lists(data, place, drawn)
+    lengths = all_lengths[:, index_list]
+    indices = _indices(data, lengths, places[:, index_list], index)
+    if drawn.name == "face":
+        triangles = triangles_of_polygons(indices, np.cumsum(lengths) - lengths, lengths)
+    else:
+        triangles = _triangles_of_strip(np.insert(indices, np.cumsum(lengths), -1))
     if not len(triangles):
         raise ValueError(f"its {drawn.count} elements {drawn.name!r} have no triangles")
     code, type_name = ("i4", "int") if index.kind == "i" else ("u4", "uint")
@@ -192,38 +198,14 @@ def _are_small_and_equal(data: bytes, place: int, faces: _Element, index_list: i
     return all((rows[name] == rows[name][0]).all() for name in row.names or ())
 
 
-def _values(data: bytes, places: NDArray[np.int64], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the numbers at these places, (N,)."""
-    values: NDArray[Any] = np.frombuffer(data, np.uint8)[places[:, None] + np.arange(dtype.itemsize)].view(dtype)[:, 0]
-    return values
-
-
-def _numbered(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return, for 0 to n - 1 of each count n, the place of the count and the number."""
-    owner = np.repeat(np.arange(len(counts)), counts)
-    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
-
-
-def _fans(
-    data: bytes, counts: NDArray[np.int64], places: NDArray[np.int64], index: np.dtype[Any]
-) -> NDArray[np.generic]:
-    """Return the (M, 3) triangles of polygons with these numbers of corners, whose first indices are at ``places``."""
-    polygon, number = _numbered(np.maximum(counts - 2, 0))
-    first = places[polygon]
-    triangles = np.empty((len(first), 3), index)
-    triangles[:, 0] = _values(data, first, index)
-    triangles[:, 1] = _values(data, first + (number + 1) * index.itemsize, index)
-    triangles[:, 2] = _values(data, first + (number + 2) * index.itemsize, index)
-    return triangles
-
-
-def _strips(
-    data: bytes, counts: NDArray[np.int64], places: NDArray[np.int64], index: np.dtype[Any]
-) -> NDArray[np.generic]:
-    """Return the (M, 3) triangles of strips with these numbers of indices, whose first ones are at ``places``."""
-    strip, number = _numbered(counts)
-    indices = _values(data, places[strip] + number * index.itemsize, index).astype(np.int64)
-    return _triangles_of_strip(np.insert(indices, np.cumsum(counts), -1))
+def _indices(
+    data: bytes, lengths: NDArray[np.int64], places: NDArray[np.int64], index: np.dtype[Any]
+) -> NDArray[np.int64]:
+    """Return the values of lists of these lengths, one after the other, whose first values are at these places."""
+    first = np.repeat(places - (np.cumsum(lengths) - lengths) * index.itemsize, lengths)
+    value_places = first + np.arange(len(first)) * index.itemsize
+    raw = np.frombuffer(data, np.uint8)[value_places[:, None] + np.arange(index.itemsize)]
+    return np.asarray(raw.view(index)[:, 0], np.int64)
 
 
 def triangles_of_strips(metadata: dict[str, Any]) -> NDArray[np.int64] | None:

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.parsers.mesh_data import MeshFaultError
+from gateway.parsers.mesh_data import MeshFaultError, triangles_of_polygons
 
 TRIANGLE, QUAD, TETRAHEDRON = 5, 9, 10
 """VTK cell types that are read; others are left out."""
@@ -188,15 +188,11 @@ def _triangles(cells: _Cells, types: NDArray[np.int64] | None, limit: int) -> ND
             raise MeshFaultError(f"it has {len(types)} types for {len(sizes)} cells")
         is_polygon &= np.isin(types, (TRIANGLE, QUAD))
         tetrahedra = points[starts[(types == TETRAHEDRON) & (sizes == 4)][:, None] + np.arange(4)]
-    starts, triangle_counts = starts[is_polygon], sizes[is_polygon] - 2
-    total = int(triangle_counts.sum())
+    total = int((sizes[is_polygon] - 2).sum())
     if total > limit:
         raise MeshFaultError(f"it has {total} triangles, the limit is {limit}")
-    first = np.repeat(starts, triangle_counts)
-    number_in_fan = np.arange(total) - np.repeat(np.cumsum(triangle_counts) - triangle_counts, triangle_counts)
-    second = first + number_in_fan + 1
-    fans = np.stack((points[first], points[second], points[second + 1]), axis=1)
-    found = np.concatenate((fans, _boundary(tetrahedra)))
+    polygons = triangles_of_polygons(points, starts[is_polygon], sizes[is_polygon])
+    found = np.concatenate((polygons, _boundary(tetrahedra)))
     if len(found) > limit:
         raise MeshFaultError(f"it has {len(found)} triangles, the limit is {limit}")
     return found

@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from gateway.scene.bounds import Bounds, instance_bounds
+from gateway.scene.bounds import Bounds, instance_bounds, union
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Part
 from gateway.scene.tree import Node
@@ -39,7 +39,4 @@ def nearest_up_axis(y_up: LinkParts, z_up: LinkParts, collision: LinkParts) -> L
 
 
 def _bounds(parts: tuple[Part, ...]) -> Bounds | None:
-    boxes = [box for box in instance_bounds(flatten(Node(parts)).instances) if box is not None]
-    if not boxes:
-        return None
-    return np.array((np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)))
+    return union([box for box in instance_bounds(flatten(Node(parts)).instances) if box is not None])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -22,24 +23,28 @@ from renderers.drawlist import Image, ImageError, Material, Texture
 from renderers.images import image_from_bytes
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.link_files import LinkFiles, color_of
-from scenegate.robots.link_model import Cone, LinkGeometry, LinkMaterial, MeshReference
+from scenegate.robots.link_model import Cone, Link, LinkGeometry, LinkMaterial, MeshReference
 
 
-class LinkParts(LinkFiles[Part, tuple[Part, ...], tuple[Image, tuple[float, float, float]]]):
-    """Converts geometry to parts. An image comes with its mean colour."""
-
-    read_errors = (*LinkFiles.read_errors, MeshFormatError, GltfError, ImageError)
+class LinkParts:
+    """Converts geometry to parts."""
 
     def __init__(self, files: RobotFiles, limits: RobotLimits, warnings: list[str], gltf_up: Literal["y", "z"]) -> None:
         """
         Args:
             gltf_up: Up axis of glTF meshes. Those that Drake wrote are Z up in any case.
         """
-        super().__init__(files, warnings)
+        self._files = files
+        self._link_files = LinkFiles(files, warnings, (MeshFormatError, GltfError, ImageError))
+        self._warnings = warnings
         self._gltf_up: Up = "auto" if gltf_up == "y" else "z"
         self._limits = limits
 
-    def _parts(self, link: str, geometry: LinkGeometry) -> list[Part]:
+    def of_links(self, links: Iterable[Link]) -> tuple[tuple[Part, ...], ...]:
+        """Return the parts of each link, in the link's frame. What cannot be read is left out with a warning."""
+        return tuple(tuple(part for each in link.geometries for part in self._of(link.name, each)) for link in links)
+
+    def _of(self, link: str, geometry: LinkGeometry) -> list[Part]:
         shape, X = geometry.shape, geometry.X_link_geometry
         material, textured = self._materials(link, geometry.material)
         if isinstance(shape, Cone):
@@ -48,7 +53,7 @@ class LinkParts(LinkFiles[Part, tuple[Part, ...], tuple[Image, tuple[float, floa
         if not isinstance(shape, MeshReference):
             return [Part(shape, material, X)]
         X = X @ scaling(*shape.scale)
-        read = self._mesh_or_warning(link, shape) or ()
+        read = self._link_files.mesh(link, shape, lambda path, data: self._read_mesh(link, shape, path, data)) or ()
         if shape.center and read:
             X = X @ translation(*-_centre(read))
         override = geometry.material is not None and geometry.material.overrides
@@ -61,7 +66,7 @@ class LinkParts(LinkFiles[Part, tuple[Part, ...], tuple[Image, tuple[float, floa
         The first has the texture's mean colour.
         """
         rgba = np.array(color_of(material))
-        texture = self._texture_or_warning(link, material)
+        texture = self._link_files.texture(link, material, self._read_image)
         if material is None or texture is None:
             plain = diffuse_material(rgba, None)
             return plain, plain
@@ -87,7 +92,8 @@ class LinkParts(LinkFiles[Part, tuple[Part, ...], tuple[Image, tuple[float, floa
         self._warnings += [f"link {link!r}, {mesh.filename}: {text}" for text in warnings]
         return parts
 
-    def _read_image(self, data: bytes) -> tuple[Image, tuple[float, float, float]]:
+    def _read_image(self, path: Path, data: bytes) -> tuple[Image, tuple[float, float, float]]:
+        """Return an image and its mean colour."""
         image = image_from_bytes(data, max_pixels=self._limits.mesh.max_image_pixels)
         image.decode()
         return image, mean_color(image)

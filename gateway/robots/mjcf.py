@@ -1,19 +1,21 @@
-"""Reads MJCF. The package ``mujoco`` compiles the file and computes the kinematics."""
+"""Reads MJCF. The package ``mujoco`` compiles the file, in a limited child process, and computes the kinematics."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.robots.limits import RobotLimits
-from gateway.robots.mjcf_compiler import compile_mjcf
 from gateway.robots.mjcf_files import MjcfFiles
 from gateway.robots.mjcf_geometry import MjcfGeometry
 from gateway.robots.robot import Robot
+from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_limited
 from scenegate.name_hint import name_hint
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.files import RobotFiles
@@ -21,6 +23,9 @@ from scenegate.robots.limits import check_count
 from scenegate.robots.robot import GeometryUse, Joint, JointKind, Mimic
 from scenegate.robots.xml_text import Element
 
+_OUT_OF_MEMORY: Final = ("Could not allocate memory", "Caught an unknown exception!")
+"""Parts of MuJoCo's error messages when memory runs out; the second one is for std::bad_alloc."""
+_output_decoder: Final = msgspec.msgpack.Decoder(tuple[bytes, list[str]] | str)
 _VALUE_COUNTS: Final[dict[JointKind, int]] = {"floating": 7, "ball": 4, "prismatic": 1, "revolute": 1}
 
 
@@ -28,20 +33,20 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, keyframe: str,
     """Return the robot of an MJCF file. Its links are MuJoCo's bodies; its geometry in the world is the link ``world``.
 
     Args:
-        root: Root element of the file.
-        files: Reads the file and those that it refers to.
-        use: Geometry to return.
         keyframe: Name of the ``<key>`` with the joints' default values; empty: those of the model.
-        limits: Limits of the file and of the compiled model.
 
     Raises:
         RobotFileError: MuJoCo cannot compile the file, it has no such keyframe, or a limit is exceeded.
         ImportError: The package ``mujoco`` is not installed.
     """
-    mujoco = _mujoco()
+    try:
+        import mujoco
+    except ImportError as error:
+        needed = f"MJCF files need the package mujoco ({error}): pip install 'scenegate[robots]'; URDF files do not"
+        raise ImportError(needed) from None
     mjcf_files = MjcfFiles(root, files, limits)
     try:
-        model, compiler_warnings = compile_mjcf(mujoco, files.path, limits)
+        model, compiler_warnings = _compiled(mujoco, files.path, limits)
     except RobotFileError as error:
         raise RobotFileError(f"{mjcf_files.link_prefix(str(error))}{error}") from None
     check_count(model.nbody, limits.max_links, "bodies")
@@ -57,35 +62,37 @@ def read_mjcf(root: Element, files: RobotFiles, use: GeometryUse, keyframe: str,
         f"{count} {what} are not shown" for count, what in ((model.nskin, "skins"), (model.nflex, "flexes")) if count
     )
     name = root.get("model") or files.path.stem
-    kinematics = _Kinematics(
-        mujoco, model, {joint: int(address) for joint, address in zip(joints, model.jnt_qposadr, strict=True)}
-    )
+    kinematics = _Kinematics(mujoco, model, joints)
     warnings = (*warnings, *converter.warnings, *compiler_warnings)
     return Robot(name, links, joints, parts, kinematics, warnings, digests=files.digests)
 
 
-def _mujoco() -> Any:
-    """Import and return the package ``mujoco``; raises ImportError that names the extra."""
+def _compiled(mujoco: Any, path: Path, limits: RobotLimits) -> tuple[Any, list[str]]:
+    """Compile a file in a child process; return an ``MjModel``, and the compiler's warnings."""
+    arguments = (str(path), limits.max_model_bytes)
+    process_limits = ProcessLimits(limits.max_compiler_bytes, limits.max_compiler_seconds)
     try:
-        import mujoco
-    except ImportError as error:
-        raise ImportError(
-            f"MJCF files need the package mujoco ({error}): pip install 'scenegate[robots]'; URDF files do not"
-        ) from None
-    return mujoco
+        result = _output_decoder.decode(call_limited("gateway.parsers.mjcf:compile_file", arguments, process_limits))
+    except ProcessFailed as failure:
+        result = ""  # no error message: it ran out of memory or crashed
+        if failure.timed_out:
+            result = f"it takes longer than max_compiler_seconds = {process_limits.seconds}"
+    if isinstance(result, str):
+        if not result or any(message in result for message in _OUT_OF_MEMORY):
+            result = f"it needs more than max_compiler_bytes = {process_limits.memory_bytes} of memory, or crashes"
+        raise RobotFileError(f"MuJoCo cannot compile it: {result}")
+    model, warnings = result
+    return mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": model}), warnings
 
 
 class _Kinematics:
     """MuJoCo's forward kinematics. Thread-safe."""
 
-    def __init__(self, mujoco: Any, model: Any, addresses: Mapping[str, int]) -> None:
-        """
-        Args:
-            addresses: Index of each joint's first value in ``qpos``.
-        """
+    def __init__(self, mujoco: Any, model: Any, joints: Iterable[str]) -> None:
         self._mujoco = mujoco
         self._model = model
-        self._addresses = addresses
+        self._addresses = dict(zip(joints, map(int, model.jnt_qposadr), strict=True))
+        """Index of each joint's first value in ``qpos``."""
         self._data = mujoco.MjData(model)
         self._lock = threading.Lock()
         """Protects ``_data``, which each call overwrites."""

@@ -51,7 +51,8 @@ class MjcfMaterials:
             if roughness < 0.0:  # the file does not set it
                 roughness = _roughness(float(model.mat_shininess[material_index]))
             emission = float(model.mat_emission[material_index])
-            texture_index = self._color_texture(material_index)
+            textures = [int(model.mat_texid[material_index][role]) for role in self._color_roles]
+            texture_index = next((index for index in textures if index >= 0), None)
             if texture_index is not None and has_uv and int(model.tex_type[texture_index]) == self._texture_2d:
                 texture = Texture(self._image(texture_index), name=f"texture {texture_index}")
             elif texture_index is not None:
@@ -79,13 +80,6 @@ class MjcfMaterials:
             return np.ones(2)
         repeats = np.asarray(self._model.mat_texrepeat[index], np.float64)
         return repeats if self._model.mat_texuniform[index] else repeats / (2.0 * x, 2.0 * y)
-
-    def _color_texture(self, material: int) -> int | None:
-        """Return the index of a material's colour texture; None if it has none."""
-        for role in self._color_roles:
-            if (texture := int(self._model.mat_texid[material][role])) >= 0:
-                return texture
-        return None
 
     def _pixels(self, texture: int) -> NDArray[np.uint8]:
         """Return the pixels of a texture, (H, W, 4) uint8, top row first."""

@@ -4,26 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TypeAlias
 
 from gateway.robots.gltf_up import RobotGltfUp, nearest_up_axis
 from gateway.robots.limits import RobotLimits
 from gateway.robots.link_parts import LinkParts
 from gateway.robots.robot import Robot
 from gateway.robots.xacro_files import expand_xacro
-from gateway.scene.geometry import Part
 from renderers.stop import check_stop
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.link_kinematics import LinkKinematics
-from scenegate.robots.link_model import Link
 from scenegate.robots.reader import errors_of, parse_links
 from scenegate.robots.robot import GeometryUse
 from scenegate.robots.xml_text import parse_xml, uses_xacro
 from scenegate.warning_text import strict_refusal
-
-PartsOfLinks: TypeAlias = tuple[tuple[Part, ...], ...]
-"""Parts of each link, in the link's frame."""
 
 
 def read_robot(
@@ -81,31 +75,16 @@ def _read(files: RobotFiles, geometry: GeometryUse, keyframe: str, gltf_up: Robo
         raise RobotFileError("only MJCF files have keyframes")
     model = parse_links(root, files, geometry, limits, warnings)
     joints, kinematics = model.moving_joints(warnings), LinkKinematics(model)
-    parts = LinkParts(files, limits, warnings, "z" if gltf_up == "z" else "y").parts_of(model.links)
+    parts = LinkParts(files, limits, warnings, "z" if gltf_up == "z" else "y").of_links(model.links)
     notes: tuple[str, ...] = ()
-    if gltf_up == "auto":
+    if gltf_up == "auto":  # either axis gives the same warnings: those of the Y axis are kept
+        z_up = LinkParts(files, limits, [], "z").of_links(model.links)
         collision_links = parse_links(root, files, "collision", limits, []).links
-        parts, note = _choose_up_axis(parts, model.links, collision_links, files, limits)
-        notes = (note,)
+        up = nearest_up_axis(parts, z_up, LinkParts(files, limits, [], "y").of_links(collision_links))
+        parts = z_up if up == "z" else parts
+        reason = "their bounds are nearer to those of the collision geometry"
+        notes = (f"glTF meshes are taken as {up.upper()} up: {reason}",)
     name = model.name or files.path.stem
     return Robot(
         name, model.link_names, joints, parts, kinematics, tuple(dict.fromkeys(warnings)), notes, files.digests
     )
-
-
-def _choose_up_axis(
-    y_up: PartsOfLinks,
-    links: tuple[Link, ...],
-    collision_links: tuple[Link, ...],
-    files: RobotFiles,
-    limits: RobotLimits,
-) -> tuple[PartsOfLinks, str]:
-    """Return the parts of ``links`` for the up axis of glTF meshes that fits the collision geometry, and a note.
-
-    Either axis gives the same warnings: those of ``y_up`` are kept, and the others dropped.
-    """
-    z_up = LinkParts(files, limits, [], "z").parts_of(links)
-    collision = LinkParts(files, limits, [], "y").parts_of(collision_links)
-    up = nearest_up_axis(y_up, z_up, collision)
-    note = f"glTF meshes are taken as {up.upper()} up: their bounds are nearer to those of the collision geometry"
-    return z_up if up == "z" else y_up, note

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.robots.part_geometry import geometries_of
-from gateway.robots.part_images import MAX_IMAGE_SIDE, PartImages
+from gateway.robots.published import MAX_IMAGE_SIDE, PartImages, geometries_of
 from gateway.scene.geometry import Part, Shape, Surface
 from gateway.scene.geometry import PointCloud as Points
 from gateway.scene.meshing import meshes_of

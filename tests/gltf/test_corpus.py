@@ -168,4 +168,4 @@ def test_moved_requests_are_document_cache_hits(scene: DrakeScene | None) -> Non
         moved = data[:begin] + data[begin:].replace(b'"Camera Node"', b'"Camera %d"' % x)
         glTF = read_gltf(moved, cache=cache)
         assert glTF.root.find(("Renderer Node", f"Camera {x}")) is not None
-    assert cache.documents.cache.hits == (3 if begin >= MIN_BYTES else 0)
+    assert cache.documents.hits == (3 if begin >= MIN_BYTES else 0)

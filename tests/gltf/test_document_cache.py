@@ -50,7 +50,7 @@ def outcome(scene: GltfScene) -> list[Any]:
 
 def warm(cache: GltfCache, source: dict[str, Any]) -> None:
     read_gltf(dump(moved(source, 1)), cache=cache)
-    assert cache.documents.cache.hits == 0
+    assert cache.documents.hits == 0
 
 
 def test_moved_documents_are_hits() -> None:
@@ -59,8 +59,8 @@ def test_moved_documents_are_hits() -> None:
     for x in (3.0, 4.0):
         data = dump(moved(document(), x))
         assert outcome(read_gltf(memoryview(data), cache=cache)) == outcome(read_gltf(data))
-    assert cache.documents.cache.hits == 2
-    assert cache.documents.cache.nbytes > len(dump(document()))
+    assert cache.documents.hits == 2
+    assert cache.documents.nbytes > len(dump(document()))
 
 
 def test_hits_return_the_same_parts() -> None:
@@ -125,7 +125,7 @@ def test_one_different_bit_of_a_buffer_is_a_miss() -> None:
     at = data.rindex(b"base64,", 0, data.index(b'"nodes"')) + 4000
     data[at] = ord("B") if data[at] != ord("B") else ord("C")
     assert outcome(read_gltf(bytes(data), cache=cache)) == outcome(read_gltf(bytes(data)))
-    assert cache.documents.cache.hits == 0
+    assert cache.documents.hits == 0
 
 
 def test_limits_are_part_of_the_key() -> None:
@@ -133,9 +133,9 @@ def test_limits_are_part_of_the_key() -> None:
     warm(cache, document())
     with pytest.raises(GltfError, match="max_vertices = 10"):
         read_gltf(dump(moved(document(), 3)), cache=cache, limits=GltfLimits(max_vertices=10))
-    assert cache.documents.cache.hits == 0
+    assert cache.documents.hits == 0
     read_gltf(dump(moved(document(), 3)), cache=cache)
-    assert cache.documents.cache.hits == 1
+    assert cache.documents.hits == 1
 
 
 def test_color_depth_and_label_documents_are_kept_side_by_side() -> None:
@@ -152,7 +152,7 @@ def test_color_depth_and_label_documents_are_kept_side_by_side() -> None:
         for roughness in (0.25, 0.5, 0.75):
             scene = read_gltf(dump(moved(kind(roughness), x)), cache=cache)
             assert parts(scene)[0][1].material.roughness == roughness
-    assert cache.documents.cache.hits == 5 * 3
+    assert cache.documents.hits == 5 * 3
 
 
 def test_hits_count_instances_again() -> None:
@@ -160,7 +160,7 @@ def test_hits_count_instances_again() -> None:
     limits = GltfLimits(max_instances=10)
     for x in (1, 2):
         read_gltf(dump(moved(document(), x)), cache=cache, limits=limits)
-    assert cache.documents.cache.hits == 1
+    assert cache.documents.hits == 1
     crowd = moved(document(), 4)
     crowd["nodes"] += [{"mesh": 0} for _ in range(20)]
     crowd["nodes"][4]["children"] += list(range(5, 25))
@@ -176,9 +176,9 @@ def test_least_recently_used_documents_are_dropped() -> None:
         read_gltf(dump(moved(document(seed=seed), 1)), cache=cache)
         assert sum(each.nbytes for each in budget.figures().values()) <= 12 * size
     read_gltf(dump(moved(document(seed=290), 3)), cache=cache)
-    assert cache.documents.cache.hits == 1
+    assert cache.documents.hits == 1
     read_gltf(dump(moved(document(seed=0), 3)), cache=cache)
-    assert cache.documents.cache.hits == 1
+    assert cache.documents.hits == 1
 
 
 def test_small_and_binary_documents_are_not_kept() -> None:
@@ -188,7 +188,7 @@ def test_small_and_binary_documents_are_not_kept() -> None:
     for data in (small, glb(dump(document()))):
         for _ in range(4):
             read_gltf(data, cache=cache)
-    assert cache.documents.cache.nbytes == 0
+    assert cache.documents.nbytes == 0
 
 
 def test_the_last_list_of_nodes_is_found() -> None:
@@ -260,7 +260,7 @@ def test_hits_are_limited_as_whole_documents_are(limit: str, value: int, node_co
     limits, cache = GltfLimits(**{limit: value}), GltfCache()
     for _ in range(2):
         read_gltf(small, cache=cache, limits=limits)
-    assert cache.documents.cache.hits == 1
+    assert cache.documents.hits == 1
     messages = []
     for used_cache in (None, cache):
         with pytest.raises(GltfError, match=rf"{limit} = {value}") as caught:
@@ -319,7 +319,7 @@ def test_elements_are_counted_again_for_moved_documents() -> None:
     other["nodes"].append({"mesh": 0})
     other["nodes"][4]["children"].append(5)
     second = read_gltf(dump(other), cache=cache)
-    assert cache.documents.cache.hits == 1
+    assert cache.documents.hits == 1
     assert (first.instance_count, first.element_count) == (2, 400)
     assert (second.instance_count, second.element_count) == (3, 600)
     with pytest.raises(GltfError, match="max_drawn_elements = 599"):

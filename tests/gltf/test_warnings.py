@@ -88,7 +88,7 @@ def test_documents_without_warnings_are_hits() -> None:
     for z in range(5):
         outcome_of(document() | {"nodes": [{"mesh": 0, "translation": [0, 0, z]}, {}, {}]}, cache)
     outcome_of(document() | {"nodes": [{"mesh": 0, "skin": 1}, {}, {}]}, cache)
-    assert cache.documents.cache.hits == 5
+    assert cache.documents.hits == 5
 
 
 def test_repaired_meshes_warn_in_every_document() -> None:

@@ -14,11 +14,11 @@ import pytest
 
 from gateway.assets.mesh_formats import MESH_LIMITS, PARSER_LIMITS, MeshFormatError, parse_mesh
 from gateway.parsers.mesh import read_mesh
-from gateway.parsers.mesh_data import MeshData, MeshLimits
+from gateway.parsers.mesh_data import MeshData, MeshOptions
 from renderers.stop import StopFlag
 from tests.assets.mesh_files.files import DAE
 
-LIMITS = {name: getattr(MESH_LIMITS, name) for name in MeshLimits.__struct_fields__}
+LIMITS = {name: getattr(MESH_LIMITS, name) for name in MeshOptions.__struct_fields__ if name.startswith("max_")}
 PLAIN = DAE.format(asset="")
 LEAF = '<node id="n0"><instance_geometry url="#g"/></node>'
 VTK = b"# vtk DataFile Version 3.0\ntest\nASCII\nDATASET POLYDATA\n"
@@ -30,7 +30,7 @@ def no_files(name: str) -> bytes:
 
 def read(data: str | bytes, extension: str = "dae", **limits: int) -> MeshData | str:
     raw = data.encode() if isinstance(data, str) else data
-    return read_mesh(no_files, raw, extension, LIMITS | limits, True)
+    return read_mesh(no_files, raw, extension, LIMITS | limits)
 
 
 def fault(data: str | bytes, extension: str = "dae", **limits: int) -> str:

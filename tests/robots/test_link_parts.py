@@ -147,9 +147,9 @@ def test_a_texture_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     names = []
     read = RobotFiles.read
 
-    def counted(self: RobotFiles, path: Path) -> bytes:
+    def counted(self: RobotFiles, path: Path, *limit: int) -> bytes:
         names.append(path.name)
-        return read(self, path)
+        return read(self, path, *limit)
 
     monkeypatch.setattr(RobotFiles, "read", counted)
     one = visual('<box size="1 1 1"/>', '<material name="t"><texture filename="t.png"/></material>')
@@ -157,7 +157,7 @@ def test_a_texture_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     first, second = read_robot(write(tmp_path, one.replace(box, 2 * box))).parts[0]
     assert first.material == second.material
     assert first.material.base_color == (0.0, 0.0, 0.0, 1.0)
-    assert names == ["t.png"]
+    assert names.count("t.png") == 1
 
 
 @pytest.mark.parametrize(

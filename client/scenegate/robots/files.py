@@ -72,7 +72,7 @@ class RobotFiles:
     def read_robot_file(self) -> bytes:
         """Return the bytes of the robot file; raises OSError, or RobotFileError beyond the limit."""
         if not self.is_pipe:
-            return self._read(self.path, self._limits.max_file_bytes)
+            return self.read(self.path, self._limits.max_file_bytes)
         data = read_file_or_pipe(self._source, self._limits.max_file_bytes, self._check_cancelled)
         self._note(self.path, data)
         return data
@@ -132,7 +132,17 @@ class RobotFiles:
         Args:
             max_bytes: Maximum size; default: that of a mesh file.
         """
-        return self._read(path, self._limits.max_mesh_bytes if max_bytes is None else max_bytes)
+        remaining = min(self._limits.max_mesh_bytes if max_bytes is None else max_bytes, self._remaining_bytes)
+        try:
+            data = read_regular(path, remaining)
+        except OSError as error:
+            if error.errno == errno.EFBIG:
+                raise RobotFileError(f"{path.name} has more than {remaining} bytes, the remaining limit") from None
+            if error.errno == errno.EINVAL:
+                raise RobotFileError(f"{path.name} is not a regular file") from None
+            raise
+        self._note(path, data)
+        return data
 
     def read_beside(self, mesh: Path, name: str) -> bytes:
         """Return the bytes of a file that a mesh file refers to; raises OSError or RobotFileError.
@@ -207,19 +217,6 @@ class RobotFiles:
             f"the package {package!r} is not above or beside the robot file, nor in a folder of "
             f"{', '.join(PATH_VARIABLES)} or AMENT_PREFIX_PATH; name a folder that contains it with --root"
         )
-
-    def _read(self, path: Path, limit: int) -> bytes:
-        remaining = min(limit, self._remaining_bytes)
-        try:
-            data = read_regular(path, remaining)
-        except OSError as error:
-            if error.errno == errno.EFBIG:
-                raise RobotFileError(f"{path.name} has more than {remaining} bytes, the remaining limit") from None
-            if error.errno == errno.EINVAL:
-                raise RobotFileError(f"{path.name} is not a regular file") from None
-            raise
-        self._note(path, data)
-        return data
 
     def _note(self, path: Path, data: bytes) -> None:
         """Count the bytes of a file that was read, and note its digest."""

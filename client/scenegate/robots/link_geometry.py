@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final, Literal
 
@@ -13,12 +13,12 @@ from scenegate.messages.geometry import Geometry, Mesh, Transform
 from scenegate.messages.mesh_file import MeshFile, referenced_files
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.link_files import LinkFiles, color_of
-from scenegate.robots.link_model import Cone, LinkGeometry, MeshReference
+from scenegate.robots.link_model import Cone, Link, LinkGeometry, MeshReference
 
 _CONE_SEGMENTS: Final = 48
 
 
-class LinkGeometries(LinkFiles[Geometry, tuple[bytes, dict[str, bytes]], bytes]):
+class LinkGeometries:
     """Converts geometry. Mesh and image files are sent as they are, with the files that meshes refer to."""
 
     def __init__(self, files: RobotFiles, warnings: list[str], gltf_up: Literal["y", "z"]) -> None:
@@ -26,15 +26,21 @@ class LinkGeometries(LinkFiles[Geometry, tuple[bytes, dict[str, bytes]], bytes])
         Args:
             gltf_up: Up axis of glTF meshes. Those that Drake wrote are Z up in any case.
         """
-        super().__init__(files, warnings)
+        self._files = files
+        self._link_files = LinkFiles(files, warnings)
+        self._warnings = warnings
         self._gltf_up = gltf_up
 
-    def _parts(self, link: str, geometry: LinkGeometry) -> Iterator[Geometry]:
+    def of_links(self, links: Iterable[Link]) -> tuple[tuple[Geometry, ...], ...]:
+        """Return the geometry of each link. What cannot be read is left out with a warning."""
+        return tuple(tuple(each for part in link.geometries for each in self._of(link.name, part)) for link in links)
+
+    def _of(self, link: str, geometry: LinkGeometry) -> Iterator[Geometry]:
         shape, color, transform = geometry.shape, color_of(geometry.material), Transform.of(geometry.X_link_geometry)
-        texture = self._texture_or_warning(link, geometry.material)
+        texture = self._link_files.texture(link, geometry.material, lambda path, data: data)
         if isinstance(shape, MeshReference):
-            mesh = self._mesh_or_warning(link, shape)
-            if mesh is None:
+            content = self._link_files.mesh(link, shape, lambda path, data: self._content(link, shape, path, data))
+            if content is None:
                 return
             if shape.center:
                 self._warnings.append(f"link {link!r}, {shape.filename}: <center> is ignored, the mesh is not moved")
@@ -42,8 +48,8 @@ class LinkGeometries(LinkFiles[Geometry, tuple[bytes, dict[str, bytes]], bytes])
             yield MeshFile(
                 shape.filename,
                 shape.scale,
-                data=mesh[0],
-                files=mesh[1],
+                data=content[0],
+                files=content[1],
                 up=None if is_gltf and self._gltf_up == "y" else "z",
                 default_color=color,
                 default_texture=texture,
@@ -57,14 +63,11 @@ class LinkGeometries(LinkFiles[Geometry, tuple[bytes, dict[str, bytes]], bytes])
         else:
             yield msgspec.structs.replace(shape, color=color, transform=transform)
 
-    def _read_mesh(self, link: str, mesh: MeshReference, path: Path, data: bytes) -> tuple[bytes, dict[str, bytes]]:
+    def _content(self, link: str, mesh: MeshReference, path: Path, data: bytes) -> tuple[bytes, dict[str, bytes]]:
         if mesh.submesh:
             self._warnings.append(f"link {link!r}, {mesh.filename}: <submesh> is ignored, the whole mesh is shown")
         suffix = Path(mesh.filename).suffix.lower()
         return data, referenced_files(data, suffix, lambda other: self._files.read_beside(path, other))
-
-    def _read_image(self, data: bytes) -> bytes:
-        return data
 
 
 def _cone(cone: Cone, color: tuple[float, float, float, float], transform: Transform) -> Mesh:

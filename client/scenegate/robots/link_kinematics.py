@@ -35,18 +35,14 @@ class LinkKinematics:
         self._other_joints = [(i, kind) for i, kind in enumerate(kinds) if kind in ("ball", "planar", "floating")]
         """Index and kind of each joint with several values."""
         self._names = [joint.name for joint in ordered]
-        axes = np.array([joint.axis for joint in ordered]).reshape(-1, 3)
-        self._axes = axes
-        self._K = np.array([_cross_matrix(axis) for axis in axes[self._revolute]]).reshape(-1, 3, 3)
-        """Cross product matrices of the axes of revolute joints, (number of these, 3, 3)."""
-        self._K_squared = self._K @ self._K
+        self._axes = np.array([joint.axis for joint in ordered]).reshape(-1, 3)
 
     def link_poses(self, values: Mapping[str, tuple[float, ...]]) -> NDArray[np.float64]:
         """Return X_robot_link, (number of links, 4, 4) float64, for the values of all joints."""
         X_motion = np.tile(np.eye(4), (len(self._ends), 1, 1))
-        if len(self._revolute):  # Rodrigues: R = I + sin q K + (1 - cos q) K²
-            q = np.array([values[self._names[i]][0] for i in self._revolute])[:, None, None]
-            X_motion[self._revolute, :3, :3] += np.sin(q) * self._K + (1.0 - np.cos(q)) * self._K_squared
+        if len(self._revolute):
+            q = np.array([values[self._names[i]][0] for i in self._revolute])
+            X_motion[self._revolute, :3, :3] = _rotations(self._axes[self._revolute], q)
         if len(self._prismatic):
             q = np.array([values[self._names[i]] for i in self._prismatic])
             X_motion[self._prismatic, :3, 3] = q * self._axes[self._prismatic]
@@ -63,10 +59,13 @@ class LinkKinematics:
         return X_robot_link
 
 
-def _cross_matrix(axis: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return K with K v = axis × v, (3, 3)."""
-    x, y, z = axis.tolist()
-    return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+def _rotations(axes: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return rotations about unit vectors, (N, 3, 3), by Rodrigues' formula: R = I + sin q K + (1 - cos q) K²."""
+    K = np.zeros((len(axes), 3, 3))
+    K[:, (2, 0, 1), (1, 2, 0)] = axes
+    K -= K.swapaxes(1, 2).copy()  # K v = axis × v
+    q = angles[:, None, None]
+    return np.asarray(np.eye(3) + (np.sin(q) * K + (1.0 - np.cos(q)) * (K @ K)))
 
 
 def _planar(normal: NDArray[np.float64], value: Sequence[float]) -> NDArray[np.float64]:
@@ -83,9 +82,8 @@ def _planar(normal: NDArray[np.float64], value: Sequence[float]) -> NDArray[np.f
     nearest_axis = np.eye(3)[int(np.argmin(np.abs(normal)))]
     plane_x = nearest_axis - normal * (normal @ nearest_axis)
     plane_x /= np.linalg.norm(plane_x)
-    K = _cross_matrix(normal)
     X = np.eye(4)
-    X[:3, :3] += np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
+    X[:3, :3] = _rotations(normal[None], np.array([angle]))[0]
     X[:3, 3] = x * plane_x + y * np.cross(normal, plane_x)
     return X
 

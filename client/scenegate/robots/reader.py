@@ -71,7 +71,7 @@ def read_robot(
             raise NeedsServerError(f"{what} needs packages of the server: pip install 'scenegate[robots]'")
         model = parse_links(root, files, geometry, limits, warnings)
         joints, kinematics = model.moving_joints(warnings), LinkKinematics(model)
-        parts = LinkGeometries(files, warnings, gltf_up).parts_of(model.links)
+        parts = LinkGeometries(files, warnings, gltf_up).of_links(model.links)
         sentences = tuple(dict.fromkeys(warnings))
         if strict and sentences:
             raise RobotFileError(strict_refusal(sentences))

@@ -22,9 +22,9 @@ from scenegate.robots.link_model import Link, LinkGeometry, LinkJoint, LinkModel
 from scenegate.robots.material_scripts import MaterialScripts
 from scenegate.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind
 from scenegate.robots.ros_packages import split_url
-from scenegate.robots.sdf_frames import SEPARATOR, WORLD, Frame, Frames, read_pose, scoped
+from scenegate.robots.sdf_frames import WORLD, Frame, Frames, read_pose
 from scenegate.robots.sdf_geometry import read_geometries
-from scenegate.robots.urdf_joints import joint_kind, read_mimic, unit_axis
+from scenegate.robots.shared_elements import joint_kind, read_mimic, unit_axis
 from scenegate.robots.xml_text import Element, attribute, children_as_attributes, numbers, parse_xml
 
 _KINDS: Final[dict[str, JointKind | None]] = {
@@ -35,6 +35,8 @@ _KINDS: Final[dict[str, JointKind | None]] = {
     "fixed": None,
 }
 """Kind of a joint, by the attribute ``type``; None: it does not move."""
+_SEPARATOR: Final = "::"
+"""Separator between the name of a model and a name in it."""
 MAX_INCLUDES: Final = 1000
 """Maximum number of included models: worlds have fewer than 100."""
 MAX_MODEL_DEPTH: Final = 20
@@ -56,6 +58,14 @@ class _Scope:
     version: tuple[int, ...]
     depth: int
 
+    def full_name(self, name: str) -> str:
+        """Return the full name of something in the model. ``world`` and a document's own names stay as they are."""
+        return name if WORLD in (self.name, name) else f"{self.name}{_SEPARATOR}{name}"
+
+    def frame(self, name: str) -> str:
+        """Return the full name of the frame that a pose is relative to, given the name in the file or none."""
+        return self.base if name in ("", "__model__") else self.full_name(name)
+
 
 def parse_sdf(
     root: Element, files: RobotFiles, use: GeometryUse, limits: RobotFileLimits, warnings: list[str]
@@ -63,8 +73,6 @@ def parse_sdf(
     """Return the content of an SDF document.
 
     Args:
-        root: The element ``<sdf>``.
-        files: Reads included files.
         use: Geometry to return; the other one is not read.
 
     Raises:
@@ -133,8 +141,8 @@ class _SdfReader:
             placed: The ``<include>`` whose pose and placement frame override the model's.
             merge: True: names in the model do not start with the model's name.
         """
-        full_name = scoped(scope.name, name or f"model_{len(self._links)}")
-        frame = f"{full_name}{SEPARATOR}__merged__" if merge else full_name
+        full_name = scope.full_name(name or f"model_{len(self._links)}")
+        frame = f"{full_name}{_SEPARATOR}__merged__" if merge else full_name
         unique = frame
         while unique in self._frames:
             unique += "_"
@@ -143,15 +151,15 @@ class _SdfReader:
             full_name = unique
         place = placed if placed is not None and placed.find("pose") is not None else model
         X, relative_to = read_pose(place, f"model {name!r}", self._warnings)
-        inner = scope.name if merge else full_name
+        inner = _Scope(scope.name if merge else full_name, unique, scope.folder, scope.version, scope.depth + 1)
         first_link = next((attribute(link, "name") for link in model.findall("link")), "")
-        canonical = scoped(inner, attribute(model, "canonical_link") or first_link)
+        canonical = inner.full_name(attribute(model, "canonical_link") or first_link)
         placement = attribute(model, "placement_frame")
         if placed is not None:
             placement = (placed.findtext("placement_frame") or placement).strip()
-        placement = scoped(inner, placement) if placement else ""
-        self._frames.add(unique, Frame(X, _resolve(scope, relative_to), canonical, placement))
-        self._add_content(model, _Scope(inner, unique, scope.folder, scope.version, scope.depth + 1))
+        placement = inner.full_name(placement) if placement else ""
+        self._frames.add(unique, Frame(X, scope.frame(relative_to), canonical, placement))
+        self._add_content(model, inner)
 
     def _add_include(self, include: Element, scope: _Scope) -> None:
         uri = (include.findtext("uri") or "").strip()
@@ -179,16 +187,16 @@ class _SdfReader:
         if not name:
             self._warnings.append("a <link> has no name, it is left out")
             return
-        full_name = scoped(scope.name, name)
+        full_name = scope.full_name(name)
         if full_name in self._links:
             raise RobotFileError(f"two links are called {full_name!r}")
         check_count(len(self._links) + 1, self._limits.max_links, "links")
         X, relative_to = read_pose(link, f"link {full_name!r}", self._warnings)
-        self._frames.add(full_name, Frame(X, _resolve(scope, relative_to), full_name))
+        self._frames.add(full_name, Frame(X, scope.frame(relative_to), full_name))
         self._links[full_name] = (link, scope)
 
     def _add_joint(self, joint: Element, scope: _Scope) -> None:
-        name = full_name = scoped(scope.name, attribute(joint, "name") or f"joint_{len(self._joints)}")
+        name = full_name = scope.full_name(attribute(joint, "name") or f"joint_{len(self._joints)}")
         if name in self._frames:  # a link, model or joint of that name; libsdformat renames the joint, too
             full_name = f"{name}_joint"
             number = len(self._joints)
@@ -198,22 +206,22 @@ class _SdfReader:
         if name in self._joints:
             self._warnings.append(f"a second joint is called {name!r}, it is called {full_name!r}")
         check_count(len(self._joints) + 1, self._limits.max_links, "joints")
-        child = scoped(scope.name, (joint.findtext("child") or "").strip())
+        child = scope.full_name((joint.findtext("child") or "").strip())
         X, relative_to = read_pose(joint, f"joint {full_name!r}", self._warnings)
-        self._frames.add(full_name, Frame(X, _resolve(scope, relative_to) if relative_to else child, child))
+        self._frames.add(full_name, Frame(X, scope.frame(relative_to) if relative_to else child, child))
         self._joints[full_name] = (joint, scope)
 
     def _add_frame(self, frame: Element, scope: _Scope) -> None:
         X, relative_to = read_pose(frame, f"frame {attribute(frame, 'name')!r}", self._warnings)
         attached = attribute(frame, "attached_to")
-        attached_to = _resolve(scope, attached)
-        base = _resolve(scope, relative_to) if relative_to else attached_to
-        self._frames.add(scoped(scope.name, attribute(frame, "name")), Frame(X, base, attached_to))
+        attached_to = scope.frame(attached)
+        base = scope.frame(relative_to) if relative_to else attached_to
+        self._frames.add(scope.full_name(attribute(frame, "name")), Frame(X, base, attached_to))
 
     def _link(self, name: str, element: Element, scope: _Scope) -> Link:
         def X_link(frame: str) -> NDArray[np.float64]:
             X_world_link = self._frames.X_world(name)
-            return np.linalg.inv(X_world_link) @ self._frames.X_world(_resolve(scope, frame))
+            return np.linalg.inv(X_world_link) @ self._frames.X_world(scope.frame(frame))
 
         geometries = read_geometries(element, name, self._use, X_link, self._scripts, self._warnings)
         return Link(name, tuple(_in_folder(geometry, scope.folder) for geometry in geometries))
@@ -247,7 +255,7 @@ class _SdfReader:
         """Return a joint's parent (a link or ``world``) and child; None, with a warning, if one does not exist."""
         ends = []
         for tag in ("parent", "child"):
-            frame = _resolve(scope, (element.findtext(tag) or "-").strip())
+            frame = scope.frame((element.findtext(tag) or "-").strip())
             link = self._frames.link_of(frame) if frame in self._frames else ""
             if not link or (tag == "child" and link == WORLD):
                 hint = name_hint(frame, self._links)
@@ -267,7 +275,7 @@ class _SdfReader:
         if kind is not None:
             mimic = axis.find("mimic") if axis is not None else None
             rule = read_mimic(None if mimic is None else children_as_attributes(mimic), where, self._warnings)
-            rule = None if rule is None else replace(rule, joint=scoped(scope.name, rule.joint))
+            rule = None if rule is None else replace(rule, joint=scope.full_name(rule.joint))
             motion = Joint(name, kind, NEUTRAL[kind], self._limits_of(axis, where), rule)
         return LinkJoint(
             name,
@@ -287,7 +295,7 @@ class _SdfReader:
         frame = attribute(axis.find("xyz"), "expressed_in")
         in_model = (axis.findtext("use_parent_model_frame") or "").strip() in ("true", "1")
         if frame or in_model or scope.version < _JOINT_FRAME_VERSION:
-            X_world_frame = self._frames.X_world(_resolve(scope, frame))
+            X_world_frame = self._frames.X_world(scope.frame(frame))
             direction = X_world_joint[:3, :3].T @ X_world_frame[:3, :3] @ direction
         return direction
 
@@ -302,11 +310,6 @@ class _SdfReader:
             infinite = text.lstrip("+-") in ("inf", "infinity")
             values.append(default if infinite else numbers(texts, name, (default,), where, self._warnings)[0])
         return (values[0], values[1]) if max(map(abs, values)) < 1e16 else None
-
-
-def _resolve(scope: _Scope, name: str) -> str:
-    """Return the full name of the frame that a pose is relative to."""
-    return scope.base if name in ("", "__model__") else scoped(scope.name, name)
 
 
 def _in_folder(geometry: LinkGeometry, folder: Path) -> LinkGeometry:

@@ -12,8 +12,6 @@ from scenegate.robots.xml_text import Element, attribute, finite_numbers, pose_o
 from scenegate.transforms import IDENTITY, from_pose
 
 WORLD: Final = "world"
-SEPARATOR: Final = "::"
-"""Separator between the name of a model and a name in it."""
 _MAX_DEPTH: Final = 100
 """Maximum length of a chain of frames that are relative to each other."""
 
@@ -86,16 +84,6 @@ class Frames:
         self._in_progress.remove(key)
         self._poses[key] = X
         return X
-
-
-def scoped(scope: str, name: str) -> str:
-    """Return the full name of something in a model.
-
-    Args:
-        scope: Full name of the model; ``world`` for a document's own names.
-        name: Name in the model, or ``world``.
-    """
-    return name if WORLD in (scope, name) else f"{scope}{SEPARATOR}{name}"
 
 
 def read_pose(element: Element, where: str, warnings: list[str]) -> tuple[NDArray[np.float64], str]:

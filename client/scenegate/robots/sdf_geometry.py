@@ -14,8 +14,7 @@ from scenegate.robots.link_model import Cone, LinkGeometry, LinkMaterial, LinkSh
 from scenegate.robots.material_scripts import MaterialScripts
 from scenegate.robots.robot import GeometryUse
 from scenegate.robots.sdf_frames import read_pose
-from scenegate.robots.urdf_geometry import read_color
-from scenegate.robots.urdf_shapes import read_shape, sizes
+from scenegate.robots.shared_elements import read_color, read_shape, sizes
 from scenegate.robots.xml_text import Element, InvalidAttributeError, children_as_attributes, named_elements, numbers
 from scenegate.transforms import IDENTITY
 
@@ -86,20 +85,16 @@ def _shape(geometry: Element | None, where: str, warnings: list[str]) -> tuple[L
         radius, length = sizes(children_as_attributes(cone), where, warnings, "radius", "length")
         return Cone(radius, length), IDENTITY
     as_urdf = Element("geometry")
-    as_urdf.extend(_with_filename(children_as_attributes(shape)) for shape in geometry)
+    for shape in map(children_as_attributes, geometry):
+        if "uri" in shape.attrib:
+            shape.set("filename", shape.attrib["uri"])
+        as_urdf.append(shape)
     read = read_shape(as_urdf, where, warnings)
     submesh = geometry.find("mesh/submesh")
     if submesh is not None and isinstance(read, MeshReference):
         center = (submesh.findtext("center") or "").strip() in ("true", "1")
         read = replace(read, submesh=(submesh.findtext("name") or "").strip(), center=center)
     return read, IDENTITY
-
-
-def _with_filename(shape: Element) -> Element:
-    """Copy a mesh's ``uri`` to the attribute ``filename``, as in URDF, and return the element."""
-    if "uri" in shape.attrib:
-        shape.set("filename", shape.attrib["uri"])
-    return shape
 
 
 def _plane(plane: Element, where: str, warnings: list[str]) -> tuple[Box, NDArray[np.float64]]:

@@ -35,23 +35,22 @@ def parse_xml(data: bytes, max_elements: int, warnings: list[str]) -> Element:
     """
     if not data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         data = data.strip(b" \t\r\n\0")
-    try:
-        return _parse(data, max_elements)
-    except (expat.ExpatError, LookupError) as error:  # LookupError: an unknown encoding
-        reason = str(error)
-    # First only without comments, then in another encoding, too. The error is that of the file as it is.
     without_comments = _remove_comments(data).lstrip()
     forbidden = "comments before its declaration, with -- inside or in another encoding, which XML forbids, are ignored"
     attempts = (
+        (data, None, ""),
         (without_comments, None, forbidden),
         (without_comments, "iso-8859-1", "it is not in the encoding that it names; it is read as Latin-1"),
     )
+    reason = ""
     for text, encoding, warning in attempts:
         try:
             root = _parse(text, max_elements, encoding)
-        except (expat.ExpatError, LookupError):
+        except (expat.ExpatError, LookupError) as error:  # LookupError: an unknown encoding
+            reason = reason or str(error)
             continue
-        warnings.append(warning)
+        if warning:
+            warnings.append(warning)
         return root
     raise RobotFileError(f"it is not XML: {reason}")
 

@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gateway.gltf.export.glb_document import (
     INDEX_TARGET,
@@ -24,8 +26,6 @@ from gateway.gltf.export.glb_document import (
     is_writable,
 )
 from gateway.gltf.export.material_writer import MaterialWriter
-from gateway.gltf.export.motion import AnimatedNode, Motion
-from gateway.scene.live import Snapshot
 from gateway.scene.materials import faded
 from gateway.scene.meshing import meshes_of
 from gateway.scene.names import json_element
@@ -52,54 +52,40 @@ def export_glb(root: Node, *, camera: Camera | None = None, max_bytes: int = MAX
     Raises:
         FileTooLargeError: The file would be larger than ``max_bytes``.
     """
-    return _Writer(max_bytes).write(root, camera)
+    return GlbWriter(max_bytes).write(root, camera)
 
 
-class MotionWriter:
-    """Writes states of a scene as a ``.glb`` file with one animation: a ``SectionWriter``.
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """Values of a node's property over time."""
 
-    The nodes are stored as they are when they are first shown. ``asset.extras.warnings`` has sentences about changes
-    that the file does not have.
-    """
-
-    def __init__(self, max_bytes: int = MAX_BYTES) -> None:
-        """
-        Args:
-            max_bytes: Maximum size of the file's binary part.
-        """
-        self._max_bytes = max_bytes
-        self._motion = Motion(max_bytes)
-        self._start: int | None = None
-
-    def add(self, time: int, snapshot: Snapshot) -> None:
-        """Append a state. The animation begins at the time of the first one, nanoseconds since the epoch.
-
-        Raises:
-            FileTooLargeError: The file would be larger than ``max_bytes``.
-        """
-        self._start = time if self._start is None else self._start
-        self._motion.add((time - self._start) / 1e9, snapshot.root)
-
-    def finish(self, end: int) -> bytes:
-        """Return the file. It needs at least one state.
-
-        Raises:
-            FileTooLargeError: The file would be larger than ``max_bytes``.
-            ImageError: A texture cannot be decoded.
-        """
-        root, animated, warnings = self._motion.finish()
-        return _Writer(self._max_bytes, warnings).write(root, None, animated)
+    path: str
+    """``translation``, ``rotation`` or ``scale``."""
+    times: NDArray[np.float32]
+    """(N,) seconds, ascending."""
+    values: NDArray[np.float32]
+    """(N, 3) or, for quaternions x, y, z, w, (N, 4)."""
+    is_step: bool
+    """True: a value holds until the next one. False: values between two are interpolated."""
 
 
-class _Writer:
+@dataclass(frozen=True, slots=True)
+class AnimatedNode:
+    """A node that moves."""
+
+    node: Node
+    first: dict[str, list[float]]
+    """Translation, rotation and scale when it is first shown."""
+    channels: tuple[Channel, ...]
+
+
+class GlbWriter:
     """Writes one file."""
 
     def __init__(self, max_bytes: int, warnings: Sequence[str] = ()) -> None:
         self._document = GltfDocument(GENERATOR, max_bytes)
         self._document.warnings = list(warnings)
         self._materials = MaterialWriter(self._document)
-        self._primitives: list[dict[str, Any]] = []
-        """JSON of the primitives, one for each ``Mesh``, without materials."""
         self._json_nodes: dict[int, tuple[int, dict[str, Any]]] = {}
         """Index and JSON of the nodes by ``id``."""
 
@@ -188,15 +174,14 @@ class _Writer:
 
     def _mesh(self, mesh: Mesh, material: Material) -> int | None:
         """Return the index of a glTF mesh with one primitive; None if it draws nothing or is not finite."""
-        primitive = self._document.get_or_add_by_identity("primitive", mesh, lambda: self._primitive(mesh))
+        primitive = self._document.get_or_add("primitive", mesh, lambda: self._primitive(mesh))
         if primitive is None:
             return None
-        with_material = {**self._primitives[primitive], "material": self._materials.material(material)}
-        mesh_json = {"primitives": [with_material]}
-        return self._document.get_or_add("mesh", (primitive, material), lambda: self._document.add("meshes", mesh_json))
+        mesh_json = {"primitives": [{**primitive, "material": self._materials.material(material)}]}
+        return self._document.get_or_add("mesh", (mesh, material), lambda: self._document.add("meshes", mesh_json))
 
-    def _primitive(self, mesh: Mesh) -> int | None:
-        """Write a mesh's arrays and return its index in ``_primitives``; None and arguments as for ``_mesh``."""
+    def _primitive(self, mesh: Mesh) -> dict[str, Any] | None:
+        """Write a mesh's arrays, and return the JSON of its primitive without material; None as for ``_mesh``."""
         if not mesh.elements.size or not np.isfinite(mesh.positions).all():
             return None
         attributes = {"POSITION": self._document.add_accessor(mesh.positions, VERTEX_TARGET, bounds=True)}
@@ -211,11 +196,8 @@ class _Writer:
                 attributes[name] = self._document.add_accessor(array, VERTEX_TARGET)
         fits_uint16 = len(mesh.positions) < 0xFFFF  # 0xFFFF itself is the primitive restart value
         indices = mesh.elements.ravel().astype(np.uint16 if fits_uint16 else np.uint32)
-        self._primitives.append(
-            {
-                "attributes": attributes,
-                "indices": self._document.add_accessor(indices[:, None], INDEX_TARGET),
-                "mode": _MODES[mesh.topology],
-            }
-        )
-        return len(self._primitives) - 1
+        return {
+            "attributes": attributes,
+            "indices": self._document.add_accessor(indices[:, None], INDEX_TARGET),
+            "mode": _MODES[mesh.topology],
+        }

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.gltf.accessors import COMPONENT_COUNTS, COMPONENT_TYPES
 from gateway.scene.sampling import FileTooLargeError
 from gateway.scene.transforms import Matrix
 
@@ -18,13 +19,11 @@ MAX_BYTES: Final = 1 << 30
 VERTEX_TARGET: Final = 34962
 INDEX_TARGET: Final = 34963
 """Targets of buffer views: ARRAY_BUFFER and ELEMENT_ARRAY_BUFFER."""
-_FLOAT: Final = 5126
-_UINT16: Final = 5123
-_UINT32: Final = 5125
-"""Values of ``componentType``."""
-T = TypeVar("T", bound=int | None)
-_ACCESSOR_TYPES: Final = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+_COMPONENT_TYPES: Final = {dtype: code for code, dtype in COMPONENT_TYPES.items()}
+"""``componentType`` by data type."""
+_ACCESSOR_TYPES: Final = {count: name for name, count in COMPONENT_COUNTS.items()}
 """``type`` by number of components."""
+T = TypeVar("T")
 
 
 class GltfDocument:
@@ -40,10 +39,8 @@ class GltfDocument:
         self._buffer_pieces: list[bytes] = []
         self._nbytes = 0
         self._arrays: dict[str, list[Any]] = {}
-        self._indices: dict[tuple[str, object], Any] = {}
+        self._added: dict[tuple[str, Hashable], Any] = {}
         """Results of ``get_or_add``, by kind and key."""
-        self._kept_alive: list[object] = []
-        """Objects whose ids are keys. They are kept alive because a new object could get the id of a deleted one."""
         self.warnings: list[str] = []
         """Sentences about what the file does not have, for ``asset.extras``."""
         self.extensions: set[str] = set()
@@ -55,18 +52,12 @@ class GltfDocument:
         array.append(item)
         return len(array) - 1
 
-    def get_or_add_by_identity(self, kind: str, source: object, add: Callable[[], T]) -> T:
-        """Return the index for a kind and an object; call ``add`` for it if the object is new for that kind."""
-        if (kind, id(source)) not in self._indices:
-            self._kept_alive.append(source)
-        return self.get_or_add(kind, id(source), add)
-
-    def get_or_add(self, kind: str, key: object, add: Callable[[], T]) -> T:
-        """Return the index for a kind and a key; call ``add`` for it if no equal key was used with that kind."""
-        if (kind, key) not in self._indices:
-            self._indices[kind, key] = add()
-        index: T = self._indices[kind, key]
-        return index
+    def get_or_add(self, kind: str, key: Hashable, add: Callable[[], T]) -> T:
+        """Return what ``add`` returns for a kind and a key, such as an index; it is called once."""
+        if (kind, key) not in self._added:
+            self._added[kind, key] = add()
+        added: T = self._added[kind, key]
+        return added
 
     def add_accessor(self, array: NDArray[Any], target: int | None, *, bounds: bool = False) -> int:
         """Add an accessor with a buffer view, and return its index.
@@ -76,10 +67,9 @@ class GltfDocument:
             target: ``VERTEX_TARGET`` or ``INDEX_TARGET``; None for keys of animations.
             bounds: True to write ``min`` and ``max``, as positions and times require.
         """
-        component_type = {"f": _FLOAT, "u": _UINT16 if array.dtype.itemsize == 2 else _UINT32}[array.dtype.kind]
         item: dict[str, Any] = {
             "bufferView": self.add_buffer_view(np.ascontiguousarray(array).tobytes(), target),
-            "componentType": component_type,
+            "componentType": _COMPONENT_TYPES[array.dtype],
             "count": len(array),
             "type": _ACCESSOR_TYPES[array.shape[1]],
         }

@@ -64,7 +64,7 @@ class MaterialWriter:
         """
         if texture is None:
             return
-        image = self._document.get_or_add_by_identity("image", texture.image, lambda: self._image(texture))
+        image = self._document.get_or_add("image", texture.image, lambda: self._image(texture))
         if image is None:
             return
         index = self._document.get_or_add(

@@ -12,7 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.gltf.export.exporter import AnimatedNode, Channel, GlbWriter
 from gateway.gltf.export.glb_document import MAX_BYTES, is_writable
+from gateway.scene.live import Snapshot
 from gateway.scene.sampling import FileTooLargeError
 from gateway.scene.transforms import IDENTITY, Matrix, quaternions_of
 from gateway.scene.tree import Node, Path, changes
@@ -45,56 +47,38 @@ class Track:
         return next(reversed(self.states.values()))[0] if self.states else IDENTITY
 
 
-@dataclass(frozen=True, slots=True)
-class Channel:
-    """Values of a node's property over time."""
+class MotionWriter:
+    """Writes states of a scene as a ``.glb`` file with one animation: a ``SectionWriter``.
 
-    path: str
-    """``translation``, ``rotation`` or ``scale``."""
-    times: NDArray[np.float32]
-    """(N,) seconds, ascending."""
-    values: NDArray[np.float32]
-    """(N, 3) or, for quaternions x, y, z, w, (N, 4)."""
-    is_step: bool
-    """True: a value holds until the next one. False: values between two are interpolated."""
-
-
-@dataclass(frozen=True, slots=True)
-class AnimatedNode:
-    """A node that moves."""
-
-    node: Node
-    first: dict[str, list[float]]
-    """Translation, rotation and scale when it is first shown."""
-    channels: tuple[Channel, ...]
-
-
-class Motion:
-    """Collects the states of a scene."""
+    The nodes are stored as they are when they are first shown. ``asset.extras.warnings`` has sentences about changes
+    that the file does not have.
+    """
 
     def __init__(self, max_bytes: int = MAX_BYTES) -> None:
         """
         Args:
-            max_bytes: Maximum size of the keys of all nodes.
+            max_bytes: Maximum size of the file's binary part, and of the keys of all nodes.
         """
         self._max_bytes = max_bytes
+        self._start: int | None = None
         self._key_count = 0
         self._last: Node | None = None
         self._tracks: dict[Path, Track] = {}
         """Tracks of all nodes that there were, parents before children."""
-        self.times: list[float] = []
+        self._times: list[float] = []
         """Times of the samples, seconds since the first one."""
         self._left_out: dict[str, dict[Path, None]] = {kind: {} for kind in _LEFT_OUT}
         """Paths of nodes with changes that the file does not have."""
 
-    def add(self, seconds: float, root: Node) -> None:
-        """Append the state of the scene at a time.
+    def add(self, time: int, snapshot: Snapshot) -> None:
+        """Append a state. The animation begins at the time of the first one, nanoseconds since the epoch.
 
         Raises:
-            FileTooLargeError: There are too many keys.
+            FileTooLargeError: The file would be larger than ``max_bytes``.
         """
-        sample = len(self.times)
-        self.times.append(seconds)
+        root, sample = snapshot.root, len(self._times)
+        self._start = time if self._start is None else self._start
+        self._times.append((time - self._start) / 1e9)
         if self._last is None:
             self._last = Node()
             self._set(sample, (), root)
@@ -144,16 +128,18 @@ class Motion:
         elif kind == "opacity" or node.parts is not first.parts:
             self._left_out[kind].setdefault(path)
 
-    def finish(self) -> tuple[Node, list[AnimatedNode], list[str]]:
-        """Return a tree with all nodes that were ever shown, those that move, and warnings.
+    def finish(self, end: int) -> bytes:
+        """Return the file. It needs at least one state.
 
-        There is a warning for each kind of change that the file does not have.
+        Raises:
+            FileTooLargeError: The file would be larger than ``max_bytes``.
+            ImageError: A texture cannot be decoded.
         """
         animated: list[AnimatedNode] = []
         for path, track in self._tracks.items():
             track.node.visible = any(shown for _, shown in track.states.values())
             is_moving = len(track.states) > 1
-            first, channels, has_shear = animate(track, self.times) if is_moving else ({}, (), False)
+            first, channels, has_shear = _animate(track, self._times) if is_moving else ({}, (), False)
             if not channels:
                 track.node.set_matrix(next(iter(track.states.values()))[0])
                 continue
@@ -165,10 +151,10 @@ class Motion:
             for kind, paths in self._left_out.items()
             if paths
         ]
-        return self._tracks[()].node, animated, warnings
+        return GlbWriter(self._max_bytes, warnings).write(self._tracks[()].node, None, animated)
 
 
-def animate(track: Track, times: list[float]) -> tuple[dict[str, list[float]], tuple[Channel, ...], bool]:
+def _animate(track: Track, times: list[float]) -> tuple[dict[str, list[float]], tuple[Channel, ...], bool]:
     """Return what a node has when it is first shown, its channels, and True if a shear is left out.
 
     Viewers interpolate between keys. Where values stay the same for several samples and change then, the last of these
@@ -182,7 +168,7 @@ def animate(track: Track, times: list[float]) -> tuple[dict[str, list[float]], t
             states.append(states[-1])
         samples.append(sample)
         states.append(state)
-    translation, rotation, scale, has_shear = decompose(np.array([matrix for matrix, _ in states]))
+    translation, rotation, scale, has_shear = _decompose(np.array([matrix for matrix, _ in states]))
     shown = np.array([is_shown for _, is_shown in states])
     properties = {"translation": translation, "rotation": rotation, "scale": scale}
     first_shown = np.argmax(shown)
@@ -199,7 +185,7 @@ def animate(track: Track, times: list[float]) -> tuple[dict[str, list[float]], t
     return first, tuple(channels), has_shear
 
 
-def decompose(
+def _decompose(
     matrices: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], bool]:
     """Decompose transforms into translations, rotations and scales.

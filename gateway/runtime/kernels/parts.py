@@ -63,7 +63,6 @@ _SETUP: Final = ("renderers.raster.setup",)
 _COVERAGE: Final = ("renderers.raster.coverage",)
 _FORMATS: Final = (
     "gateway.gltf.meshopt_kernels",
-    "gateway.gltf.skinning",
     "gateway.scene.crease_normals",
     "gateway.treeviewer.json_kernels",
     "gateway.treeviewer.msgpack_kernels",
