@@ -113,16 +113,16 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     process_tuning.tune()
     SHARED.max_bytes = context.settings.cache_bytes
     context.registry.expect(KERNELS, *enabled_interfaces(context.settings))
-    metrics.watch(context.metrics, metrics.REGISTRY, context.registry)
-    metrics.watch(context.metrics, metrics.WORKERS, context.workers)
-    metrics.watch(context.metrics, metrics.CACHES, SHARED)
-    metrics.watch(context.metrics, metrics.TREE, context.tree)
+    metrics.watch_registry(context.metrics, context.registry)
+    metrics.watch_workers(context.metrics, context.workers)
+    metrics.watch_caches(context.metrics, SHARED)
+    metrics.watch_tree(context.metrics, context.tree)
     context.security.log_exposure()
     if context.state is None:
         context.state = await asyncio.to_thread(open_state, context.settings)
     context.start_history()
     if context.history is not None:
-        metrics.watch(context.metrics, metrics.HISTORY, context.history)
+        metrics.watch_history(context.metrics, context.history)
     context.startup = asyncio.create_task(start(context), name="start")
     idle = asyncio.create_task(context.return_memory_when_idle(), name="memory")
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from prometheus_client import CollectorRegistry, generate_latest
+from prometheus_client import generate_latest
 from prometheus_client.metrics_core import Metric
 from prometheus_client.parser import text_string_to_metric_families
 from prometheus_client.registry import Collector
@@ -34,9 +34,7 @@ def sum_expositions(running_texts: Iterable[str], ended_texts: Iterable[str] = (
         total.add(text, (*_CUMULATIVE, "gauge"))
     for text in ended_texts:
         total.add(text, _CUMULATIVE)
-    registry = CollectorRegistry()
-    registry.register(total)
-    return generate_latest(registry)
+    return generate_latest(total)
 
 
 class _SumCollector(Collector):
@@ -64,7 +62,6 @@ class _SumCollector(Collector):
                     values[key] += sample.value
 
     def collect(self) -> Iterator[Metric]:
-        """Return the sums."""
         for name, family in self._families.items():
             summed = Metric(name, family.documentation, family.type)
             for (sample_name, labels), value in self._values[name].items():

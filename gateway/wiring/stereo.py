@@ -64,7 +64,7 @@ async def setup(context: Context) -> None:
         _start_camera(context, number, replace(config, tokens=context.security.grpc), mount, scene, projectors)
         for number, (config, mount) in enumerate(zip(configs, mounts, strict=True))
     ]
-    metrics.watch(context.metrics, metrics.STEREO, services)
+    metrics.watch_stereo(context.metrics, services)
     apps = [context.app]
     if settings.rest_port is not None:
         rest = FastAPI(openapi_url=None, telemetry=NO_TELEMETRY)
