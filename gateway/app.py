@@ -28,10 +28,9 @@ from gateway.runtime.service_registry import ServiceRegistry
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from gateway.server import error_handlers, health, openapi
-from gateway.server.docs_page import docs_page
-from gateway.server.index_page import index_page
 from gateway.server.interface_names import NAMES, documentation_of, documentation_url
 from gateway.server.middleware import EarlyResponse, HeadAsGet, RequestContext
+from gateway.server.pages import docs_page, index_page
 from gateway.server.path_prefix import PathPrefix
 from gateway.server.security import Security
 from gateway.server.start_gate import StartGate
@@ -160,7 +159,7 @@ def _add_routes(context: Context) -> None:
         if documentation_url():
             links[documentation_url()] = "documentation"
         names = {name: (entry.title, documentation_of(name)) for name, entry in NAMES.items()}
-        return HTMLResponse(index_page(__version__, links, names))
+        return index_page(__version__, links, names)
 
     @app.get("/docs", include_in_schema=False)
     async def http_interface() -> HTMLResponse:
