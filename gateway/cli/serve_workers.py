@@ -20,7 +20,6 @@ import structlog
 
 from gateway.runtime import logs, process_tuning
 from gateway.runtime.file_lock import Lock, try_lock
-from gateway.runtime.supervised_process import Heartbeat
 from gateway.runtime.supervisor import START_FAILED, Supervisor
 from gateway.runtime.worker_reports import WorkerReports
 from gateway.settings import Settings, SettingsError
@@ -72,7 +71,6 @@ def run_worker(
     process_tuning.pause_gc()
     process_tuning.end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # until the server handles it; the supervisor sends SIGTERM
-    heartbeat = Heartbeat(connection)
     logs.configure(settings.log_format, settings.log_level, worker=os.getpid())
     from gateway.app import create_app
     from gateway.cli.serve_app import serve_app
@@ -83,7 +81,7 @@ def run_worker(
         structlog.get_logger("gateway").error(f"This process cannot start: {error}")
         time.sleep(RETRY_SECONDS)
         sys.exit(1)
-    app.state.context.heartbeat = heartbeat
+    app.state.context.supervisor = connection
     sys.exit(START_FAILED if serve_app(app, listener, tls) else 0)
 
 

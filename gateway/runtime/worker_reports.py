@@ -7,14 +7,14 @@ it has replaced. docs/decisions/0021-worker-processes.md has the reasons.
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
+
+import msgspec
 
 from gateway.runtime.metrics_sum import sum_expositions
 
@@ -24,8 +24,7 @@ SILENT_SECONDS: Final = 10.0
 """Age of a report above which its process is ``silent``: its event loop hangs, or the machine is overloaded."""
 
 
-@dataclass(frozen=True, slots=True)
-class WorkerReport:
+class WorkerReport(msgspec.Struct, frozen=True):
     """Status and metrics of one process."""
 
     pid: int
@@ -69,9 +68,11 @@ class WorkerReports:
         reports = list(self._read())
         self.is_replacement = len(reports) >= self.count
         for report in reports:
-            if report.state() == "ended" and self._take_over(report.pid):
-                self._replaced_metrics = sum_expositions((), (report.metrics, report.replaced_metrics)).decode()
-                break
+            if report.state() == "ended":
+                with contextlib.suppress(FileNotFoundError):  # another process has taken it over
+                    self._file(report.pid).rename(self._file(self._pid))
+                    self._replaced_metrics = sum_expositions((), (report.metrics, report.replaced_metrics)).decode()
+                    break
         with contextlib.suppress(OSError):  # with a full disk, the others still read the report taken over, or none
             self.write("starting", "")
 
@@ -86,7 +87,7 @@ class WorkerReports:
             status = "restarting"
         report = WorkerReport(self._pid, status, metrics, self._replaced_metrics, time.monotonic())
         temporary = self._file(self._pid).with_suffix(".new")
-        temporary.write_text(json.dumps(asdict(report)), "utf-8")
+        temporary.write_bytes(msgspec.json.encode(report))
         temporary.replace(self._file(self._pid))
 
     def describe(self, own: str) -> tuple[str, dict[str, Any]]:
@@ -122,15 +123,7 @@ class WorkerReports:
     def _read(self, skip: Path | None = None) -> Iterator[WorkerReport]:
         for path in sorted({*self._folder.glob("*.json")} - {skip}):
             with contextlib.suppress(FileNotFoundError):  # another process has just removed it
-                yield WorkerReport(**json.loads(path.read_text("utf-8")))
-
-    def _take_over(self, pid: int) -> bool:
-        """Rename the report of an ended process. Return False if another process has already taken it over."""
-        try:
-            self._file(pid).rename(self._file(self._pid))
-        except FileNotFoundError:
-            return False
-        return True
+                yield msgspec.json.decode(path.read_bytes(), type=WorkerReport)
 
     def _file(self, pid: int) -> Path:
         return self._folder / f"{pid}.json"

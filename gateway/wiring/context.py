@@ -30,9 +30,10 @@ from renderers.camera import Camera
 from renderers.interface import Renderer
 
 if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
     from gateway.assets.mesh_files import MeshFiles
     from gateway.runtime.render_record import RenderRecord
-    from gateway.runtime.supervised_process import Heartbeat
     from gateway.runtime.worker_reports import WorkerReports
     from gateway.scene.timeline import Timeline
     from gateway.state.service import PersistentState
@@ -81,8 +82,8 @@ class Context:
     """Reports of all processes, if there are several (``--workers``)."""
     log: LogService | None = None
     """Log that is shown in place of the live tree."""
-    heartbeat: Heartbeat | None = None
-    """Connection to their supervisor."""
+    supervisor: Connection | None = None
+    """Connection to their supervisor, for heartbeats."""
 
     stereo_camera: Callable[[Snapshot], Camera | None] = lambda snapshot: None
     """Returns the left stereo camera in a snapshot of the live tree, if any."""

@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Final
 
+from gateway.runtime.supervisor import send_heartbeats
 from gateway.runtime.worker_reports import INTERVAL_SECONDS
 from gateway.wiring.context import Context
 
@@ -39,9 +40,9 @@ async def write_worker_reports(context: Context) -> AsyncIterator[None]:
     with contextlib.suppress(OSError):
         await asyncio.to_thread(reports.register)
     tasks = [asyncio.create_task(write_repeatedly(), name="reports")]
-    if context.heartbeat is not None:
-        beat = context.heartbeat.beat(lambda: context.readiness() in ("ready", "degraded", "busy"))
-        tasks.append(asyncio.create_task(beat, name="heartbeat"))
+    if context.supervisor is not None:
+        beats = send_heartbeats(context.supervisor, lambda: context.readiness() in ("ready", "degraded", "busy"))
+        tasks.append(asyncio.create_task(beats, name="heartbeat"))
     while reports.is_replacement and not context.started.is_set() and not context.app.state.closing():  # noqa: ASYNC110
         await asyncio.sleep(_POLL_SECONDS)  # uvicorn tells nobody of a signal before the block has started
     try:
