@@ -129,7 +129,6 @@ def _shown_as_bar(progress: KernelProgress) -> Iterator[None]:
             return True
 
         progress.on_change = show
-        show()
         for handler in handlers:
             handler.addFilter(write_log_lines_above)
         try:
