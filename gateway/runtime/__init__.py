@@ -5,6 +5,6 @@
 - ``kernels``: compiled kernels.
 - ``service_registry``: states of the interfaces. ``supervisor``, ``worker_reports``: several processes (``--workers``).
 - ``metrics_registry``, ``render_record``, ``logs``, ``recent_logs``: what the process reports.
-- ``limited_process``, ``regular_files``: files from strangers.
+- ``limited_process``: parsers of files from strangers.
 - ``diagnostics``, ``instance_probe``: ``scenegate doctor``.
 """

@@ -186,13 +186,13 @@ class _Helper:
                 socket.send_fds(self._socket, [request.encode()], descriptors)
                 response = self._socket.recv(4096).decode("utf-8", "replace")
             except OSError as error:  # TimeoutError, too
-                response = f"the helper process does not respond: {error.strerror or error}"
+                self.close()
+                raise ProcessFailed(f"the helper process does not respond: {error.strerror or error}") from None
             if response.isdigit():
                 return int(response)
-            if not response or response.startswith("the helper"):
+            if not response:
                 self.close()
-                response = response or "the helper process has ended"
-            raise ProcessFailed(response)
+            raise ProcessFailed(response or "the helper process has ended")
 
 
 _lock = threading.Lock()

@@ -138,14 +138,8 @@ def _shown_as_bar(progress: KernelProgress) -> Iterator[None]:
                 handler.removeFilter(write_log_lines_above)
 
 
-@contextmanager
-def show_progress_on_stderr(progress: KernelProgress) -> Iterator[None]:
-    """Show progress while the block runs, for commands: a bar on a terminal, else lines on stderr."""
-
-    def write(event: str, *, seconds: float, percent: int | None = None, seconds_left: int | None = None) -> None:
-        position = "" if percent is None else f", {percent} %"
-        left = "" if seconds_left is None else f", about {seconds_left} s left"
-        sys.stderr.write(f"{event}{position}, {seconds:.0f} s{left}\n")
-
-    with show_progress(progress, write):
-        yield
+def write_progress(event: str, *, seconds: float, percent: int | None = None, seconds_left: int | None = None) -> None:
+    """Write a line to stderr: the ``log`` of ``show_progress`` for commands."""
+    position = "" if percent is None else f", {percent} %"
+    left = "" if seconds_left is None else f", about {seconds_left} s left"
+    sys.stderr.write(f"{event}{position}, {seconds:.0f} s{left}\n")

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from gateway.runtime.kernels.progress import KernelProgress, show_progress, show_progress_on_stderr
+from gateway.runtime.kernels.progress import KernelProgress, show_progress, write_progress
 
 
 class Terminal(io.StringIO):
@@ -62,7 +62,7 @@ def test_a_line_for_each_fifth_without_a_terminal(monkeypatch: pytest.MonkeyPatc
 
 def test_commands_write_lines_to_stderr(capsys: pytest.CaptureFixture[str]) -> None:
     progress = KernelProgress({"shading": 2})
-    with show_progress_on_stderr(progress):
+    with show_progress(progress, write_progress):
         progress.add("shading", complete=False)
     assert capsys.readouterr().err.startswith("Compiling the rendering kernels, 40 %, ")
 
