@@ -158,19 +158,15 @@ class Context:
 
     async def return_memory_when_idle(self) -> None:
         """Return the memory of earlier frames and scenes to the system after a while without work; never ends."""
-        before = at_last_return = (0, 0)
+        work = at_last_return = (0, 0)  # calls in the worker threads, and revision of the live tree
         while True:
             await asyncio.sleep(IDLE_SECONDS)
-            is_idle = self.workers.calls + self.camera_workers.calls == 0 and self._work_done == before
-            if is_idle and before != at_last_return:
-                at_last_return = before
+            before = work
+            work = self.workers.stats.done + self.camera_workers.stats.done, self.tree.snapshot.revision
+            is_idle = self.workers.calls + self.camera_workers.calls == 0 and work == before
+            if is_idle and work != at_last_return:
+                at_last_return = work
                 await asyncio.to_thread(process_tuning.return_memory)
-            before = self._work_done
-
-    @property
-    def _work_done(self) -> tuple[int, int]:
-        """Number of calls in the worker threads, and revision of the live tree."""
-        return self.workers.stats.done + self.camera_workers.stats.done, self.tree.snapshot.revision
 
     def readiness(self) -> str:
         """Return the status for ``/readyz``: that of the registry, ``starting`` while requests wait, or ``busy``."""
