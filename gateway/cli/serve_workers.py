@@ -32,13 +32,12 @@ _OLD_SECONDS: Final = 60.0
 """Age of a folder that may be removed. Processes write their reports twice a second."""
 
 
-def serve_workers(settings: Settings, listener: socket.socket, tls: tuple[Path, Path] | None) -> int:
+def serve_workers(settings: Settings, listener: socket.socket) -> int:
     """Serve until a signal, and return the exit code. The supervisor replaces processes that end or hang.
 
     Args:
         settings: settings of each process.
         listener: listening socket, from which all processes accept connections.
-        tls: PEM files of certificate and key; None: plain HTTP.
     """
     log = structlog.get_logger("gateway")
     process_tuning.freeze_gc()
@@ -49,7 +48,7 @@ def serve_workers(settings: Settings, listener: socket.socket, tls: tuple[Path, 
             log.error(f"--workers needs a temporary folder, which TMPDIR names: {error.strerror}.")
             return 1
         supervisor = Supervisor(
-            partial(run_worker, settings, folder, listener, tls),
+            partial(run_worker, settings, folder, listener),
             settings.processes,
             unresponsive_seconds=settings.unresponsive_seconds,
             stop_seconds=settings.shutdown_seconds,
@@ -59,9 +58,7 @@ def serve_workers(settings: Settings, listener: socket.socket, tls: tuple[Path, 
     return 0 if works else 1
 
 
-def run_worker(
-    settings: Settings, folder: Path, listener: socket.socket, tls: tuple[Path, Path] | None, connection: Connection
-) -> None:
+def run_worker(settings: Settings, folder: Path, listener: socket.socket, connection: Connection) -> None:
     """Serve in one process. Arguments as for ``serve_workers``.
 
     Args:
@@ -82,7 +79,7 @@ def run_worker(
         time.sleep(RETRY_SECONDS)
         sys.exit(1)
     app.state.context.supervisor = connection
-    sys.exit(START_FAILED if serve_app(app, listener, tls) else 0)
+    sys.exit(START_FAILED if serve_app(app, listener) else 0)
 
 
 @contextmanager
