@@ -28,10 +28,9 @@ from gateway.runtime.service_registry import ServiceRegistry
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
 from gateway.server import error_handlers, health, openapi
-from gateway.server.docs_page import docs_page
-from gateway.server.index_page import index_page
 from gateway.server.interface_names import NAMES, documentation_of, documentation_url
 from gateway.server.middleware import EarlyResponse, HeadAsGet, RequestContext
+from gateway.server.pages import docs_page, index_page
 from gateway.server.path_prefix import PathPrefix
 from gateway.server.security import Security
 from gateway.server.start_gate import StartGate
@@ -113,16 +112,16 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     process_tuning.tune()
     SHARED.max_bytes = context.settings.cache_bytes
     context.registry.expect(KERNELS, *enabled_interfaces(context.settings))
-    metrics.watch(context.metrics, metrics.REGISTRY, context.registry)
-    metrics.watch(context.metrics, metrics.WORKERS, context.workers)
-    metrics.watch(context.metrics, metrics.CACHES, SHARED)
-    metrics.watch(context.metrics, metrics.TREE, context.tree)
+    metrics.watch_registry(context.metrics, context.registry)
+    metrics.watch_workers(context.metrics, context.workers)
+    metrics.watch_caches(context.metrics, SHARED)
+    metrics.watch_tree(context.metrics, context.tree)
     context.security.log_exposure()
     if context.state is None:
         context.state = await asyncio.to_thread(open_state, context.settings)
     context.start_history()
     if context.history is not None:
-        metrics.watch(context.metrics, metrics.HISTORY, context.history)
+        metrics.watch_history(context.metrics, context.history)
     context.startup = asyncio.create_task(start(context), name="start")
     idle = asyncio.create_task(context.return_memory_when_idle(), name="memory")
     try:
@@ -160,7 +159,7 @@ def _add_routes(context: Context) -> None:
         if documentation_url():
             links[documentation_url()] = "documentation"
         names = {name: (entry.title, documentation_of(name)) for name, entry in NAMES.items()}
-        return HTMLResponse(index_page(__version__, links, names))
+        return index_page(__version__, links, names)
 
     @app.get("/docs", include_in_schema=False)
     async def http_interface() -> HTMLResponse:

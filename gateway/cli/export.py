@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import Annotated, Final
 
 import msgspec
 import typer
 
 from gateway.cli.log_files import MeshRoot, open_log_file, print_warnings
-
-if TYPE_CHECKING:
-    from gateway.scene.timeline import Timeline
 
 SUFFIXES: Final = (".html", ".glb")
 """Suffixes of the files that can be written."""
@@ -88,7 +85,11 @@ async def _export_log(
 
     writer = MotionWriter() if is_gltf else SceneFileWriter(LivePage())
     with open_log_file(log, mesh_root) as timeline, progress_bar("Exporting", "%", 1.0) as bar:
-        first, last = _section(timeline, log, start, duration)
+        begin, end = timeline.span
+        first = begin + int(start * 1e9)
+        if first > end:
+            raise ValueError(f"{log}: --start {start:g} is after its end, at {(end - begin) / 1e9:.1f} s")
+        last = end if duration is None else min(end, first + int(duration * 1e9))
         data = await write_section(
             writer, timeline, first, last, rate, asyncio.to_thread, lambda done: bar.update(done, round(100 * done))
         )
@@ -101,12 +102,3 @@ def _warnings(glb: bytes) -> list[str]:
     end = 20 + int.from_bytes(glb[12:16], "little")
     extras = msgspec.json.decode(glb[20:end]).get("asset", {}).get("extras", {})
     return [str(sentence) for sentence in extras.get("warnings", ())]
-
-
-def _section(timeline: Timeline, log: Path, start: float, duration: float | None) -> tuple[int, int]:
-    """Return the first and the last time of a section, nanoseconds since the epoch."""
-    begin, end = timeline.span
-    first = begin + int(start * 1e9)
-    if first > end:
-        raise ValueError(f"{log}: --start {start:g} is after its end, at {(end - begin) / 1e9:.1f} s")
-    return first, end if duration is None else min(end, first + int(duration * 1e9))

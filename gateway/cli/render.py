@@ -46,7 +46,10 @@ def run(options: RenderOptions) -> None:
     """Render one image or a dataset."""
     if options.samples not in SAMPLES:
         raise ValueError(f"--samples {options.samples} is not one of 0, 1, 4, 8")
-    is_image = _is_image(options.out)
+    suffix, is_folder = options.out.suffix.lower(), options.out.is_dir()
+    if suffix in UNSUPPORTED_SUFFIXES and not is_folder:
+        raise ValueError(f"{options.out}: images are written as {', '.join(IMAGE_SUFFIXES)}; or name a folder with -o")
+    is_image = suffix in IMAGE_SUFFIXES and not is_folder
     image_types = _parse_types(options.types)
     formats = _check_options(options, image_types, is_image=is_image)
     background = _parse_color(options.background)
@@ -101,19 +104,13 @@ def _render_dataset(
         raise typer.Exit(1)
 
 
-def _is_image(out: Path) -> bool:
-    """Return True if OUT is one image, not a dataset's folder; raise ValueError for unsupported image formats."""
-    if out.suffix.lower() in UNSUPPORTED_SUFFIXES and not out.is_dir():
-        raise ValueError(f"{out}: images are written as {', '.join(IMAGE_SUFFIXES)}; or name a folder with -o")
-    return out.suffix.lower() in IMAGE_SUFFIXES and not out.is_dir()
-
-
 def _check_options(options: RenderOptions, types: tuple[ImageType, ...], *, is_image: bool) -> tuple[ExportFormat, ...]:
     """Check options before kernels are compiled and scenes are read; return the formats to export the dataset to.
 
     Raises:
         ValueError: an option is invalid, or excluded by another.
     """
+    from scenegate.datasets.formats import FORMATS, check_destination, check_types
     from scenegate.robots.joint_text import parse_joints
 
     _check_stereo(types, options.baseline, options.stereo_profile)
@@ -122,7 +119,12 @@ def _check_options(options: RenderOptions, types: tuple[ImageType, ...], *, is_i
     names = options.format_names or []
     if names and is_image:
         raise ValueError(f"--format {names[0]} is for datasets: name a folder with -o")
-    formats = _checked_formats(names, types, options.out)
+    if unknown := {*names} - {*FORMATS}:
+        raise ValueError(f"--format {min(unknown)[:80]!r}: must be one of {', '.join(FORMATS)}")
+    formats = tuple(name for name in FORMATS if name in names)
+    for name in formats:
+        check_types(types, name)
+        check_destination(options.out / name, options.out, name, replace=True)
     if options.rig is not None and options.look not in ("auto", "studio"):
         typer.echo(f"--rig lights the studio look only: --look {options.look} is rendered without it", err=True)
     parse_joints(options.joint or ())
@@ -163,19 +165,6 @@ def _parse_types(text: str) -> tuple[ImageType, ...]:
     if not wanted or not wanted <= {*IMAGE_TYPES}:
         raise ValueError(f"--type {text[:80]!r}: must be some of {', '.join(IMAGE_TYPES)}, separated by commas")
     return tuple(name for name in IMAGE_TYPES if name in wanted)
-
-
-def _checked_formats(names: list[str], types: tuple[ImageType, ...], out: Path) -> tuple[ExportFormat, ...]:
-    """Return the formats of a dataset; raise ValueError if one cannot be written, now and not after the run."""
-    from scenegate.datasets.formats import FORMATS, check_destination, check_types
-
-    if unknown := {*names} - {*FORMATS}:
-        raise ValueError(f"--format {min(unknown)[:80]!r}: must be one of {', '.join(FORMATS)}")
-    formats = tuple(name for name in FORMATS if name in names)
-    for name in formats:
-        check_types(types, name)
-        check_destination(out / name, out, name, replace=True)
-    return formats
 
 
 def _check_stereo(types: tuple[ImageType, ...], baseline: float, profile: str) -> None:

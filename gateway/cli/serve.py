@@ -121,14 +121,14 @@ def run(settings: Settings) -> int:
     if settings.processes > 1:
         from gateway.cli.serve_workers import serve_workers
 
-        return serve_workers(settings, listener, tls)
+        return serve_workers(settings, listener)
     from gateway.app import create_app
     from gateway.cli.serve_app import serve_app
 
     log.info("The libraries are loaded", seconds=round(time.perf_counter() - first_line.BEGIN, 1))
     app = create_app(settings, state)
     app.state.context.page_url = f"{url}/view" if settings.is_enabled("view") else f"{url}/"
-    code = serve_app(app, listener, tls)
+    code = serve_app(app, listener)
     log.info("Scenegate has stopped")
     return code
 

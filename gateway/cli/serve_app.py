@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import structlog
@@ -23,12 +22,8 @@ NOT_STARTED: Final = 3
 """Exit code of a process that could not start, as uvicorn's own."""
 
 
-def serve_app(app: FastAPI, listener: socket.socket, tls: tuple[Path, Path] | None) -> int:
-    """Serve an application until a signal; return the exit code: 0, 1 after a fatal error, or 3 if it could not start.
-
-    Args:
-        tls: PEM files of certificate and key; None: plain HTTP.
-    """
+def serve_app(app: FastAPI, listener: socket.socket) -> int:
+    """Serve an application until a signal. Return 0, 1 after a fatal error, or 3 if it could not start."""
     context: Context = app.state.context
     seconds = context.settings.shutdown_seconds
 
@@ -37,7 +32,7 @@ def serve_app(app: FastAPI, listener: socket.socket, tls: tuple[Path, Path] | No
         log.info("Scenegate stops; requests that it has accepted may finish", seconds=seconds)
         context.begin_shutdown()
 
-    config = http_server.server_config(app, seconds, lifespan=True, tls=tls)
+    config = http_server.server_config(app, seconds, lifespan=True, tls=context.security.tls)
     server = http_server.MainServer(config, begin_shutdown)
     fatal = False
 

@@ -20,7 +20,6 @@ import structlog
 
 from gateway.runtime import logs, process_tuning
 from gateway.runtime.file_lock import Lock, try_lock
-from gateway.runtime.supervised_process import Heartbeat
 from gateway.runtime.supervisor import START_FAILED, Supervisor
 from gateway.runtime.worker_reports import WorkerReports
 from gateway.settings import Settings, SettingsError
@@ -33,13 +32,12 @@ _OLD_SECONDS: Final = 60.0
 """Age of a folder that may be removed. Processes write their reports twice a second."""
 
 
-def serve_workers(settings: Settings, listener: socket.socket, tls: tuple[Path, Path] | None) -> int:
+def serve_workers(settings: Settings, listener: socket.socket) -> int:
     """Serve until a signal, and return the exit code. The supervisor replaces processes that end or hang.
 
     Args:
         settings: settings of each process.
         listener: listening socket, from which all processes accept connections.
-        tls: PEM files of certificate and key; None: plain HTTP.
     """
     log = structlog.get_logger("gateway")
     process_tuning.freeze_gc()
@@ -50,7 +48,7 @@ def serve_workers(settings: Settings, listener: socket.socket, tls: tuple[Path, 
             log.error(f"--workers needs a temporary folder, which TMPDIR names: {error.strerror}.")
             return 1
         supervisor = Supervisor(
-            partial(run_worker, settings, folder, listener, tls),
+            partial(run_worker, settings, folder, listener),
             settings.processes,
             unresponsive_seconds=settings.unresponsive_seconds,
             stop_seconds=settings.shutdown_seconds,
@@ -60,9 +58,7 @@ def serve_workers(settings: Settings, listener: socket.socket, tls: tuple[Path, 
     return 0 if works else 1
 
 
-def run_worker(
-    settings: Settings, folder: Path, listener: socket.socket, tls: tuple[Path, Path] | None, connection: Connection
-) -> None:
+def run_worker(settings: Settings, folder: Path, listener: socket.socket, connection: Connection) -> None:
     """Serve in one process. Arguments as for ``serve_workers``.
 
     Args:
@@ -72,7 +68,6 @@ def run_worker(
     process_tuning.pause_gc()
     process_tuning.end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # until the server handles it; the supervisor sends SIGTERM
-    heartbeat = Heartbeat(connection)
     logs.configure(settings.log_format, settings.log_level, worker=os.getpid())
     from gateway.app import create_app
     from gateway.cli.serve_app import serve_app
@@ -83,8 +78,8 @@ def run_worker(
         structlog.get_logger("gateway").error(f"This process cannot start: {error}")
         time.sleep(RETRY_SECONDS)
         sys.exit(1)
-    app.state.context.heartbeat = heartbeat
-    sys.exit(START_FAILED if serve_app(app, listener, tls) else 0)
+    app.state.context.supervisor = connection
+    sys.exit(START_FAILED if serve_app(app, listener) else 0)
 
 
 @contextmanager

@@ -53,6 +53,6 @@ def view(
             typer.echo(f"{log} is at {url} until Ctrl+C.", err=True)
             if open_page:
                 typer.launch(url)
-            code = serve_app(app, listener, None)
+            code = serve_app(app, listener)
     print_warnings(log, timeline.incomplete.listed())
     raise typer.Exit(code)

@@ -13,21 +13,21 @@ class IncompleteMessages:
     """Counts messages that could not be shown completely; keeps the first reason of each channel."""
 
     def __init__(self) -> None:
-        self._reasons: dict[str, str] = {}
-        self._counts: dict[str, int] = {}
+        self._channels: dict[str, tuple[str, int]] = {}
+        """First reason, and number of these messages, by channel."""
         self.count = 0
         """Number of these messages."""
 
     def add(self, channel: str, reasons: Sequence[str]) -> None:
         """Count a message with the reasons why it is not shown completely."""
         self.count += 1
-        if channel in self._reasons or len(self._reasons) < MAX_CHANNELS:
-            self._counts[channel] = self._counts.get(channel, 0) + 1  # first: ``listed`` reads what both have
-            self._reasons.setdefault(channel, reasons[0])
+        reason, count = self._channels.get(channel, (reasons[0], 0))
+        if count or len(self._channels) < MAX_CHANNELS:
+            self._channels[channel] = reason, count + 1
 
     def listed(self) -> list[str]:
         """Return a sentence for each channel."""
         return [
-            f"{channel}: messages that are not shown completely: {self._counts[channel]}; the first one: {reason}"
-            for channel, reason in tuple(self._reasons.items())  # another thread adds to it
+            f"{channel}: messages that are not shown completely: {count}; the first one: {reason}"
+            for channel, (reason, count) in tuple(self._channels.items())  # another thread adds to it
         ]

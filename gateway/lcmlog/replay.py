@@ -68,8 +68,10 @@ class LogReplay(Closing):
         """
         state = state or ReplayState()
         self._files = files
-        self._clock = self._next_clock = state.clock
-        self._position = state.position
+        self.clock = self._next_clock = state.clock
+        """Time of the last event."""
+        self.position = state.position
+        """Offset of the next event in the file, or of the end of the log."""
         self._file = open_regular(path)
         try:
             self._begin(state)
@@ -92,16 +94,6 @@ class LogReplay(Closing):
         return self._live.snapshot
 
     @property
-    def clock(self) -> LogClock:
-        """Time of the last event."""
-        return self._clock
-
-    @property
-    def position(self) -> int:
-        """Offset of the next event in the file, or of the end of the log."""
-        return self._position
-
-    @property
     def next_time_ns(self) -> int | None:
         """Time of the next event, nanoseconds since the epoch; None at the end of the log."""
         return None if self.next_event is None else self._next_clock.time_ns
@@ -114,7 +106,7 @@ class LogReplay(Closing):
     @property
     def state(self) -> ReplayState:
         """The state after the last event."""
-        return ReplayState(self.snapshot, self._drake.state.copy(), self._clock, self._position)
+        return ReplayState(self.snapshot, self._drake.state.copy(), self.clock, self.position)
 
     def renew(self) -> ReplayState:
         """Go on as a replay does that begins with the current state, and return the state.
@@ -130,7 +122,7 @@ class LogReplay(Closing):
         event = self.next_event
         if event is None:
             return ()
-        self._clock = self._next_clock
+        self.clock = self._next_clock
         try:
             return self._apply(event) if is_shown(event.channel) else ()
         except (wire.WireError, MessageError, *UnavailableErrors) as error:
@@ -147,7 +139,7 @@ class LogReplay(Closing):
             self.step()
 
     def _begin(self, state: ReplayState) -> None:
-        self._live = LiveTree(lambda: self._clock.time_ns, state.snapshot)
+        self._live = LiveTree(lambda: self.clock.time_ns, state.snapshot)
         self._tree = TreeViewerProtocol(self._live, meshes=self._files)
         self._drake = DrakeViewer(self._live, self._files, state=state.drake.copy())
 
@@ -155,10 +147,10 @@ class LogReplay(Closing):
         event = next(self._events, None)
         self.next_event = event
         if event is None:
-            self._position = self._file.tell()
+            self.position = self._file.tell()
         else:
-            self._position = event.position
-            self._next_clock = self._clock.after(event.time_us)
+            self.position = event.position
+            self._next_clock = self.clock.after(event.time_us)
 
     def _apply(self, event: Event) -> Sequence[str]:
         if not event.channel.startswith(wire.REQUEST):

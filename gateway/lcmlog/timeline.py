@@ -118,7 +118,7 @@ class LogTimeline(Closing):
         """
         begin, end = self.span
         time_ns = min(max(time_ns, begin), end)
-        while self._is_beyond_index(time_ns):
+        while (next_ns := self._indexer.next_time_ns) is not None and next_ns <= time_ns:
             await self._in_thread(self._index_slice)
         return await self._in_thread(lambda: self._seek(time_ns))
 
@@ -158,11 +158,6 @@ class LogTimeline(Closing):
     async def _in_thread(self, work: Callable[[], Result]) -> Result:
         """Call a function in the timeline's thread, after those of earlier calls."""
         return await asyncio.get_running_loop().run_in_executor(self._thread, work)
-
-    def _is_beyond_index(self, time_ns: int) -> bool:
-        """Return True if events up to a time are not indexed yet."""
-        next_ns = self._indexer.next_time_ns
-        return next_ns is not None and next_ns <= time_ns
 
     def _index_slice(self) -> None:
         """Decode the next part of the log, for ``SLICE_SECONDS``."""

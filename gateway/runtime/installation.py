@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import operator
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from importlib import import_module
@@ -61,8 +62,11 @@ IMPORTS: Final = {
     "rerun-sdk": "rerun.init",
 }
 """A name that Scenegate imports from each required library."""
-_GENERATED: Final = "scenegate.camera.image_interface_pb2"
+_GENERATED: Final = "scenegate.camera.image_interface_pb2.DESCRIPTOR"
+"""Protobuf classes: generated code needs a protobuf that is at least as new."""
 _REQUIREMENT: Final = re.compile(r"(?P<name>[\w.-]+)(\[[^]]*\])?(?P<limits>[^;]*)(;(?P<marker>.*))?")
+_LIMIT: Final = re.compile(r"\s*(?P<operator>==|>=|<)\s*(?P<version>\d.*)")
+_OPERATORS: Final = {"==": operator.eq, ">=": operator.ge, "<": operator.lt}
 _NONE_WORKS: Final = "Scenegate does not start, or some of its interfaces fail."
 _REINSTALL: Final = "pip install --force-reinstall"
 
@@ -103,7 +107,11 @@ def installation_findings() -> Iterator[Finding]:
     for requirement in requirements:
         if not (requirement.startswith("scenegate-client[") and "extra ==" in requirement):  # it is required anyway
             yield from _library(requirement)
-    yield from _generated_messages()
+    if fault := _import_fault(_GENERATED):
+        remedy = "pip install --upgrade protobuf"
+        yield Finding("messages", Verdict.ERROR, fault, "The stereo camera's image stream fails.", remedy)
+    else:
+        yield Finding("messages", Verdict.OK, "the stereo camera's messages can be loaded")
 
 
 def _own_packages() -> Iterator[Finding]:
@@ -111,7 +119,7 @@ def _own_packages() -> Iterator[Finding]:
     home = Path(gateway.__file__).resolve().parents[1]
     for name in OWN_PACKAGES:
         spec = find_spec(name)
-        found = _place(spec.origin if spec else None, list(spec.submodule_search_locations or ()) if spec else [])
+        found = Path((spec.submodule_search_locations or [str(spec.origin)])[0]).resolve() if spec else None
         if found != home / name:
             owners = f" (of {' and '.join(others)})" if (others := _others_with(name)) else ""
             detail = f"{found or 'nothing'}{owners} is imported instead of {home / name}"
@@ -126,13 +134,6 @@ def _own_packages() -> Iterator[Finding]:
             if path.exists() and path.resolve() not in (home / name, home / f"{name}.py"):
                 meaning = "Python programs that run in this folder import it instead of Scenegate's."
                 yield Finding(name, Verdict.NOTE, f"{path} has the name of our package", meaning, "rename it")
-
-
-def _place(origin: str | None, locations: Sequence[str]) -> Path | None:
-    """Return the folder of a package, or the file of a module."""
-    if locations:
-        return Path(locations[0]).resolve()
-    return Path(origin).resolve() if origin else None
 
 
 def _others_with(package: str) -> list[str]:
@@ -178,7 +179,7 @@ def _library(requirement: str) -> Iterator[Finding]:
     if optional and not installed:
         return
     remedy = f"pip install '{name}{limits}'"
-    fault = _import_fault(IMPORTS.get(_spelling(name), name))
+    fault = _import_fault(_import_of(name))
     if fault and not installed:
         yield Finding(name, Verdict.ERROR, "not installed", _NONE_WORKS, remedy)
     elif fault:
@@ -201,9 +202,9 @@ def _library(requirement: str) -> Iterator[Finding]:
         yield Finding(name, Verdict.OK, installed)
 
 
-def _spelling(name: str) -> str:
-    """Return a library's name as ``IMPORTS`` has it; metadata may have another spelling."""
-    return next((each for each in IMPORTS if _plain(each) == _plain(name)), name)
+def _import_of(name: str) -> str:
+    """Return the name that ``IMPORTS`` has for a library; metadata may spell the library differently."""
+    return next((path for each, path in IMPORTS.items() if _plain(each) == _plain(name)), name)
 
 
 def _import_fault(path: str) -> str:
@@ -218,7 +219,7 @@ def _import_fault(path: str) -> str:
 
 def _twins(name: str) -> list[str]:
     """Return the other distributions that install the same modules as a library."""
-    package = IMPORTS.get(_spelling(name), name).partition(".")[0]
+    package = _import_of(name).partition(".")[0]
     own = _files(name)
     known = {_plain(name)}
     if own:  # its own parts, which it requires, share the folder
@@ -243,31 +244,17 @@ def _plain(name: str) -> str:
 
 def _is_within(installed: str, limits: str) -> bool:
     """Return True if a version is within limits such as ``<0.70,>=0.68`` or ``==1.2``; other operators are ignored."""
-    for limit in filter(None, (each.strip() for each in limits.split(","))):
-        wanted = limit.lstrip("<>=")
-        if limit.startswith("==") and _numbers(installed) != _numbers(wanted):
-            return False
-        if limit.startswith(">=") and _numbers(installed) < _numbers(wanted):
-            return False
-        if limit.startswith("<") and not limit.startswith("<=") and _numbers(installed) >= _numbers(wanted):
-            return False
-    return True
+    return all(
+        _OPERATORS[limit["operator"]](_numbers(installed), _numbers(limit["version"]))
+        for limit in map(_LIMIT.fullmatch, limits.split(","))
+        if limit
+    )
 
 
-def _numbers(text: str) -> tuple[int, ...]:
-    """Return the release of a version, without zeros at its end: 1.10.0rc1 is (1, 10)."""
+def _numbers(text: str) -> list[int]:
+    """Return the release of a version, without zeros at its end: 1.10.0rc1 is [1, 10]."""
     release = re.match(r"\d+(\.\d+)*", text)
     numbers = [int(each) for each in release[0].split(".")] if release else []
     while numbers and numbers[-1] == 0:
         numbers.pop()
-    return tuple(numbers)
-
-
-def _generated_messages() -> Iterator[Finding]:
-    """Import the protobuf classes: generated code needs a protobuf that is at least as new."""
-    fault = _import_fault(f"{_GENERATED}.DESCRIPTOR")
-    if fault:
-        remedy = "pip install --upgrade protobuf"
-        yield Finding("messages", Verdict.ERROR, fault, "The stereo camera's image stream fails.", remedy)
-    else:
-        yield Finding("messages", Verdict.OK, "the stereo camera's messages can be loaded")
+    return numbers

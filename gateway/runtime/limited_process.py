@@ -21,12 +21,14 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 
-from gateway.runtime.limited_process_child import CALL, DATA, ERROR, HEADER, RESULT
+from gateway.runtime.limited_process_child import DATA, ERROR, RESULT
 from renderers.stop import check_stop
 
 _PROGRAM: Final = Path(__file__).with_name("limited_process_child.py")
@@ -35,8 +37,6 @@ ELAPSED_FACTOR: Final = 4
 """Maximum elapsed time of a call, divided by its CPU time: child processes have a lower priority than the server."""
 _HELPER_SECONDS: Final = 60.0
 """Maximum time of the helper process to import a parser, on a loaded machine. Imports take 0.2 to 0.7 s."""
-_PIECE_BYTES: Final = 1 << 20
-"""Bytes that are sent between two checks of the ``StopFlag``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ def no_files(name: str) -> bytes:
 
 def call_limited(
     function: str, arguments: tuple[Any, ...], limits: ProcessLimits, read_file: Callable[[str], bytes] = no_files
-) -> memoryview:
+) -> bytes:
     """Call a function in a child process, and return its result, encoded as MessagePack.
 
     Args:
@@ -84,8 +84,8 @@ def call_limited(
     helper = _running_helper()
     pid, connection = helper.start_child(module, limits)
     try:
-        with connection, contextlib.suppress(ConnectionError):  # raised if the child process has ended
-            return _call(_Messages(connection, limits), name, arguments, read_file)
+        with connection, contextlib.suppress(EOFError, ConnectionError):
+            return _call(connection, name, arguments, limits, read_file)
     finally:
         status = helper.end_child(pid)
     if status == signal.SIGXCPU:
@@ -93,68 +93,43 @@ def call_limited(
     raise ProcessFailed(f"it failed, or needs more than {limits.memory_bytes} bytes of memory")
 
 
-def _call(messages: _Messages, name: str, arguments: tuple[Any, ...], read_file: Callable[[str], bytes]) -> memoryview:
-    """Send a call, then the files that it needs, until the result arrives."""
-    messages.send(CALL, msgspec.msgpack.encode((name, arguments)))
+def _call(
+    connection: Connection,
+    name: str,
+    arguments: tuple[Any, ...],
+    limits: ProcessLimits,
+    read_file: Callable[[str], bytes],
+) -> bytes:
+    """Send a call, then the files that it needs, until the result arrives.
+
+    Raises:
+        EOFError, ConnectionError: The child process has ended.
+    """
+    end = time.monotonic() + ELAPSED_FACTOR * limits.seconds
+    connection.send_bytes(msgspec.msgpack.encode((name, arguments)))
     while True:
-        kind, body = messages.receive()
+        while not connection.poll(_SECONDS_BETWEEN_STOP_CHECKS):
+            check_stop()
+            if time.monotonic() > end:
+                raise _late(limits)
+        try:
+            kind, body = connection.recv_bytes(), connection.recv_bytes(limits.memory_bytes)
+        except OSError as error:
+            raise ConnectionError from error
+        check_stop()
         if kind == RESULT:
             return body
         try:
-            data = read_file(str(body, "utf-8", "replace"))
+            kind, data = DATA, read_file(str(body, "utf-8", "replace"))
         except (OSError, ValueError) as error:
-            messages.send(ERROR, str(error).encode("utf-8", "replace"))
-        else:
-            messages.send(DATA, data)
+            kind, data = ERROR, str(error).encode("utf-8", "replace")
+        connection.send_bytes(kind)
+        connection.send_bytes(data)
 
 
 def _late(limits: ProcessLimits) -> ProcessFailed:
     reason = f"it took longer than {limits.seconds} s of CPU time, or {ELAPSED_FACTOR} times that in all"
     return ProcessFailed(reason, timed_out=True)
-
-
-class _Messages:
-    """Messages of one call. Each has a kind (one byte), a length and a body."""
-
-    def __init__(self, connection: socket.socket, limits: ProcessLimits) -> None:
-        self._connection = connection
-        self._limits = limits
-        self._end = time.monotonic() + ELAPSED_FACTOR * limits.seconds
-        connection.settimeout(_SECONDS_BETWEEN_STOP_CHECKS)
-
-    def send(self, kind: bytes, body: bytes) -> None:
-        """Send a message; raises ConnectionError if the child process has ended, and see ``call_limited``."""
-        for data in (HEADER.pack(kind, len(body)), body):
-            rest = memoryview(data)
-            while rest:
-                sent = self._attempt(lambda piece=rest[:_PIECE_BYTES]: self._connection.send(piece))  # type: ignore[misc]
-                rest = rest[sent:]
-
-    def receive(self) -> tuple[bytes, memoryview]:
-        """Return kind and body of the next message; raises as ``send`` does."""
-        kind, size = HEADER.unpack(self._read(HEADER.size))
-        if size > self._limits.memory_bytes:
-            raise ConnectionError("the child process sends nonsense")
-        return kind, self._read(size)
-
-    def _read(self, size: int) -> memoryview:
-        data = memoryview(bytearray(size))
-        filled = 0
-        while filled < size:
-            received = self._attempt(lambda: self._connection.recv_into(data[filled:]))  # noqa: B023 - called at once
-            if not received:
-                raise ConnectionError("the child process has ended")
-            filled += received
-        return data
-
-    def _attempt(self, action: Callable[[], int]) -> int:
-        """Return the result of an action on the socket. Repeat it while it times out."""
-        while True:
-            check_stop()
-            if time.monotonic() > self._end:
-                raise _late(self._limits)
-            with contextlib.suppress(TimeoutError):
-                return action()
 
 
 class _Helper:
@@ -180,9 +155,9 @@ class _Helper:
         self._lock = threading.Lock()
         self.has_failed = False
 
-    def start_child(self, module: str, limits: ProcessLimits) -> tuple[int, socket.socket]:
+    def start_child(self, module: str, limits: ProcessLimits) -> tuple[int, Connection]:
         """Return the process id of a new child process, and a connection to it. ``end_child`` must follow."""
-        ours, theirs = socket.socketpair()
+        ours, theirs = Pipe()
         with theirs:
             request = f"{module} {limits.memory_bytes} {limits.seconds}"
             try:
@@ -211,13 +186,13 @@ class _Helper:
                 socket.send_fds(self._socket, [request.encode()], descriptors)
                 response = self._socket.recv(4096).decode("utf-8", "replace")
             except OSError as error:  # TimeoutError, too
-                response = f"the helper process does not respond: {error.strerror or error}"
+                self.close()
+                raise ProcessFailed(f"the helper process does not respond: {error.strerror or error}") from None
             if response.isdigit():
                 return int(response)
-            if not response or response.startswith("the helper"):
+            if not response:
                 self.close()
-                response = response or "the helper process has ended"
-            raise ProcessFailed(response)
+            raise ProcessFailed(response or "the helper process has ended")
 
 
 _lock = threading.Lock()

@@ -16,13 +16,12 @@ import contextlib
 import ctypes
 import gc
 import importlib
-import io
 import os
 import resource
 import signal
 import socket
-import struct
 import sys
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
@@ -30,12 +29,11 @@ import msgspec
 
 NICENESS: Final = 5
 """Niceness of child processes: a third of the share of a CPU that the event loop's thread has."""
-HEADER: Final = struct.Struct("<cQ")
-"""Start of each message of a call: its kind, and the length of its body."""
-CALL, DATA, ERROR = b"C", b"D", b"E"
-"""To the child: the call (MessagePack); a file that it needs; the reason why there is none."""
 FILE, RESULT = b"F", b"R"
-"""From the child: the name of a file that it needs; the result (MessagePack)."""
+"""Kinds of messages from the child, each sent before its body: the name of a file that it needs; the result of the call
+(MessagePack)."""
+DATA, ERROR = b"D", b"E"
+"""Kinds of messages to the child, after the call (MessagePack): a file that it needs; the reason why there is none."""
 _PR_SET_PDEATHSIG: Final = 1
 
 
@@ -58,28 +56,21 @@ def limit_this_process(memory_bytes: int, seconds: int) -> None:
             resource.setrlimit(limit, values)
 
 
-def serve_call(stream: io.BufferedRWPair, module: Any) -> None:
+def serve_call(connection: Connection, module: Any) -> None:
     """Receive one call, and send its result."""
 
-    def send(kind: bytes, body: bytes) -> None:
-        stream.write(HEADER.pack(kind, len(body)))
-        stream.write(body)
-        stream.flush()
-
-    def receive() -> tuple[bytes, bytes]:
-        kind, size = HEADER.unpack(stream.read(HEADER.size))
-        return kind, stream.read(size)
-
     def read_file(name: str) -> bytes:
-        send(FILE, name.encode("utf-8", "replace"))
-        kind, body = receive()
+        connection.send_bytes(FILE)
+        connection.send_bytes(name.encode("utf-8", "replace"))
+        kind, body = connection.recv_bytes(), connection.recv_bytes()
         if kind == ERROR:
             raise OSError(body.decode())
         return body
 
-    name, arguments = msgspec.msgpack.decode(receive()[1])
-    result = getattr(module, name)(read_file, *arguments)
-    send(RESULT, msgspec.msgpack.encode(result))
+    name, arguments = msgspec.msgpack.decode(connection.recv_bytes())
+    result = msgspec.msgpack.encode(getattr(module, name)(read_file, *arguments))
+    connection.send_bytes(RESULT)
+    connection.send_bytes(result)
 
 
 def run_child(descriptor: int, module: Any, memory_bytes: int, seconds: int) -> NoReturn:
@@ -89,8 +80,8 @@ def run_child(descriptor: int, module: Any, memory_bytes: int, seconds: int) -> 
         if sys.platform == "linux":
             ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         limit_this_process(memory_bytes, seconds)
-        with socket.socket(fileno=descriptor) as connection:
-            serve_call(connection.makefile("rwb"), module)
+        with Connection(descriptor) as connection:
+            serve_call(connection, module)
         status = 0
     finally:
         os._exit(status)

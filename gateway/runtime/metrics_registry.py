@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Final
 
 from prometheus_client import (
@@ -30,37 +29,7 @@ Reading = float | Mapping[str, float]
 """A value, or one per value of a label."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Callback:
-    """A metric that is read by a function."""
-
-    name: str
-    description: str
-    read: Callable[[], Reading]
-    label: str
-
-    def family(self) -> Metric:
-        kind = CounterMetricFamily if self.name.endswith("_total") else GaugeMetricFamily
-        labels = (self.label,) if self.label else ()
-        family: CounterMetricFamily | GaugeMetricFamily = kind(self.name, self.description, labels=labels)
-        reading = self.read()
-        for label_value, value in reading.items() if isinstance(reading, Mapping) else (("", reading),):
-            family.add_metric((label_value,) if self.label else (), value)
-        return family
-
-
-class _CallbackCollector(Collector):
-    """Reads metrics when Prometheus scrapes, instead of updating copies at every event."""
-
-    def __init__(self) -> None:
-        self.callbacks: list[_Callback] = []
-
-    def collect(self) -> Iterator[Metric]:
-        for callback in self.callbacks:
-            yield callback.family()
-
-
-class Metrics:
+class Metrics(Collector):
     """Metrics of one application."""
 
     def __init__(self) -> None:
@@ -103,8 +72,9 @@ class Metrics:
             buckets=_SECONDS,
             registry=self.registry,
         )
-        self._collector = _CallbackCollector()
-        self.registry.register(self._collector)
+        self._watched: list[tuple[str, str, Callable[[], Reading], str]] = []
+        """Arguments of ``watch``."""
+        self.registry.register(self)
 
     def watch(self, name: str, description: str, read: Callable[[], Reading], *, label: str = "") -> None:
         """Add a metric that is read in the event loop when Prometheus scrapes.
@@ -114,7 +84,17 @@ class Metrics:
         Args:
             label: label of a metric with several values; ``read`` returns them by the label's value.
         """
-        self._collector.callbacks.append(_Callback(name, description, read, label))
+        self._watched.append((name, description, read, label))
+
+    def collect(self) -> Iterator[Metric]:
+        """Read the watched metrics when Prometheus scrapes, instead of updating copies at every event."""
+        for name, description, read, label in self._watched:
+            kind = CounterMetricFamily if name.endswith("_total") else GaugeMetricFamily
+            family: CounterMetricFamily | GaugeMetricFamily = kind(name, description, labels=(label,) if label else ())
+            reading = read()
+            for label_value, value in reading.items() if isinstance(reading, Mapping) else (("", reading),):
+                family.add_metric((label_value,) if label else (), value)
+            yield family
 
     def exposition(self) -> bytes:
         """Return all metrics in Prometheus' text format."""

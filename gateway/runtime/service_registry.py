@@ -108,9 +108,7 @@ class ServiceRegistry:
 
     def warn(self, name: str, subject: str, *sentences: str) -> None:
         """Replace an entry's warnings about a subject, such as a file."""
-        if name not in self.entries:
-            self.entries[name] = Entry()
-        self.entries[name].warnings.set(subject, *sentences)
+        self.entries.setdefault(name, Entry()).warnings.set(subject, *sentences)
 
     def fail(self, name: str, problem: str) -> None:
         """Mark an entry as failed; ``problem`` is one sentence."""

@@ -1,30 +1,104 @@
 """Supervisor of several processes of one program: replaces those that end or hang, and ends all at a signal.
 
-The main loop waits for signals and for all processes at once, so that it never waits for one of them alone. SIGTERM and
-SIGINT end all processes; SIGHUP replaces them, one after the other.
+Its loop checks signals and all processes in turn, and never waits for one of them alone. SIGTERM and SIGINT end all
+processes; SIGHUP replaces them, one after the other.
 """
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import math
+import multiprocessing
+import os
 import signal
-import socket
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from multiprocessing.connection import Connection, wait
-from typing import Any, Final
+from typing import Final
 
 import structlog
-
-from gateway.runtime.supervised_process import BEAT_SECONDS, READY_SECONDS, ChildProcess
 
 _log = structlog.get_logger("gateway")
 
 START_FAILED: Final = 3
 """Exit code of a process that cannot start. The supervisor then stops, unless another process is ready."""
+BEAT_SECONDS: Final = 0.5
+"""Interval between two heartbeats of a process, and between two attempts to start one."""
+READY_SECONDS: Final = 60.0
+"""Maximum time for the start of a process. After SIGHUP, the old processes stay if a new one takes longer."""
 KILL_SECONDS: Final = 1.0
 """Time from the end of ``stop_seconds`` until a process that still runs is killed."""
+_POLL_SECONDS: Final = 0.1
+"""Time in which the supervisor notices a signal."""
+
+
+async def send_heartbeats(connection: Connection, is_ready: Callable[[], bool]) -> None:
+    """Send heartbeats from a process to its supervisor until cancelled: a process whose event loop hangs is replaced.
+
+    Args:
+        connection: connection to the supervisor.
+        is_ready: returns True if the process is ready, which the heartbeats state.
+    """
+    os.set_blocking(connection.fileno(), False)
+    while True:
+        with contextlib.suppress(OSError):  # the supervisor has ended, or does not read
+            connection.send(is_ready())
+        await asyncio.sleep(BEAT_SECONDS)
+
+
+class _Child:
+    """The supervisor's side of a process."""
+
+    def __init__(self, target: Callable[[Connection], object]) -> None:
+        """Start the process.
+
+        Raises:
+            OSError: the system has no resources for it.
+        """
+        self.connection, connection = multiprocessing.Pipe(duplex=False)
+        try:
+            self.process = multiprocessing.get_context("spawn").Process(target=target, args=(connection,))
+            self.process.start()
+        except OSError:
+            self.connection.close()
+            raise
+        finally:
+            connection.close()
+        self.started = time.monotonic()
+        self.last_beat = self.started + READY_SECONDS
+        """Monotonic time of the last heartbeat. In the future at first: the process has to import its modules."""
+        self.ready = False
+        self.is_outdated = False
+        """True if another process is to replace it (SIGHUP)."""
+        self.is_ending = False
+        """True once it got SIGTERM."""
+        self.kill_time = math.inf
+        """Monotonic time at which it is killed if it has not ended."""
+
+    def read_beats(self) -> None:
+        with contextlib.suppress(OSError, EOFError):
+            while self.connection.poll():
+                self.ready = self.connection.recv()
+                self.last_beat = time.monotonic()
+
+    def end(self, seconds: float) -> None:
+        """Send SIGTERM, and kill the process if it still runs after ``seconds``, counted from the first call."""
+        if not self.is_ending:
+            self.kill_time = time.monotonic() + seconds
+        self.is_ending = True
+        self.process.terminate()
+
+    def kill_if_hung(self, unresponsive_seconds: float) -> None:
+        now = time.monotonic()
+        if now > self.kill_time:
+            _log.error("A process has not ended in time and is killed", pid=self.process.pid)
+        elif not self.is_ending and now - self.last_beat > unresponsive_seconds:
+            _log.error("A process does not respond and is killed", pid=self.process.pid)
+        else:
+            return
+        self.process.kill()
+        self.kill_time = self.last_beat = math.inf  # kill it only once
 
 
 class Supervisor:
@@ -40,7 +114,7 @@ class Supervisor:
     ) -> None:
         """
         Args:
-            target: function of each process; picklable. It gets the connection for its ``Heartbeat``.
+            target: function of each process; picklable. It gets the connection for ``send_heartbeats``.
             count: number of processes.
             unresponsive_seconds: time without heartbeat after which a process is killed and replaced.
             stop_seconds: time in which a process ends after SIGTERM. It is killed ``KILL_SECONDS`` later.
@@ -49,151 +123,85 @@ class Supervisor:
         self._count = count
         self._unresponsive_seconds = unresponsive_seconds
         self._kill_seconds = stop_seconds + KILL_SECONDS
-        self._running: list[ChildProcess] = []
-        self._outdated: list[ChildProcess] = []
-        """Processes to replace since the last SIGHUP."""
-        self._replacement: ChildProcess | None = None
-        """The process that starts for the first of ``_outdated``."""
-        self._ending: dict[ChildProcess, float] = {}
-        """Processes that got SIGTERM, with the monotonic times at which they are killed."""
+        self._children: list[_Child] = []
         self._has_failed = False
 
     def run(self) -> bool:
         """Run until SIGTERM or SIGINT, or until no process can start; return False in the latter case."""
-        with _signals(signal.SIGTERM, signal.SIGINT, signal.SIGHUP) as received:
-            stopping = False
-            while not stopping and not self._has_failed:
-                self._start_missing()
-                self._wait(received)
-                self._reap()
-                self._kill_hung()
-                numbers = _take(received)
-                if signal.SIGHUP in numbers:
-                    _log.info("All processes are replaced")
-                    self._outdated = list(self._running)
-                    if self._replacement is not None:  # it started before the signal
-                        self._end(self._replacement)
-                self._replace_outdated()
-                stopping = not {signal.SIGTERM, signal.SIGINT}.isdisjoint(numbers)
-            if self._has_failed:
-                _log.error("No process can start, so all end")
-            self._end(*self._all())
-            while self._ending:
-                self._wait(received)
-                self._reap()
-                self._kill_hung()
-                _take(received)
+        received: set[int] = set()
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            signal.signal(number, lambda number, _: received.add(number))
+        while received <= {signal.SIGHUP} and not self._has_failed:
+            if signal.SIGHUP in received:
+                received.discard(signal.SIGHUP)
+                _log.info("All processes are replaced")
+                for child in self._serving():
+                    child.is_outdated = True
+            self._start_missing()
+            self._replace_outdated()
+            self._check_children()
+        if self._has_failed:
+            _log.error("No process can start, so all end")
+        self._end(*self._children)
+        while self._children:
+            self._check_children()
         return not self._has_failed
 
-    def _all(self) -> list[ChildProcess]:
-        replacement = [self._replacement] if self._replacement is not None else []
-        return [*self._running, *replacement, *self._ending]
+    def _serving(self) -> list[_Child]:
+        """Return the processes that have not been told to end."""
+        return [child for child in self._children if not child.is_ending]
 
     def _start_missing(self) -> None:
-        while len(self._running) < self._count and (child := self._start()) is not None:
-            self._running.append(child)
+        while len(self._serving()) < self._count and self._start():
+            pass
 
-    def _start(self) -> ChildProcess | None:
+    def _start(self) -> bool:
         try:
-            return ChildProcess(self._target)
+            self._children.append(_Child(self._target))
         except OSError as error:
             _log.error("A process could not be started, which is tried again", reason=error.strerror)
-            return None
-
-    def _wait(self, received: socket.socket) -> None:
-        """Wait for a signal or the end of a process, at most ``BEAT_SECONDS``, and read the heartbeats."""
-        seconds = min((deadline - time.monotonic() for deadline in self._ending.values()), default=BEAT_SECONDS)
-        sentinels = [child.process.sentinel for child in self._all()]
-        wait([received, *sentinels], max(0.0, min(seconds, BEAT_SECONDS)))
-        for child in self._all():
-            child.read_beats()
-
-    def _kill_hung(self) -> None:
-        now = time.monotonic()
-        for child in self._running:
-            if now - child.last_beat > self._unresponsive_seconds:
-                _log.error("A process does not respond and is killed", pid=child.pid)
-                child.process.kill()
-                child.last_beat = math.inf  # kill it only once
-        for child, deadline in self._ending.items():
-            if now > deadline:
-                _log.error("A process has not ended in time and is killed", pid=child.pid)
-                child.process.kill()
-                self._ending[child] = math.inf
-
-    def _reap(self) -> None:
-        """Remove the processes that have ended."""
-        for child in self._all():
-            if (code := child.process.exitcode) is None:
-                continue
-            was_told = child in self._ending
-            if child is self._replacement:
-                self._keep_outdated()
-            self._remove(child)
-            if not was_told:
-                _log.error("A process has ended", pid=child.pid, exit_code=code)
-                self._has_failed |= code == START_FAILED and not any(each.ready for each in self._running)
-            child.close()
+            time.sleep(BEAT_SECONDS)
+            return False
+        return True
 
     def _replace_outdated(self) -> None:
         """Do the next step of the replacement after SIGHUP, if one is due."""
-        new = self._replacement
-        if new is not None and new.ready:
-            self._end(*self._outdated[:1])  # none if all of them have ended meanwhile
-            self._replacement = None
-            self._running.append(new)
-            self._end(*self._running[self._count :])
-        elif new is not None and time.monotonic() - new.started > READY_SECONDS:
+        serving = self._serving()
+        outdated = [child for child in serving if child.is_outdated]
+        starting = [child for child in serving if not (child.is_outdated or child.ready)]
+        if not outdated:
+            return
+        if late := [child for child in starting if time.monotonic() - child.started > READY_SECONDS]:
             self._keep_outdated()
-            self._end(new)
-        elif new is None and self._outdated:
-            self._replacement = self._start()
+            self._end(*late)
+        elif not starting and len(serving) > self._count:
+            self._end(min(outdated, key=lambda child: child.ready))  # first one that was starting at the signal
+        elif not starting:
+            self._start()
 
     def _keep_outdated(self) -> None:
         _log.error("A new process is not ready; the old ones stay")
-        self._replacement = None
-        self._outdated = []
+        for child in self._children:
+            child.is_outdated = False
 
-    def _end(self, *children: ChildProcess) -> None:
+    def _end(self, *children: _Child) -> None:
         for child in children:
-            deadline = self._ending.get(child, time.monotonic() + self._kill_seconds)
-            self._remove(child)
-            child.process.terminate()
-            self._ending[child] = deadline
+            child.end(self._kill_seconds)
 
-    def _remove(self, child: ChildProcess) -> None:
-        if child is self._replacement:
-            self._replacement = None
-        self._running = [each for each in self._running if each is not child]
-        self._outdated = [each for each in self._outdated if each is not child]
-        self._ending.pop(child, None)
-
-
-@contextmanager
-def _signals(*numbers: signal.Signals) -> Iterator[socket.socket]:
-    """Yield a socket that receives one byte for each of these signals, its number."""
-    received, sender = socket.socketpair()
-    received.setblocking(False)
-    sender.setblocking(False)
-    handlers = {number: signal.signal(number, _ignore) for number in numbers}
-    previous = signal.set_wakeup_fd(sender.fileno(), warn_on_full_buffer=False)
-    try:
-        yield received
-    finally:
-        signal.set_wakeup_fd(previous)
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        received.close()
-        sender.close()
-
-
-def _ignore(*_: Any) -> None:
-    """Handle a signal; ``signal.set_wakeup_fd`` reports it to the main loop."""
-
-
-def _take(received: socket.socket) -> set[int]:
-    """Return the numbers of the signals since the last call."""
-    try:
-        return set(received.recv(4096))
-    except BlockingIOError:
-        return set()
+    def _check_children(self) -> None:
+        """Wait ``_POLL_SECONDS``, or until a process ends. Read the heartbeats, and remove what has ended or hangs."""
+        wait([child.process.sentinel for child in self._children], _POLL_SECONDS)
+        for child in [*self._children]:
+            child.read_beats()
+            if (code := child.process.exitcode) is None:
+                child.kill_if_hung(self._unresponsive_seconds)
+                continue
+            self._children.remove(child)
+            if not child.is_ending:
+                is_new = not (child.is_outdated or child.ready)
+                if is_new and any(each.is_outdated for each in self._serving()):
+                    self._keep_outdated()
+                _log.error("A process has ended", pid=child.process.pid, exit_code=code)
+                self._has_failed |= code == START_FAILED and not any(each.ready for each in self._serving())
+            child.connection.close()
+            child.process.close()

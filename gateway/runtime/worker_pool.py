@@ -119,8 +119,8 @@ class WorkerPool:
         """Niceness of the threads now, and while they give way to nothing."""
         self._priorities: set[object] = set()
         """Keys of ``give_way``."""
-        self._threads: dict[int, int] = {}
-        """Niceness of each thread, by native id."""
+        self._threads: dict[threading.Thread, int] = {}
+        """Niceness of each thread that has not ended. One whose niceness is too high ends after its current call."""
         self._limit_name = limit_name
         self._lock = threading.Lock()
         self._wakeup = threading.Condition(self._lock)
@@ -130,10 +130,6 @@ class WorkerPool:
         self._deferred = 0
         """Number of calls that wait for kernels."""
         self._running: set[_Call] = set()
-        self._alive = 0
-        """Threads that have not ended."""
-        self._retired = 0
-        """Number of threads that end after their current call, because their niceness is too high."""
         self._all_ended = threading.Event()
         self._closing = self._watching = False
         self._done = self._rejected = self._abandoned = self._timed_out = 0
@@ -187,7 +183,7 @@ class WorkerPool:
         with self._lock:
             if self._closing:
                 raise PoolClosed("the server is shutting down")
-            if len(self._running) + len(self._waiting) + self._deferred >= self.threads:
+            if self.calls + self._deferred >= self.threads:
                 waiting = self._queue_length()
                 if waiting >= self.max_waiting:
                     raise self._queue_full(waiting)
@@ -199,8 +195,7 @@ class WorkerPool:
                     raise self._queue_full(waiting, reason=reason)
             self._waiting.append(call)
             self._waiting_bytes += call.nbytes
-            if self._alive - self._retired < min(self.threads, len(self._running) + len(self._waiting)):
-                self._start_threads()
+            self._start_threads()
             self._wakeup.notify()
 
     def give_way(self, key: object, *, active: bool) -> None:
@@ -216,9 +211,8 @@ class WorkerPool:
             self._niceness = max(self._own_niceness, CAMERA_FIRST_NICENESS if self._priorities else 0)
             for thread, niceness in self._threads.items():
                 if niceness < self._niceness:
-                    raise_niceness(thread, self._niceness)
+                    raise_niceness(thread.native_id or 0, self._niceness)
                     self._threads[thread] = self._niceness
-            self._retired = sum(niceness > self._niceness for niceness in self._threads.values())
             self._start_threads()
             self._wakeup.notify_all()
 
@@ -250,7 +244,7 @@ class WorkerPool:
             QueueFull: it could not; counted as a rejected call.
         """
         with self._lock:
-            waiting = len(self._running) + len(self._waiting) + self._deferred + arriving - self.threads
+            waiting = self.calls + self._deferred + arriving - self.threads
             if waiting >= self.max_waiting:
                 raise self._queue_full(waiting, arriving)
 
@@ -283,7 +277,7 @@ class WorkerPool:
         with self._lock:
             self._closing = True
             self._wakeup.notify_all()
-            if self._alive == 0:
+            if not self._threads:
                 self._all_ended.set()
         if await asyncio.to_thread(self._all_ended.wait, limit):
             return True
@@ -320,9 +314,11 @@ class WorkerPool:
                 call.stop.set(CallerCancelled("the caller was cancelled"))
 
     def _start_threads(self) -> None:
-        while self._alive - self._retired < min(self.threads, len(self._running) + len(self._waiting)):
-            self._alive += 1
-            threading.Thread(target=self._work, name=f"{self._name}-{self._alive}", daemon=True).start()
+        usable = sum(niceness <= self._niceness for niceness in self._threads.values())
+        for _ in range(usable, min(self.threads, self.calls)):
+            thread = threading.Thread(target=self._work, name=f"{self._name}-{len(self._threads) + 1}", daemon=True)
+            thread.start()
+            self._threads[thread] = self._niceness
         if self.seconds is not None and not self._watching:
             self._watching = True
             name = f"{self._name}-deadlines"
@@ -330,10 +326,9 @@ class WorkerPool:
 
     def _work(self) -> None:
         """Body of a worker thread."""
-        thread = threading.get_native_id()
+        thread = threading.current_thread()
         with self._lock:
-            self._threads[thread] = self._niceness
-            yield_to_event_loop(self._niceness)
+            yield_to_event_loop(self._threads[thread])
         while (call := self._next_call(thread)) is not None:
             result: Any = None
             error: BaseException | None = None
@@ -355,17 +350,12 @@ class WorkerPool:
                 call.future.set_exception(error)
             del call, result, error
         with self._lock:
-            self._alive -= 1
-            self._retired -= self._threads.pop(thread) > self._niceness
-            if self._alive == 0 and self._closing:
+            del self._threads[thread]
+            if not self._threads and self._closing:
                 self._all_ended.set()
 
-    def _next_call(self, thread: int) -> _Call | None:
-        """Wait for a call and mark it as running; None: all calls of a closing pool are done, or the thread must end.
-
-        Args:
-            thread: native id of the calling thread, which ends if its niceness is too high.
-        """
+    def _next_call(self, thread: threading.Thread) -> _Call | None:
+        """Wait for a call and mark it as running; None: the thread must end, or no call of a closing pool is left."""
         with self._wakeup:
             while True:
                 while not self._waiting and self._threads[thread] <= self._niceness:

@@ -7,25 +7,35 @@ it has replaced. docs/decisions/0021-worker-processes.md has the reasons.
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from gateway.runtime.metrics_sum import sum_expositions
+import msgspec
+from prometheus_client import generate_latest
+from prometheus_client.metrics_core import Metric
+from prometheus_client.parser import text_string_to_metric_families
+from prometheus_client.registry import Collector
 
 INTERVAL_SECONDS: Final = 0.5
 """Interval between two reports of a process. Metrics of other processes are up to this old."""
 SILENT_SECONDS: Final = 10.0
 """Age of a report above which its process is ``silent``: its event loop hangs, or the machine is overloaded."""
+MINIMUM_GAUGES: Final = frozenset(
+    {"python_info", "process_start_time_seconds", "scenegate_build_info", "scenegate_interface_ready"}
+)
+"""Gauges of which the result has the minimum instead of the sum: constants, times, and flags that all must have."""
+_CUMULATIVE: Final = ("counter", "histogram")
+"""Types of metrics whose values never decrease."""
+
+Labels = tuple[tuple[str, str], ...]
+"""Names and values of a sample's labels."""
 
 
-@dataclass(frozen=True, slots=True)
-class WorkerReport:
+class WorkerReport(msgspec.Struct, frozen=True):
     """Status and metrics of one process."""
 
     pid: int
@@ -69,9 +79,11 @@ class WorkerReports:
         reports = list(self._read())
         self.is_replacement = len(reports) >= self.count
         for report in reports:
-            if report.state() == "ended" and self._take_over(report.pid):
-                self._replaced_metrics = sum_expositions((), (report.metrics, report.replaced_metrics)).decode()
-                break
+            if report.state() == "ended":
+                with contextlib.suppress(FileNotFoundError):  # another process has taken it over
+                    self._file(report.pid).rename(self._file(self._pid))
+                    self._replaced_metrics = sum_expositions((), (report.metrics, report.replaced_metrics)).decode()
+                    break
         with contextlib.suppress(OSError):  # with a full disk, the others still read the report taken over, or none
             self.write("starting", "")
 
@@ -86,7 +98,7 @@ class WorkerReports:
             status = "restarting"
         report = WorkerReport(self._pid, status, metrics, self._replaced_metrics, time.monotonic())
         temporary = self._file(self._pid).with_suffix(".new")
-        temporary.write_text(json.dumps(asdict(report)), "utf-8")
+        temporary.write_bytes(msgspec.json.encode(report))
         temporary.replace(self._file(self._pid))
 
     def describe(self, own: str) -> tuple[str, dict[str, Any]]:
@@ -122,15 +134,7 @@ class WorkerReports:
     def _read(self, skip: Path | None = None) -> Iterator[WorkerReport]:
         for path in sorted({*self._folder.glob("*.json")} - {skip}):
             with contextlib.suppress(FileNotFoundError):  # another process has just removed it
-                yield WorkerReport(**json.loads(path.read_text("utf-8")))
-
-    def _take_over(self, pid: int) -> bool:
-        """Rename the report of an ended process. Return False if another process has already taken it over."""
-        try:
-            self._file(pid).rename(self._file(self._pid))
-        except FileNotFoundError:
-            return False
-        return True
+                yield msgspec.json.decode(path.read_bytes(), type=WorkerReport)
 
     def _file(self, pid: int) -> Path:
         return self._folder / f"{pid}.json"
@@ -159,3 +163,51 @@ def combined_status(own: str, states: Sequence[str], count: int) -> str:
     if serving == running and running >= count:
         return "ready" if counts["ready"] else "busy"
     return "degraded" if serving else own
+
+
+def sum_expositions(running_texts: Iterable[str], ended_texts: Iterable[str] = ()) -> bytes:
+    """Return the metrics of all processes together, in the same format.
+
+    Args:
+        running_texts: texts of running processes.
+        ended_texts: texts of processes that have ended. Only their counters and histograms are added, since Prometheus
+            interprets a counter that decreases as a restart from 0.
+    """
+    total = _SumCollector()
+    for text in running_texts:
+        total.add(text, (*_CUMULATIVE, "gauge"))
+    for text in ended_texts:
+        total.add(text, _CUMULATIVE)
+    return generate_latest(total)
+
+
+class _SumCollector(Collector):
+    """Sums of samples with equal names and labels, as a source of ``generate_latest``."""
+
+    def __init__(self) -> None:
+        self._families: dict[str, Metric] = {}
+        self._values: dict[str, dict[tuple[str, Labels], float]] = {}
+        """Values by sample name and labels, by name of the family."""
+
+    def add(self, text: str, types: tuple[str, ...]) -> None:
+        """Add those metrics of a text whose type (counter, histogram, gauge) is one of ``types``."""
+        for family in text_string_to_metric_families(text):
+            if family.type not in types:
+                continue
+            self._families.setdefault(family.name, family)
+            values = self._values.setdefault(family.name, {})
+            for sample in family.samples:
+                key = sample.name, tuple(sample.labels.items())
+                if key not in values:
+                    values[key] = sample.value
+                elif family.name in MINIMUM_GAUGES:
+                    values[key] = min(values[key], sample.value)
+                else:
+                    values[key] += sample.value
+
+    def collect(self) -> Iterator[Metric]:
+        for name, family in self._families.items():
+            summed = Metric(name, family.documentation, family.type)
+            for (sample_name, labels), value in self._values[name].items():
+                summed.add_sample(sample_name, dict(labels), value)
+            yield summed

@@ -7,7 +7,7 @@ From the connection inwards:
 - ``middleware``: request ids, log lines, metrics, HEAD, path prefix, early responses.
 - ``security``, with ``access``, ``tokens`` and ``grpc_tokens``: access control.
 - ``error_handlers``, ``plain_error_route``, ``disconnect``: responses to errors, and clients that disconnect.
-- ``health``, ``index_page``: routes.
+- ``health``, ``pages``: routes. ``start_gate``: requests during the start.
 - ``interface_names``: names for people. ``section_files``: responses with the recent motion in a file.
 - ``openapi``: the part of the description that all routes share.
 - ``healthcheck``: the container's health check, a program.

@@ -13,6 +13,7 @@ from ipaddress import ip_address
 from typing import Final
 
 import structlog
+from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -129,16 +130,12 @@ class Protection:
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] == "lifespan":
             return self._app(scope, receive, send)
-        sent: dict[bytes, list[bytes]] = {b"host": [], b"origin": [], b"sec-fetch-site": []}
-        for name, value in scope["headers"]:
-            if name in sent:
-                sent[name].append(value)
-        hosts = sent[b"host"]
-        host = hosts[0] if hosts else b""
+        headers = Headers(scope=scope)
+        hosts = headers.getlist("host")
+        host = hosts[0] if hosts else ""
         # Several headers are joined as in RFC 9110, section 5.2. The result is no origin that is allowed.
-        origin, site = (
-            b", ".join(sent[name]).decode("latin-1") if sent[name] else None for name in (b"origin", b"sec-fetch-site")
-        )
+        origin = ", ".join(headers.getlist("origin")) if "origin" in headers else None
+        site = ", ".join(headers.getlist("sec-fetch-site")) if "sec-fetch-site" in headers else None
         # With several Host headers, another reader may use the other one.
         trusted = len(hosts) < 2 and self._trusts(host, (scope.get("server") or ("",))[0])
         if scope["type"] == "websocket":
@@ -166,17 +163,17 @@ class Protection:
             app = PlainTextResponse(f"{text}To allow that site, add its origin to --cors-origins.\n", 403)
         return app(scope, receive, send_with_headers)
 
-    def _is_foreign(self, scope: Scope, host: bytes, origin: str | None, site: str | None) -> bool:
+    def _is_foreign(self, scope: Scope, host: str, origin: str | None, site: str | None) -> bool:
         """Return True for a request from a page of another site."""
         if "*" in self._origins or origin in self._origins:
             return False
         if site is not None:
             return site not in ("same-origin", "none")
-        return origin is not None and not same_origin(origin, host.decode("latin-1"), scope.get("scheme", "http"))
+        return origin is not None and not same_origin(origin, host, scope.get("scheme", "http"))
 
-    def _is_trusted(self, host: bytes, address: str) -> bool:
+    def _is_trusted(self, host: str, address: str) -> bool:
         """Return True for a Host header that may be used on connections to ``address``; both may be empty."""
-        name = host_name(host.decode("latin-1"))
+        name = host_name(host)
         if not host or "*" in self._hosts or name == "localhost" or name.endswith(".localhost"):
             return True
         with suppress(ValueError):

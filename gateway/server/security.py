@@ -45,9 +45,14 @@ class Security:
             )
         except TokenError as error:
             raise SettingsError(str(error)) from None
-        if settings.http_certificate is not None and settings.http_key is not None:
-            _try_certificate(settings.http_certificate, settings.http_key)
-        return cls(settings, http, grpc)
+        security = cls(settings, http, grpc)
+        if security.tls is not None:
+            try:
+                ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(*security.tls, password=lambda: "")
+            except OSError as error:
+                files, reason = " with ".join(map(str, security.tls)), error.strerror or str(error)
+                raise SettingsError(f"TLS of HTTP cannot use {files}: {reason}.") from None
+        return security
 
     @property
     def tls(self) -> tuple[Path, Path] | None:
@@ -138,12 +143,3 @@ def _ttl(url: str) -> int:
         return int(parse_qs(parts.query).get("ttl", ["0"])[0]) if parts.scheme == "udpm" else 0
     except ValueError:
         return 0
-
-
-def _try_certificate(certificate: Path, key: Path) -> None:
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    try:
-        context.load_cert_chain(certificate, key, password=lambda: "")
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise SettingsError(f"TLS of HTTP cannot use {certificate} with {key}: {reason}.") from None

@@ -1,20 +1,59 @@
-"""ASGI middleware that holds requests until the gateway has started."""
+"""ASGI middleware that holds requests until the gateway has started, and the page that browsers show meanwhile."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Collection
+from typing import Final
 
 from starlette.responses import HTMLResponse, PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from gateway.server.starting_page import Progress, starting_page
+from gateway.runtime.kernels.progress import KernelProgress
+
+_PAGE: Final = """<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Scenegate is starting</title>
+<link rel="icon" href="data:,">
+<noscript><meta http-equiv="refresh" content="2"></noscript>
+<style>
+  :root { color-scheme: light dark; }
+  body { font: 16px/1.5 system-ui, sans-serif; min-height: 100vh; margin: 0; display: grid; place-items: center; }
+  @media (prefers-color-scheme: dark) { body { background: #16191d; color: #dde1e6; } }
+  main { width: min(26rem, 90vw); }
+  h1 { font-size: 1.4rem; }
+  progress { width: 100%; height: .8rem; accent-color: #2f6fde; }
+  small { opacity: .7; }
+</style>
+<main>
+<h1>Scenegate is starting</h1>
+<progress {value}></progress>
+<p>{text}</p>
+<p><small>{note}</small></p>
+</main>
+<script>
+  async function poll() {
+    try {
+      const response = await fetch(location.href, { headers: { Accept: "text/html" } });
+      const page = new DOMParser().parseFromString(await response.text(), "text/html");
+      if (response.status !== 503 || page.title !== document.title) return location.reload();
+      document.querySelector("main").replaceWith(page.querySelector("main"));
+    } catch {} // the gateway has stopped; it may start again
+    setTimeout(poll, 500);
+  }
+  setTimeout(poll, 500);
+</script>
+</html>
+"""
+_NOTE: Final = "Kernels are compiled for this CPU at the first start and kept for later ones. The page opens by itself."
 
 
 class StartGate:
     """Holds requests until the interfaces have started, because Drake's client does not retry.
 
-    A browser that opens a page gets the starting page instead (``starting_page``).
+    A browser that opens a page gets the starting page instead. It polls its own URL, and then loads the real page.
     """
 
     def __init__(
@@ -24,14 +63,14 @@ class StartGate:
         started: asyncio.Event,
         problem: Callable[[], str],
         open_paths: Collection[str],
-        progress: Callable[[], Progress | None] = lambda: None,
+        progress: Callable[[], KernelProgress | None] = lambda: None,
     ) -> None:
         """
         Args:
             started: set when the interfaces have started, or when the start has failed.
             problem: returns why the gateway failed to start, or an empty string.
             open_paths: paths of requests that are served during the start.
-            progress: returns the progress of what takes long, if anything does.
+            progress: returns the progress of compiling the kernels; None in other phases of the start.
         """
         self._app = app
         self._started = started
@@ -50,14 +89,20 @@ class StartGate:
         return self._app(scope, receive, send)
 
     async def _respond_after_start(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "http" and scope["method"] == "GET" and _accepts_html(scope):
+        # Other clients than browsers that open a page do not list HTML in Accept.
+        accepts_html = any(name == b"accept" and b"text/html" in value for name, value in scope["headers"])
+        if scope["type"] == "http" and scope["method"] == "GET" and accepts_html:
             headers = {"Retry-After": "1", "Cache-Control": "no-store"}
-            await HTMLResponse(starting_page(self._progress()), 503, headers)(scope, receive, send)
+            await HTMLResponse(_starting_page(self._progress()), 503, headers)(scope, receive, send)
             return
         await self._started.wait()
         await self(scope, receive, send)
 
 
-def _accepts_html(scope: Scope) -> bool:
-    """Return True for a browser that opens a page: other clients do not list HTML in Accept."""
-    return any(name == b"accept" and b"text/html" in value for name, value in scope["headers"])
+def _starting_page(progress: KernelProgress | None) -> str:
+    text, value, note = "Loading …", "", "The page opens by itself."
+    if progress is not None:
+        text, note = str(progress), _NOTE
+        text = f"{text[0].upper()}{text[1:]}"
+        value = f'value="{progress.fraction:.3f}"' if progress.fraction else ""
+    return _PAGE.replace("{value}", value).replace("{text}", text).replace("{note}", note)

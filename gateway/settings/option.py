@@ -22,10 +22,7 @@ def option(group: str, default: Any, text: str, *, flag: str | None = None, **li
         flag: second name on the command line.
         limits: ``ge``, ``le``, ``gt``, ``pattern`` as in ``pydantic.Field``.
     """
-    extra: dict[str, Any] = {"group": group}
-    if flag is not None:
-        extra["flag"] = flag
-    return Field(default, description=text, json_schema_extra=extra, **limits)
+    return Field(default, description=text, json_schema_extra={"group": group, "flag": flag or ""}, **limits)
 
 
 def flag_of(name: str) -> str:
@@ -35,8 +32,7 @@ def flag_of(name: str) -> str:
 
 def second_flag_of(field: FieldInfo) -> str | None:
     """Return the second flag of a setting, if any."""
-    extra = field.json_schema_extra
-    return str(extra["flag"]) if isinstance(extra, dict) and "flag" in extra else None
+    return _extra(field, "flag") or None
 
 
 def env_of(name: str) -> str:
@@ -46,8 +42,12 @@ def env_of(name: str) -> str:
 
 def group_of(field: FieldInfo) -> str:
     """Return the heading under which a setting is listed."""
-    extra = field.json_schema_extra
-    return str(extra["group"]) if isinstance(extra, dict) else ""
+    return _extra(field, "group")
+
+
+def _extra(field: FieldInfo, name: str) -> str:
+    assert isinstance(field.json_schema_extra, dict)
+    return str(field.json_schema_extra[name])
 
 
 def default_of(default: Any) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Final, Literal
@@ -21,11 +22,13 @@ _ORIGIN: Final = re.compile(r"\*|[A-Za-z][A-Za-z0-9+.-]*:(//[^\s;,'\"/?#]+)?")
 InterfaceName = Literal["render", "scene", "treeviewer", "stereo", "view"]
 
 
-def _split(separator: str) -> BeforeValidator:
-    def split(value: object) -> object:
-        return [part for part in value.split(separator) if part] if isinstance(value, str) else value
+def _from_text(parse: Callable[[str], object]) -> BeforeValidator:
+    """Return a validator that parses texts, and leaves other values."""
+    return BeforeValidator(lambda value: parse(value) if isinstance(value, str) else value)
 
-    return BeforeValidator(split)
+
+def _split(separator: str) -> BeforeValidator:
+    return _from_text(lambda text: [part for part in text.split(separator) if part])
 
 
 def _parsed_by(function: str) -> AfterValidator:
@@ -38,18 +41,12 @@ def _parsed_by(function: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-def _check_color(value: object) -> object:
+def _parse_color(text: str) -> list[str]:
     """Split R,G,B; check it here, so that there is one error for the value and not one for each number."""
-    if not isinstance(value, str):
-        return value
-    parts = [part.strip() for part in value.split(",")]
+    parts = [part.strip() for part in text.split(",")]
     if len(parts) != 3 or not all(part.isascii() and part.isdigit() and int(part) <= 255 for part in parts):
         raise ValueError("must be R,G,B: three whole numbers of 0 to 255")
     return parts
-
-
-def _split_realism(value: object) -> object:
-    return parse_realism(value) if isinstance(value, str) else value
 
 
 def _check_root_path(path: str) -> str:
@@ -65,10 +62,6 @@ def _check_frame_origin(origin: str) -> str:
     return origin
 
 
-def _to_number(value: object) -> object:
-    return int(value) if isinstance(value, str) and value.isascii() and value.isdigit() else value
-
-
 LcmUrl = Annotated[str, AfterValidator(check_lcm_url)]
 Byte = Annotated[int, Field(ge=0, le=255)]
 Port = Annotated[int, Field(ge=0, le=65535)]
@@ -79,10 +72,10 @@ MountPath = Annotated[str, _parsed_by("parse_mount_path")]
 AnyCamera = Annotated[str, _parsed_by("parse_mounted_camera")]
 Cameras = Annotated[tuple[AnyCamera, ...], NoDecode, _split("|"), Field(max_length=15)]
 Paths = Annotated[tuple[Path, ...], NoDecode, _split(os.pathsep)]
-Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, BeforeValidator(_check_color)]
-Realism = Annotated[tuple[RealismPart, ...] | None, NoDecode, BeforeValidator(_split_realism)]
+Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, _from_text(_parse_color)]
+Realism = Annotated[tuple[RealismPart, ...] | None, NoDecode, _from_text(parse_realism)]
 Names = Annotated[tuple[str, ...], NoDecode, _split(",")]
 FrameOrigins = Annotated[tuple[Annotated[str, AfterValidator(_check_frame_origin)], ...], NoDecode, _split(",")]
 RootPath = Annotated[str, AfterValidator(_check_root_path)]
-Samples = Annotated[Literal[1, 4, 8], BeforeValidator(_to_number)]
+Samples = Annotated[Literal[1, 4, 8], _from_text(lambda text: int(text) if text.isascii() and text.isdigit() else text)]
 Interfaces = Annotated[tuple[InterfaceName, ...], NoDecode, _split(",")]

@@ -31,9 +31,10 @@ from renderers.camera import Camera
 from renderers.interface import Renderer
 
 if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
     from gateway.assets.mesh_files import MeshFiles
     from gateway.runtime.render_record import RenderRecord
-    from gateway.runtime.supervised_process import Heartbeat
     from gateway.runtime.worker_reports import WorkerReports
     from gateway.scene.timeline import Timeline
     from gateway.state.service import PersistentState
@@ -82,8 +83,8 @@ class Context:
     """Reports of all processes, if there are several (``--workers``)."""
     log: LogService | None = None
     """Log that is shown in place of the live tree."""
-    heartbeat: Heartbeat | None = None
-    """Connection to their supervisor."""
+    supervisor: Connection | None = None
+    """Connection to their supervisor, for heartbeats."""
 
     stereo_camera: Callable[[Snapshot], Camera | None] = lambda snapshot: None
     """Returns the left stereo camera in a snapshot of the live tree, if any."""
@@ -164,19 +165,15 @@ class Context:
 
     async def return_memory_when_idle(self) -> None:
         """Return the memory of earlier frames and scenes to the system after a while without work; never ends."""
-        before = at_last_return = (0, 0)
+        work = at_last_return = (0, 0)  # calls in the worker threads, and revision of the live tree
         while True:
             await asyncio.sleep(IDLE_SECONDS)
-            is_idle = self.workers.calls + self.camera_workers.calls == 0 and self._work_done == before
-            if is_idle and before != at_last_return:
-                at_last_return = before
+            before = work
+            work = self.workers.stats.done + self.camera_workers.stats.done, self.tree.snapshot.revision
+            is_idle = self.workers.calls + self.camera_workers.calls == 0 and work == before
+            if is_idle and work != at_last_return:
+                at_last_return = work
                 await asyncio.to_thread(process_tuning.return_memory)
-            before = self._work_done
-
-    @property
-    def _work_done(self) -> tuple[int, int]:
-        """Number of calls in the worker threads, and revision of the live tree."""
-        return self.workers.stats.done + self.camera_workers.stats.done, self.tree.snapshot.revision
 
     def readiness(self) -> str:
         """Return the status for ``/readyz``: that of the registry, ``starting`` while requests wait, or ``busy``."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
+from functools import partial
 from importlib import import_module
 from typing import Final
 
@@ -12,28 +13,24 @@ from gateway.wiring.context import Context
 Setup = Callable[[Context], Awaitable[None]]
 
 
-def _setup_of(module: str) -> Setup:
-    """Return ``setup`` of a wiring module, which is imported on the first call.
+async def _setup(module: str, context: Context) -> None:
+    """Import a wiring module, and call its ``setup``.
 
     Its imports load compiled kernels, which must be in the cache by then. An import that fails (a system library is
     missing) stops this interface only.
     """
-
-    async def setup(context: Context) -> None:
-        await import_module(f"gateway.wiring.{module}").setup(context)
-
-    return setup
+    await import_module(f"gateway.wiring.{module}").setup(context)
 
 
 INTERFACES: Final[Mapping[str, Setup]] = {
-    "render": _setup_of("render"),
-    "scene": _setup_of("sceneapi"),
-    "drakeviewer": _setup_of("drakeviewer"),  # before the tree viewer, whose LCM transports it uses
-    "treeviewer": _setup_of("treeviewer"),
-    "stereo": _setup_of("stereo"),
-    "view": _setup_of("view"),  # after the interfaces that it shows
-    "foxglove": _setup_of("foxglove"),  # after the stereo camera, whose images it shows
-    "demo": _setup_of("demo"),
+    "render": partial(_setup, "render"),
+    "scene": partial(_setup, "sceneapi"),
+    "drakeviewer": partial(_setup, "drakeviewer"),  # before the tree viewer, whose LCM transports it uses
+    "treeviewer": partial(_setup, "treeviewer"),
+    "stereo": partial(_setup, "stereo"),
+    "view": partial(_setup, "view"),  # after the interfaces that it shows
+    "foxglove": partial(_setup, "foxglove"),  # after the stereo camera, whose images it shows
+    "demo": partial(_setup, "demo"),
 }
 
 

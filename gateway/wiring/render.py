@@ -32,7 +32,7 @@ async def setup(context: Context) -> None:
     )
     context.recent_renders = service.recent
     context.app.include_router(render_router(service))
-    metrics.watch(context.metrics, metrics.RENDER, service)
+    metrics.watch_render(context.metrics, service)
     context.registry.ready("render", where=context.settings.render_path, figures=service.status)
 
 

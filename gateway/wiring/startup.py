@@ -7,7 +7,6 @@ import time
 from typing import Final
 
 import structlog
-from fastapi import FastAPI
 
 from gateway import __version__
 from gateway.runtime.kernels.loading import KERNELS
@@ -51,7 +50,9 @@ async def _start(context: Context) -> None:
             return
         await _start_interfaces(context)
         context.started.set()
-        await _renew_openapi(context.app)
+        # FastAPI keeps the description of its first use, which may be from before the interfaces added their routes.
+        context.app.openapi_schema = None
+        await asyncio.to_thread(context.app.openapi)  # takes tens of milliseconds
         await _announce_start(context, begin)
 
 
@@ -65,15 +66,6 @@ async def _start_interfaces(context: Context) -> None:
         else:
             if context.registry.entries[name].state is State.STARTING:
                 context.registry.ready(name)
-
-
-async def _renew_openapi(app: FastAPI) -> None:
-    """Make the OpenAPI description again, in a thread, as it takes tens of milliseconds.
-
-    FastAPI keeps the description of its first use, which may be from before the interfaces added their routes.
-    """
-    app.openapi_schema = None
-    await asyncio.to_thread(app.openapi)
 
 
 async def _announce_start(context: Context, begin: float) -> None:

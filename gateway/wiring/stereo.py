@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -25,7 +24,7 @@ from gateway.stereo.device.parameter_specs import NODES
 from gateway.stereo.device.profile import read_profile
 from gateway.stereo.device.stream_settings import StreamSettings
 from gateway.stereo.imaging.pair_files import find_pairs, read_geometry
-from gateway.stereo.imaging.recorded_pairs import PairImaging, pair_imaging
+from gateway.stereo.imaging.recorded_pairs import pair_imaging
 from gateway.stereo.imaging.scene_view import OtherProjector, ProjectorSource, SceneState, SceneView
 from gateway.stereo.imu.imu_service import PoseLog
 from gateway.stereo.routes.camera_routes import camera_router
@@ -62,7 +61,7 @@ async def setup(context: Context) -> None:
         _start_camera(context, number, replace(config, tokens=context.security.grpc), mount, scene, projectors)
         for number, (config, mount) in enumerate(zip(configs, mounts, strict=True))
     ]
-    metrics.watch(context.metrics, metrics.STEREO, services)
+    metrics.watch_stereo(context.metrics, services)
     apps = [context.app]
     if settings.rest_port is not None:
         rest = FastAPI(openapi_url=None, telemetry=NO_TELEMETRY)
@@ -141,7 +140,9 @@ def _start_camera(
             view.pose_in(snapshot), config.model, config.dot_light, service.settings
         )
     if settings.stereo_images is not None:
-        service.show_pairs(_pairs(settings.stereo_images, service))
+        pairs = find_pairs(settings.stereo_images, config.max_pairs, config.max_pair_pixels)
+        geometry = read_geometry(settings.stereo_images) or (config.model.focal_factor, config.model.baseline)
+        service.show_pairs(pair_imaging(service.scene_imaging, pairs, *geometry))
     if context.state is not None:
         context.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
         service.wait_until_stored = context.state.commits.wait_until_stored
@@ -174,17 +175,6 @@ async def _scene(context: Context) -> LiveTree | None:
     with tree.edit() as edit:
         edit.set_subtree((), file.root)
     return tree
-
-
-def _pairs(folder: Path, service: StereoService) -> PairImaging:
-    """Return an image source that shows the recorded pairs of a folder.
-
-    Focal length and baseline come from the folder, or from the camera model if it has none.
-    """
-    config = service.config
-    pairs = find_pairs(folder, config.max_pairs, config.max_pair_pixels)
-    geometry = read_geometry(folder) or (config.model.focal_factor, config.model.baseline)
-    return pair_imaging(service.scene_imaging, pairs, *geometry)
 
 
 def config_of(settings: Settings, number: int = 0, camera: MountedCamera | None = None) -> StereoConfig:

@@ -23,6 +23,6 @@ async def setup(context: Context) -> None:
         page=context.page,
         local_meshfiles=context.local_mesh_files,
     )
-    metrics.watch(context.metrics, metrics.TREE_VIEWER, service)
+    metrics.watch_tree_viewer(context.metrics, service)
     tcpq_only = settings.lcm_url == "off" and settings.tcpq_port is not None
     context.run_service("treeviewer", service, where="TCPQ" if tcpq_only else settings.lcm_url or "LCM")

@@ -33,7 +33,7 @@ async def setup(context: Context) -> None:
     )
     images = SceneImages(config, context.live_scene, context.renderer, context.workers)
     sensor = SensorImages(stereo.capture, config.capture_seconds) if stereo is not None else None
-    metrics.watch(context.metrics, metrics.VIEW, hub)
+    metrics.watch_view(context.metrics, hub)
     context.app.include_router(router(hub))
     context.app.include_router(image_router(images, sensor, context.recent_renders))
     context.app.include_router(share_router(context.tree, context.page, context.timeline))

@@ -8,7 +8,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Final
 
-from gateway.runtime.worker_reports import INTERVAL_SECONDS, WorkerReports
+from gateway.runtime.supervisor import send_heartbeats
+from gateway.runtime.worker_reports import INTERVAL_SECONDS
 from gateway.wiring.context import Context
 
 _POLL_SECONDS: Final = 0.1
@@ -25,12 +26,23 @@ async def write_worker_reports(context: Context) -> AsyncIterator[None]:
     if reports is None:
         yield
         return
+
+    async def write() -> None:
+        # With a full disk, the process goes on serving, and the others regard it as silent.
+        with contextlib.suppress(OSError):
+            await asyncio.to_thread(reports.write, context.readiness(), context.metrics.exposition().decode())
+
+    async def write_repeatedly() -> None:
+        while True:
+            await write()
+            await asyncio.sleep(INTERVAL_SECONDS)
+
     with contextlib.suppress(OSError):
         await asyncio.to_thread(reports.register)
-    tasks = [asyncio.create_task(_write_repeatedly(context, reports), name="reports")]
-    if context.heartbeat is not None:
-        beat = context.heartbeat.beat(lambda: context.readiness() in ("ready", "degraded", "busy"))
-        tasks.append(asyncio.create_task(beat, name="heartbeat"))
+    tasks = [asyncio.create_task(write_repeatedly(), name="reports")]
+    if context.supervisor is not None:
+        beats = send_heartbeats(context.supervisor, lambda: context.readiness() in ("ready", "degraded", "busy"))
+        tasks.append(asyncio.create_task(beats, name="heartbeat"))
     while reports.is_replacement and not context.started.is_set() and not context.app.state.closing():  # noqa: ASYNC110
         await asyncio.sleep(_POLL_SECONDS)  # uvicorn tells nobody of a signal before the block has started
     try:
@@ -39,17 +51,4 @@ async def write_worker_reports(context: Context) -> AsyncIterator[None]:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        with contextlib.suppress(OSError):
-            await _write(context, reports)
-
-
-async def _write_repeatedly(context: Context, reports: WorkerReports) -> None:
-    while True:
-        # With a full disk, the process goes on serving, and the others regard it as silent.
-        with contextlib.suppress(OSError):
-            await _write(context, reports)
-        await asyncio.sleep(INTERVAL_SECONDS)
-
-
-async def _write(context: Context, reports: WorkerReports) -> None:
-    await asyncio.to_thread(reports.write, context.readiness(), context.metrics.exposition().decode())
+        await write()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gateway.runtime.metrics_registry import Metrics
-from gateway.runtime.metrics_sum import sum_expositions
+from gateway.runtime.worker_reports import sum_expositions
 
 
 def process(renders: int, seconds: float, level: float) -> str:

@@ -27,17 +27,19 @@ class ProgressBar:
         self.shown = shown
         """True if stderr is a terminal, so that a bar is shown."""
         self._begin = time.monotonic()
-        self._first_update: tuple[float, float] | None = None
-        """Time, ``time.monotonic()``, and count of the first update."""
+        self._first_update: tuple[float, float, float] | None = None
+        """Time, ``time.monotonic()``, completed amount and count of the first update."""
         self._written = -_UPDATE_SECONDS
         """Time of the last line."""
+        if shown:
+            self._write(f"{description} ...")
 
     def update(self, completed: float, count: int, *, total: float | None = None, note: str = "") -> None:
         """Show the current state.
 
         Args:
             completed: completed amount, 0 to ``total``.
-            count: number of units so far. The rate is the mean since the first update.
+            count: number of units so far. Rate and remaining time follow from the mean since the first update.
             total: value of ``completed`` at the end; None: unchanged.
             note: text at the end of the line.
         """
@@ -47,16 +49,18 @@ class ProgressBar:
         self._written = now
         self._total = self._total if total is None else total
         if self._first_update is None:
-            self._first_update = now, count
-        seconds = now - self._first_update[0]
-        rate = f"{(count - self._first_update[1]) / seconds:.1f}/s" if seconds > 0.0 else ""
-        done = min(completed / self._total, 1.0) if self._total else 0.0
-        elapsed = now - self._begin
-        left = "-:--:--" if not done else clock(elapsed / done - elapsed)
+            self._first_update = now, completed, count
+        begin, first_completed, first_count = self._first_update
+        rate = f"{(count - first_count) / (now - begin):.1f}/s" if now > begin else ""
+        done, left = 0.0, clock(now - self._begin)  # without a total, elapsed time is shown instead
+        if self._total:
+            done = min(completed / self._total, 1.0)
+            seconds_each = (now - begin) / (completed - first_completed) if completed > first_completed else 0.0
+            left = clock(seconds_each * max(0.0, self._total - completed)) if seconds_each else "-:--:--"
         columns = shutil.get_terminal_size().columns
         filled = round(done * _BAR_COLUMNS)
         bar = "━" * filled + "─" * (_BAR_COLUMNS - filled) if self._total and columns >= _MIN_COLUMNS else ""
-        parts = (self._description, bar, f"{count} {self._unit}", rate, left if self._total else clock(elapsed), note)
+        parts = (self._description, bar, f"{count} {self._unit}", rate, left, note)
         self._write(" ".join(part for part in parts if part)[: columns - 1])
 
     def end(self) -> None:

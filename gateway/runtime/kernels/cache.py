@@ -13,8 +13,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import Awaitable, Callable, Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -73,21 +73,6 @@ async def compile_missing(parts: Collection[str], progress: KernelProgress, on_c
     Raises:
         KernelError: the kernels could not be compiled, or the cache cannot be written.
     """
-    async with _exclusive(progress):
-        missing = []
-        for part in parts:
-            if await asyncio.to_thread(are_cached, [part]):
-                await on_cached(part)
-            else:
-                missing.append(part)
-        if missing:
-            progress.expected = {part: progress.expected[part] for part in missing}
-            await compile_in_children(missing, progress, on_cached)
-
-
-@asynccontextmanager
-async def _exclusive(progress: KernelProgress) -> AsyncIterator[None]:
-    """Hold the lock of the cache folder."""
     folder = configure()
     if not cache_folder.is_writable(folder):
         raise KernelError(
@@ -100,7 +85,15 @@ async def _exclusive(progress: KernelProgress) -> AsyncIterator[None]:
             progress.set_waiting(True)
             await asyncio.sleep(_LOCK_SECONDS)
         progress.set_waiting(False)
-        yield
+        missing = []
+        for part in parts:
+            if await asyncio.to_thread(are_cached, [part]):
+                await on_cached(part)
+            else:
+                missing.append(part)
+        if missing:
+            progress.expected = {part: progress.expected[part] for part in missing}
+            await compile_in_children(missing, progress, on_cached)
 
 
 async def compile_in_children(parts: Collection[str], progress: KernelProgress, on_cached: OnCached = _ignore) -> None:

@@ -12,7 +12,7 @@ from typing import Final
 import structlog
 
 from gateway.runtime.kernels import cache, parts
-from gateway.runtime.kernels.progress import KernelProgress, show_progress, show_progress_on_stderr
+from gateway.runtime.kernels.progress import KernelProgress, show_progress, write_progress
 from gateway.runtime.service_registry import ServiceRegistry, one_line
 from renderers.compiler import pending
 
@@ -44,7 +44,7 @@ def ensure_compiled(*, show: bool = False) -> None:
     if cache.are_cached(parts.PARTS):
         return
     progress = KernelProgress({name: part.function_count for name, part in parts.PARTS.items()})
-    with show_progress_on_stderr(progress) if show else nullcontext():
+    with show_progress(progress, write_progress) if show else nullcontext():
         asyncio.run(cache.compile_missing(parts.PARTS, progress))
 
 

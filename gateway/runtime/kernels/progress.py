@@ -11,10 +11,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from scenegate.cli.progress_bar import progress_bar
+
 _LOG_STEP_PERCENT: Final = 20
 """Progress between two lines of the log, percent."""
-_BAR_COLUMNS: Final = 80
-"""Columns of a terminal that a line with a bar needs."""
 _MIN_ESTIMATE_FRACTION: Final = 0.1
 """Minimum progress, 0 to 1, for an estimate of the remaining time."""
 
@@ -48,6 +48,11 @@ class KernelProgress:
         return sum(self.compiled.values()) / total if total else 1.0
 
     @property
+    def percent(self) -> int:
+        """``fraction`` in percent."""
+        return int(100 * self.fraction)
+
+    @property
     def seconds_left(self) -> int | None:
         """Estimated seconds until the end, at least 1; None while there is no estimate."""
         if self.fraction < _MIN_ESTIMATE_FRACTION:
@@ -72,14 +77,14 @@ class KernelProgress:
         """Return the fields that ``/healthz`` and ``/readyz`` show, as JSON values."""
         if self.waiting:
             return {"waiting": "another process compiles the kernels", "seconds": self.seconds}
-        values = {"percent": int(100 * self.fraction), "seconds": self.seconds, "seconds_left": self.seconds_left}
+        values = {"percent": self.percent, "seconds": self.seconds, "seconds_left": self.seconds_left}
         return {"compiling": values}
 
     def __str__(self) -> str:
         if self.waiting:
             return "waiting for another process that compiles the rendering kernels"
         left = f", about {self.seconds_left} s left" if self.seconds_left else ""
-        return f"compiling the rendering kernels, once: {int(100 * self.fraction)} %{left}"
+        return f"compiling the rendering kernels, once: {self.percent} %{left}"
 
 
 @contextmanager
@@ -91,14 +96,14 @@ def show_progress(progress: KernelProgress, log: Callable[..., object], *, bar: 
         bar: False: log lines on a terminal, too, because other processes write to the same terminal.
     """
     if bar and sys.stderr.isatty():
-        with _bar(progress):
+        with _shown_as_bar(progress):
             yield
         return
     logged = 0  # percent of the last log line
 
     def log_line() -> None:
         nonlocal logged
-        percent = int(100 * progress.fraction) // _LOG_STEP_PERCENT * _LOG_STEP_PERCENT
+        percent = progress.percent // _LOG_STEP_PERCENT * _LOG_STEP_PERCENT
         if progress.waiting:
             log("Waiting for another process that compiles the rendering kernels", seconds=progress.seconds)
         elif percent > logged:
@@ -111,50 +116,30 @@ def show_progress(progress: KernelProgress, log: Callable[..., object], *, bar: 
 
 
 @contextmanager
-def show_progress_on_stderr(progress: KernelProgress) -> Iterator[None]:
-    """Show progress while the block runs, for commands: a bar on a terminal, else lines on stderr."""
-
-    def write(event: str, *, seconds: float, percent: int | None = None, seconds_left: int | None = None) -> None:
-        position = "" if percent is None else f", {percent} %"
-        left = "" if seconds_left is None else f", about {seconds_left} s left"
-        sys.stderr.write(f"{event}{position}, {seconds:.0f} s{left}\n")
-
-    with show_progress(progress, write):
-        yield
-
-
-@contextmanager
-def _bar(progress: KernelProgress) -> Iterator[None]:
-    from rich import progress as rich_progress
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    columns: list[rich_progress.ProgressColumn] = [
-        rich_progress.TextColumn("{task.description}"),
-        rich_progress.TaskProgressColumn(),
-        rich_progress.TextColumn("{task.fields[left]}"),
-    ]
-    description = "Compiling kernels"
-    if console.width >= _BAR_COLUMNS:
-        description = "Compiling the rendering kernels, once"
-        columns[1:1] = [rich_progress.BarColumn()]
-        columns[3:3] = [rich_progress.TimeElapsedColumn()]
-    terminal = sys.stderr
-    with rich_progress.Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(description, total=1.0, left="")
+def _shown_as_bar(progress: KernelProgress) -> Iterator[None]:
+    handlers = logging.getLogger().handlers
+    with progress_bar("Compiling the rendering kernels, once", "%", 1.0) as bar:
 
         def show() -> None:
-            left = f"about {progress.seconds_left} s left" if progress.seconds_left else ""
-            bar.update(task, completed=progress.fraction, left="another process compiles" if progress.waiting else left)
+            note = "another process compiles" if progress.waiting else ""
+            bar.update(progress.fraction, progress.percent, note=note)
+
+        def write_log_lines_above(_: logging.LogRecord) -> bool:
+            bar.end()  # the next update shows the bar again
+            return True
 
         progress.on_change = show
-        # While the bar is shown, rich replaces sys.stderr with a stream that writes above the bar.
-        handlers = [h for h in logging.getLogger().handlers if isinstance(h, logging.StreamHandler)]
-        redirected = [handler for handler in handlers if handler.stream is terminal]
-        for handler in redirected:
-            handler.setStream(sys.stderr)
+        for handler in handlers:
+            handler.addFilter(write_log_lines_above)
         try:
             yield
         finally:
-            for handler in redirected:
-                handler.setStream(terminal)
+            for handler in handlers:
+                handler.removeFilter(write_log_lines_above)
+
+
+def write_progress(event: str, *, seconds: float, percent: int | None = None, seconds_left: int | None = None) -> None:
+    """Write a line to stderr: the ``log`` of ``show_progress`` for commands."""
+    position = "" if percent is None else f", {percent} %"
+    left = "" if seconds_left is None else f", about {seconds_left} s left"
+    sys.stderr.write(f"{event}{position}, {seconds:.0f} s{left}\n")

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from gateway.runtime.kernels.progress import KernelProgress, show_progress, show_progress_on_stderr
+from gateway.runtime.kernels.progress import KernelProgress, show_progress, write_progress
 
 
 class Terminal(io.StringIO):
@@ -62,7 +62,7 @@ def test_a_line_for_each_fifth_without_a_terminal(monkeypatch: pytest.MonkeyPatc
 
 def test_commands_write_lines_to_stderr(capsys: pytest.CaptureFixture[str]) -> None:
     progress = KernelProgress({"shading": 2})
-    with show_progress_on_stderr(progress):
+    with show_progress(progress, write_progress):
         progress.add("shading", complete=False)
     assert capsys.readouterr().err.startswith("Compiling the rendering kernels, 40 %, ")
 
@@ -71,6 +71,7 @@ def test_commands_write_lines_to_stderr(capsys: pytest.CaptureFixture[str]) -> N
 def test_a_bar_in_a_terminal_with_log_lines_above_it(monkeypatch: pytest.MonkeyPatch, columns: int) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setattr("scenegate.cli.progress_bar._UPDATE_SECONDS", 0.0)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", str(columns))
     handler = logging.StreamHandler(terminal)
@@ -80,10 +81,12 @@ def test_a_bar_in_a_terminal_with_log_lines_above_it(monkeypatch: pytest.MonkeyP
     with show_progress(progress, lambda event, **fields: pytest.fail("a line beside the bar")):
         progress.add("shading", complete=True)
         logging.getLogger("gateway").warning("something else")
-        assert handler.stream is not terminal
-    assert handler.stream is terminal
-    written = terminal.getvalue()
-    assert "25%" in written
-    assert "about 1 s left" in written
-    assert "something else\n" in written
-    assert "…" not in written
+        progress.add("setup", complete=False)
+    assert not handler.filters
+    before, after = terminal.getvalue().split("\r\x1b[Ksomething else\n")
+    assert before.startswith("\r\x1b[KCompiling the rendering kernels, ")
+    assert after.startswith("\r\x1b[KCompiling the rendering kernels, ")
+    assert after.endswith("\r\x1b[K")
+    if columns == 120:
+        assert "25 %" in before
+        assert "50 %" in after

@@ -1,10 +1,21 @@
-"""The page at ``/``: links and the states of the interfaces, without requests to other hosts."""
+"""The pages at ``/`` and ``/docs``, without requests to other hosts.
+
+Their addresses are relative: a proxy may serve the gateway below a path prefix that only the proxy knows.
+"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
 from html import escape
+from typing import Final
+
+from fastapi import FastAPI
+from fastapi.openapi.docs import get_swagger_ui_html
+from starlette.responses import HTMLResponse
+
+_DOCS_FILES: Final = "static-offline-docs"
+"""Path at which fastapi_offline serves the files of Swagger UI."""
 
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -50,12 +61,24 @@ _PAGE = """<!doctype html>
 """
 
 
-def index_page(version: str, links: Mapping[str, str], names: Mapping[str, tuple[str, str]]) -> str:
-    """Return the page as HTML.
+def index_page(version: str, links: Mapping[str, str], names: Mapping[str, tuple[str, str]]) -> HTMLResponse:
+    """Return the page with links and the states of the interfaces.
 
     Args:
         links: link texts by path relative to the page, or URL.
         names: title of each interface, and the address of its documentation or "", by name in ``/healthz``.
     """
     link_list = " · ".join(f'<a href="{escape(path)}">{escape(text)}</a>' for path, text in links.items())
-    return _PAGE.format(version=escape(version), links=link_list, names=json.dumps(names))
+    return HTMLResponse(_PAGE.format(version=escape(version), links=link_list, names=json.dumps(names)))
+
+
+def docs_page(app: FastAPI) -> HTMLResponse:
+    """Return the page with the HTTP interface: Swagger UI from this package."""
+    return get_swagger_ui_html(
+        openapi_url="openapi.json",
+        title=f"{app.title}: HTTP interface",
+        swagger_js_url=f"{_DOCS_FILES}/swagger-ui-bundle.js",
+        swagger_css_url=f"{_DOCS_FILES}/swagger-ui.css",
+        swagger_favicon_url=f"{_DOCS_FILES}/favicon.png",
+        swagger_ui_parameters=app.swagger_ui_parameters,
+    )
