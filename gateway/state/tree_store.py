@@ -141,7 +141,8 @@ class _RowWriter:
             self._execute("UPDATE tree_node SET opacity = ? WHERE path = ?", (node.opacity, key))
         else:  # geometry, which a client may have sent again unchanged
             digest = self._store(node.parts)
-            (old,) = self._execute("SELECT parts FROM tree_node WHERE path = ?", (key,)).fetchone()
+            row = self._execute("SELECT parts FROM tree_node WHERE path = ?", (key,)).fetchone()
+            old = row[0] if row is not None else None  # a damaged file may lack the row
             if digest != old:
                 self._execute("UPDATE tree_node SET parts = ? WHERE path = ?", (digest, key))
             if old is not None:

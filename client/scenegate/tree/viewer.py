@@ -33,7 +33,7 @@ from scenegate.warning_text import strict_refusal
 if TYPE_CHECKING:
     from scenegate.robots.robot import JointValue
 
-MAX_LOGGED: Final = 100
+MAX_LOGGED: Final = 20
 """Maximum number of different warnings of a viewer that are logged."""
 
 _log = logging.getLogger(__name__)
@@ -234,7 +234,7 @@ class TreeViewer(NotebookViews, Closing):
     def send(self, changes: Changes) -> Answer:
         """Send changes and wait for the response. If the viewer reports missing paths, publish them again.
 
-        Warnings are in the result, and each new text is logged once.
+        Warnings are in the result, and each new text is logged once, up to ``MAX_LOGGED``.
 
         Raises:
             TreeViewerError: the viewer rejected a command.
@@ -247,9 +247,13 @@ class TreeViewer(NotebookViews, Closing):
             response, missing = self._republish(response, missing)
         answer = answer_of(response, missing)
         for warning in answer.warnings:
-            if warning not in self._logged and len(self._logged) < MAX_LOGGED:
-                self._logged.add(warning)
+            if warning in self._logged or len(self._logged) > MAX_LOGGED:
+                continue
+            self._logged.add(warning)
+            if len(self._logged) <= MAX_LOGGED:
                 _log.warning("The tree viewer warns: %s", warning)
+            else:
+                _log.warning("The tree viewer warns of more, which is in the answers only")
         unknown = changes.newer_commands().keys() - set(response.body.get("newer_commands", ()))
         if unknown and answer.status >= OK:
             error = f"this viewer does not know {', '.join(sorted(unknown))}; it has done everything else"
