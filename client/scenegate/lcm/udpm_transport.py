@@ -21,7 +21,7 @@ from scenegate.lcm.url import parse_udpm_url
 
 _log = logging.getLogger("scenegate.lcm")
 
-MAX_READ: Final = 1024
+MAX_READ_DATAGRAMS: Final = 1024
 """Maximum number of datagrams read before the event loop continues: they take about 2 ms."""
 MAX_READ_BYTES: Final = 1024 * 1024
 """Maximum bytes read before the event loop continues: they take about 0.5 ms."""
@@ -125,12 +125,12 @@ class UdpmTransport:
     def _on_readable(self) -> None:
         """Read datagrams, and handle the first messages in the queue."""
         self._read()
-        self.queue.handle()
+        self.queue.handle_some()
 
     def _read(self) -> None:
         """Read datagrams from the kernel's buffer, which may be small, and queue the messages that they complete."""
         read_bytes = 0
-        for _ in range(MAX_READ):
+        for _ in range(MAX_READ_DATAGRAMS):
             try:
                 datagram, sender, arrival = udpm_socket.receive(self._receiver, udpm.MAX_DATAGRAM_BYTES)
             except (BlockingIOError, InterruptedError):
