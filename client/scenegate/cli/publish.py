@@ -33,40 +33,40 @@ RELOAD_SECONDS: Final = 0.5
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments and options."""
     add = parser.add_argument
-    text = (
+    help_text = (
         "a request of the protocol in JSON; a mesh: glb, gltf, obj, stl, ply, dae, vtk; or a robot file: urdf, sdf, "
         "xacro, xml (MJCF). A pipe without a suffix is a robot: <(xacro robot.urdf.xacro)"
     )
-    add("source", metavar="SCENE.json|MESH|ROBOT", type=existing_file, help=text)
+    add("source", metavar="SCENE.json|MESH|ROBOT", type=existing_file, help=help_text)
     add("--path", default="", help="path in the tree: robot/base")
-    text = "refuse a file of which something cannot be drawn, instead of a warning"
-    add("--strict", action="store_true", help=text)
+    help_text = "refuse a file of which something cannot be drawn, instead of a warning"
+    add("--strict", action="store_true", help=help_text)
     add_lcm_url(parser)
-    text = "seconds to wait for the viewer (default: 10)"
-    add("--timeout", type=at_least(0.1), default=10.0, metavar="SECONDS", help=text)
+    help_text = "seconds to wait for the viewer (default: 10)"
+    add("--timeout", type=at_least(0.1), default=10.0, metavar="SECONDS", help=help_text)
     robot = parser.add_argument_group("robots").add_argument
-    text = (
+    help_text = (
         "joint value of a robot file, in radians or metres; several numbers separated by commas for joints that have "
         "several. Can be repeated"
     )
-    robot("--joint", action="append", default=[], metavar="NAME=VALUE", help=text)
-    text = "folder with the packages of a robot file's package:// names. Can be repeated"
-    robot("--root", action="append", default=[], type=existing_folder, metavar="FOLDER", help=text)
-    text = "keyframe of an MJCF file, which has the joints' values"
-    robot("--keyframe", default="", metavar="NAME", help=text)
-    text = "up axis of a robot's glTF meshes; auto: the one that fits the collision geometry (default: y)"
-    robot("--robot-gltf-up", choices=("y", "z", "auto"), default="y", help=text)
-    text = "publish a robot's collision geometry, not its visual geometry"
-    robot("--collision", action="store_true", help=text)
-    text = "publish textures and colours of vertices; other viewers refuse them (default: --textures)"
-    robot("--textures", action=argparse.BooleanOptionalAction, default=True, help=text)
-    text = (
+    robot("--joint", action="append", default=[], metavar="NAME=VALUE", help=help_text)
+    help_text = "folder with the packages of a robot file's package:// names. Can be repeated"
+    robot("--root", action="append", default=[], type=existing_folder, metavar="FOLDER", help=help_text)
+    help_text = "keyframe of an MJCF file, which has the joints' values"
+    robot("--keyframe", default="", metavar="NAME", help=help_text)
+    help_text = "up axis of a robot's glTF meshes; auto: the one that fits the collision geometry (default: y)"
+    robot("--robot-gltf-up", choices=("y", "z", "auto"), default="y", help=help_text)
+    help_text = "publish a robot's collision geometry, not its visual geometry"
+    robot("--collision", action="store_true", help=help_text)
+    help_text = "publish textures and colours of vertices; other viewers refuse them (default: --textures)"
+    robot("--textures", action=argparse.BooleanOptionalAction, default=True, help=help_text)
+    help_text = (
         "show a slider for each joint of a robot in the page, which moves it until Ctrl+C; without, the command ends "
         "when the robot is published (default: --sliders)"
     )
-    robot("--sliders", action=argparse.BooleanOptionalAction, default=True, help=text)
-    text = "publish a robot again whenever it or a mesh of it changes, until Ctrl+C"
-    robot("--reload", action="store_true", help=text)
+    robot("--sliders", action=argparse.BooleanOptionalAction, default=True, help=help_text)
+    help_text = "publish a robot again whenever it or a mesh of it changes, until Ctrl+C"
+    robot("--reload", action="store_true", help=help_text)
 
 
 def run(options: argparse.Namespace) -> None:
