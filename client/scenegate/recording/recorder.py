@@ -102,8 +102,8 @@ class SceneWriter:
         if isinstance(value, ImuSample):
             self._write_all(self._profile.imu(value), log_time_ns, value.time_ns)
         elif isinstance(value, pb.ImageSet):
-            for images in self._camera.convert(value):
-                self._write_all(self._profile.camera(images), log_time_ns, images.time_ns)
+            for exposure in self._camera.convert(value):
+                self._write_all(self._profile.camera(exposure), log_time_ns, exposure.time_ns)
 
     def _write_whole(self, log_time_ns: int, change: SceneChange | None) -> None:
         """Write the whole scene, with what the newest change has removed."""
