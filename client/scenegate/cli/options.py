@@ -40,8 +40,8 @@ def at_least(minimum: Number) -> Callable[[str], Number]:
         try:
             value = type(minimum)(text)
         except ValueError:
-            value = type(minimum)(minimum - 1)
-        if not value >= minimum or math.isinf(value):
+            value = None
+        if value is None or not value >= minimum or math.isinf(value):
             kind = "an integer" if isinstance(minimum, int) else "a number"
             raise argparse.ArgumentTypeError(f"{text!r} is not {kind} of {minimum:g} or more")
         return value

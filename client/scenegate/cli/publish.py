@@ -168,14 +168,15 @@ def _publish_on_change(
     viewer: TreeViewer, source: Path, publish_robot: Callable[[TreeViewer], PublishedRobot], with_sliders: bool
 ) -> None:
     """Publish a robot, and again whenever one of its files changes. Errors of the files are printed."""
-    stamps: dict[Path, float | None] = {source: None}
+    change_times: dict[Path, float | None] = {source: None}
+    """Time of the last change of each file of the robot that was published; None: to be read again."""
     sliders: JointSliders | None = None
     while True:
-        if all(_changed(path) == stamp for path, stamp in stamps.items()):
+        if all(_change_time(path) == published_time for path, published_time in change_times.items()):
             time.sleep(RELOAD_SECONDS)
             continue
         began = time.time()
-        stamps = {path: _changed(path) for path in stamps}
+        change_times = {path: _change_time(path) for path in change_times}
         try:
             robot = publish_robot(viewer)
         except (ValueError, ImportError) as error:
@@ -183,14 +184,15 @@ def _publish_on_change(
             continue
         _print_robot(source, robot)
         if with_sliders:
-            values = {} if sliders is None else sliders.values
+            earlier_values = {} if sliders is None else sliders.values
             sliders = _add_sliders(viewer, robot)
             if sliders is not None:
-                sliders.set({name: value for name, value in values.items() if name in sliders.sliders})
+                sliders.set({name: value for name, value in earlier_values.items() if name in sliders.sliders})
         for path in (source.parent / name for name in robot.files):
-            changed = _changed(path)
-            # A new file may have changed since it was read: then the robot is published once more.
-            stamps.setdefault(path, changed if changed is None or changed < began - RELOAD_SECONDS else None)
+            change_time = _change_time(path)
+            # A file that may have changed since it was read counts as changed: the robot is published once more.
+            may_have_changed_since_read = change_time is not None and change_time >= began - RELOAD_SECONDS
+            change_times.setdefault(path, None if may_have_changed_since_read else change_time)
 
 
 def _add_sliders(viewer: TreeViewer, robot: PublishedRobot) -> JointSliders | None:
@@ -204,7 +206,7 @@ def _add_sliders(viewer: TreeViewer, robot: PublishedRobot) -> JointSliders | No
     return sliders if sliders.sliders else None
 
 
-def _changed(path: Path) -> float | None:
+def _change_time(path: Path) -> float | None:
     """Return the time of a file's last change; None if there is no such file."""
     try:
         return path.stat().st_mtime
