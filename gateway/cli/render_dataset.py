@@ -15,7 +15,7 @@ from gateway.datasets.job import Job, Result
 from gateway.datasets.local_tasks import run_local
 from gateway.datasets.ray_tasks import run_ray
 from gateway.datasets.run import Progress, run
-from scenegate.cli.progress_bar import clock, progress_bar
+from scenegate.cli.progress_bar import clock_text, progress_bar
 from scenegate.datasets import manifest
 
 LOG_SECONDS: Final = 10.0
@@ -56,7 +56,7 @@ def _run_with_progress(job: Job, execute: partial[Iterator[Result]]) -> Progress
             if not bar.shown and time.monotonic() - logged > LOG_SECONDS:
                 logged = time.monotonic()
                 rate = progress.rendered / (logged - begin)
-                left = f", {rate:.1f}/s, {clock((progress.total - progress.finished) / rate)} left" if rate else ""
+                left = f", {rate:.1f}/s, {clock_text((progress.total - progress.finished) / rate)} left" if rate else ""
                 typer.echo(f"{progress.finished} of {progress.total} done{left} {note}", err=True)
 
         return run(job, execute, report)

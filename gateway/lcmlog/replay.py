@@ -154,10 +154,10 @@ class LogReplay(Closing):
 
     def _apply(self, event: Event) -> Sequence[str]:
         if not event.channel.startswith(wire.REQUEST):
-            shown, channel = self._drake.state.shown_at, channel_of(event.channel)
-            is_new = channel is not None and channel not in shown and not channel.has_fixed_name
-            if is_new and len(shown) >= MAX_CHANNELS:
-                return (f"{len(shown)} channels of clouds and frames are shown, which is the limit",)
+            shown_channels, channel = self._drake.state.shown_at, channel_of(event.channel)
+            is_new = channel is not None and channel not in shown_channels and not channel.has_fixed_name
+            if is_new and len(shown_channels) >= MAX_CHANNELS:
+                return (f"{len(shown_channels)} channels of clouds and frames are shown, which is the limit",)
             return self._drake.handle(event.channel, event.data)
         response = self._tree.handle(event.data)
         if isinstance(response, FormatResponse):

@@ -27,23 +27,23 @@ class LogError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class LogSummary:
-    """Figures of a log."""
+    """Span, counts and damage of a log."""
 
     span: tuple[int, int]
     """Times of the first and last event on the time bar, nanoseconds since the epoch."""
     events: int
     """Number of events."""
     shown: int
-    """Number of events of channels that change the tree."""
+    """Number of events of channels that change the tree, among the first ``MAX_CHANNELS`` channels."""
     file_bytes: int
-    """Size of the file up to its last event."""
+    """Size of the file when it was read."""
     clock_sets: int
     """Number of times that the recorder's clock was set."""
     damaged_bytes: int = 0
     """Bytes that belong to no complete message: the recorder was killed, or the file is damaged."""
 
 
-def scan(path: Path, on_progress: Callable[[int], None] = lambda position: None) -> LogSummary:
+def scan_log(path: Path, on_progress: Callable[[int], None] = lambda position: None) -> LogSummary:
     """Read the headers of all events of a log.
 
     Args:
@@ -54,28 +54,33 @@ def scan(path: Path, on_progress: Callable[[int], None] = lambda position: None)
         LogError: the file is not an LCM log, or none of its messages can be shown.
         OSError: the file cannot be read.
     """
-    clock, begin, events, position = LogClock(), 0, 0, 0
+    clock = LogClock()
+    first_ns = events = 0
     channels: Counter[str] = Counter()
     damages: list[int] = []
     with open_regular(path) as file:
         try:
-            for event in read_events(file, lambda channel: False, damages.append):
+            for event in read_events(file, _skip_data, damages.append):
                 clock = clock.after(event.time_us)
                 if not events:
-                    begin = clock.time_ns
+                    first_ns = clock.time_ns
                 events += 1
-                position = event.position
                 if event.channel in channels or len(channels) < MAX_CHANNELS:
                     channels[event.channel] += 1
                 if events % REPORT_EVENTS == 0:
-                    on_progress(position)
+                    on_progress(event.position)
         except EventLogError as error:
             raise LogError(f"{path}: {error}") from None
-        end = file.tell()
+        file_bytes = file.tell()
     shown = sum(count for channel, count in channels.items() if is_shown(channel))
     if not shown:
         raise LogError(f"{path}: {_nothing_to_show(events, channels)}")
-    return LogSummary((begin, clock.time_ns), events, shown, end, clock.sets, sum(damages))
+    return LogSummary((first_ns, clock.time_ns), events, shown, file_bytes, clock.sets, sum(damages))
+
+
+def _skip_data(channel: str) -> bool:
+    """Return False: only the header of each event is read."""
+    return False
 
 
 def _nothing_to_show(events: int, channels: Counter[str]) -> str:

@@ -15,7 +15,7 @@ from gateway.assets.mesh_files import MeshFiles
 from gateway.lcmlog.checkpoints import Checkpoints
 from gateway.lcmlog.incomplete_messages import IncompleteMessages
 from gateway.lcmlog.replay import LogReplay, cost_of
-from gateway.lcmlog.scan import LogSummary, scan
+from gateway.lcmlog.scan import LogSummary, scan_log
 from gateway.scene.live import Snapshot
 from scenegate.closing import Closing
 
@@ -53,7 +53,7 @@ def open_log(
         LogError: it is not an LCM log, or none of its messages can be shown.
         OSError: it cannot be read.
     """
-    return LogTimeline(path, files or MeshFiles(()), scan(path, on_progress))
+    return LogTimeline(path, files or MeshFiles(()), scan_log(path, on_progress))
 
 
 class LogTimeline(Closing):

@@ -17,7 +17,7 @@ import pytest
 from gateway.lcm import tcpq_hub
 from gateway.lcm.config import LcmConfig
 from scenegate.lcm import network, udpm_socket
-from scenegate.lcm.liblcm_transport import MAX_READ, LiblcmTransport
+from scenegate.lcm.liblcm_transport import MAX_READ_MESSAGES, LiblcmTransport
 from scenegate.lcm.receive_queue import MAX_HANDLED, OVERHEAD_BYTES, ReceiveQueue
 from scenegate.lcm.transport import LcmMessage
 from tests.support.waiting import SECONDS, until, wait_until
@@ -35,7 +35,7 @@ def queue_of(*names: str, handled: list[str]) -> ReceiveQueue:
 async def test_a_few_messages_are_handled_at_once(count: int) -> None:
     handled: list[str] = []
     queue = queue_of(*map(str, range(count)), handled=handled)
-    queue.handle()
+    queue.handle_some()
     assert handled == [str(number) for number in range(count)]
     assert queue.waiting_bytes == 0
 
@@ -44,7 +44,7 @@ async def test_the_event_loop_continues_between_many_messages() -> None:
     handled: list[str] = []
     names = [str(number) for number in range(2 * MAX_HANDLED + 1)]
     queue = queue_of(*names, handled=handled)
-    queue.handle()
+    queue.handle_some()
     assert handled == names[:MAX_HANDLED]
     assert queue.waiting_bytes == (len(names) - MAX_HANDLED) * (1 + OVERHEAD_BYTES)
     counts: list[int] = []
@@ -63,8 +63,8 @@ async def test_the_rest_is_scheduled_once() -> None:
     handled: list[str] = []
     names = [str(number) for number in range(4 * MAX_HANDLED)]
     queue = queue_of(*names, handled=handled)
-    queue.handle()
-    queue.handle()
+    queue.handle_some()
+    queue.handle_some()
     assert len(handled) == 2 * MAX_HANDLED
     await asyncio.sleep(0)
     assert len(handled) == 3 * MAX_HANDLED
@@ -202,7 +202,7 @@ class FakeLcm:
         self.published.append((channel, message))
 
 
-@pytest.mark.parametrize("waiting", [1, 3, MAX_READ, MAX_READ + 2])
+@pytest.mark.parametrize("waiting", [1, 3, MAX_READ_MESSAGES, MAX_READ_MESSAGES + 2])
 async def test_liblcm_is_read_without_waiting(waiting: int, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[FakeLcm] = []
 
@@ -270,7 +270,7 @@ async def test_messages_keep_the_time_of_their_arrival() -> None:
     queue.start(lambda message: arrivals.append(message.arrival))
     for arrival in range(MAX_HANDLED + 2):
         queue.put(LcmMessage("a", b"x", arrival=arrival))
-    queue.handle()
+    queue.handle_some()
     await until(lambda: len(arrivals) == MAX_HANDLED + 2)
     assert arrivals == list(range(MAX_HANDLED + 2))
 

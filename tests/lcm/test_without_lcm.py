@@ -56,7 +56,7 @@ async def test_udp_multicast_works_without_libglib(url: str, without_lcm: None) 
 
 async def test_liblcm_transport_limits_its_queue() -> None:
     liblcm()
-    transport = liblcm_transport.LiblcmTransport("memq://", f"{REQUEST}.*", queued_bytes=3000)
+    transport = liblcm_transport.LiblcmTransport("memq://", f"{REQUEST}.*", max_queued_bytes=3000)
     try:
         for _ in range(20):
             transport.queue.put(LcmMessage("c", b"x" * 744))

@@ -11,7 +11,7 @@ import pytest
 
 from gateway.assets.mesh_files import MeshFiles
 from gateway.lcmlog.checkpoints import Checkpoints
-from gateway.lcmlog.scan import scan
+from gateway.lcmlog.scan import scan_log
 from gateway.lcmlog.timeline import LogTimeline
 from gateway.scene.live import LiveTree
 from gateway.viewer.browser import Browser
@@ -73,7 +73,7 @@ async def test_pages_that_seek(seed: int, tmp_path: Path) -> None:
     )
     log = write_log(tmp_path / "x", messages)
     numbers = random.Random(seed)
-    with LogTimeline(log, MeshFiles(()), scan(log), Checkpoints(interval=15.0)) as timeline:
+    with LogTimeline(log, MeshFiles(()), scan_log(log), Checkpoints(interval=15.0)) as timeline:
         hub = ViewHub(CONFIG, LiveTree(), timeline=timeline, has_live=False)
         running = asyncio.create_task(hub.run())
         pages = [Page(hub) for _ in range(2)]

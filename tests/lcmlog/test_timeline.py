@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from gateway.assets.mesh_files import MeshFiles
 from gateway.lcmlog.checkpoints import Checkpoints
 from gateway.lcmlog.replay import MAX_CHANNELS
-from gateway.lcmlog.scan import LogError, scan
+from gateway.lcmlog.scan import LogError, scan_log
 from gateway.lcmlog.timeline import LogTimeline, open_log
 from gateway.scene.geometry import PointCloud
 from gateway.scene.live import Snapshot
@@ -47,7 +47,7 @@ def opened() -> Iterator[Opener]:
 
 def with_small_parts(log: Path, checkpoints: Checkpoints | None = None) -> LogTimeline:
     """Return the timeline of a log with a checkpoint every few messages."""
-    return LogTimeline(log, MeshFiles(()), scan(log), checkpoints or Checkpoints(interval=3.0))
+    return LogTimeline(log, MeshFiles(()), scan_log(log), checkpoints or Checkpoints(interval=3.0))
 
 
 def box_at(*path: str) -> bytes:

@@ -52,3 +52,19 @@ def test_the_total_may_be_found_later(monkeypatch: pytest.MonkeyPatch) -> None:
     with progress_bar("Checking", "samples", 1) as bar:
         assert not bar.shown
         bar.update(1, 1, total=10)
+
+
+def test_a_total_counts_also_if_its_update_is_not_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("COLUMNS", "120")
+    with progress_bar("Checking", "samples") as bar:
+        monkeypatch.setattr("scenegate.cli.progress_bar.time.monotonic", lambda: now[0])
+        bar.update(0, 0)
+        now[0] += 0.01
+        bar.update(0, 0, total=10)
+        now[0] += 1.99
+        bar.update(5, 5)
+    assert "━━━━━━━━━━──────────" in terminal.getvalue()
+    assert "0:00:02" in terminal.getvalue()

@@ -40,8 +40,8 @@ def at_least(minimum: Number) -> Callable[[str], Number]:
         try:
             value = type(minimum)(text)
         except ValueError:
-            value = type(minimum)(minimum - 1)
-        if not value >= minimum or math.isinf(value):
+            value = None
+        if value is None or not value >= minimum or math.isinf(value):
             kind = "an integer" if isinstance(minimum, int) else "a number"
             raise argparse.ArgumentTypeError(f"{text!r} is not {kind} of {minimum:g} or more")
         return value
@@ -51,25 +51,25 @@ def at_least(minimum: Number) -> Callable[[str], Number]:
 
 def add_lcm_url(parser: argparse.ArgumentParser) -> None:
     """Add the option ``--lcm-url``."""
-    text = "tcpq://HOST:PORT, udpm://...; default: LCM_DEFAULT_URL, or LCM's default"
-    parser.add_argument("--lcm-url", metavar="URL", help=text)
+    help_text = "tcpq://HOST:PORT, udpm://...; default: LCM_DEFAULT_URL, or LCM's default"
+    parser.add_argument("--lcm-url", metavar="URL", help=help_text)
 
 
 def add_channels(parser: argparse.ArgumentParser) -> None:
     """Add the option ``--channels``."""
-    text = "only channels whose whole name matches (default: all)"
-    parser.add_argument("--channels", metavar="PATTERN", default=".*", help=text)
+    help_text = "only channels whose whole name matches (default: all)"
+    parser.add_argument("--channels", metavar="PATTERN", default=".*", help=help_text)
 
 
 def add_access(parser: argparse.ArgumentParser) -> None:
     """Add the options of the access to a gateway or camera: token and certificates."""
     access = parser.add_argument_group("access").add_argument
-    text = "bearer token (also SCENEGATE_TOKEN). Other users of this machine can read command lines"
-    access("--token", default=os.environ.get("SCENEGATE_TOKEN"), help=text)
+    help_text = "bearer token (also SCENEGATE_TOKEN). Other users of this machine can read command lines"
+    access("--token", default=os.environ.get("SCENEGATE_TOKEN"), help=help_text)
     access("--token-file", type=existing_file, metavar="FILE", help="file with the token")
     access("--tls", action="store_true", help="encrypt, and trust the system's authorities")
-    text = "encrypt, and trust this PEM authority (also SCENEGATE_CA)"
-    access("--ca", type=existing_file, default=os.environ.get("SCENEGATE_CA"), metavar="FILE", help=text)
+    help_text = "encrypt, and trust this PEM authority (also SCENEGATE_CA)"
+    access("--ca", type=existing_file, default=os.environ.get("SCENEGATE_CA"), metavar="FILE", help=help_text)
     access("--certificate", type=existing_file, metavar="FILE", help="PEM certificate of this client")
     access("--key", type=existing_file, metavar="FILE", help="PEM private key of --certificate")
 

@@ -23,13 +23,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments and options."""
     parser.add_argument("log", metavar="IN.lcmlog", type=existing_file, help="the log")
     add_lcm_url(parser)
-    text = "begin this long after the log's first message. Earlier requests to the tree viewer, and the last message "
-    text += "of each channel of Drake's, are played first, at once (default: 0)"
-    parser.add_argument("--start", type=at_least(0.0), metavar="SECONDS", default=0.0, help=text)
-    text = "end this long after the start, by the recorded times (default: the log's end)"
-    parser.add_argument("--duration", type=at_least(0.0), metavar="SECONDS", help=text)
-    text = "2: twice as fast; 0: as fast as possible (default: 1)"
-    parser.add_argument("--rate", type=at_least(0.0), default=1.0, help=text)
+    help_text = (
+        "begin this long after the log's first message. Earlier requests to the tree viewer, and the last message "
+        "of each channel of Drake's, are played first, at once (default: 0)"
+    )
+    parser.add_argument("--start", type=at_least(0.0), metavar="SECONDS", default=0.0, help=help_text)
+    help_text = "end this long after the start, by the recorded times (default: the log's end)"
+    parser.add_argument("--duration", type=at_least(0.0), metavar="SECONDS", help=help_text)
+    help_text = "2: twice as fast; 0: as fast as possible (default: 1)"
+    parser.add_argument("--rate", type=at_least(0.0), default=1.0, help=help_text)
     parser.add_argument("--loop", action="store_true", help="repeat until interrupted")
     add_channels(parser)
 

@@ -26,11 +26,11 @@ class ProgressBar:
         self._total = total
         self.shown = shown
         """True if stderr is a terminal, so that a bar is shown."""
-        self._begin = time.monotonic()
+        self._start = time.monotonic()
         self._first_update: tuple[float, float, float] | None = None
         """Time, ``time.monotonic()``, completed amount and count of the first update."""
-        self._written = -_UPDATE_SECONDS
-        """Time of the last line."""
+        self._last_write = -_UPDATE_SECONDS
+        """Time of the last line, ``time.monotonic()``."""
         if shown:
             self._write(f"{description} ...")
 
@@ -38,29 +38,32 @@ class ProgressBar:
         """Show the current state.
 
         Args:
-            completed: completed amount, 0 to ``total``.
-            count: number of units so far. Rate and remaining time follow from the mean since the first update.
+            completed: completed part of ``total``: the bar and the remaining time follow from both.
+            count: number of units so far. It is shown with its rate.
             total: value of ``completed`` at the end; None: unchanged.
             note: text at the end of the line.
         """
+        if total is not None:
+            self._total = total
         now = time.monotonic()
-        if not self.shown or now - self._written < _UPDATE_SECONDS:
+        if not self.shown or now - self._last_write < _UPDATE_SECONDS:
             return
-        self._written = now
-        self._total = self._total if total is None else total
+        self._last_write = now
         if self._first_update is None:
             self._first_update = now, completed, count
-        begin, first_completed, first_count = self._first_update
-        rate = f"{(count - first_count) / (now - begin):.1f}/s" if now > begin else ""
-        done, left = 0.0, clock(now - self._begin)  # without a total, elapsed time is shown instead
-        if self._total:
-            done = min(completed / self._total, 1.0)
-            seconds_each = (now - begin) / (completed - first_completed) if completed > first_completed else 0.0
-            left = clock(seconds_each * max(0.0, self._total - completed)) if seconds_each else "-:--:--"
+        first_time, first_completed, first_count = self._first_update
+        seconds = now - first_time
+        rate = f"{(count - first_count) / seconds:.1f}/s" if seconds > 0.0 else ""
         columns = shutil.get_terminal_size().columns
-        filled = round(done * _BAR_COLUMNS)
-        bar = "━" * filled + "─" * (_BAR_COLUMNS - filled) if self._total and columns >= _MIN_COLUMNS else ""
-        parts = (self._description, bar, f"{count} {self._unit}", rate, left, note)
+        if not self._total:
+            bar, time_text = "", clock_text(now - self._start)
+        else:
+            bar = _bar(completed / self._total) if columns >= _MIN_COLUMNS else ""
+            time_text = "-:--:--"
+            if completed > first_completed:
+                seconds_each = seconds / (completed - first_completed)
+                time_text = clock_text(seconds_each * max(0.0, self._total - completed))
+        parts = (self._description, bar, f"{count} {self._unit}", rate, time_text, note)
         self._write(" ".join(part for part in parts if part)[: columns - 1])
 
     def end(self) -> None:
@@ -73,10 +76,15 @@ class ProgressBar:
         sys.stderr.flush()
 
 
-def clock(seconds: float) -> str:
-    """Return a time as hours, minutes and seconds."""
-    minutes, seconds = divmod(int(seconds), 60)
-    return f"{minutes // 60}:{minutes % 60:02}:{seconds:02}"
+def _bar(fraction: float) -> str:
+    filled = round(min(fraction, 1.0) * _BAR_COLUMNS)
+    return "━" * filled + "─" * (_BAR_COLUMNS - filled)
+
+
+def clock_text(seconds: float) -> str:
+    """Return a time as hours, minutes and seconds: ``0:01:30``."""
+    minutes, whole_seconds = divmod(int(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02}:{whole_seconds:02}"
 
 
 @contextmanager

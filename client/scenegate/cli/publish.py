@@ -33,40 +33,40 @@ RELOAD_SECONDS: Final = 0.5
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments and options."""
     add = parser.add_argument
-    text = (
+    help_text = (
         "a request of the protocol in JSON; a mesh: glb, gltf, obj, stl, ply, dae, vtk; or a robot file: urdf, sdf, "
         "xacro, xml (MJCF). A pipe without a suffix is a robot: <(xacro robot.urdf.xacro)"
     )
-    add("source", metavar="SCENE.json|MESH|ROBOT", type=existing_file, help=text)
+    add("source", metavar="SCENE.json|MESH|ROBOT", type=existing_file, help=help_text)
     add("--path", default="", help="path in the tree: robot/base")
-    text = "refuse a file of which something cannot be drawn, instead of a warning"
-    add("--strict", action="store_true", help=text)
+    help_text = "refuse a file of which something cannot be drawn, instead of a warning"
+    add("--strict", action="store_true", help=help_text)
     add_lcm_url(parser)
-    text = "seconds to wait for the viewer (default: 10)"
-    add("--timeout", type=at_least(0.1), default=10.0, metavar="SECONDS", help=text)
+    help_text = "seconds to wait for the viewer (default: 10)"
+    add("--timeout", type=at_least(0.1), default=10.0, metavar="SECONDS", help=help_text)
     robot = parser.add_argument_group("robots").add_argument
-    text = (
+    help_text = (
         "joint value of a robot file, in radians or metres; several numbers separated by commas for joints that have "
         "several. Can be repeated"
     )
-    robot("--joint", action="append", default=[], metavar="NAME=VALUE", help=text)
-    text = "folder with the packages of a robot file's package:// names. Can be repeated"
-    robot("--root", action="append", default=[], type=existing_folder, metavar="FOLDER", help=text)
-    text = "keyframe of an MJCF file, which has the joints' values"
-    robot("--keyframe", default="", metavar="NAME", help=text)
-    text = "up axis of a robot's glTF meshes; auto: the one that fits the collision geometry (default: y)"
-    robot("--robot-gltf-up", choices=("y", "z", "auto"), default="y", help=text)
-    text = "publish a robot's collision geometry, not its visual geometry"
-    robot("--collision", action="store_true", help=text)
-    text = "publish textures and colours of vertices; other viewers refuse them (default: --textures)"
-    robot("--textures", action=argparse.BooleanOptionalAction, default=True, help=text)
-    text = (
+    robot("--joint", action="append", default=[], metavar="NAME=VALUE", help=help_text)
+    help_text = "folder with the packages of a robot file's package:// names. Can be repeated"
+    robot("--root", action="append", default=[], type=existing_folder, metavar="FOLDER", help=help_text)
+    help_text = "keyframe of an MJCF file, which has the joints' values"
+    robot("--keyframe", default="", metavar="NAME", help=help_text)
+    help_text = "up axis of a robot's glTF meshes; auto: the one that fits the collision geometry (default: y)"
+    robot("--robot-gltf-up", choices=("y", "z", "auto"), default="y", help=help_text)
+    help_text = "publish a robot's collision geometry, not its visual geometry"
+    robot("--collision", action="store_true", help=help_text)
+    help_text = "publish textures and colours of vertices; other viewers refuse them (default: --textures)"
+    robot("--textures", action=argparse.BooleanOptionalAction, default=True, help=help_text)
+    help_text = (
         "show a slider for each joint of a robot in the page, which moves it until Ctrl+C; without, the command ends "
         "when the robot is published (default: --sliders)"
     )
-    robot("--sliders", action=argparse.BooleanOptionalAction, default=True, help=text)
-    text = "publish a robot again whenever it or a mesh of it changes, until Ctrl+C"
-    robot("--reload", action="store_true", help=text)
+    robot("--sliders", action=argparse.BooleanOptionalAction, default=True, help=help_text)
+    help_text = "publish a robot again whenever it or a mesh of it changes, until Ctrl+C"
+    robot("--reload", action="store_true", help=help_text)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -168,14 +168,15 @@ def _publish_on_change(
     viewer: TreeViewer, source: Path, publish_robot: Callable[[TreeViewer], PublishedRobot], with_sliders: bool
 ) -> None:
     """Publish a robot, and again whenever one of its files changes. Errors of the files are printed."""
-    stamps: dict[Path, float | None] = {source: None}
+    change_times: dict[Path, float | None] = {source: None}
+    """Time of the last change of each file of the robot that was published; None: to be read again."""
     sliders: JointSliders | None = None
     while True:
-        if all(_changed(path) == stamp for path, stamp in stamps.items()):
+        if all(_change_time(path) == published_time for path, published_time in change_times.items()):
             time.sleep(RELOAD_SECONDS)
             continue
         began = time.time()
-        stamps = {path: _changed(path) for path in stamps}
+        change_times = {path: _change_time(path) for path in change_times}
         try:
             robot = publish_robot(viewer)
         except (ValueError, ImportError) as error:
@@ -183,14 +184,15 @@ def _publish_on_change(
             continue
         _print_robot(source, robot)
         if with_sliders:
-            values = {} if sliders is None else sliders.values
+            earlier_values = {} if sliders is None else sliders.values
             sliders = _add_sliders(viewer, robot)
             if sliders is not None:
-                sliders.set({name: value for name, value in values.items() if name in sliders.sliders})
+                sliders.set({name: value for name, value in earlier_values.items() if name in sliders.sliders})
         for path in (source.parent / name for name in robot.files):
-            changed = _changed(path)
-            # A new file may have changed since it was read: then the robot is published once more.
-            stamps.setdefault(path, changed if changed is None or changed < began - RELOAD_SECONDS else None)
+            change_time = _change_time(path)
+            # A file that may have changed since it was read counts as changed: the robot is published once more.
+            may_have_changed_since_read = change_time is not None and change_time >= began - RELOAD_SECONDS
+            change_times.setdefault(path, None if may_have_changed_since_read else change_time)
 
 
 def _add_sliders(viewer: TreeViewer, robot: PublishedRobot) -> JointSliders | None:
@@ -204,7 +206,7 @@ def _add_sliders(viewer: TreeViewer, robot: PublishedRobot) -> JointSliders | No
     return sliders if sliders.sliders else None
 
 
-def _changed(path: Path) -> float | None:
+def _change_time(path: Path) -> float | None:
     """Return the time of a file's last change; None if there is no such file."""
     try:
         return path.stat().st_mtime

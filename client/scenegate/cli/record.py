@@ -23,18 +23,19 @@ UPDATE_SECONDS: Final = 0.2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments and options."""
-    text = "the log of an LCM network; an existing file is replaced"
-    parser.add_argument("out", metavar="OUT.lcmlog", type=Path, nargs="?", help=text)
+    help_text = "the log of an LCM network; an existing file is replaced"
+    parser.add_argument("out", metavar="OUT.lcmlog", type=Path, nargs="?", help=help_text)
     add_lcm_url(parser)
     add_channels(parser)
-    text = "stop after this time; 0: when interrupted (default: 0)"
-    parser.add_argument("--seconds", type=at_least(0.0), default=0.0, help=text)
+    help_text = "stop after this time; 0: when interrupted (default: 0)"
+    parser.add_argument("--seconds", type=at_least(0.0), default=0.0, help=help_text)
     record_mcap.add_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     """Record until the time is over, or the command is interrupted."""
-    if (options.out is None) == (options.mcap is None):
+    outputs = [path for path in (options.out, options.mcap) if path is not None]
+    if len(outputs) != 1:
         raise argparse.ArgumentTypeError("one of OUT.lcmlog and --mcap OUT.mcap is needed, not both")
     record_mcap.check_mode(options)
     if options.mcap is not None:
@@ -43,26 +44,26 @@ def run(options: argparse.Namespace) -> None:
     logging.basicConfig(format="scenegate: %(message)s")
     progress = replay.Progress()
 
-    async def record() -> None:
+    async def record_log() -> None:
         stop = asyncio.Event()
         loop = asyncio.get_running_loop()
         with contextlib.suppress(NotImplementedError):  # on Windows, Ctrl+C raises KeyboardInterrupt
-            for number in (signal.SIGINT, signal.SIGTERM):
-                loop.add_signal_handler(number, stop.set)
+            for signal_number in (signal.SIGINT, signal.SIGTERM):
+                loop.add_signal_handler(signal_number, stop.set)
         if options.seconds:
             loop.call_later(options.seconds, stop.set)
         begin = loop.time()
         with progress_bar("Recording", "messages", options.seconds or None) as bar:
 
-            def ready() -> None:
-                if not bar.shown:
+            def announce_start() -> None:
+                if not bar.shown:  # the bar says it on a terminal
                     print("Recording ...", file=sys.stderr, flush=True)
 
-            recording = replay.record(options.out, options.lcm_url, options.channels, progress, stop, ready)
+            recording = replay.record(options.out, options.lcm_url, options.channels, progress, stop, announce_start)
             await run_with_bar(recording, lambda: bar.update(loop.time() - begin, progress.events))
 
     with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(record())
+        asyncio.run(record_log())
     print(f"{options.out}: {progress.events} messages, {progress.data_bytes} bytes", file=sys.stderr)
 
 

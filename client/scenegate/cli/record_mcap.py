@@ -27,24 +27,24 @@ NEEDED: Final = ("mcap", "mcap_protobuf", "mcap_ros2", "foxglove_schemas_protobu
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of recordings to MCAP files."""
     add = parser.add_argument_group("MCAP files", "Live scene, images and IMU, for Foxglove and ROS 2.").add_argument
-    text = "file to write, which is replaced, instead of an LCM log"
-    add("--mcap", type=Path, metavar="OUT.mcap", help=text)
-    text = "messages: Foxglove's schemas, or those of ROS 2 (default: foxglove)"
-    add("--profile", choices=("foxglove", "ros2"), default="foxglove", help=text)
-    text = f"address of the gateway (default: {DEFAULT_GATEWAY})"
-    add("--gateway", metavar="URL", default=DEFAULT_GATEWAY, help=text)
-    text = "record the gateway's live scene, with Drake's channels (default: --scene)"
-    add("--scene", action=argparse.BooleanOptionalAction, default=True, help=text)
-    text = "record left, right, disparity, depth and points of this stereo camera; the default port is 50051"
-    add("--camera", metavar="HOST:PORT", help=text)
+    help_text = "file to write, which is replaced, instead of an LCM log"
+    add("--mcap", type=Path, metavar="OUT.mcap", help=help_text)
+    help_text = "messages: Foxglove's schemas, or those of ROS 2 (default: foxglove)"
+    add("--profile", choices=("foxglove", "ros2"), default="foxglove", help=help_text)
+    help_text = f"address of the gateway (default: {DEFAULT_GATEWAY})"
+    add("--gateway", metavar="URL", default=DEFAULT_GATEWAY, help=help_text)
+    help_text = "record the gateway's live scene, with Drake's channels (default: --scene)"
+    add("--scene", action=argparse.BooleanOptionalAction, default=True, help=help_text)
+    help_text = "record left, right, disparity, depth and points of this stereo camera; the default port is 50051"
+    add("--camera", metavar="HOST:PORT", help=help_text)
     add("--color", action="store_true", help="with --camera: left and right in colour")
     add("--imu", action="store_true", help="record IMU samples of the gateway's camera")
-    text = "number of the camera of --imu, if there are several (default: 0)"
-    add("--pipeline", type=at_least(0), default=0, metavar="N", help=text)
-    text = "begin a new file, OUT_1.mcap, OUT_2.mcap, after this many megabytes, at least 1; 0: never (default: 0)"
-    add("--max-mb", type=at_least(0.0), default=0.0, metavar="MB", help=text)
-    text = "with --max-mb: keep only this number of files, the newest ones; 0: all (default: 0)"
-    add("--keep", type=at_least(0), default=0, metavar="N", help=text)
+    help_text = "number of the camera of --imu, if there are several (default: 0)"
+    add("--pipeline", type=at_least(0), default=0, metavar="N", help=help_text)
+    help_text = "begin a new file, OUT_1.mcap, OUT_2.mcap, after this many megabytes, at least 1; 0: never (default: 0)"
+    add("--max-mb", type=at_least(0.0), default=0.0, metavar="MB", help=help_text)
+    help_text = "with --max-mb: keep only this number of files, the newest ones; 0: all (default: 0)"
+    add("--keep", type=at_least(0), default=0, metavar="N", help=help_text)
     add_access(parser)
 
 

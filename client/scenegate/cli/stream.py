@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("target", metavar="HOST:PORT", help="address of the camera; the default port is 50051")
     add_image = parser.add_argument_group("images", "Default: left and disparity.").add_argument
-    for flag, text in (
+    for flag, help_text in (
         ("--left", "left image"),
         ("--right", "right image"),
         ("--disparity", "disparity image"),
@@ -28,32 +28,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--depth", "depth in millimetres, 16 bits"),
         ("--aligned", "with --depth: as seen by the colour camera"),
     ):
-        add_image(flag, action="store_true", help=text)
-    text = "maximum number of points of a mesh, at least 1000; 0: no limit (default: 0)"
-    add_image("--max-points", type=at_least(0), default=0, metavar="N", help=text)
-    text = "take the nearest point of each bin of a mesh instead of the mean"
-    add_image("--min-depth", action="store_true", help=text)
+        add_image(flag, action="store_true", help=help_text)
+    help_text = "maximum number of points of a mesh, at least 1000; 0: no limit (default: 0)"
+    add_image("--max-points", type=at_least(0), default=0, metavar="N", help=help_text)
+    help_text = "take the nearest point of each bin of a mesh instead of the mean"
+    add_image("--min-depth", action="store_true", help=help_text)
     add_image("--watertight", action="store_true", help="mesh without holes")
     add_image("--textured", action="store_true", help="mesh with colours")
     add_file = parser.add_argument_group("files").add_argument
-    text = "write PNG, PLY, npz and parameter files for cvkit there"
-    add_file("-o", "--out", type=Path, metavar="FOLDER", help=text)
-    text = "with -o: write exposure time, gain, noise and brightness of each image"
-    add_file("--exposure", action="store_true", help=text)
-    text = "with -o: write the GPIOs of each image, and their bits in the file names"
-    add_file("--gpio", action="store_true", help=text)
-    text = "with -o: write exact depth and labels of each set, from this gateway's HTTP port http://HOST:PORT"
-    add_file("--truth", metavar="URL", help=text)
-    text = "with -o: write imu.csv with accelerations and angular velocities, from this gateway's HTTP port"
-    add_file("--imu", metavar="URL", help=text)
-    text = "number of the camera of --truth and --imu, if there are several (default: 0)"
-    add_file("--pipeline", type=at_least(0), default=0, metavar="N", help=text)
-    text = "image of the newest set, all images side by side, disparity in colours"
-    add_file("--preview", type=Path, metavar="FILE", help=text)
-    text = "end after this number of sets; 0: when interrupted (default: 0)"
-    add("--count", type=at_least(0), default=0, metavar="N", help=text)
-    text = "end with an error after this number of seconds; 0: never (default: 0)"
-    add("--timeout", type=at_least(0.0), default=0.0, metavar="SECONDS", help=text)
+    help_text = "write PNG, PLY, npz and parameter files for cvkit there"
+    add_file("-o", "--out", type=Path, metavar="FOLDER", help=help_text)
+    help_text = "with -o: write exposure time, gain, noise and brightness of each image"
+    add_file("--exposure", action="store_true", help=help_text)
+    help_text = "with -o: write the GPIOs of each image, and their bits in the file names"
+    add_file("--gpio", action="store_true", help=help_text)
+    help_text = "with -o: write exact depth and labels of each set, from this gateway's HTTP port http://HOST:PORT"
+    add_file("--truth", metavar="URL", help=help_text)
+    help_text = "with -o: write imu.csv with accelerations and angular velocities, from this gateway's HTTP port"
+    add_file("--imu", metavar="URL", help=help_text)
+    help_text = "number of the camera of --truth and --imu, if there are several (default: 0)"
+    add_file("--pipeline", type=at_least(0), default=0, metavar="N", help=help_text)
+    help_text = "image of the newest set, all images side by side, disparity in colours"
+    add_file("--preview", type=Path, metavar="FILE", help=help_text)
+    help_text = "end after this number of sets; 0: when interrupted (default: 0)"
+    add("--count", type=at_least(0), default=0, metavar="N", help=help_text)
+    help_text = "end with an error after this number of seconds; 0: never (default: 0)"
+    add("--timeout", type=at_least(0.0), default=0.0, metavar="SECONDS", help=help_text)
     add_access(parser)
 
 

@@ -72,17 +72,9 @@ def read_events(
                 on_damage(len(header))
             break
         sync, number, time_us, name_bytes, data_bytes = _HEADER.unpack(header)
-        size = name_bytes + data_bytes
-        valid = sync == SYNC and name_bytes <= MAX_CHANNEL_BYTES and data_bytes <= MAX_DATA_BYTES
-        name = file.read(name_bytes) if valid and _has(file, size) else b""
-        valid = valid and len(name) == name_bytes
-        channel, data = name.decode("utf-8", "replace"), b""
-        if valid and wanted(channel):
-            data = file.read(data_bytes)
-            valid = len(data) == data_bytes
-        elif valid:
-            valid = _skip(file, data_bytes)
-        if not valid:
+        is_header = sync == SYNC and name_bytes <= MAX_CHANNEL_BYTES and data_bytes <= MAX_DATA_BYTES
+        body = _read_body(file, name_bytes, data_bytes, wanted) if is_header else None
+        if body is None:
             has_damage = True
             is_found = _seek_sync(file, position + 1)
             end = file.tell() if is_found else file.seek(0, io.SEEK_END)
@@ -92,10 +84,27 @@ def read_events(
             position = end
             continue
         has_events = True
+        channel, data = body
         yield Event(number, time_us, channel, data, position)
-        position += _HEADER.size + size
+        position += _HEADER.size + name_bytes + data_bytes
     if has_damage and not has_events and begin == 0:
         raise EventLogError("this is not an LCM log, it has no event")
+
+
+def _read_body(
+    file: BinaryIO, name_bytes: int, data_bytes: int, wanted: Callable[[str], bool]
+) -> tuple[str, bytes] | None:
+    """Return channel and data of an event, without data of other channels; None if the file ends before."""
+    if not _has(file, name_bytes + data_bytes):
+        return None
+    name = file.read(name_bytes)
+    if len(name) < name_bytes:
+        return None
+    channel = name.decode("utf-8", "replace")
+    if not wanted(channel):
+        return (channel, b"") if _skip(file, data_bytes) else None
+    data = file.read(data_bytes)
+    return (channel, data) if len(data) == data_bytes else None
 
 
 def _skip(file: BinaryIO, size: int) -> bool:

@@ -18,8 +18,8 @@ _log = logging.getLogger("scenegate.lcm")
 
 MAX_OPEN_FILES: Final = 1000
 """Maximum number of open files at start. liblcm calls select(2), which overwrites the stack for file descriptors of
-1024 and more."""
-MAX_READ: Final = 1024
+1024 and more; it opens a few itself."""
+MAX_READ_MESSAGES: Final = 1024
 """Maximum number of messages taken from liblcm before the event loop continues. It is higher than
 ``receive_queue.MAX_HANDLED``, because our receive queue has a limit in bytes and liblcm's own queue has none."""
 
@@ -27,14 +27,14 @@ MAX_READ: Final = 1024
 class LiblcmTransport:
     """``Transport`` by liblcm. Must be created before many files are open (see ``MAX_OPEN_FILES``)."""
 
-    def __init__(self, url: str, pattern: str, queued_bytes: int) -> None:
+    def __init__(self, url: str, pattern: str, max_queued_bytes: int) -> None:
         """Join the network, and receive the channels of a regular expression.
 
         Raises:
             LcmUnavailableError: liblcm cannot be loaded, or refuses the URL or the pattern.
         """
         self.url = url
-        self.queue = ReceiveQueue(queued_bytes)
+        self.queue = ReceiveQueue(max_queued_bytes)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._lcm = _connect(url)
         subscription = self._lcm.subscribe(pattern, lambda channel, data: self.queue.put(LcmMessage(channel, data)))
@@ -69,7 +69,7 @@ class LiblcmTransport:
             self._loop.remove_reader(self._lcm.fileno())
             self._loop = None
         self.queue.close()
-        del self._lcm
+        del self._lcm  # the last reference: it disconnects
 
     def status(self) -> dict[str, object]:
         return {"url": self.url, **self.queue.status()}
@@ -77,30 +77,35 @@ class LiblcmTransport:
     def _on_readable(self) -> None:
         """Take messages from liblcm, and handle the first ones."""
         try:
-            for _ in range(MAX_READ):
+            for _ in range(MAX_READ_MESSAGES):
                 if self._lcm.handle_timeout(0) == 0:
                     break
         except OSError as error:
             _log.warning("LCM could not read a message: %s", error)
-        self.queue.handle()
+        self.queue.handle_some()
 
 
 def _connect(url: str) -> Any:
-    """Return a new LCM object, connected to the network."""
+    """Return a new LCM object, connected to the network.
+
+    Raises:
+        LcmUnavailableError: liblcm cannot be loaded, too many files are open, or it refuses the URL.
+    """
     try:
         import lcm
     except ImportError as error:
-        remedy = "pip install 'scenegate-client[lcm]'"
-        if error.name != "lcm":  # the package is there
-            remedy = "it needs the system library libglib-2.0.so.0: apt install libglib2.0-0"
+        is_package_missing = error.name == "lcm"  # else the package is there, but not a library that it needs
+        remedy = "it needs the system library libglib-2.0.so.0: apt install libglib2.0-0"
+        if is_package_missing:
+            remedy = "pip install 'scenegate-client[lcm]'"
         raise LcmUnavailableError(
             f"LCM's library, which {url.partition('://')[0]}:// needs, cannot be loaded ({error}): {remedy}"
         ) from None
-    next_descriptor = os.open(os.devnull, os.O_RDONLY)
-    os.close(next_descriptor)
-    if next_descriptor >= MAX_OPEN_FILES:
+    lowest_free_descriptor = os.open(os.devnull, os.O_RDONLY)
+    os.close(lowest_free_descriptor)
+    if lowest_free_descriptor >= MAX_OPEN_FILES:
         raise LcmUnavailableError(
-            f"LCM's library cannot start with {next_descriptor} open files, it must come before them"
+            f"LCM's library cannot start with {lowest_free_descriptor} open files, it must come before them"
         )
     try:
         return lcm.LCM(url)

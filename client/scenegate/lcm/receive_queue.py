@@ -43,7 +43,7 @@ class ReceiveQueue:
         self._messages.append(message)
         self.waiting_bytes += size
 
-    def handle(self) -> None:
+    def handle_some(self) -> None:
         """Handle up to ``MAX_HANDLED`` messages, and schedule the handling of the others."""
         for _ in range(MAX_HANDLED):
             if not self._messages:
@@ -68,4 +68,4 @@ class ReceiveQueue:
 
     def _resume(self) -> None:
         self._resume_scheduled = False
-        self.handle()
+        self.handle_some()

@@ -21,7 +21,7 @@ CONNECT_SECONDS: Final = 10.0
 MAX_UNSENT_BYTES: Final = 16 * 1024 * 1024
 """Maximum bytes queued for sending. Reading of the log pauses until the network has taken more."""
 UNUSED_PREFIX: Final = "SCENEGATE_PLAYS_ONLY"
-"""Prefix of no channel. A transport opened with it receives no message."""
+"""Prefix of no channel: a transport must have one, also to receive nothing."""
 MIN_SLEEP_SECONDS: Final = 0.001
 """Events that are due within this time are sent at once, because shorter sleeps are inaccurate."""
 MIN_LOOP_SECONDS: Final = 0.1
@@ -67,29 +67,32 @@ async def record(
         ValueError: ``channels`` is not a regular expression.
     """
     pattern = _pattern(channels)
-    failures: list[OSError] = []
+    write_error: OSError | None = None
     file: BinaryIO | None = None
 
     def on_message(message: LcmMessage) -> None:
-        if file is None or failures or not pattern.fullmatch(message.channel):
+        nonlocal write_error
+        if file is None or write_error is not None or not pattern.fullmatch(message.channel):
             return
+        arrival_us = message.arrival // 1000
         try:
-            file.write(pack_event(progress.events, message.arrival // 1000, message.channel, message.data))
+            file.write(pack_event(progress.events, arrival_us, message.channel, message.data))
             file.flush()
         except OSError as error:  # the disk is full
-            failures.append(error)
+            write_error = error
             stop.set()
             return
         progress.events += 1
         progress.data_bytes += len(message.data)
 
-    with errors_name(path), ExitStack() as files:
-        async with _connected(url, "", on_message):
-            file = files.enter_context(path.open("wb"))  # not before: an earlier log stays if there is no connection
+    # The file is opened after the connection, without which an earlier log stays, and closed after it has ended.
+    with errors_name(path), ExitStack() as open_file:
+        async with _open_connected(url, on_message):
+            file = open_file.enter_context(path.open("wb"))
             on_ready()
             await stop.wait()
-        if failures:
-            raise failures[0]
+        if write_error is not None:
+            raise write_error
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +114,8 @@ async def play(path: Path, url: str | None, options: PlayOptions, progress: Prog
     Args:
         path: log file.
         url: LCM URL; None: the environment variable LCM_DEFAULT_URL, or else LCM's default.
-        progress: counts the played events.
+        options: what is played, and how fast.
+        progress: counts the played events, from 0.
     Raises:
         LcmUnavailableError, ConnectionError: the network cannot be joined.
         EventLogError: the file is not an LCM log.
@@ -120,7 +124,7 @@ async def play(path: Path, url: str | None, options: PlayOptions, progress: Prog
             does not fit into the network, or the log ends before the section.
     """
     pattern = _pattern(options.channels)
-    async with _connected(url, UNUSED_PREFIX, lambda message: None) as transport:
+    async with _open_connected(url) as transport:
         while True:
             events_before = progress.events
             repetition_start = time.monotonic()
@@ -147,13 +151,14 @@ async def _play_once(
         return matches
 
     section_start: float | None = None
-    """Start of the section by ``time.monotonic()``, such that its first message is due at once."""
+    """``time.monotonic()`` at second 0 of the section; None before the first message in it."""
     with open_regular(path) as file:
         for seconds, event in section_events(file, options.section, is_wanted):
-            if seconds is not None and options.rate > 0.0:
-                offset, now = seconds / options.rate, time.monotonic()
-                section_start = now - offset if section_start is None else section_start
-                delay = section_start + offset - now
+            if seconds is not None and options.rate > 0.0:  # None: a message before the section, published at once
+                now, seconds_after_start = time.monotonic(), seconds / options.rate
+                if section_start is None:
+                    section_start = now - seconds_after_start  # so that the first message is due at once
+                delay = section_start + seconds_after_start - now
                 if delay > MIN_SLEEP_SECONDS:
                     await asyncio.sleep(delay)
             await transport.drain(MAX_UNSENT_BYTES)
@@ -181,11 +186,12 @@ def _pattern(channels: str) -> re.Pattern[str]:
 
 
 @asynccontextmanager
-async def _connected(url: str | None, prefix: str, on_message: OnMessage) -> AsyncIterator[Transport]:
-    """Connect a transport that receives the channels with ``prefix``."""
+async def _open_connected(url: str | None, on_message: OnMessage | None = None) -> AsyncIterator[Transport]:
+    """Open a transport and wait until it is connected. It receives all channels, or none without ``on_message``."""
+    prefix = "" if on_message is not None else UNUSED_PREFIX
     transport = open_transport(resolve_url(url), (prefix,), TransportLimits())
     connected = asyncio.Event()
-    transport.start(on_message, connected.set)
+    transport.start(on_message or (lambda message: None), connected.set)
     try:
         try:
             await asyncio.wait_for(connected.wait(), CONNECT_SECONDS)

@@ -138,7 +138,7 @@ class FrameParser:
         position, available = self._parsed_end, self._received_end - self._parsed_end
         if available < _TWO_UINTS.size:
             return False
-        frame_type, length = _TWO_UINTS.unpack_from(self._scratch, position)
+        frame_type, name_bytes = _TWO_UINTS.unpack_from(self._scratch, position)
         if not self._hello_received:
             if frame_type != self._magic:
                 raise FrameError(
@@ -149,16 +149,16 @@ class FrameParser:
             return True
         if not FrameType.PUBLISH <= frame_type <= FrameType.UNSUBSCRIBE:
             raise FrameError(f"frame type {frame_type} does not exist")
-        if length > MAX_NAME_BYTES:
-            raise FrameError(f"a channel of {length} bytes, {MAX_NAME_BYTES} are possible")
+        if name_bytes > MAX_NAME_BYTES:
+            raise FrameError(f"a channel of {name_bytes} bytes, {MAX_NAME_BYTES} are possible")
         position += _TWO_UINTS.size
-        if available < _TWO_UINTS.size + length:
+        if available < _TWO_UINTS.size + name_bytes:
             return False
         try:
-            channel = self._scratch[position : position + length].decode()
+            channel = self._scratch[position : position + name_bytes].decode()
         except UnicodeDecodeError:
             raise FrameError("a channel that is not text") from None
-        position += length
+        position += name_bytes
         if frame_type != FrameType.PUBLISH:
             self._parsed_end = position
             self._on_frame(FrameType(frame_type), channel, b"")

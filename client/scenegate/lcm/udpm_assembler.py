@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,15 @@ class _PartialMessage:
     """Begin and end of each received fragment in ``data``, by the fragment's index."""
 
 
+class _EndedMessage(NamedTuple):
+    """A message whose further fragments are ignored."""
+
+    size: int
+    fragment_count: int
+    last_arrival: float
+    """Time of the last fragment, in seconds of the assembler's clock."""
+
+
 class Assembler:
     """Assembles the messages of wanted channels: those whose names start with one of ``prefixes``."""
 
@@ -60,9 +69,9 @@ class Assembler:
         self._max_bytes = max_bytes
         self._clock = clock
         self._partials: dict[MessageKey, _PartialMessage] = {}
-        self.ended: dict[MessageKey, tuple[int, int, float]] = {}
-        """Size, number of fragments and time of the last fragment of messages whose further fragments are ignored,
-        oldest first. They are complete, and some routes deliver each datagram twice; or their channel is not wanted."""
+        self.ended: dict[MessageKey, _EndedMessage] = {}
+        """Messages whose further fragments are ignored, oldest first. They are complete, and some routes deliver each
+        datagram twice; or their channel is not wanted."""
         self.waiting_bytes = 0
         """Bytes of all incomplete messages."""
         self.incomplete = 0
@@ -122,8 +131,8 @@ class Assembler:
         """Return a new incomplete message; discard stale ones, and the oldest ones if they exceed a limit."""
         now = self._clock()
         for oldest_key, oldest in tuple(self._partials.items()):
-            full = len(self._partials) >= MAX_PARTIAL or self.waiting_bytes + size > self._max_bytes
-            if not full and now - oldest.last_arrival < STALE_SECONDS:
+            is_full = len(self._partials) >= MAX_PARTIAL or self.waiting_bytes + size > self._max_bytes
+            if not is_full and now - oldest.last_arrival < STALE_SECONDS:
                 break
             self._discard(oldest_key)
         # the kernel allocates pages when they are written, so a false size costs no memory
@@ -138,15 +147,17 @@ class Assembler:
             self.waiting_bytes -= len(partial.data)
         if len(self.ended) >= MAX_ENDED:
             del self.ended[next(iter(self.ended))]
-        self.ended[key] = (size, count, self._clock())
+        self.ended[key] = _EndedMessage(size, count, self._clock())
 
     def _has_ended(self, key: MessageKey, size: int, count: int) -> bool:
         """Return True if a fragment belongs to a message in ``ended``, of which one arrived in ``STALE_SECONDS``."""
         ended = self.ended.pop(key, None)
         now = self._clock()
-        if ended is None or ended[:2] != (size, count) or now - ended[2] >= STALE_SECONDS:
+        if ended is None or (ended.size, ended.fragment_count) != (size, count):
             return False
-        self.ended[key] = (size, count, now)
+        if now - ended.last_arrival >= STALE_SECONDS:
+            return False
+        self.ended[key] = ended._replace(last_arrival=now)
         return True
 
     def _discard(self, key: MessageKey) -> None:

@@ -21,7 +21,7 @@ from scenegate.lcm.url import parse_udpm_url
 
 _log = logging.getLogger("scenegate.lcm")
 
-MAX_READ: Final = 1024
+MAX_READ_DATAGRAMS: Final = 1024
 """Maximum number of datagrams read before the event loop continues: they take about 2 ms."""
 MAX_READ_BYTES: Final = 1024 * 1024
 """Maximum bytes read before the event loop continues: they take about 0.5 ms."""
@@ -32,7 +32,7 @@ ADDRESS_SECONDS: Final = 1.0
 class UdpmTransport:
     """``Transport`` by UDP multicast. It joins the group when created; the kernel keeps datagrams until ``start``."""
 
-    def __init__(self, url: str, prefixes: tuple[str, ...], config: TransportLimits, max_message: int) -> None:
+    def __init__(self, url: str, prefixes: tuple[str, ...], limits: TransportLimits, max_message: int) -> None:
         """Join the multicast group and test the route; see ``network.open_transport`` for the arguments.
 
         Raises:
@@ -43,19 +43,19 @@ class UdpmTransport:
         network = self._network = parse_udpm_url(url)
         if network.unknown_options:
             _log.warning("%s has unknown options: %s", url, ", ".join(network.unknown_options))
-        self.queue = ReceiveQueue(config.queued_bytes)
-        self._assembler = Assembler(tuple(map(str.encode, prefixes)), max_message, config.queued_bytes)
+        self.queue = ReceiveQueue(limits.queued_bytes)
+        self._assembler = Assembler(tuple(map(str.encode, prefixes)), max_message, limits.queued_bytes)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._receiver = udpm_socket.receive_socket(url, network)
         sender = udpm_socket.send_socket(network)
         try:
-            self.warning = self._raise_receive_buffer(max(config.receive_buffer_bytes, network.buffer_bytes))
+            self.warning = self._raise_receive_buffer(max(limits.receive_buffer_bytes, network.buffer_bytes))
             udpm_socket.check_route(url, network, self._receiver, sender)
         except BaseException:
             self._receiver.close()
             sender.close()
             raise
-        self._sender = UdpmSender(sender, (network.address, network.port), url, config.unsent_bytes)
+        self._sender = UdpmSender(sender, (network.address, network.port), url, limits.unsent_bytes)
         self.foreign = 0
         """Number of datagrams of other machines that were dropped, because ``ttl`` is 0."""
         self._own_addresses: frozenset[str] = frozenset()
@@ -125,12 +125,12 @@ class UdpmTransport:
     def _on_readable(self) -> None:
         """Read datagrams, and handle the first messages in the queue."""
         self._read()
-        self.queue.handle()
+        self.queue.handle_some()
 
     def _read(self) -> None:
         """Read datagrams from the kernel's buffer, which may be small, and queue the messages that they complete."""
         read_bytes = 0
-        for _ in range(MAX_READ):
+        for _ in range(MAX_READ_DATAGRAMS):
             try:
                 datagram, sender, arrival = udpm_socket.receive(self._receiver, udpm.MAX_DATAGRAM_BYTES)
             except (BlockingIOError, InterruptedError):

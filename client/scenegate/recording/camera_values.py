@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.camera.files import nanoseconds, pixels
-from scenegate.recording.values import LEFT_FRAME, Calibration, CameraImage, CameraSet, Cloud, Disparity
+from scenegate.recording.values import LEFT_FRAME, Calibration, CameraImage, Cloud, Disparity, Encoding, ExposureImages
 
 OPENCV_OFFSET = 0.5
 """Ours minus OpenCV's image coordinates: OpenCV has the centre of the first pixel at 0."""
@@ -30,8 +30,8 @@ class CameraConverter:
         self._baseline = baseline
         self._has_cloud = cloud
 
-    def convert(self, image_set: pb.ImageSet) -> list[CameraSet]:
-        """Return the values of a set, one for each time of exposure.
+    def convert(self, image_set: pb.ImageSet) -> list[ExposureImages]:
+        """Return the images of a set and what is computed of them, one value for each time of exposure.
 
         The right image is left out until a set with disparity was converted, which has the baseline.
 
@@ -39,24 +39,25 @@ class CameraConverter:
             BadImageError: an image is invalid.
         """
         left = image_set.left if image_set.HasField("left") else None
-        by_time: defaultdict[int, dict[str, Any]] = defaultdict(lambda: {"images": {}})
+        fields_by_time: defaultdict[int, dict[str, Any]] = defaultdict(lambda: {"images": {}})
+        """Fields of each ``ExposureImages`` by its time."""
         if image_set.HasField("disparity"):
             message = image_set.disparity
             self._baseline = message.baseline
-            contents = by_time[nanoseconds(message.image.timestamp)]
+            fields = fields_by_time[nanoseconds(message.image.timestamp)]
             disparity = _disparity(message)
             depth = _depth(disparity)
-            contents["disparity"] = disparity
-            contents["images"]["depth"] = CameraImage(disparity.image.calibration, "32FC1", depth.tobytes())
+            fields["disparity"] = disparity
+            fields["images"]["depth"] = CameraImage(disparity.image.calibration, "32FC1", depth.tobytes())
             if self._has_cloud:
-                contents["cloud"] = _cloud(depth, disparity, left)
+                fields["cloud"] = _cloud(depth, disparity, left)
         if left is not None:
-            by_time[nanoseconds(left.timestamp)]["images"]["left"] = _image(left)
+            fields_by_time[nanoseconds(left.timestamp)]["images"]["left"] = _image(left)
         if image_set.HasField("right") and self._baseline is not None:
             right = image_set.right
             tx = -right.focal_length * self._baseline
-            by_time[nanoseconds(right.timestamp)]["images"]["right"] = _image(right, tx)
-        return [CameraSet(time_ns, **contents) for time_ns, contents in sorted(by_time.items())]
+            fields_by_time[nanoseconds(right.timestamp)]["images"]["right"] = _image(right, tx)
+        return [ExposureImages(time_ns, **fields) for time_ns, fields in sorted(fields_by_time.items())]
 
 
 def _calibration(image: pb.Image, tx: float = 0.0) -> Calibration:
@@ -67,10 +68,11 @@ def _calibration(image: pb.Image, tx: float = 0.0) -> Calibration:
 def _image(message: pb.Image, tx: float = 0.0) -> CameraImage:
     """Return a grey or colour image; ``tx`` is ``Calibration.tx``."""
     array = pixels(message)
-    encoding = "rgb8" if array.ndim == 3 else "mono8" if array.dtype == np.uint8 else "mono16"
-    return CameraImage(
-        _calibration(message, tx), encoding, array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes()
-    )
+    encoding: Encoding = "rgb8"
+    if array.ndim == 2:
+        encoding = "mono8" if array.dtype == np.uint8 else "mono16"
+    little_endian = array.astype(array.dtype.newbyteorder("<"), copy=False)
+    return CameraImage(_calibration(message, tx), encoding, little_endian.tobytes())
 
 
 def _disparity(message: pb.DisparityImage) -> Disparity:
@@ -79,8 +81,8 @@ def _disparity(message: pb.DisparityImage) -> Disparity:
     values = stored.astype("<f4") * np.float32(message.scale) + np.float32(message.offset)
     values[~valid] = INVALID_DISPARITY
     image = CameraImage(_calibration(message.image), "32FC1", values.tobytes())
-    largest = float(values.max()) if valid.any() else 0.0
-    return Disparity(image, message.baseline, largest, message.delta_d)
+    max_disparity = float(values.max()) if valid.any() else 0.0
+    return Disparity(image, message.baseline, max_disparity, disparity_step=message.delta_d)
 
 
 def _depth(disparity: Disparity) -> NDArray[np.float32]:
@@ -104,8 +106,10 @@ def _cloud(depth: NDArray[np.float32], disparity: Disparity, left: pb.Image | No
     colors = None
     if left is not None:
         image = pixels(left)
-        sampled = image[
-            (rows * 2 + 1) * image.shape[0] // (2 * height), (columns * 2 + 1) * image.shape[1] // (2 * width)
-        ]
-        colors = sampled if sampled.ndim == 2 else np.repeat(sampled[:, None], 3, axis=1)
+        # The left image may be larger than the disparity image: the pixels at the same places of the view.
+        image_rows = (rows * 2 + 1) * image.shape[0] // (2 * height)
+        image_columns = (columns * 2 + 1) * image.shape[1] // (2 * width)
+        sampled = image[image_rows, image_columns]
+        is_color = sampled.ndim == 2
+        colors = sampled if is_color else np.repeat(sampled[:, None], 3, axis=1)
     return Cloud(LEFT_FRAME, np.stack((x, y, z), axis=1), colors)

@@ -90,20 +90,24 @@ class SceneWriter:
         if is_new_file:
             self.files.next_file()
         change = self._mirror.apply(value, log_time_ns) if isinstance(value, ViewFrame) else None
-        due_ns = self._whole_scene_ns
-        is_due = is_new_file or (change is not None and due_ns is not None and log_time_ns >= due_ns)
-        if due_ns is not None and is_due:
+        if self._is_whole_due(change, log_time_ns, is_new_file):
             self._write_whole(log_time_ns, change)
         elif change is not None:
             size = self._write_all(self._profile.scene(change), log_time_ns, change.time_ns)
             is_update = isinstance(value, ViewFrame) and value.header["kind"] == "update"
-            if due_ns is None and is_update:  # the first one has the whole scene
+            if self._whole_scene_ns is None and is_update:  # the first one has the whole scene
                 self._plan_whole(log_time_ns, size)
         if isinstance(value, ImuSample):
             self._write_all(self._profile.imu(value), log_time_ns, value.time_ns)
         elif isinstance(value, pb.ImageSet):
-            for images in self._camera.convert(value):
-                self._write_all(self._profile.camera(images), log_time_ns, images.time_ns)
+            for exposure in self._camera.convert(value):
+                self._write_all(self._profile.camera(exposure), log_time_ns, exposure.time_ns)
+
+    def _is_whole_due(self, change: SceneChange | None, log_time_ns: int, is_new_file: bool) -> bool:
+        """Return True if the whole scene must be written in place of a change."""
+        if self._whole_scene_ns is None:
+            return False
+        return is_new_file or (change is not None and log_time_ns >= self._whole_scene_ns)
 
     def _write_whole(self, log_time_ns: int, change: SceneChange | None) -> None:
         """Write the whole scene, with what the newest change has removed."""

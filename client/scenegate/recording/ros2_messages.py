@@ -73,7 +73,7 @@ def entities(values: Iterable[Entity], time_ns: int) -> Message:
         markers += [_marker(entity.frame, index, each, time_ns) for index, each in enumerate(entity.primitives)]
         markers += [
             {"header": header(entity.frame, time_ns), "ns": entity.frame, "id": index, "action": _DELETE}
-            for index in range(len(entity.primitives), entity.earlier_count)
+            for index in range(len(entity.primitives), entity.earlier_primitive_count)
         ]
     return Message("visualization_msgs/msg/MarkerArray", {"markers": markers})
 
@@ -109,7 +109,7 @@ def disparity(value: Disparity, time_ns: int) -> Message:
         "valid_window": {"width": intrinsics.width, "height": intrinsics.height},
         "min_disparity": 0.0,
         "max_disparity": value.max_disparity,
-        "delta_d": value.delta_d,
+        "delta_d": value.disparity_step,
     }
     return Message("stereo_msgs/msg/DisparityImage", fields)
 

@@ -139,7 +139,7 @@ class SceneMirror:
         return SceneChange(
             self._time_ns,
             [*map(_transform_of, nodes), *self._rig_transforms()],
-            [Entity(frame_id, primitives, earlier_count=len(primitives)) for frame_id, primitives in shapes],
+            [Entity(frame_id, primitives, earlier_primitive_count=len(primitives)) for frame_id, primitives in shapes],
             [node.geometry.cloud for node in nodes if node.geometry.cloud is not None],
             self._joints.values,
         )
@@ -247,7 +247,7 @@ class SceneMirror:
         changes += [(frame_id, node.geometry, NO_GEOMETRY) for frame_id, node in removed_by_frame.items()]
         for frame_id, old, new in changes:
             if old.primitives or new.primitives:
-                entities.append(Entity(frame_id, new.primitives, earlier_count=len(old.primitives)))
+                entities.append(Entity(frame_id, new.primitives, earlier_primitive_count=len(old.primitives)))
             if old.cloud is not None or new.cloud is not None:
                 clouds.append(new.cloud or Cloud(frame_id, np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)))
         return entities, clouds

@@ -14,7 +14,7 @@ from typing import Final, Literal
 
 from scenegate.camera.imu import ImuSample
 from scenegate.recording.mcap_file import EncodedMessage
-from scenegate.recording.values import CameraSet, SceneChange
+from scenegate.recording.values import ExposureImages, SceneChange
 
 IMAGE_TOPICS: Final = {
     "left": ("/stereo/left/image_rect", "/stereo/left/camera_info"),
@@ -120,20 +120,20 @@ class Profile:
         if change.joints and wanted(JOINTS_TOPIC):
             yield messages.encode(JOINTS_TOPIC, messages.joints(change.joints, time_ns))
 
-    def camera(self, images: CameraSet, wanted: Wanted = every_topic) -> Messages:
+    def camera(self, exposure: ExposureImages, wanted: Wanted = every_topic) -> Messages:
         """Yield the messages of a camera's images."""
         messages = self._messages
-        time_ns = images.time_ns
-        for name, image in images.images.items():
+        time_ns = exposure.time_ns
+        for name, image in exposure.images.items():
             image_topic, info_topic = IMAGE_TOPICS[name]
             if wanted(info_topic):
                 yield messages.encode(info_topic, messages.calibration(image.calibration, time_ns))
             if wanted(image_topic):
                 yield messages.encode(image_topic, messages.image(image, time_ns))
-        if images.disparity is not None and wanted(DISPARITY_TOPIC):
-            yield messages.encode(DISPARITY_TOPIC, messages.disparity(images.disparity, time_ns))
-        if images.cloud is not None and wanted(CLOUD_TOPIC):
-            yield messages.encode(CLOUD_TOPIC, messages.cloud(images.cloud, time_ns))
+        if exposure.disparity is not None and wanted(DISPARITY_TOPIC):
+            yield messages.encode(DISPARITY_TOPIC, messages.disparity(exposure.disparity, time_ns))
+        if exposure.cloud is not None and wanted(CLOUD_TOPIC):
+            yield messages.encode(CLOUD_TOPIC, messages.cloud(exposure.cloud, time_ns))
 
     def imu(self, sample: ImuSample) -> Messages:
         """Yield the message of a sample of the IMU."""

@@ -1,10 +1,13 @@
-"""Values that are recorded, in no format of messages: metres, radians; times are nanoseconds since the epoch."""
+"""Recorded values, independent of the message format: metres, radians; times are nanoseconds since the epoch.
+
+Those with arrays in them cannot be compared (``eq=False``).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +23,8 @@ IMU_FRAME: Final = LEFT_FRAME
 
 Color = tuple[float, float, float, float]
 """sRGB and alpha, 0 to 1."""
+Encoding = Literal["mono8", "mono16", "rgb8", "32FC1"]
+"""Pixels of an image by ROS 2's names; ``mono16`` and ``32FC1`` (float32) are little-endian."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,8 +58,8 @@ class Entity:
     frame: str
     primitives: Sequence[Primitive]
     """Empty: the node has no geometry any more."""
-    earlier_count: int = 0
-    """Number of primitives that the node had before."""
+    earlier_primitive_count: int = 0
+    """Number of primitives that the node had before: messages with one of each must delete those in excess."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +73,7 @@ class Cloud:
     """(N, 3) sRGB."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class SceneChange:
     """A change of the scene, or the whole scene."""
 
@@ -76,11 +81,11 @@ class SceneChange:
     """Time from which it is valid."""
     transforms: Sequence[FrameTransform] = ()
     entities: Sequence[Entity] = ()
-    """Changed nodes with geometry; one without primitives has none any more."""
+    """Nodes whose geometry has changed."""
     clouds: Sequence[Cloud] = ()
     """Changed point clouds of the scene, of which each frame has at most one; an empty one was removed."""
     joints: Mapping[str, float] = field(default_factory=dict)
-    """Values of all joints, radians or metres by name, if one has changed."""
+    """Values of all joints by name, radians or metres, if any has changed; else empty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +99,7 @@ class Calibration:
     focal_length: float
     """Pixels."""
     cx: float
-    """Principal point, pixels: 0.5 less than Scenegate's and rc_visard's."""
+    """Principal point, pixels: 0.5 less than in the camera's stream, where the centre of the first pixel is at 0.5."""
     cy: float
     tx: float = 0.0
     """P[0, 3] in pixels times metres: minus focal length times baseline for the right camera, 0 for others."""
@@ -115,8 +120,7 @@ class CameraImage:
     """A rectified image with its intrinsics."""
 
     calibration: Calibration
-    encoding: str
-    """``mono8``, ``rgb8``, or ``32FC1``: little-endian float32."""
+    encoding: Encoding
     data: bytes
     """Rows without padding."""
 
@@ -136,13 +140,13 @@ class Disparity:
     """Metres."""
     max_disparity: float
     """Largest valid disparity, pixels."""
-    delta_d: float
+    disparity_step: float
     """Smallest difference of two disparities, pixels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CameraSet:
-    """The images of one exposure."""
+class ExposureImages:
+    """The images of one exposure, and what was computed of them."""
 
     time_ns: int
     """Time of the exposure."""

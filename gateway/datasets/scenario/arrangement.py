@@ -26,6 +26,8 @@ MIN_EXTENT: Final = 1e-6
 """Minimum size of the box of an object, metres: cameras find no place around smaller ones."""
 DROP_HEIGHTS: Final = 40
 """Maximum number of heights from which the drop of an object is tried."""
+DROP_STEP: Final = 0.3
+"""Distance of these heights, in heights of the object."""
 _MAX_ROUNDS: Final = 4
 """Maximum number of drops: after objects were left out, those that they carried drop again."""
 
@@ -92,9 +94,9 @@ class Arrangement:
 
     def _add_at_position(self, item: SceneItem, position: tuple[tables.Range[float], ...], others: list[Solid]) -> None:
         """Place an object at a drawn position in the world, apart from the others."""
-        is_fixed = not any(isinstance(each, tuple) for each in position)
-        for _ in range(1 if is_fixed else self.scenario.placement.tries):
-            X = translation(*(uniform(self.random, each) for each in position)) @ item.X_world_object
+        is_range = any(isinstance(coordinate, tuple) for coordinate in position)
+        for _ in range(self.scenario.placement.tries if is_range else 1):
+            X = translation(*(uniform(self.random, coordinate) for coordinate in position)) @ item.X_world_object
             moved = replace(item, X_world_object=X)
             if all(are_apart(moved.in_world, other, self.scenario.placement.gap) for other in others):
                 self._placed.append(moved)
@@ -104,21 +106,27 @@ class Arrangement:
     def _add_on_surface(self, item: SceneItem, others: list[Solid]) -> None:
         """Place an object on a surface or, if objects drop, above it at the lowest of ``DROP_HEIGHTS`` that is free."""
         placement = self.scenario.placement
-        allowed = [k for k, each in enumerate(self.scenario.surfaces) if item.table.on in ("", each.name)]
-        index = allowed[int(self.random.integers(len(allowed)))]
-        surface, X_world_surface = self.surfaces[index], np.array(self.surfaces[index].X_world_surface)
-        for k, each in enumerate(self.surfaces):
-            others = [*others, *solids_of(each)[1 if k == index else 0 :]]  # not the top of the surface itself
-        area = self.scenario.surfaces[index].area or surface.size
-        drops = placement.physics == "mujoco"
-        tries = max(1, placement.tries // 10) if drops else placement.tries
-        height = float(np.ptp(item.in_world.box[:, 2]))
-        for level in range(DROP_HEIGHTS if drops else 1):
-            above = translation(0.0, 0.0, placement.gap + level * 0.3 * height) if drops else np.eye(4)
-            X_above = above @ X_world_surface
-            X = place_on(item.solid, item.X_world_object, X_above, area, others, placement.gap, tries, self.random)
-            if X is not None:
-                self._placed.append(replace(item, X_world_object=X, surface=index))
+        allowed = [index for index, table in enumerate(self.scenario.surfaces) if item.table.on in ("", table.name)]
+        surface_index = allowed[int(self.random.integers(len(allowed)))]
+        surface = self.surfaces[surface_index]
+        obstacles = list(others)
+        for each in self.surfaces:
+            top, *legs = solids_of(each)
+            obstacles += legs if each is surface else (top, *legs)
+        area = self.scenario.surfaces[surface_index].area or surface.size
+        if placement.physics == "mujoco":
+            object_height = float(np.ptp(item.in_world.box[:, 2]))
+            heights = [placement.gap + level * DROP_STEP * object_height for level in range(DROP_HEIGHTS)]
+            tries = max(1, placement.tries // 10)  # at each height
+        else:
+            heights, tries = [0.0], placement.tries
+        for height in heights:
+            X_world_above = translation(0.0, 0.0, height) @ np.array(surface.X_world_surface)
+            X_world_object = place_on(
+                item.solid, item.X_world_object, X_world_above, area, obstacles, placement.gap, tries, self.random
+            )
+            if X_world_object is not None:
+                self._placed.append(replace(item, X_world_object=X_world_object, surface=surface_index))
                 return
         x, y = area
         self._leave_out(item, f"has no free place in {x:g} x {y:g} m after {placement.tries} tries")
@@ -134,29 +142,39 @@ class Arrangement:
             dropping = [placed for placed in self._placed if placed.surface is not None]
             if not dropping:
                 return
-            static = [p.in_world for p in self._placed if p.surface is None and not p.table.pose_track]
+            static = [
+                placed.in_world for placed in self._placed if placed.surface is None and not placed.table.pose_track
+            ]
             static += [box for surface in self.surfaces for box in solids_of(surface)]
-            seconds = self.scenario.placement.seconds
-            poses = settle([(placed.solid, placed.X_world_object) for placed in dropping], static, seconds)
-            settled: dict[int, SceneItem] = {}
-            for placed, X in zip(dropping, poses, strict=True):
-                moved = placed if X is None else replace(placed, X_world_object=X)
-                if X is None:
-                    self._leave_out(placed, f"is not at rest after {seconds:g} s")
-                elif not self._is_on_surface(moved):
-                    self._leave_out(placed, "has fallen off its surface")
-                else:
-                    settled[id(placed)] = moved
-            self._placed = [settled.get(id(p), p) for p in self._placed if p.surface is None or id(p) in settled]
-            if len(settled) == len(dropping):
+            starts = [(placed.solid, placed.X_world_object) for placed in dropping]
+            poses_at_rest = iter(settle(starts, static, self.scenario.placement.seconds))
+            before = self._placed
+            self._placed = []
+            for placed in before:
+                kept = placed if placed.surface is None else self._at_rest(placed, next(poses_at_rest))
+                if kept is not None:
+                    self._placed.append(kept)
+            if len(self._placed) == len(before):
                 return
         raise tables.ScenarioError("placement.physics: objects fall off or do not come to rest, however few are left")
+
+    def _at_rest(self, dropped: SceneItem, X_world_object: NDArray[np.float64] | None) -> SceneItem | None:
+        """Return a dropped object at its pose at rest; None, and a note, without one or beside its surface."""
+        if X_world_object is None:
+            self._leave_out(dropped, f"is not at rest after {self.scenario.placement.seconds:g} s")
+            return None
+        moved = replace(dropped, X_world_object=X_world_object)
+        if not self._is_on_surface(moved):
+            self._leave_out(dropped, "has fallen off its surface")
+            return None
+        return moved
 
     def _is_on_surface(self, placed: SceneItem) -> bool:
         assert placed.surface is not None
         surface = self.surfaces[placed.surface]
-        box = placed.solid.moved(np.linalg.inv(np.array(surface.X_world_surface)) @ placed.X_world_object).box
-        centre = 0.5 * (box[0] + box[1])
+        X_surface_object = np.linalg.inv(np.array(surface.X_world_surface)) @ placed.X_world_object
+        low, high = placed.solid.moved(X_surface_object).box
+        centre = 0.5 * (low + high)
         return bool((np.abs(centre[:2]) <= 0.5 * np.array(surface.size)).all() and centre[2] > 0.0)
 
     def objects(self) -> tuple[ObjectChoice, ...]:
@@ -168,5 +186,5 @@ class Arrangement:
 
     def focus_boxes(self) -> NDArray[np.float64]:
         """Return the boxes that cameras look at, (N, 2, 3): of the annotated objects, or else of the surfaces."""
-        boxes = [p.in_world.box for p in self._placed if p.choice.entry[0] == "models"]
+        boxes = [placed.in_world.box for placed in self._placed if placed.choice.entry[0] == "models"]
         return np.array(boxes or [solids_of(surface)[0].box for surface in self.surfaces])

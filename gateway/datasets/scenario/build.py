@@ -51,11 +51,10 @@ def build_scene(catalogue: Catalogue, choices: SceneChoices, frame: int) -> Buil
     Raises:
         ScenarioError: a file cannot be used.
     """
-    folder = catalogue.path.parent
     try:
         return _Builder(catalogue, choices, frame).build()
     except OSError as error:
-        raise ScenarioError(f"{error.filename or folder}: {error.strerror or error}") from None
+        raise ScenarioError(f"{error.filename or catalogue.path.parent}: {error.strerror or error}") from None
     except (SceneFileError, ImageError, RigFileError) as error:
         raise ScenarioError(str(error)) from None
 
@@ -64,22 +63,23 @@ def build_scene(catalogue: Catalogue, choices: SceneChoices, frame: int) -> Buil
 def model_names(catalogue: Catalogue) -> frozenset[str]:
     """Return the names of the models of all annotated objects that the scenario may have.
 
+    Models that cannot be loaded have none: they are left out of each scene that draws them, with a note.
+
     Raises:
-        ScenarioError: a model cannot be loaded whose parts move, and whose names are those of its parts.
+        ScenarioError: the path of a table of models names no file.
     """
     names: set[str] = set()
-    for (kind, index), files in catalogue.models.items():
-        table = getattr(catalogue.scenario, kind)[index]
-        for file in files if kind == "models" else ():
-            name = catalogue.model_names[file]
-            if not has_moving_parts(table):
-                names.add(name)
+    for index, model_table in enumerate(catalogue.scenario.models):
+        for file in catalogue.models["models", index]:
+            model_name = catalogue.model_names[file]
+            if not has_moving_parts(model_table):
+                names.add(model_name)
                 continue
             try:
-                root = load_model(catalogue, table, file).root
-                names.update(each.model for each in _part_objects(root, name, ()))
-            except (OSError, SceneFileError):  # a note of each scene that draws the file
+                root = load_model(catalogue, model_table, file).root
+            except (OSError, SceneFileError):
                 continue
+            names.update(part.model for part in _part_objects(root, model_name, ()))
     return frozenset(names)
 
 
@@ -88,10 +88,11 @@ def has_moving_parts(table: tables.Model) -> bool:
     return bool(table.joints or table.joint_track or table.animation is not None)
 
 
-def _part_objects(node: Node, model: str, path: tuple[PathElement, ...]) -> Iterator[SceneObject]:
-    for each, child in node.walk(path):
-        if child.parts:
-            yield SceneObject(each, f"{model}/{each[-1]}" if each else model)
+def _part_objects(root: Node, model_name: str, root_path: tuple[PathElement, ...]) -> Iterator[SceneObject]:
+    """Yield an object for each node with geometry of a model. The root of a model has none."""
+    for path, node in root.walk(root_path):
+        if node.parts:
+            yield SceneObject(path, f"{model_name}/{path[-1]}")
 
 
 class _Builder:
@@ -103,65 +104,73 @@ class _Builder:
         frames = catalogue.scenario.frames
         self._seconds = 0.0 if frames is None else frames.start + frame / frames.rate
         self._digests: dict[str, str] = {}
-        self._warnings: dict[str, None] = dict.fromkeys(choices.notes)
+        self._warnings = list(choices.notes)
 
     def build(self) -> BuiltScene:
         choices = self._choices
         groups: dict[str, dict[PathElement, Node]] = {"surfaces": {}, "models": {}, "distractors": {}}
         objects: list[SceneObject] = []
-        for index, surface in enumerate(choices.surfaces):
-            groups["surfaces"][f"{surface.kind} {index}"] = node_of(surface, self._folder)
-            self._use(surface.material.texture)
+        for surface_index, surface in enumerate(choices.surfaces):
+            groups["surfaces"][f"{surface.kind} {surface_index}"] = node_of(surface, self._folder)
+            self._add_digest(surface.material.texture)
         for choice in choices.objects:
-            kind, index = choice.entry
-            table: tables.Model = getattr(self._catalogue.scenario, kind)[index]
-            node = groups[kind][choice.name] = self._object(choice, table)
-            if kind == "models" and has_moving_parts(table):
-                objects += _part_objects(node, choice.model, (kind, choice.name))
-            elif kind == "models":
-                objects.append(SceneObject((kind, choice.name), choice.model))
+            group, index = choice.entry
+            model_table: tables.Model = getattr(self._catalogue.scenario, group)[index]
+            node = groups[group][choice.name] = self._object_node(choice, model_table)
+            is_annotated = group == "models"
+            if is_annotated and has_moving_parts(model_table):
+                objects += _part_objects(node, choice.model, (group, choice.name))
+            elif is_annotated:
+                objects.append(SceneObject((group, choice.name), choice.model))
         scenery = scenery_of(choices, self._folder, self._frame)
         for file in (choices.light.rig, choices.light.environment, choices.background.image):
-            self._use(file)
+            self._add_digest(file)
         root = Node(None, children={name: Node(None, children=nodes) for name, nodes in groups.items() if nodes})
-        return BuiltScene(root, tuple(objects), scenery, self._digests, tuple(self._warnings))
+        warnings = tuple(dict.fromkeys(self._warnings))  # each once
+        return BuiltScene(root, tuple(objects), scenery, self._digests, warnings)
 
-    def _use(self, file: str) -> None:
-        """Add the digest of a file, unless its name is empty."""
+    def _add_digest(self, file: str) -> None:
+        """Add the digest of a file that has been read, unless its name is empty. It is empty if the file has gone."""
         if file and file not in self._digests:
             self._digests[file] = sha256_of(self._folder / file) or ""
 
-    def _object(self, choice: ObjectChoice, table: tables.Model) -> Node:
+    def _object_node(self, choice: ObjectChoice, model_table: tables.Model) -> Node:
         """Return the node of an object at the frame's time."""
-        animation = None if table.animation is None else AnimationTime(table.animation, self._seconds)
-        model = load_model(self._catalogue, table, choice.file, animation)
-        folder = posixpath.dirname(choice.file)
+        animation = None if model_table.animation is None else AnimationTime(model_table.animation, self._seconds)
+        model = load_model(self._catalogue, model_table, choice.file, animation)
+        model_folder = posixpath.dirname(choice.file)
         for name, digest in model.digests.items():
-            self._digests[posixpath.normpath(posixpath.join(folder, name))] = digest
-        self._warnings |= dict.fromkeys(f"{choice.file}: {warning}" for warning in model.warnings)
+            self._digests[posixpath.normpath(posixpath.join(model_folder, name))] = digest
+        self._warnings += [f"{choice.file}: {warning}" for warning in model.warnings]
         joints = dict(choice.joints)
-        if table.joint_track:
-            self._use(table.joint_track)
-            joints |= read_track(self._folder / table.joint_track, poses=False).at(self._seconds)
+        if model_table.joint_track:
+            joints |= read_track(self._folder / model_table.joint_track, poses=False).at(self._seconds)
+            self._add_digest(model_table.joint_track)
         with errors_as(SceneFileError, choice.file, RobotFileError):
             tree = model.tree(joints)
-        X = np.array(choice.X_world_object)
-        if table.pose_track:
-            self._use(table.pose_track)
-            X = read_track(self._folder / table.pose_track, poses=True).pose_at(self._seconds)
+        if model_table.pose_track:
+            X_world_object = read_track(self._folder / model_table.pose_track, poses=True).pose_at(self._seconds)
+            self._add_digest(model_table.pose_track)
+        else:
+            X_world_object = np.array(choice.X_world_object)
         if choice.scale != 1.0:
-            X = X @ scaling(choice.scale, choice.scale, choice.scale)
-        return Node(None, X, {MODEL_NODE: self._with_material(tree, choice)})
+            X_world_object = X_world_object @ scaling(choice.scale, choice.scale, choice.scale)
+        return Node(None, X_world_object, {MODEL_NODE: self._with_material(tree, choice)})
 
     def _with_material(self, tree: Node, choice: ObjectChoice) -> Node:
-        """Return the tree of a model with its drawn material."""
+        """Return the tree of a model with its drawn material.
+
+        If materials have textures, all models without texture coordinates get some, also those that keep their own
+        materials: objects of one model then have the same meshes.
+        """
         materials = self._catalogue.scenario.materials
         if materials is None:
             return tree
-        material = None if choice.material is None else material_of(choice.material, self._folder)
+        material = None
         if choice.material is not None:
-            self._use(choice.material.texture)
-        # Equal models have equal meshes, so those with their own materials get texture coordinates, too.
-        if not materials.textures:
-            return tree if material is None else with_material(tree, material, None)
-        return with_material(tree, material, materials.texture_size, choice.scale)
+            material = material_of(choice.material, self._folder)
+            self._add_digest(choice.material.texture)
+        texture_size = materials.texture_size if materials.textures else None
+        if material is None and texture_size is None:
+            return tree
+        return with_material(tree, material, texture_size, choice.scale)

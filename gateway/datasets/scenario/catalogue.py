@@ -51,23 +51,29 @@ class Catalogue:
         It has no suffix, unless another file differs in that alone. Paths are relative to the scenario's folder.
         """
         folder = self.path.parent
-        written = dict.fromkeys(name for names in self.models.values() for name in names)
-        relative = {name: os.path.relpath(folder / name, folder) for name in written}
-        files = list(dict.fromkeys(relative.values()))
-        stems = Counter(Path(file).with_suffix("") for file in files)
-        parts = {file: (stem if stems[stem := Path(file).with_suffix("")] == 1 else Path(file)).parts for file in files}
+        relative_by_file = {
+            file: os.path.relpath(folder / file, folder) for files in self.models.values() for file in files
+        }
+        unnamed = list(dict.fromkeys(relative_by_file.values()))
+        stem_counts = Counter(Path(path).with_suffix("") for path in unnamed)
+        parts: dict[str, tuple[str, ...]] = {}
+        for path in unnamed:
+            stem = Path(path).with_suffix("")
+            parts[path] = stem.parts if stem_counts[stem] == 1 else Path(path).parts
         names: dict[str, str] = {}
-        length = 1
-        while files:
-            by_name: dict[str, list[str]] = {}
-            for file in files:
-                by_name.setdefault("/".join(parts[file][-length:]), []).append(file)
-            for name, same in by_name.items():
-                if len(same) == 1 or all(length >= len(parts[file]) for file in same):  # a.obj and a.obj.stl
-                    names |= {file: name if len(same) == 1 else file for file in same}
-            files = [file for file in files if file not in names]
-            length += 1
-        return {name: names[file] for name, file in relative.items()}
+        part_count = 1
+        while unnamed:
+            paths_by_name: dict[str, list[str]] = {}
+            for path in unnamed:
+                paths_by_name.setdefault("/".join(parts[path][-part_count:]), []).append(path)
+            for name, paths in paths_by_name.items():
+                if len(paths) == 1:
+                    names[paths[0]] = name
+                elif all(part_count >= len(parts[path]) for path in paths):  # a.obj and a.obj.stl
+                    names |= {path: path for path in paths}
+            unnamed = [path for path in unnamed if path not in names]
+            part_count += 1
+        return {file: names[path] for file, path in relative_by_file.items()}
 
     @cached_property
     def other_files(self) -> dict[str, tuple[str, ...]]:
@@ -135,14 +141,14 @@ def _matches(folder: Path, pattern: str) -> Iterator[str]:
     if "**" not in parts:
         yield from glob.iglob(pattern, root_dir=folder)  # noqa: PTH207 - keeps the names as written
         return
-    position = parts.index("**")
-    begin, rest = "/".join(parts[:position]) + "/" * (position > 0), "/".join(parts[position + 1 :]) or "*"
-    for base in glob.iglob(begin, root_dir=folder) if begin.strip("/") else (begin,):  # noqa: PTH207 - as above
+    index = parts.index("**")
+    before, after = "/".join((*parts[:index], "")), "/".join(parts[index + 1 :]) or "*"
+    for base in glob.iglob(before, root_dir=folder) if before.strip("/") else (before,):  # noqa: PTH207 - as above
         for path, folders, files in os.walk(folder / base):
             folders[:] = [name for name in folders if not name.startswith(".")]
             yield from [""] * (1 + len(folders) + len(files))
             below = glob.escape(str(Path(base) / Path(path).relative_to(folder / base)))
-            yield from _matches(folder, f"{below}/{rest}")
+            yield from _matches(folder, f"{below}/{after}")
 
 
 def read_catalogue(path: Path) -> Catalogue:

@@ -154,17 +154,17 @@ def _problems(choices: SceneChoices, catalogue: Catalogue, number: int) -> Itera
         key = f"surfaces[{index}].material.textures"
         yield from _file_problems("surfaces.material.texture", {surface.material.texture}, catalogue, key)
     names: set[str] = set()
-    for each in choices.objects:
-        yield from _object_problems(each, catalogue)
-        if each.name in names:
-            yield f"objects: two have the name {each.name!r}"
-        names.add(each.name)
+    for choice in choices.objects:
+        yield from _object_problems(choice, catalogue)
+        if choice.name in names:
+            yield f"objects: two have the name {choice.name!r}"
+        names.add(choice.name)
     for camera in choices.cameras:
         if len(camera.X_world_camera) not in (1, scenario.frame_count or 1):
             yield f"cameras: X_world_camera has {len(camera.X_world_camera)} poses, not 1 or one for each frame"
         for pose in camera.X_world_camera:
             yield from _pose_problems("cameras", pose)
-    textures = {each.material.texture for each in choices.objects if each.material is not None}
+    textures = {choice.material.texture for choice in choices.objects if choice.material is not None}
     yield from _file_problems("objects.material.texture", textures, catalogue, "materials.textures")
     yield from _file_problems("light.rig", {choices.light.rig}, catalogue, "lights.rigs")
     yield from _file_problems("light.environment", {choices.light.environment}, catalogue, "lights.environments")

@@ -52,7 +52,8 @@ def _drawn(random: np.random.Generator, kind: type[ChoiceType], table: tables.Ta
         if name not in given:
             value = getattr(table, name)
             if isinstance(value, tuple):
-                value = (_color if isinstance(value[0], tuple) else uniform)(random, value)
+                is_color = isinstance(value[0], tuple)
+                value = _color(random, value) if is_color else uniform(random, value)
             values[name] = value
     return kind(**values)
 
@@ -89,7 +90,7 @@ class _Drawing:
             for index, table in enumerate(models)
             for item in self._objects(kind, index, table, arrangement.notes)
         ]
-        for item in sorted(items, key=lambda each: each.table.position is None):  # the others give way
+        for item in sorted(items, key=lambda each: each.table.position is None):  # those with a position first
             arrangement.add(item)
         arrangement.settle()
         boxes = arrangement.focus_boxes()
@@ -130,7 +131,7 @@ class _Drawing:
         random = self._random(kind, index)
         files, materials = self._catalogue.models[kind, index], self._scenario.materials
         items = []
-        for k in range(_count(random, table.count)):
+        for number in range(_count(random, table.count)):
             file = files[int(random.integers(len(files)))]
             model = load_usable(self._catalogue, table, file, notes)
             scale = uniform(random, table.scale)
@@ -138,26 +139,28 @@ class _Drawing:
             material = None
             if materials is not None and random.random() < materials.share:
                 material = self._material(random, materials, "materials")
-            if model is None:
+            if model is None:  # after the draws: the other objects stay as they are
                 continue
-            name = self._catalogue.model_names[file]
-            X = rotation_of(roll, pitch, yaw)
+            model_name = self._catalogue.model_names[file]
+            X_world_object = rotation_of(roll, pitch, yaw)
             if table.pose_track:
                 start = 0.0 if self._scenario.frames is None else self._scenario.frames.start
-                X = read_track(self._catalogue.path.parent / table.pose_track, poses=True).pose_at(start)
+                track = read_track(self._catalogue.path.parent / table.pose_track, poses=True)
+                X_world_object = track.pose_at(start)
             choice = ObjectChoice(
                 entry=(kind, index),
                 file=file,
-                model=name,
-                name=f"{name} {kind[0]}{index}.{k}",
-                X_world_object=pose_rows(X),
+                model=model_name,
+                name=f"{model_name} {kind[0]}{index}.{number}",
+                X_world_object=pose_rows(X_world_object),
                 scale=scale,
                 joints=_joints(random, table, model),
                 material=material,
             )
             with errors_as(tables.ScenarioError, file, RobotFileError):  # joint values that the model cannot have
                 bodies = model.bodies(choice.joints)
-            items.append(SceneItem(table, choice, Solid(tuple(body * scale for body in bodies)), X))
+            solid = Solid(tuple(body * scale for body in bodies))
+            items.append(SceneItem(table, choice, solid, X_world_object))
         return items
 
     def _light(self, table: tables.Lights) -> LightChoice:
@@ -186,5 +189,6 @@ def _joints(random: np.random.Generator, table: tables.Model, model: LoadedModel
     ranges: dict[str, tables.Range[float]] = {}
     for name, joint in ({} if model.robot is None else model.robot.joints).items():
         if joint.mimic is None and joint.kind in ("revolute", "prismatic"):
-            ranges[name] = joint.limits or ((-np.pi, np.pi) if joint.kind == "revolute" else joint.default[0])
+            without_limits = (-np.pi, np.pi) if joint.kind == "revolute" else joint.default[0]
+            ranges[name] = joint.limits or without_limits
     return {name: (uniform(random, values),) for name, values in ranges.items()}

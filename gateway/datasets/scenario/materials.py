@@ -66,24 +66,25 @@ def with_material(root: Node, material: Material | None, texture_size: float | N
     """
     parts = root.parts
     if parts is not None:
-        size = None if texture_size is None else texture_size / scale
-        parts = tuple(each for part in parts for each in _textured(part, material, size))
+        size_in_tree = None if texture_size is None else texture_size / scale
+        parts = tuple(mesh_part for part in parts for mesh_part in _mesh_parts(part, material, size_in_tree))
     children = {name: with_material(child, material, texture_size, scale) for name, child in root.children.items()}
     node = Node(parts, root.matrix, children)
     node.visible, node.opacity = root.visible, root.opacity
     return node
 
 
-def _textured(part: Part, material: Material | None, texture_size: float | None) -> list[Part]:
+def _mesh_parts(part: Part, material: Material | None, texture_size: float | None) -> list[Part]:
     """Return the meshes of a part with the material; those without triangles keep theirs."""
     parts: list[Part] = []
-    for mesh, old, X_part_mesh in meshes_of(part.shape, part.material):
-        X = part.X_node_part @ X_part_mesh
-        is_solid = mesh.topology is Topology.TRIANGLES
-        if is_solid and mesh.uv0 is None and texture_size is not None:
-            mesh = _box_mapped(mesh, tuple(np.linalg.norm(X[:3, :3], axis=0).tolist()), texture_size)
-        used = material if is_solid and material is not None else old
-        parts.append(msgspec.structs.replace(part, shape=Surface(mesh), material=used, X_node_part=X))
+    for mesh, own_material, X_part_mesh in meshes_of(part.shape, part.material):
+        X_node_mesh = part.X_node_part @ X_part_mesh
+        has_triangles = mesh.topology is Topology.TRIANGLES
+        if has_triangles and mesh.uv0 is None and texture_size is not None:
+            scale = tuple(np.linalg.norm(X_node_mesh[:3, :3], axis=0).tolist())
+            mesh = _box_mapped(mesh, scale, texture_size)
+        new_material = material if has_triangles and material is not None else own_material
+        parts.append(msgspec.structs.replace(part, shape=Surface(mesh), material=new_material, X_node_part=X_node_mesh))
     return parts
 
 
@@ -96,11 +97,11 @@ def _box_mapped(mesh: Mesh, scale: tuple[float, ...], texture_size: float) -> Me
     mapped = _mapped.get(key)
     if mapped is None:
         vertices = mesh.elements.reshape(-1)
-        points = mesh.positions[vertices].reshape(-1, 3, 3) * np.array(scale, np.float32)
-        normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
-        # The two axes of the texture for triangles that face x, y and z.
-        axes = np.array(((1, 2), (0, 2), (0, 1)))[np.abs(normals).argmax(axis=1)]
-        uv = np.take_along_axis(points, np.repeat(axes[:, None, :], 3, axis=1), axis=2).reshape(-1, 2) / texture_size
+        corners = mesh.positions[vertices].reshape(-1, 3, 3) * np.array(scale, np.float32)  # (triangle, corner, axis)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        facing_axis = np.abs(normals).argmax(axis=1)
+        u_and_v_axes = np.array(((1, 2), (0, 2), (0, 1)))[facing_axis]
+        uv = np.take_along_axis(corners, u_and_v_axes[:, None, :], axis=2).reshape(-1, 2) / texture_size
         mapped = Mesh(
             np.ascontiguousarray(mesh.positions[vertices]),
             np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3),

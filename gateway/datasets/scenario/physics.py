@@ -26,8 +26,8 @@ CHECK_STEPS: Final = 100
 """Steps between two checks, 0.2 s."""
 REST_CHECKS: Final = 2
 """Consecutive checks in which an object must have been at rest."""
-REST_MOTION: Final = (2e-4, 2e-3)
-"""Motion between two checks of an object at rest: metres, and difference of the unit quaternions. Speeds do not tell:
+REST_METRES, REST_QUATERNION = 2e-4, 2e-3
+"""Motion between two checks of an object at rest: of its position, and of its unit quaternion. Speeds do not tell:
 objects on several others tremble about their places."""
 
 
@@ -55,18 +55,21 @@ def settle(
     except (ValueError, mujoco.FatalError) as error:
         raise ScenarioError(f"placement.physics: MuJoCo cannot simulate the objects: {error}") from None
     data = mujoco.MjData(model)
-    resting, last = np.zeros(len(objects), np.int64), data.qpos.reshape(-1, 7).copy()
+    checks_at_rest = np.zeros(len(objects), np.int64)
+    """Number of consecutive checks, up to the last one, in which each object was at rest."""
+    poses = data.qpos.reshape(-1, 7).copy()
+    """(N, 7): position, and quaternion [w, x, y, z]."""
     for _ in range(max(1, round(seconds / TIMESTEP / CHECK_STEPS))):
         check_stop()
         mujoco.mj_step(model, data, CHECK_STEPS)
+        motion = np.abs(data.qpos.reshape(-1, 7) - poses)
         poses = data.qpos.reshape(-1, 7).copy()
-        motion = np.abs(poses - last)
-        at_rest = (motion[:, :3] < REST_MOTION[0]).all(axis=1) & (motion[:, 3:] < REST_MOTION[1]).all(axis=1)
-        resting, last = np.where(at_rest, resting + 1, 0), poses
-        if (resting >= REST_CHECKS).all():
+        at_rest = (motion[:, :3] < REST_METRES).all(axis=1) & (motion[:, 3:] < REST_QUATERNION).all(axis=1)
+        checks_at_rest = np.where(at_rest, checks_at_rest + 1, 0)
+        if (checks_at_rest >= REST_CHECKS).all():
             break
-    matrices = [from_pose(qpos[:3], qpos[3:]) for qpos in last.tolist()]
-    return [X if count and np.isfinite(X).all() else None for X, count in zip(matrices, resting, strict=True)]
+    matrices = [from_pose(pose[:3], pose[3:]) for pose in poses.tolist()]
+    return [X if checks and np.isfinite(X).all() else None for X, checks in zip(matrices, checks_at_rest, strict=True)]
 
 
 def _model(mujoco: Any, objects: list[tuple[Solid, NDArray[np.float64]]], obstacles: list[Solid]) -> Any:

@@ -95,9 +95,9 @@ def rotation_of(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
     for axis, degrees in enumerate((roll, pitch, yaw)):
         c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
         i, j = (axis + 1) % 3, (axis + 2) % 3
-        turn = np.eye(4)
-        turn[i, i], turn[i, j], turn[j, i], turn[j, j] = c, -s, s, c
-        X = turn @ X
+        about_axis = np.eye(4)
+        about_axis[i, i], about_axis[i, j], about_axis[j, i], about_axis[j, j] = c, -s, s, c
+        X = about_axis @ X
     return X
 
 
@@ -122,23 +122,27 @@ def place_on(
     """
     X_surface_object = np.linalg.inv(X_world_surface) @ rotation
     X_surface_object[:3, 3] = 0.0
-    low, high = solid.moved(X_surface_object).box
-    free = np.array(area) - (high - low)[:2]
-    if (free < 0.0).any():
+    low, high = solid.moved(X_surface_object).box  # along the axes of the surface
+    room = np.array(area) - (high - low)[:2]
+    if (room < 0.0).any():
         return None
-    turned = solid.moved(X_world_surface @ X_surface_object)
-    boxes = np.array([other.box for other in others]).reshape(-1, 2, 3)
-    box_at_origin = turned.box - X_world_surface[:3, 3]
+    centred = solid.moved(X_world_surface @ X_surface_object)
+    """The object in the world with its origin at the centre of the surface. A try only shifts it."""
+    centre = X_world_surface[:3, 3]
+    box_at_origin = centred.box - centre
+    other_boxes = np.array([other.box for other in others]).reshape(-1, 2, 3)
     for _ in range(tries):
         check_stop()
-        corner = random.random(2) * free - 0.5 * np.array(area)
-        X_surface_object[:3, 3] = (corner[0] - low[0], corner[1] - low[1], -low[2])
+        x, y = random.random(2) * room - 0.5 * np.array(area)  # the box's lowest corner on the surface
+        X_surface_object[:3, 3] = (x - low[0], y - low[1], -low[2])
         X_world_object = X_world_surface @ X_surface_object
         box = box_at_origin + X_world_object[:3, 3]
-        is_apart = (box[0] > boxes[:, 1] + gap).any(axis=1) | (boxes[:, 0] > box[1] + gap).any(axis=1)
-        near = [others[k] for k in np.flatnonzero(~is_apart)]
-        step = X_world_object[:3, 3] - X_world_surface[:3, 3]
-        placed = Solid(tuple(body + step for body in turned.bodies)) if near else turned
-        if all(are_apart(placed, other, gap) for other in near):
+        is_apart = (box[0] > other_boxes[:, 1] + gap).any(axis=1) | (other_boxes[:, 0] > box[1] + gap).any(axis=1)
+        near_others = [others[index] for index in np.flatnonzero(~is_apart)]
+        if not near_others:
+            return X_world_object
+        shift = X_world_object[:3, 3] - centre
+        placed = Solid(tuple(body + shift for body in centred.bodies))
+        if all(are_apart(placed, other, gap) for other in near_others):
             return X_world_object
     return None

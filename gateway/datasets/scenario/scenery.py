@@ -65,30 +65,30 @@ class Scenery:
             white = renderer.render(scene, camera, Output.COLOR, replace(look, background=(255, 255, 255))).color
             assert white is not None
             share = (white.astype(np.float32) - color).mean(axis=2, keepdims=True) / 255.0
-            behind = _filling(self.image.decode()[..., :3], camera.width, camera.height)
+            behind = _middle_in_size(self.image.decode()[..., :3], camera.width, camera.height)
             color = np.clip(color + share * behind + 0.5, 0.0, 255.0).astype(np.uint8)
         return color if self.sensor is None else self._sensed(color, camera, self.sensor)
 
     def _sensed(self, color: NDArray[np.uint8], camera: Camera, sensor: SensorChoice) -> NDArray[np.uint8]:
         """Return the image as a sensor sees it, with the gamma of a display."""
-        k = Intrinsics(camera.width, camera.height, camera.fx, camera.cx, camera.cy)
+        intrinsics = Intrinsics(camera.width, camera.height, camera.fx, camera.cx, camera.cy)
         gain = 10.0 ** (sensor.gain / 20.0)
         exposure = Exposure(REFERENCE_EXPOSURE * sensor.exposure / gain, sensor.gain, 1.0 / DISPLAY_GAMMA)
         lens = Lens(sensor.blur, sensor.vignetting)
-        light = light_on_sensor(np.ascontiguousarray(color), k, exposure, SceneLight(), lens, color=True)
+        light = light_on_sensor(np.ascontiguousarray(color), intrinsics, exposure, SceneLight(), lens, color=True)
         view = self.frame << 32 | zlib.crc32(camera.X_world_camera.tobytes())
-        key = frame_key(self.seed, view, NoiseStream.COLOR_CAMERA)
-        return image_from_light(light, exposure, key).image
+        noise_key = frame_key(self.seed, view, NoiseStream.COLOR_CAMERA)
+        return image_from_light(light, exposure, noise_key).image
 
 
-def _filling(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.float32]:
+def _middle_in_size(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.float32]:
     """Return the middle of an image that has the aspect of ``width`` x ``height``, in that size."""
-    scale = min(image.shape[1] / width, image.shape[0] / height)
-    columns, rows = max(1, int(scale * width)), max(1, int(scale * height))
-    x, y = (image.shape[1] - columns) // 2, (image.shape[0] - rows) // 2
-    part = np.ascontiguousarray(image[y : y + rows, x : x + columns])
-    interpolation = cv2.INTER_AREA if scale > 1.0 else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(part, (width, height), interpolation=interpolation), np.float32)
+    pixels_per_pixel = min(image.shape[1] / width, image.shape[0] / height)
+    columns, rows = max(1, int(pixels_per_pixel * width)), max(1, int(pixels_per_pixel * height))
+    left, top = (image.shape[1] - columns) // 2, (image.shape[0] - rows) // 2
+    middle = np.ascontiguousarray(image[top : top + rows, left : left + columns])
+    interpolation = cv2.INTER_AREA if pixels_per_pixel > 1.0 else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(middle, (width, height), interpolation=interpolation), np.float32)
 
 
 def scenery_of(choices: SceneChoices, folder: Path, frame: int) -> Scenery:

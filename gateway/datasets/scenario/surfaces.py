@@ -16,7 +16,7 @@ from gateway.scene.transforms import translation
 from gateway.scene.tree import Node
 from scenegate.messages.geometry import Box
 
-Placed = tuple[NDArray[np.float64], tuple[float, float, float]]
+PlacedBox = tuple[NDArray[np.float64], tuple[float, float, float]]
 """Pose of a box's centre, (4, 4), and its side lengths in metres."""
 FLOOR_THICKNESS: Final = 0.02
 TOP_THICKNESS: Final = 0.03
@@ -24,17 +24,17 @@ LEG: Final = 0.05
 """Side of a table's leg, metres."""
 
 
-def boxes_of(surface: SurfaceChoice) -> list[Placed]:
+def boxes_of(surface: SurfaceChoice) -> list[PlacedBox]:
     """Return the boxes of a surface in its frame. A table stands on z = 0; without room for legs it is a shelf."""
     x, y = surface.size
     if surface.kind == "floor":
         return [(translation(0.0, 0.0, -0.5 * FLOOR_THICKNESS), (x, y, FLOOR_THICKNESS))]
-    boxes: list[Placed] = [(translation(0.0, 0.0, -0.5 * TOP_THICKNESS), (x, y, TOP_THICKNESS))]
-    length = surface.X_world_surface[2][3] - TOP_THICKNESS
-    if length > 0.0 and min(x, y) > 2.0 * LEG:
-        for sx, sy in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)):
-            centre = translation(sx * (x - LEG), sy * (y - LEG), -TOP_THICKNESS - 0.5 * length)
-            boxes.append((centre, (LEG, LEG, length)))
+    boxes: list[PlacedBox] = [(translation(0.0, 0.0, -0.5 * TOP_THICKNESS), (x, y, TOP_THICKNESS))]
+    leg_length = surface.X_world_surface[2][3] - TOP_THICKNESS
+    if leg_length > 0.0 and min(x, y) > 2.0 * LEG:
+        for side_x, side_y in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)):
+            centre = translation(side_x * (x - LEG), side_y * (y - LEG), -TOP_THICKNESS - 0.5 * leg_length)
+            boxes.append((centre, (LEG, LEG, leg_length)))
     return boxes
 
 

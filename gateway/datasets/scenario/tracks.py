@@ -42,11 +42,12 @@ class Track:
     def pose_at(self, seconds: float) -> Matrix:
         """Return the pose at a time, (4, 4), of a track that was read with ``poses``."""
         row = float(np.interp(seconds, self.times, np.arange(len(self.values))))
-        t = row - int(row)
-        begin, end = self.values[int(row)], self.values[min(int(row) + 1, len(self.values) - 1)]
-        position = (1.0 - t) * begin[:3] + t * end[:3]
-        q_begin, q_end = (q / np.linalg.norm(q) for q in (begin[3:], end[3:]))
-        return from_pose(position.tolist(), slerp(q_begin, q_end, t).tolist())
+        index = int(row)
+        fraction = row - index
+        begin, end = self.values[index], self.values[min(index + 1, len(self.values) - 1)]
+        position = (1.0 - fraction) * begin[:3] + fraction * end[:3]
+        begin_quaternion, end_quaternion = (pose[3:] / np.linalg.norm(pose[3:]) for pose in (begin, end))
+        return from_pose(position.tolist(), slerp(begin_quaternion, end_quaternion, fraction).tolist())
 
 
 def read_track(path: Path, *, poses: bool) -> Track:
@@ -104,13 +105,14 @@ def _check_poses(path: Path, values: NDArray[np.float64], lines: list[int]) -> N
         values: (N, 7) float64, in the order of ``POSE_COLUMNS``.
         lines: line of the file of each row.
     """
+    min_norm, max_norm = QUATERNION_NORMS
     norms = np.hypot.reduce(values[:, 3:], axis=1)
     is_far = np.abs(values[:, :3]).max(axis=1) > MAX_METRES
-    is_bad = is_far | (norms < QUATERNION_NORMS[0]) | (norms > QUATERNION_NORMS[1])
+    is_bad = is_far | (norms < min_norm) | (norms > max_norm)
     if is_bad.any():
         row = int(is_bad.argmax())
-        reason = f"a coordinate must be from -{MAX_METRES} to {MAX_METRES} m, not {values[row, :3].tolist()}"
-        if not is_far[row]:
-            low, high = QUATERNION_NORMS
-            reason = f"the length of a quaternion must be from {low:g} to {high:g}, not {norms[row]:g}"
+        if is_far[row]:
+            reason = f"a coordinate must be from -{MAX_METRES} to {MAX_METRES} m, not {values[row, :3].tolist()}"
+        else:
+            reason = f"the length of a quaternion must be from {min_norm:g} to {max_norm:g}, not {norms[row]:g}"
         raise ScenarioError(f"{path}: line {lines[row]}: {reason}")

@@ -88,6 +88,15 @@ def test_only_what_an_export_wrote_is_replaced(tmp_path: Path, change: Callable[
     assert contents(dest) == before
 
 
+def test_an_export_of_another_format_is_replaced(tmp_path: Path) -> None:
+    pytest.importorskip("pycocotools")
+    dataset = Dataset(write_dataset(tmp_path / "out"))
+    export(dataset, tmp_path / "dest", "bop")
+    assert export(dataset, tmp_path / "dest", "coco", replace=True)
+    assert (tmp_path / "dest" / "annotations.json").is_file()
+    assert not export(dataset, tmp_path / "dest", "coco", replace=True)
+
+
 def test_links_and_folders_of_the_dataset_are_refused(tmp_path: Path) -> None:
     dataset = Dataset(write_dataset(tmp_path / "out"))
     (tmp_path / "mine").mkdir()

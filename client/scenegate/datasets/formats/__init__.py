@@ -33,7 +33,7 @@ TEMPORARY_SUFFIX: Final = ".scenegate-export"
 """Suffix of a folder that is being written."""
 RECORD_FILE: Final = "export.json"
 """An ``ExportRecord``, in the folder of an export."""
-Progress = Callable[[int], object]
+ReportProgress = Callable[[int], object]
 """Called with the number of samples that are written."""
 
 
@@ -41,12 +41,13 @@ class ExportError(ValueError):
     """A dataset cannot be written in a format; the message is one sentence."""
 
 
-class ExportRecord(msgspec.Struct, frozen=True, rename={"dataset_hashes": "dataset", "files_digest": "files"}):
-    """State of a dataset and of the folder with its export."""
+class ExportRecord(msgspec.Struct, frozen=True):
+    """State of a dataset, and of the folder with its export, when the export was written."""
 
-    dataset_hashes: tuple[str | None, ...]
-    """SHA-256 of the dataset's description and of its manifest, which has those of the images; None: unreadable."""
-    files_digest: str
+    format_name: FormatName
+    dataset: tuple[str | None, str | None]
+    """SHA-256 of ``DATASET_FILE`` and of ``MANIFEST_FILE``, which lists those of all images; None: unreadable."""
+    files: str
     """Digest of the names and contents of all other files of the folder, and of the names of its folders."""
 
 
@@ -62,18 +63,19 @@ def export(
     dataset: Dataset,
     destination: Path,
     format_name: FormatName,
-    report: Progress = lambda done: None,
+    report: ReportProgress = lambda done: None,
     *,
     replace: bool = False,
 ) -> bool:
-    """Write all samples of a dataset in another format. Return False if the folder has them already.
+    """Write all samples of a dataset in another format. Return False if ``replace`` finds the same export there.
 
     The same dataset gives the same bytes. The folder is written under a temporary name, so that it is complete or
     missing.
 
     Args:
         destination: folder to write.
-        replace: an earlier export may be in the folder.
+        replace: replace an earlier export in the folder, unless it is of the same dataset and format. False: the folder
+            must be empty or missing.
 
     Raises:
         ExportError: the dataset lacks images that the format needs; or as ``check_destination``.
@@ -83,8 +85,8 @@ def export(
     """
     check_types(dataset.description.settings.types, format_name)
     earlier = check_destination(destination, dataset.folder, format_name, replace=replace)
-    dataset_hashes = tuple(sha256_of(dataset.folder / name) for name in (DATASET_FILE, MANIFEST_FILE))
-    if earlier is not None and earlier.dataset_hashes == dataset_hashes:
+    dataset_hashes = (sha256_of(dataset.folder / DATASET_FILE), sha256_of(dataset.folder / MANIFEST_FILE))
+    if earlier is not None and (earlier.format_name, earlier.dataset) == (format_name, dataset_hashes):
         return False
     write = _writer(format_name)
     temporary = destination.with_name(f".{destination.name}{TEMPORARY_SUFFIX}")
@@ -92,7 +94,7 @@ def export(
     temporary.mkdir(parents=True)
     try:
         write(dataset, temporary, _counted(dataset, report))
-        record = ExportRecord(dataset_hashes, _files_digest(temporary))
+        record = ExportRecord(format_name, dataset_hashes, _files_digest(temporary))
         (temporary / RECORD_FILE).write_bytes(msgspec.json.encode(record) + b"\n")
         # Again: a program may have written there meanwhile.
         if check_destination(destination, dataset.folder, format_name, replace=replace) is not None:
@@ -110,8 +112,12 @@ def check_destination(
     """Return the record of the export that is in a folder; None if the folder is empty or missing.
 
     Raises:
-        ExportError: the folder is not empty, and ``replace`` is False or an export has not written all that is in it;
-            it is a symbolic link; or it is in the dataset's folder and not called like the format.
+        ExportError: one of these
+
+            - The folder is a symbolic link.
+            - It is in the dataset's folder, and its name is not that of the format.
+            - It is not empty, and ``replace`` is False.
+            - It has files that are not as an export wrote them.
     """
     if destination.is_symlink():
         raise ExportError(f"{destination} is a symbolic link; name a folder")
@@ -126,15 +132,16 @@ def check_destination(
         record = read_file(destination / RECORD_FILE, ExportRecord)
     except RecordError:
         record = None
-    if record is None or record.files_digest != _files_digest(destination):
+    if record is None or record.files != _files_digest(destination):
         raise ExportError(f"{destination} is not as an export wrote it: files were added, changed or removed; move it")
     return record
 
 
 def _files_digest(folder: Path) -> str:
     digest = sha256()
-    for path in sorted({*folder.rglob("*")} - {folder / RECORD_FILE}):  # folders count with None as their hash
-        digest.update(json.dumps((str(path.relative_to(folder)), sha256_of(path))).encode())
+    for path in sorted({*folder.rglob("*")} - {folder / RECORD_FILE}):
+        content_hash = sha256_of(path)  # None for a folder
+        digest.update(json.dumps((str(path.relative_to(folder)), content_hash)).encode())
     return digest.hexdigest()
 
 
@@ -148,7 +155,7 @@ def _writer(format_name: FormatName) -> Callable[[Dataset, Path, Iterator[Sample
     return write
 
 
-def _counted(dataset: Dataset, report: Progress) -> Iterator[Sample]:
+def _counted(dataset: Dataset, report: ReportProgress) -> Iterator[Sample]:
     """Yield the samples; report the number of those that are written."""
     for done, sample in enumerate(dataset):
         report(done)

@@ -59,16 +59,16 @@ def write(dataset: Dataset, folder: Path, samples: Iterator[Sample]) -> None:
     """Write the samples of a dataset into a folder."""
     object_ids, depth_scale = _plan(dataset)
     _write_models(dataset.folder, folder / "models", object_ids)
-    names: dict[str, str] = {}
-    camera: CameraRecord | None = None
-    for number, (scene, views) in enumerate(groupby(samples, key=lambda sample: sample.record.scene)):
-        names[f"{number:06d}"] = scene
+    scene_names: dict[str, str] = {}
+    last_camera: CameraRecord | None = None
+    for scene_number, (scene, views) in enumerate(groupby(samples, key=lambda sample: sample.record.scene)):
+        scene_names[f"{scene_number:06d}"] = scene
         models = dataset.scene(scene).models
-        camera = _write_scene(folder / SPLIT / f"{number:06d}", views, models, object_ids, depth_scale)
+        last_camera = _write_scene(folder / SPLIT / f"{scene_number:06d}", views, models, object_ids, depth_scale)
     objects = {str(object_id): {"model": key.name, "scale": key.scale} for key, object_id in object_ids.items()}
-    _write_json(folder / "dataset_info.json", {"scenes": names, "objects": objects})
-    if camera is not None:  # BOP has one camera for all images: here the last one
-        _write_json(folder / "camera.json", {**_intrinsics(camera), "depth_scale": depth_scale})
+    _write_json(folder / "dataset_info.json", {"scenes": scene_names, "objects": objects})
+    if last_camera is not None:  # BOP has one camera for all images
+        _write_json(folder / "camera.json", {**_intrinsics(last_camera), "depth_scale": depth_scale})
 
 
 def _plan(dataset: Dataset) -> tuple[dict[ModelKey, int], float]:
@@ -81,8 +81,9 @@ def _plan(dataset: Dataset) -> tuple[dict[ModelKey, int], float]:
             camera = sample.record.camera
             far = max(far, math.inf if camera.far is None else camera.far)
             keys.update(_model_key(record, models) for record in sample.objects)
-    fits = far * MILLIMETRES <= MAX_DEPTH_UNITS * FINE_DEPTH
-    return {key: number for number, key in enumerate(sorted(keys), 1)}, FINE_DEPTH if fits else COARSE_DEPTH
+    object_ids = {key: object_id for object_id, key in enumerate(sorted(keys), 1)}
+    fits_fine_depth = far * MILLIMETRES <= MAX_DEPTH_UNITS * FINE_DEPTH
+    return object_ids, FINE_DEPTH if fits_fine_depth else COARSE_DEPTH
 
 
 def _write_scene(
@@ -98,22 +99,24 @@ def _write_scene(
     cameras: dict[str, Any] = {}
     poses: dict[str, Any] = {}
     infos: dict[str, Any] = {}
-    for number, sample in enumerate(views):
+    for image_number, sample in enumerate(views):
+        key, file_name = str(image_number), f"{image_number:06d}"
         suffix = sample.path("color").suffix
-        (folder / "rgb" / f"{number:06d}{suffix}").write_bytes(sample.file_bytes("color"))
-        depth = _depth_units(sample, depth_scale)
-        (folder / "depth" / f"{number:06d}.png").write_bytes(encode_png(depth))
-        cameras[str(number)] = _camera_entry(sample.record.camera, depth_scale)
-        poses[str(number)] = [_pose_entry(record, object_ids[_model_key(record, models)]) for record in sample.objects]
-        infos[str(number)] = []
-        instance_image = sample.instance
-        for index, record in enumerate(sample.objects):
-            mask = sample.amodal_mask(record.instance)
-            for name, pixels in (("mask", mask), ("mask_visib", instance_image == record.instance)):
-                path = folder / name / f"{number:06d}_{index:06d}.png"
-                path.write_bytes(encode_png(np.where(pixels, np.uint8(255), np.uint8(0))))
-            infos[str(number)].append(_info_entry(record, int(np.count_nonzero(depth[mask]))))
+        (folder / "rgb" / f"{file_name}{suffix}").write_bytes(sample.file_bytes("color"))
+        depth_units = _depth_units(sample, depth_scale)
+        (folder / "depth" / f"{file_name}.png").write_bytes(encode_png(depth_units))
         camera = sample.record.camera
+        cameras[key] = _camera_entry(camera, depth_scale)
+        poses[key] = [_pose_entry(record, object_ids[_model_key(record, models)]) for record in sample.objects]
+        infos[key] = []
+        instance_image = sample.instance
+        for object_index, record in enumerate(sample.objects):
+            amodal_mask = sample.amodal_mask(record.instance)
+            visible_mask = instance_image == record.instance
+            for mask_folder, mask in (("mask", amodal_mask), ("mask_visib", visible_mask)):
+                path = folder / mask_folder / f"{file_name}_{object_index:06d}.png"
+                path.write_bytes(encode_png(np.where(mask, np.uint8(255), np.uint8(0))))
+            infos[key].append(_info_entry(record, int(np.count_nonzero(depth_units[amodal_mask]))))
     for name, content in (("scene_camera", cameras), ("scene_gt", poses), ("scene_gt_info", infos)):
         _write_json(folder / f"{name}.json", content)
     return camera
@@ -216,10 +219,9 @@ def _write_models(dataset_folder: Path, folder: Path, object_ids: Mapping[ModelK
     folder.mkdir()
     infos: dict[str, dict[str, float]] = {}
     for key, object_id in object_ids.items():
-        points, triangles = read_ply(path_inside(dataset_folder, key.path))
-        points = (
-            (points * np.array(key.scale) * MILLIMETRES).astype(np.float32).astype(np.float64)
-        )  # as the file has them
+        metres, triangles = read_ply(path_inside(dataset_folder, key.path))
+        stored_points = (metres * np.array(key.scale) * MILLIMETRES).astype(np.float32)
+        points = stored_points.astype(np.float64)
         if np.prod(key.scale) < 0.0:  # a mirrored model: its triangles face outwards again
             triangles = triangles[:, ::-1]
         (folder / f"obj_{object_id:06d}.ply").write_bytes(

@@ -89,7 +89,8 @@ def _keypoints(sample: Sample, record: ObjectRecord, instances: NDArray[np.uint1
             keypoints.append((0.0, 0.0, OUTSIDE))
             continue
         pixel = int(v), int(u)
-        nearer = instances[pixel] != 0 if depth is None else depth[pixel] < z
-        flag = HIDDEN if nearer and instances[pixel] != record.instance else VISIBLE
+        is_behind = instances[pixel] != 0 if depth is None else depth[pixel] < z
+        is_hidden = is_behind and instances[pixel] != record.instance
+        flag = HIDDEN if is_hidden else VISIBLE
         keypoints.append((round(u - PIXEL_CENTER, 3), round(v - PIXEL_CENTER, 3), flag))
     return keypoints
