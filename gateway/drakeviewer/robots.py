@@ -118,7 +118,7 @@ class RobotChannels:
         if loaded is None:
             self.unloaded += 1
             return "no load message was received: start the simulation after the gateway, or let it publish again"
-        if draw.names is not self.names:
+        if draw.names != self.names:
             self.names, self._poses = draw.names, None
             self._paths = [loaded.paths[key] for key in draw.names.keys if key in loaded.paths]
         is_shown = self._was_shown and _has_links(edit.root, loaded)
