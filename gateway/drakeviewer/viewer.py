@@ -276,7 +276,7 @@ class DrakeViewer:
         return show
 
     def _clear_simulation(self, edit: TreeEdit, last_number: int) -> None:
-        """Clear the contacts, point clouds and frames of the earlier simulation, up to its last message's number."""
+        """Delete what is shown of channels whose newest number is at most ``last_number``, the earlier simulation's."""
         state = self.state
         for channel in [channel for channel, number in state.newest_numbers.items() if number <= last_number]:
             del state.newest_numbers[channel]
