@@ -54,18 +54,21 @@ def arrows(
         radius: radius of the cylinders, metres. Cones have twice this radius, and twice this radius as length.
         centred: True: an origin is the centre of its cylinder, which has two cones; False: its start, with one cone.
     """
-    R, size = rotations_from_z(vectors), 2.0 * radius
+    R, head_size = rotations_from_z(vectors), 2.0 * radius
     begin, end = (-0.5 * lengths, 0.5 * lengths) if centred else (0.0 * lengths, lengths)
     scales = np.empty((len(R), 1, 3))
     scales[:, 0, :2], scales[:, 0, 2] = radius, lengths
     shafts = _transforms(R * scales, origins, R, 0.5 * (begin + end))
-    heads = [_transforms(R * size, origins, R, end + size)]
+    heads = [_transforms(R * head_size, origins, R, end + head_size)]
     if centred:
-        heads.append(_transforms(R * (size, -size, -size), origins, R, begin - size))
+        turned = R * (head_size, -head_size, -head_size)  # half a turn about x
+        heads.append(_transforms(turned, origins, R, begin - head_size))
     shaft, head = Surface(primitives.cylinder(SIDES)), Surface(primitives.cone(SIDES))
     materials = [material(color) for color in colors]
-    parts = [[Part(shaft, own, X, "arrow") for own, X in zip(materials, shafts, strict=True)]]
-    parts += [[Part(head, own, X, "arrow") for own, X in zip(materials, Xs, strict=True)] for Xs in heads]
+    parts = [
+        [Part(shape, color, X, "arrow") for color, X in zip(materials, transforms, strict=True)]
+        for shape, transforms in zip((shaft, head, head), (shafts, *heads), strict=False)
+    ]
     return list(zip(*parts, strict=True))
 
 

@@ -51,22 +51,23 @@ def read_contacts(contacts: Contacts, warnings: list[str]) -> dict[Path, tuple[P
         warnings: list to which the reason is added if a contact surface is damaged. Its arrows are shown.
     """
     parts: dict[Path, list[Part]] = {}
-    count = len(contacts.points)
-    arrows_of_points = _arrows(contacts.points, contacts.forces, NEWTONS_PER_METRE, [POINT_COLOR] * count, centred=True)
-    for bodies, arrow in zip(contacts.point_bodies, arrows_of_points, strict=True):
+    colors = [POINT_COLOR] * len(contacts.points)
+    point_arrows = _arrows(contacts.points, contacts.forces, NEWTONS_PER_METRE, colors, centred=True)
+    for bodies, arrow in zip(contacts.point_bodies, point_arrows, strict=True):
         if arrow:
             parts.setdefault((ROOT, CONTACTS, "point", "+".join(bodies)), []).extend(arrow)
     surfaces = contacts.surfaces
     count = len(surfaces)
     centroids = np.array([surface.centroid for surface in surfaces] * 2).reshape(-1, 3)
-    forces = [surface.force for surface in surfaces] + [surface.moment for surface in surfaces]
+    vectors = [surface.force for surface in surfaces] + [surface.moment for surface in surfaces]
     per_metre = np.repeat((NEWTONS_PER_METRE, NEWTON_METRES_PER_METRE), count)
     colors = [FORCE_COLOR] * count + [MOMENT_COLOR] * count
-    found = _arrows(centroids, np.array(forces).reshape(-1, 3), per_metre, colors, centred=False)
-    for surface, force, moment in zip(surfaces, found[:count], found[count:], strict=True):
-        if force or moment:
+    surface_arrows = _arrows(centroids, np.array(vectors).reshape(-1, 3), per_metre, colors, centred=False)
+    force_arrows, moment_arrows = surface_arrows[:count], surface_arrows[count:]
+    for surface, force_arrow, moment_arrow in zip(surfaces, force_arrows, moment_arrows, strict=True):
+        if force_arrow or moment_arrow:
             path = (ROOT, CONTACTS, "hydroelastic", "+".join(surface.bodies))
-            parts.setdefault(path, []).extend((*force, *moment))
+            parts.setdefault(path, []).extend((*force_arrow, *moment_arrow))
             try:
                 parts[path] += _pressure_surface(surface)
             except MessageError as error:
@@ -89,20 +90,20 @@ def _arrows(
         per_metre: norm of a vector for an arrow of 1 m, (N,) or one for all.
         colors: N colours.
     """
-    found: list[tuple[Part, ...]] = [()] * len(vectors)
-    if not found:
-        return found
+    parts_by_arrow: list[tuple[Part, ...]] = [()] * len(vectors)
+    if not parts_by_arrow:
+        return parts_by_arrow
     with np.errstate(over="ignore", invalid="ignore"):
         norms = np.sqrt((vectors * vectors).sum(axis=1))  # np.linalg.norm takes three times as long for few vectors
         shown = np.flatnonzero((norms >= MIN_FORCE) & (norms < np.inf) & np.isfinite(origins).all(axis=1))
         lengths = np.minimum(norms / per_metre, MAX_LENGTH)[shown]
     if len(shown):
         indices = shown.tolist()
-        own_colors = [colors[index] for index in indices]
-        made = arrows(origins[shown], vectors[shown], lengths, RADIUS, own_colors, centred=centred)
-        for index, parts in zip(indices, made, strict=True):
-            found[index] = parts
-    return found
+        shown_colors = [colors[index] for index in indices]
+        shown_arrows = arrows(origins[shown], vectors[shown], lengths, RADIUS, shown_colors, centred=centred)
+        for index, parts in zip(indices, shown_arrows, strict=True):
+            parts_by_arrow[index] = parts
+    return parts_by_arrow
 
 
 def _pressure_surface(contact: SurfaceContact) -> tuple[Part, ...]:
@@ -137,20 +138,20 @@ def triangles_of(polygons: NDArray[np.int32]) -> NDArray[np.int32]:
     Raises:
         MessageError: A polygon is cut off.
     """
-    vertex_counts: list[int] = []
+    counts: list[int] = []
     numbers, position = polygons.tolist(), 0
     while position < len(numbers):
         count = numbers[position]
         if not 0 <= count < len(numbers) - position:
             raise MessageError(f"a polygon has {count} vertices, which are not there")
-        vertex_counts.append(count)
+        counts.append(count)
         position += 1 + count
-    vertices = np.array(vertex_counts, np.int64)
-    count_in_polygon = np.maximum(vertices - 2, 0)
-    first = np.repeat(np.cumsum(vertices + 1) - vertices, count_in_polygon)  # of each triangle: position in polygons
-    index_in_polygon = np.arange(len(first)) - np.repeat(
-        np.cumsum(count_in_polygon) - count_in_polygon, count_in_polygon
-    )
+    vertex_counts = np.array(counts, np.int64)
+    triangle_counts = np.maximum(vertex_counts - 2, 0)
+    first_vertices = np.cumsum(vertex_counts + 1) - vertex_counts  # position in ``polygons`` of each one's first vertex
+    first_triangles = np.cumsum(triangle_counts) - triangle_counts
+    first = np.repeat(first_vertices, triangle_counts)
+    index_in_polygon = np.arange(len(first)) - np.repeat(first_triangles, triangle_counts)
     second = first + 1 + index_in_polygon
     triangles: NDArray[np.int32] = polygons[np.stack((first, second, second + 1), axis=1)]
     return triangles

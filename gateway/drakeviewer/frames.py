@@ -41,14 +41,14 @@ class FrameChannel:
         Raises:
             MessageError: A name has too many elements.
         """
-        if names is self.names:
+        if names == self.names:
             return self._paths
         paths = link_paths(names.keys, limits)
         return [(*self.root, *paths[key]) for key in names.keys]
 
     def apply(self, draw: Draw, paths: list[Path], edit: TreeEdit) -> None:
         """Move the frames at ``paths_of`` the message. If their names have changed, delete the earlier frames."""
-        if draw.names is not self.names:
+        if draw.names != self.names:
             if self.names is None or set(draw.names.keys) != set(self.names.keys):
                 edit.delete(self.root)
             self.names, self._paths = draw.names, paths

@@ -60,8 +60,8 @@ def read_robots(links: tuple[Link, ...], family: str, files: MeshFiles, limits: 
     """Family of each link, and its key without the mark."""
     for link in links:
         robot, name = link.key
-        _, mark, rest = name.partition(INERTIA_MARK)
-        origins[link.key] = (INERTIA, (robot, rest)) if mark else (family, link.key)
+        _, mark, link_name = name.partition(INERTIA_MARK)
+        origins[link.key] = (INERTIA, (robot, link_name)) if mark else (family, link.key)
     paths_by_family = {
         name: link_paths((key for own_family, key in origins.values() if own_family == name), limits)
         for name in (family, INERTIA)
@@ -118,29 +118,30 @@ class RobotChannels:
         if loaded is None:
             self.unloaded += 1
             return "no load message was received: start the simulation after the gateway, or let it publish again"
-        if draw.names is not self.names:
+        if draw.names != self.names:
             self.names, self._poses = draw.names, None
             self._paths = [loaded.paths[key] for key in draw.names.keys if key in loaded.paths]
         is_shown = self._was_shown and _has_links(edit.root, loaded)
-        is_complete = len(self._paths) == len(draw.names.keys)
-        if not is_complete or (not is_shown and len(set(draw.names.keys)) < self._movable):
+        has_only_loaded_links = len(self._paths) == len(draw.names.keys)
+        has_all_links = len(set(draw.names.keys)) >= self._movable_count
+        if not has_only_loaded_links or not (is_shown or has_all_links):
             self.stale += 1
-            return f"its {len(draw.names.keys)} links are not the {self._movable} that are loaded"
+            return f"its {len(draw.names.keys)} links are not the {self._movable_count} that are loaded"
         if not is_shown:
             for family, subtree in loaded.families.items():
                 show_family(edit, family)
                 for name, child in subtree.children.items():
                     edit.set_subtree((ROOT, family, name), child)
             self._was_shown, self._poses = True, None
-        poses, last = draw.poses, self._poses
-        moved = np.ones(len(poses), np.bool_) if last is None else (poses != last).any(axis=1)
+        poses, last_poses = draw.poses, self._poses
+        moved = np.ones(len(poses), np.bool_) if last_poses is None else (poses != last_poses).any(axis=1)
         edit.set_poses(list(compress(self._paths, moved.tolist())), map(tuple, poses[moved].tolist()))
         self._poses = poses
         self.draws += 1
         return ""
 
     @property
-    def _movable(self) -> int:
+    def _movable_count(self) -> int:
         """Number of loaded links for which Drake sends poses."""
         return 0 if self._loaded is None else sum(key != WORLD for key in self._loaded.paths)
 

@@ -1,7 +1,7 @@
 """Run Drake's visualizer channels: read big messages in worker threads, and apply all messages on the event loop.
 
-While a thread reads a message, later messages of its group wait: of the same family, or of the same channel if it
-belongs to no family. Only the newest message of each channel waits.
+A group is a family of channels, or a channel without a family. While a thread reads a message, later messages of its
+group wait in a queue, which keeps only the newest of each channel.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from gateway.assets.mesh_files import MeshFiles
 from gateway.drakeviewer.channels import Channel, Kind, channel_of
 from gateway.drakeviewer.config import DrakeViewerConfig
 from gateway.drakeviewer.messages import MessageError
-from gateway.drakeviewer.viewer import DrakeViewer, Edit
+from gateway.drakeviewer.viewer import DrakeViewer, ShowMessage
 from gateway.runtime.pool_errors import UnavailableErrors
 from gateway.runtime.scheduling import BACKGROUND_NICENESS
 from gateway.runtime.tracing import lcm_message_span
@@ -28,7 +28,7 @@ from scenegate.warning_text import joined_warnings
 
 _log = structlog.get_logger("gateway.drakeviewer")
 
-MAX_REASONS: Final = 1000
+MAX_LOGGED_REASONS: Final = 1000
 """Maximum number of log entries about messages. Later ones are only counted."""
 
 
@@ -53,16 +53,18 @@ class DrakeViewerService:
         self._pool = WorkerPool(
             self._config.threads, self._config.channels, name="drakeviewer", niceness=BACKGROUND_NICENESS
         )
-        self._waiting: dict[str, dict[Channel, LcmMessage]] = {}
-        """Queues of messages by group and channel, oldest first."""
+        self._queues: dict[str, dict[Channel, LcmMessage]] = {}
+        """Messages that wait, oldest first, by group and channel."""
         self._waiting_bytes = 0
-        self._unapplied = live.unapplied_arrivals
+        self._unapplied_arrivals = live.unapplied_arrivals
+        """Arrival of the oldest message of each group that waits or is read: stereo cameras wait for it."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
         """Task that empties the queue of each group that has one."""
-        self._channels: dict[Channel, int] = {}
-        """Number of messages of each shown channel. One without a fixed name is added with its first shown message."""
-        self._sizes: dict[Channel, int] = {}
-        """Bytes of the newest shown message of each channel."""
+        self._message_counts: dict[Channel, int] = {}
+        """Number of messages of each channel. Senders choose the names of point clouds and frames, so that theirs are
+        added with the first message that is shown: damaged messages must not use up ``config.channels``."""
+        self._shown_bytes: dict[Channel, int] = {}
+        """Size of the newest message of each channel that is shown."""
         self._unshown: dict[str, int] = {}
         """Number of messages of each channel that is not shown."""
         self._logged: set[tuple[Channel, str]] = set()
@@ -81,11 +83,11 @@ class DrakeViewerService:
             **asdict(self.viewer.counters),
             "superseded": self._superseded,
             "dropped": self._dropped,
-            "channels": {channel.name: count for channel, count in self._channels.items()},
+            "channels": {channel.name: count for channel, count in self._message_counts.items()},
             "families": self.viewer.families(),
         }
-        if self.viewer.state.seconds is not None:
-            status["simulation_seconds"] = self.viewer.state.seconds
+        if self.viewer.state.simulation_seconds is not None:
+            status["simulation_seconds"] = self.viewer.state.simulation_seconds
         warnings = self._warnings.listed()
         if self._unshown:
             status["unshown_channels"] = dict(self._unshown)
@@ -101,7 +103,7 @@ class DrakeViewerService:
             await asyncio.Event().wait()
         finally:
             self.ready = False
-            self._waiting.clear()
+            self._queues.clear()
             tasks = tuple(self._tasks.values())
             for task in tasks:
                 task.cancel()
@@ -119,10 +121,10 @@ class DrakeViewerService:
         if channel is None:
             self._count_unshown(message.channel)
             return
-        if not self._admit(channel, nbytes):
+        if self._drop_beyond_limits(channel, nbytes):
             return
-        if channel in self._channels or channel.has_fixed_name:
-            self._channels[channel] = self._channels.get(channel, 0) + 1
+        if channel in self._message_counts or channel.has_fixed_name:
+            self._message_counts[channel] = self._message_counts.get(channel, 0) + 1
         self.viewer.counters.received += 1
         if channel.group not in self._tasks and not self._needs_thread(channel, message):
             with lcm_message_span(channel.name, nbytes):
@@ -132,50 +134,59 @@ class DrakeViewerService:
         if channel.group not in self._tasks:
             self._tasks[channel.group] = asyncio.get_running_loop().create_task(self._show_waiting(channel.group))
 
-    def _admit(self, channel: Channel, size: int) -> bool:
-        """Return False, and count the message, if it is beyond the limits on all channels."""
-        is_new = channel not in self._channels and not channel.has_fixed_name
-        waiting = {other for queue in self._waiting.values() for other in queue} if is_new else set()
-        if is_new and len((self._channels.keys() | waiting) - {channel}) >= self._config.channels:
-            reason = f"{self._config.channels} channels are shown or wait, which is the limit"
-        elif sum(self._sizes.values()) - self._sizes.get(channel, 0) + size > self._config.shown_bytes:
-            reason = f"{size} bytes are too many: the limit for all channels together is {self._config.shown_bytes}"
+    def _drop_beyond_limits(self, channel: Channel, nbytes: int) -> bool:
+        """Return True if a message is beyond the limits on all channels, and count it and its reason as dropped."""
+        bytes_of_others = sum(self._shown_bytes.values()) - self._shown_bytes.get(channel, 0)
+        if self._exceeds_channels(channel):
+            self._drop(channel, f"{self._config.channels} channels are shown or wait, which is the limit")
+        elif bytes_of_others + nbytes > self._config.shown_bytes:
+            limit = self._config.shown_bytes
+            self._drop(channel, f"{nbytes} bytes are too many: the limit for all channels together is {limit}")
         else:
-            return True
+            return False
+        return True
+
+    def _exceeds_channels(self, channel: Channel) -> bool:
+        """Return True if a channel is one too many besides those that are shown or wait."""
+        if channel.has_fixed_name or channel in self._message_counts:
+            return False
+        waiting = {channel for queue in self._queues.values() for channel in queue}
+        other_channels = (self._message_counts.keys() | waiting) - {channel}
+        return len(other_channels) >= self._config.channels
+
+    def _drop(self, channel: Channel, reason: str) -> None:
         self._dropped += 1
-        self._report(channel, reason)
-        return False
+        self._set_warnings(channel, reason)
 
     def _needs_thread(self, channel: Channel, message: LcmMessage) -> bool:
         """Return True if reading the message may take milliseconds."""
         return len(message.data) >= self._config.offload_bytes or channel.reads_meshes
 
     def _enqueue(self, channel: Channel, message: LcmMessage) -> None:
-        """Add a message to the end of its group's queue, and remove an earlier one of its channel."""
-        queue = self._waiting.setdefault(channel.group, {})
+        """Add a message to the end of its group's queue. An earlier one of its channel is removed in any case."""
+        queue = self._queues.setdefault(channel.group, {})
         earlier = queue.pop(channel, None)
         if earlier is not None:
             self._superseded += 1
             self._waiting_bytes -= len(earlier.data)
         if self._waiting_bytes + len(message.data) > self._config.waiting_bytes:
-            self._dropped += 1
-            self._report(channel, f"{self._waiting_bytes} bytes of messages are waiting")
+            self._drop(channel, f"{self._waiting_bytes} bytes of messages are waiting")
             return
         queue[channel] = message
-        self._unapplied.setdefault((self, channel.group), message.arrival)
+        self._unapplied_arrivals.setdefault((self, channel.group), message.arrival)
         self._waiting_bytes += len(message.data)
 
     async def _show_waiting(self, group: str) -> None:
         """Show the messages of a group's queue until it is empty."""
-        queue = self._waiting[group]
+        queue = self._queues[group]
         try:
             while queue:
                 channel = next(iter(queue))
                 message = queue.pop(channel)
                 nbytes = len(message.data)
-                self._unapplied[self, group] = message.arrival
+                self._unapplied_arrivals[self, group] = message.arrival
                 self._waiting_bytes -= nbytes
-                if not self._admit(channel, nbytes):
+                if self._drop_beyond_limits(channel, nbytes):
                     continue
                 with lcm_message_span(channel.name, nbytes):
                     if self._needs_thread(channel, message):
@@ -183,8 +194,8 @@ class DrakeViewerService:
                     else:
                         self._show(channel, message)
         finally:
-            self._waiting.pop(group, None)
-            self._unapplied.pop((self, group), None)
+            self._queues.pop(group, None)
+            self._unapplied_arrivals.pop((self, group), None)
             del self._tasks[group]
 
     def _show(self, channel: Channel, message: LcmMessage) -> None:
@@ -200,28 +211,32 @@ class DrakeViewerService:
         except Exception as error:  # noqa: BLE001 - one message must not end the service
             self._report_error(channel, error)
 
-    def _apply(self, channel: Channel, message: LcmMessage, edit: Edit | None) -> None:
-        """Apply a message's edit, and count its channel and size. Damaged messages do not count as shown."""
-        self._report(channel, *self.viewer.apply(edit, message.arrival))
-        if channel.kind is Kind.LOAD:  # it may have deleted point clouds and frames; the next messages warn again
-            self._sizes = {other: size for other, size in self._sizes.items() if other.has_fixed_name}
-            self._warnings.remove(lambda other: other.kind is not Kind.LOAD)
-        self._channels.setdefault(channel, 1)
-        self._sizes[channel] = len(message.data)
+    def _apply(self, channel: Channel, message: LcmMessage, show: ShowMessage | None) -> None:
+        """Show a message that was read, and count its channel and size. Damaged messages do not count as shown."""
+        self._set_warnings(channel, *self.viewer.apply(show, message.arrival))
+        if channel.kind is Kind.LOAD:
+            self._forget_cleared()
+        self._message_counts.setdefault(channel, 1)
+        self._shown_bytes[channel] = len(message.data)
+
+    def _forget_cleared(self) -> None:
+        """Forget what belongs to channels that a load message may have cleared, until their next messages."""
+        self._shown_bytes = {channel: size for channel, size in self._shown_bytes.items() if channel.has_fixed_name}
+        self._warnings.remove(lambda channel: channel.kind is not Kind.LOAD)
 
     def _report_error(self, channel: Channel, error: Exception) -> None:
         self.viewer.counters.undecodable += 1
         if isinstance(error, (MessageError, *UnavailableErrors)):
-            self._report(channel, str(error))
+            self._set_warnings(channel, str(error))
         else:
             _log.error("A message could not be shown", channel=channel.name, exc_info=error)
-            self._report(channel, "internal error; the gateway's log says more")
+            self._set_warnings(channel, "internal error; the gateway's log says more")
 
-    def _report(self, channel: Channel, *reasons: str) -> None:
+    def _set_warnings(self, channel: Channel, *reasons: str) -> None:
         """Log reasons once for each channel, and keep them for ``/healthz`` until a message of the channel is shown."""
         self._warnings.set(channel, *(f"{channel.name}: {reason}" for reason in reasons))
         reason = joined_warnings(reasons)
-        if reason and (channel, reason) not in self._logged and len(self._logged) < MAX_REASONS:
+        if reason and (channel, reason) not in self._logged and len(self._logged) < MAX_LOGGED_REASONS:
             self._logged.add((channel, reason))
             _log.warning("A message of Drake's was ignored, or shown only in part", channel=channel.name, reason=reason)
 

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from gateway.assets.mesh_files import MeshFileError, MeshFiles
 from gateway.assets.mesh_formats import PLAIN_MATERIAL
@@ -15,9 +17,10 @@ from gateway.drakeviewer.link_paths import split_name
 from gateway.drakeviewer.meshes import memory_mesh, surface_of
 from gateway.drakeviewer.messages import Geometry, GeometryType, Link, MessageError
 from gateway.scene.geometry import Part, Shape
-from gateway.scene.materials import Color, material
+from gateway.scene.materials import material
 from gateway.scene.transforms import from_pose
 from gateway.scene.tree import Path
+from renderers.drawlist import Material
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 
 
@@ -50,90 +53,97 @@ def read_deformables(link: Link, family: Path, limits: Limits, warnings: list[st
         MessageError: A name is beyond a limit.
     """
     bodies: dict[Path, tuple[Part, ...]] = {}
-    parent = (*family, *split_name(link.key[1], limits))
+    _, link_name = link.key
+    parent = (*family, *split_name(link_name, limits))
     for geometry in link.geometries:
-        if len(geometry.text) > limits.name_bytes:  # string_data may be as long as a mesh in JSON
+        name_bytes = len(geometry.text.encode())
+        if name_bytes > limits.name_bytes:  # string_data may be as long as a mesh in JSON
             raise MessageError(
-                f"the name of a deformable body has {len(geometry.text)} characters, the limit is {limits.name_bytes}"
+                f"the name of a deformable body has {name_bytes} bytes, the limit is {limits.name_bytes}"
             )
         path = (*parent, *split_name(geometry.text, limits))
-        parts = bodies.setdefault(path, ())
+        parts_before = bodies.get(path, ())  # of a body with the same name
         try:
-            surface = surface_of(geometry.floats, limits)
+            bodies[path] = parts_before + _parts_of_numbers(geometry, limits)
         except MessageError as error:
+            bodies[path] = parts_before
             warnings.append(str(error))
-            continue
-        if surface is not None:
-            bodies[path] = (*parts, _part(geometry, surface, "mesh_data"))
     return bodies
 
 
-def _color_of(geometry: Geometry) -> Color:
-    """Return a geometry's colour, sRGB and alpha, clipped to 0 .. 1; 0 for NaN."""
-    r, g, b, alpha = (min(max(value, 0.0), 1.0) if value == value else 0.0 for value in geometry.color)
-    return r, g, b, alpha
-
-
 def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits, warnings: list[str]) -> tuple[Part, ...]:
-    if not all(map(math.isfinite, (*geometry.position, *geometry.quaternion))):
-        raise MessageError("the pose of a geometry is not finite")
-    if geometry.type == GeometryType.MESH and geometry.text:
-        return _mesh_file(geometry, files, warnings)
     if geometry.type == GeometryType.MESH:
-        surface = surface_of(geometry.floats, limits)
-        return () if surface is None else (_part(geometry, surface, "mesh_data"),)
+        is_file = bool(geometry.text)
+        return _parts_of_file(geometry, files, warnings) if is_file else _parts_of_numbers(geometry, limits)
     if geometry.type not in _SHAPES:
         raise MessageError(f"geometry type {geometry.type} is unknown")
-    kind, count, shape_of = _SHAPES[geometry.type]
+    kind, size_count, shape_of = _SHAPES[geometry.type]
     sizes = geometry.floats.tolist()
-    if len(sizes) != count:
-        raise MessageError(f"a {kind} has {len(sizes)} numbers instead of {count}")
+    if len(sizes) != size_count:
+        raise MessageError(f"a {kind} has {len(sizes)} numbers instead of {size_count}")
     if not all(0.0 <= size < math.inf for size in sizes):
         raise MessageError(f"a {kind} has the sizes {sizes}: they must be finite and from 0 on")
-    return (_part(geometry, shape_of(sizes), kind),)
+    return (Part(shape_of(sizes), _material_of(geometry), _pose_of(geometry), kind),)
 
 
-def _part(geometry: Geometry, shape: Shape, kind: str) -> Part:
-    X_link_geometry = from_pose(geometry.position, geometry.quaternion)
-    return Part(shape, material(_color_of(geometry)), X_link_geometry, kind)
+def _parts_of_numbers(geometry: Geometry, limits: Limits) -> tuple[Part, ...]:
+    """Return the mesh that a geometry's ``floats`` are; nothing without drawable triangles."""
+    X_link_geometry = _pose_of(geometry)
+    surface = surface_of(geometry.floats, limits)
+    return () if surface is None else (Part(surface, _material_of(geometry), X_link_geometry, "mesh_data"),)
 
 
-def _mesh_file(geometry: Geometry, files: MeshFiles, warnings: list[str]) -> tuple[Part, ...]:
-    """Load a mesh file, or a mesh in JSON. The geometry's colour is for meshes without materials, as in Drake."""
+def _parts_of_file(geometry: Geometry, files: MeshFiles, warnings: list[str]) -> tuple[Part, ...]:
+    """Return the parts of a mesh file, or of one in JSON. Those without materials get the colour, as in Drake."""
+    X_link_geometry = _pose_of(geometry)
     scale = _scale_of(geometry.floats.tolist())
     if geometry.text.startswith("{"):
-        loaded = memory_mesh(geometry.text, scale, files, warnings)
+        parts = memory_mesh(geometry.text, scale, files, warnings)
     else:
-        loaded = files.load(geometry.text, scale, warnings)
-    X_link_geometry = from_pose(geometry.position, geometry.quaternion)
-    own_material = material(_color_of(geometry))
+        parts = files.load(geometry.text, scale, warnings)
+    default_material = _material_of(geometry)
     return tuple(
         msgspec.structs.replace(
             part,
-            material=own_material if part.material is PLAIN_MATERIAL else part.material,
+            material=default_material if part.material is PLAIN_MATERIAL else part.material,
             X_node_part=X_link_geometry @ part.X_node_part,
         )
-        for part in loaded
+        for part in parts
     )
 
 
-def _scale_of(numbers: list[float]) -> tuple[float, float, float]:
+def _material_of(geometry: Geometry) -> Material:
+    """Return the material of a geometry's colour, sRGB and alpha, clipped to 0 .. 1; 0 for NaN."""
+    r, g, b, alpha = (0.0 if math.isnan(value) else min(max(value, 0.0), 1.0) for value in geometry.color)
+    return material((r, g, b, alpha))
+
+
+def _pose_of(geometry: Geometry) -> NDArray[np.float64]:
+    """Return X_link_geometry. Raises MessageError if it is not finite."""
+    if not all(map(math.isfinite, (*geometry.position, *geometry.quaternion))):
+        raise MessageError("the pose of a geometry is not finite")
+    return from_pose(geometry.position, geometry.quaternion)
+
+
+def _scale_of(floats: list[float]) -> tuple[float, float, float]:
     """Return the scale of a mesh file along x, y, z. Drake sends three numbers; one holds for all, none means 1."""
-    match numbers:
+    if not all(map(math.isfinite, floats)):
+        raise MessageError("the scale of a mesh file is not finite")
+    match floats:
         case []:
             return 1.0, 1.0, 1.0
         case [scale]:
             return scale, scale, scale
         case [x, y, z]:
             return x, y, z
-    raise MessageError(f"a mesh file has {len(numbers)} scale numbers instead of 0, 1 or 3")
+    raise MessageError(f"a mesh file has {len(floats)} scale numbers instead of 0, 1 or 3")
 
 
 _SHAPES: Final[dict[int, tuple[str, int, Callable[[list[float]], Shape]]]] = {
-    GeometryType.BOX: ("box", 3, lambda n: Box((n[0], n[1], n[2]))),
-    GeometryType.SPHERE: ("sphere", 1, lambda n: Sphere(n[0])),
-    GeometryType.CYLINDER: ("cylinder", 2, lambda n: Cylinder(n[0], n[1])),
-    GeometryType.CAPSULE: ("capsule", 2, lambda n: Capsule(n[0], n[1])),
-    GeometryType.ELLIPSOID: ("ellipsoid", 3, lambda n: Ellipsoid((n[0], n[1], n[2]))),
+    GeometryType.BOX: ("box", 3, lambda sizes: Box((sizes[0], sizes[1], sizes[2]))),
+    GeometryType.SPHERE: ("sphere", 1, lambda sizes: Sphere(sizes[0])),
+    GeometryType.CYLINDER: ("cylinder", 2, lambda sizes: Cylinder(sizes[0], sizes[1])),
+    GeometryType.CAPSULE: ("capsule", 2, lambda sizes: Capsule(sizes[0], sizes[1])),
+    GeometryType.ELLIPSOID: ("ellipsoid", 3, lambda sizes: Ellipsoid((sizes[0], sizes[1], sizes[2]))),
 }
 """Name, number of ``float_data`` and constructor of each shape."""

@@ -5,11 +5,11 @@ Reading a load message opens the mesh files that it names.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Iterable, Sequence
-from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -37,8 +37,8 @@ RESTART_SECONDS: Final = 0.1
 """A draw message whose time is earlier than the last one's by more than this starts a new simulation. UDP can swap
 messages that are milliseconds apart."""
 
-Edit = Callable[[TreeEdit], Sequence[str]]
-"""Applies a message to the live tree. Returns the reasons why some or all of the message is not shown."""
+ShowMessage = Callable[[TreeEdit], Sequence[str]]
+"""Shows a message that was read. Returns the reasons why some or all of it is not shown."""
 
 
 @dataclass(slots=True)
@@ -48,7 +48,7 @@ class Counters:
     received: int = 0
     """Messages of the channels that are shown."""
     undecodable: int = 0
-    """Messages that are damaged, of another type or beyond a limit."""
+    """Messages that are damaged, of another type or beyond a limit, and those for which no worker thread was left."""
     loads: int = 0
     """Load messages that were shown."""
     repeated_loads: int = 0
@@ -57,46 +57,58 @@ class Counters:
     """Messages of channels that are not shown."""
 
 
+class LastLoad(NamedTuple):
+    """Last load message of a channel."""
+
+    data: bytes
+    must_be_read: bool
+    """True if it is read again when it is repeated: it names files, or something is missing."""
+
+
 @dataclass(slots=True, eq=False)
 class DrakeState:
-    """State of the channels, besides what the live tree has."""
+    """State of the channels, besides what the live tree has.
+
+    Contacts, point clouds and frames belong to a simulation. Their messages are numbered as they are shown: a new
+    simulation clears the channels whose newest message was shown before its own first message was received.
+    """
 
     robots: dict[str, RobotChannels] = field(default_factory=dict)
     """Robots by family."""
-    loads: dict[Channel, tuple[bytes, bool]] = field(default_factory=dict)
-    """Last load message of each channel, and True if it must be read again: it names files, or something is missing."""
+    loads: dict[Channel, LastLoad] = field(default_factory=dict)
     deformables: dict[str, ShownParts] = field(default_factory=dict)
     """Deformable bodies by channel."""
     frames: dict[str, FrameChannel] = field(default_factory=dict)
     """Frames by channel."""
     contacts: ShownParts = field(default_factory=ShownParts)
-    nodes: dict[str, int] = field(default_factory=dict)
+    node_counts: dict[str, int] = field(default_factory=dict)
     """Number of nodes of each family's links, and of each channel of frames or deformable bodies."""
-    seconds: float | None = None
+    simulation_seconds: float | None = None
     """Time of the last draw message that was shown."""
-    shown: int = 0
-    """Number of messages of contacts, point clouds and frames that were shown."""
-    shown_at: dict[Channel, int] = field(default_factory=dict)
-    """Value of ``shown`` after the newest of these messages, by channel."""
+    last_number: int = 0
+    """Number of the last message of contacts, point clouds or frames that was shown."""
+    newest_numbers: dict[Channel, int] = field(default_factory=dict)
+    """Number of the newest of these messages, by channel. Cleared channels are not in it."""
 
     def copy(self) -> DrakeState:
         """Return a copy that later messages do not change."""
         return replace(
             self,
-            robots={name: copy(robots) for name, robots in self.robots.items()},
+            robots={name: copy.copy(robots) for name, robots in self.robots.items()},
             loads=self.loads.copy(),
-            deformables={name: copy(channel) for name, channel in self.deformables.items()},
-            frames={name: copy(channel) for name, channel in self.frames.items()},
-            contacts=copy(self.contacts),
-            nodes=self.nodes.copy(),
-            shown_at=self.shown_at.copy(),
+            deformables={name: copy.copy(channel) for name, channel in self.deformables.items()},
+            frames={name: copy.copy(channel) for name, channel in self.frames.items()},
+            contacts=copy.copy(self.contacts),
+            node_counts=self.node_counts.copy(),
+            newest_numbers=self.newest_numbers.copy(),
         )
 
 
 class DrakeViewer:
     """Shows Drake's messages in the live tree.
 
-    ``read`` is thread-safe for messages of different channels; ``apply`` and ``handle`` must run in one thread.
+    ``read`` is thread-safe for messages of different groups, because each group has entries of its own in ``state``.
+    ``apply`` and ``handle`` must run in one thread.
     """
 
     def __init__(
@@ -118,7 +130,7 @@ class DrakeViewer:
         self.counters = Counters()
 
     def handle(self, channel_name: str, message: wire.Message) -> Sequence[str]:
-        """Read a message and apply it at once, unless its channel is not shown; see ``Edit`` for the result.
+        """Read a message and apply it at once, unless its channel is not shown; see ``ShowMessage`` for the result.
 
         Raises:
             MessageError: The message is damaged, of another type, or beyond a limit.
@@ -126,15 +138,15 @@ class DrakeViewer:
         channel = channel_of(channel_name)
         return () if channel is None else self.apply(self.read(channel, message))
 
-    def apply(self, edit: Edit | None, timestamp: int | None = None) -> Sequence[str]:
-        """Apply an edit as one revision of the live tree, valid from ``timestamp``; see ``Edit`` for the result."""
-        if edit is None:
+    def apply(self, show: ShowMessage | None, timestamp: int | None = None) -> Sequence[str]:
+        """Show a message as one revision of the live tree, valid from ``timestamp``; see ``ShowMessage``."""
+        if show is None:
             return ()
-        with self._live.edit(timestamp) as tree:
-            return edit(tree)
+        with self._live.edit(timestamp) as edit:
+            return show(edit)
 
-    def read(self, channel: Channel, message: wire.Message, files: MeshFiles | None = None) -> Edit | None:
-        """Read a message; return its edit, None if it changes nothing.
+    def read(self, channel: Channel, message: wire.Message, files: MeshFiles | None = None) -> ShowMessage | None:
+        """Read a message; return the function that shows it, None if it changes nothing.
 
         Args:
             files: mesh files that the sender may name; None: those that all senders may name.
@@ -163,119 +175,117 @@ class DrakeViewer:
             for family, robots in self.state.robots.items()
         }
 
-    def _read_load(self, channel: Channel, message: wire.Message, files: MeshFiles) -> Edit | None:
+    def _read_load(self, channel: Channel, message: wire.Message, files: MeshFiles) -> ShowMessage | None:
         limits, loads, family = self._config.limits, self.state.loads, channel.family
-        shown_before = self.state.shown  # what arrives while files are read belongs to the new simulation
+        last_number = self.state.last_number  # what is shown while files are read belongs to the new simulation
         data = bytes(message)
-        last, must_be_read = loads.get(channel, (b"", False))
-        is_repeated = last == data
-        if is_repeated and not must_be_read:
+        last = loads.get(channel, LastLoad(b"", must_be_read=True))
+        is_repeated = last.data == data
+        if is_repeated and not last.must_be_read:
             self.counters.repeated_loads += 1
             return None
         links = wire.decode_load_robot(data, limits)
         loaded = read_robots(links, family, files, limits)
-        warnings = self._refuse_if_strict(loaded.warnings)
-        has_files = any(geometry.text for link in links for geometry in link.geometries)
+        self._refuse_if_strict(loaded.warnings)
+        names_files = any(geometry.text for link in links for geometry in link.geometries)
 
-        def apply(edit: TreeEdit) -> Sequence[str]:
+        def show(edit: TreeEdit) -> Sequence[str]:
             self._reserve_nodes(family, loaded.paths.values())
             if not is_repeated:
-                self._clear_simulation(edit, shown_before)
+                self._clear_simulation(edit, last_number)
             self._robots(family).load(loaded, edit)
-            for other in [other for other in loads if other.family == family]:
-                del loads[other]
-            loads[channel] = (data, has_files or bool(warnings))
+            for replaced in [other for other in loads if other.family == family]:  # two channels can have one family
+                del loads[replaced]
+            loads[channel] = LastLoad(data, must_be_read=names_files or bool(loaded.warnings))
             self.counters.loads += 1
-            return warnings
+            return loaded.warnings
 
-        return apply
+        return show
 
-    def _read_draw(self, family: str, message: wire.Message) -> Edit:
+    def _read_draw(self, family: str, message: wire.Message) -> ShowMessage:
         robots = self._robots(family)
         draw = wire.decode_draw(message, self._config.limits, robots.names)
-        not_finite = self._refuse_if_strict(_not_finite(draw))
+        warnings = _pose_warnings(draw)
+        self._refuse_if_strict(warnings)
 
-        def apply(edit: TreeEdit) -> Sequence[str]:
-            warning = robots.draw(draw, edit)
-            if not warning:
-                if draw.seconds < robots.seconds - RESTART_SECONDS:
-                    self._clear_simulation(edit, self.state.shown)
-                self.state.seconds = robots.seconds = draw.seconds
-            return (warning,) if warning else not_finite
+        def show(edit: TreeEdit) -> Sequence[str]:
+            reason_ignored = robots.draw(draw, edit)
+            if reason_ignored:
+                return (reason_ignored,)
+            if draw.seconds < robots.seconds - RESTART_SECONDS:
+                self._clear_simulation(edit, self.state.last_number)
+            self.state.simulation_seconds = robots.seconds = draw.seconds
+            return warnings
 
-        return apply
+        return show
 
-    def _read_deformable(self, channel: Channel, message: wire.Message) -> Edit | None:
+    def _read_deformable(self, channel: Channel, message: wire.Message) -> ShowMessage | None:
         limits = self._config.limits
         warnings: list[str] = []
         bodies = read_deformables(wire.decode_link_data(message, limits), channel.node, limits, warnings)
         self._refuse_if_strict(warnings)
-        shown = self.state.deformables.setdefault(channel.name, ShownParts())
-        if not bodies and not shown.paths:
+        shown_bodies = self.state.deformables.setdefault(channel.name, ShownParts())
+        if not bodies and not shown_bodies.paths:
             return None
 
-        def apply(edit: TreeEdit) -> Sequence[str]:
+        def show(edit: TreeEdit) -> Sequence[str]:
             self._reserve_nodes(channel.name, bodies)
             if bodies:
                 show_family(edit, channel.family)
-            shown.replace(bodies, edit)
+            shown_bodies.replace(bodies, edit)
             return warnings
 
-        return apply
+        return show
 
-    def _read_contacts(self, channel: Channel, message: wire.Message) -> Edit | None:
+    def _read_contacts(self, channel: Channel, message: wire.Message) -> ShowMessage | None:
         warnings: list[str] = []
         parts = read_contacts(wire.decode_contacts(message, self._config.limits), warnings)
-        shown = self.state.contacts
-        if not parts and not shown.paths and not warnings:
+        shown_contacts = self.state.contacts
+        if not parts and not shown_contacts.paths and not warnings:
             return None
-        return self._simulation_edit(channel, lambda edit: shown.replace(parts, edit), warnings)
+        return self._numbered(channel, lambda edit: shown_contacts.replace(parts, edit), warnings)
 
-    def _read_cloud(self, channel: Channel, message: wire.Message) -> Edit:
+    def _read_cloud(self, channel: Channel, message: wire.Message) -> ShowMessage:
         warnings: list[str] = []
         parts = read_cloud(wire.decode_point_cloud(message, self._config.limits), warnings)
-        return self._simulation_edit(channel, lambda edit: edit.set_parts(channel.node, parts), warnings)
+        return self._numbered(channel, lambda edit: edit.set_parts(channel.node, parts), warnings)
 
-    def _read_frames(self, channel: Channel, message: wire.Message) -> Edit:
-        shown = self.state.frames.get(channel.name) or FrameChannel(channel.node)
-        draw = wire.decode_draw(message, self._config.limits, shown.names)
-        paths = shown.paths_of(draw.names, self._config.limits)
-        self.state.frames[channel.name] = shown
+    def _read_frames(self, channel: Channel, message: wire.Message) -> ShowMessage:
+        frames = self.state.frames.get(channel.name) or FrameChannel(channel.node)
+        draw = wire.decode_draw(message, self._config.limits, frames.names)
+        paths = frames.paths_of(draw.names, self._config.limits)
+        self.state.frames[channel.name] = frames
 
-        def apply(edit: TreeEdit) -> None:
-            if draw.names is not shown.names:
+        def move_frames(edit: TreeEdit) -> None:
+            if draw.names != frames.names:
                 self._reserve_nodes(channel.name, paths)
-            shown.apply(draw, paths, edit)
+            frames.apply(draw, paths, edit)
 
-        return self._simulation_edit(channel, apply, _not_finite(draw))
+        return self._numbered(channel, move_frames, _pose_warnings(draw))
 
-    def _simulation_edit(self, channel: Channel, apply: Callable[[TreeEdit], object], warnings: Sequence[str]) -> Edit:
-        """Return the edit of a message of contacts, point clouds or frames, and count it for ``_clear_simulation``."""
+    def _numbered(self, channel: Channel, change: Callable[[TreeEdit], object], warnings: Sequence[str]) -> ShowMessage:
+        """Return a function that makes the change of a message of contacts, point clouds or frames, and numbers it."""
         self._refuse_if_strict(warnings)
 
-        def edit_and_count(edit: TreeEdit) -> Sequence[str]:
-            apply(edit)
-            self.state.shown += 1
-            self.state.shown_at[channel] = self.state.shown
+        def show(edit: TreeEdit) -> Sequence[str]:
+            change(edit)
+            self.state.last_number += 1
+            self.state.newest_numbers[channel] = self.state.last_number
             return warnings
 
-        return edit_and_count
+        return show
 
-    def _clear_simulation(self, edit: TreeEdit, last: int) -> None:
-        """Delete the contacts, point clouds and frames of the last simulation.
-
-        Args:
-            last: number of its last message: the value of ``DrakeState.shown`` after it.
-        """
+    def _clear_simulation(self, edit: TreeEdit, last_number: int) -> None:
+        """Delete what is shown of channels whose newest number is at most ``last_number``, the earlier simulation's."""
         state = self.state
-        for channel in [channel for channel, number in state.shown_at.items() if number <= last]:
-            del state.shown_at[channel]
+        for channel in [channel for channel, number in state.newest_numbers.items() if number <= last_number]:
+            del state.newest_numbers[channel]
             if channel.kind is Kind.CONTACTS:
                 state.contacts.replace({}, edit)
             else:
                 edit.delete(channel.node)
                 state.frames.pop(channel.name, None)
-                state.nodes.pop(channel.name, None)
+                state.node_counts.pop(channel.name, None)
 
     def _reserve_nodes(self, source: str, paths: Iterable[Path]) -> None:
         """Count the nodes of a family's links, or of a channel, in place of its earlier ones.
@@ -283,24 +293,23 @@ class DrakeViewer:
         Raises:
             MessageError: There are too many nodes of all channels together.
         """
-        nodes = self.state.nodes
+        counts, max_nodes = self.state.node_counts, self._config.nodes
         count = count_nodes(paths)
-        total = sum(nodes.values()) - nodes.get(source, 0) + count
-        if total > self._config.nodes:
-            raise MessageError(f"the nodes of all channels would be {total}, the limit is {self._config.nodes}")
-        nodes[source] = count
+        total = sum(counts.values()) - counts.get(source, 0) + count
+        if total > max_nodes:
+            raise MessageError(f"the nodes of all channels would be {total}, the limit is {max_nodes}")
+        counts[source] = count
 
-    def _refuse_if_strict(self, warnings: Sequence[str]) -> Sequence[str]:
-        """Return the warnings; raise MessageError if there are any and ``config.strict`` refuses them."""
+    def _refuse_if_strict(self, warnings: Sequence[str]) -> None:
+        """Raise MessageError if there are warnings and ``config.strict`` refuses them."""
         if warnings and self._config.strict:
             raise MessageError(strict_refusal(warnings))
-        return warnings
 
     def _robots(self, family: str) -> RobotChannels:
         return self.state.robots.setdefault(family, RobotChannels(family))
 
 
-def _not_finite(draw: Draw) -> list[str]:
+def _pose_warnings(draw: Draw) -> list[str]:
     """Return a sentence about NaN or infinite poses, as of a simulation that diverges; nothing if all are finite."""
     if math.isfinite(draw.poses.sum()):
         return []

@@ -109,9 +109,9 @@ class Reader:
         """Return a ``lcmt_viewer_geometry_data``."""
         kind, x, y, z, qw, qx, qy, qz, *color = _GEOMETRY.unpack(self.take(_GEOMETRY.size))
         text = self.text(self._limits.mesh_text_bytes)
-        numbers = self.count("num_float_data", 2 + 3 * (self._limits.vertices + self._limits.triangles))
+        float_count = self.count("num_float_data", 2 + 3 * (self._limits.vertices + self._limits.triangles))
         r, g, b, alpha = color
-        return Geometry(kind, (x, y, z), (qw, qx, qy, qz), (r, g, b, alpha), text, self.floats(numbers))
+        return Geometry(kind, (x, y, z), (qw, qx, qy, qz), (r, g, b, alpha), text, self.floats(float_count))
 
     def link(self) -> Link:
         """Return a ``lcmt_viewer_link_data``."""
@@ -169,16 +169,17 @@ def decode_draw(message: Message, limits: Limits, known: LinkNames | None = None
 def decode_contacts(message: Message, limits: Limits) -> Contacts:
     """Return a ``lcmt_contact_results_for_viz``."""
     reader = Reader(message, CONTACT_RESULTS, "lcmt_contact_results_for_viz", limits)
-    reader.integer(8)
-    bodies, numbers = [], []
+    reader.take(8)  # timestamp
+    bodies, encoded_vectors = [], []
     for _ in range(reader.count("num_point_pair_contacts", limits.contacts)):
-        reader.take(8)
+        reader.take(8)  # timestamp
         bodies.append((reader.text(), reader.text()))
-        numbers.append(reader.take(9 * 8))  # point, force, normal
-    vectors = np.frombuffer(b"".join(numbers), ">f8").reshape(-1, 3, 3).astype(np.float64)
-    count = reader.count("num_hydroelastic_contacts", limits.contacts)
-    surfaces = tuple(_surface_contact(reader, limits) for _ in range(count))
-    return Contacts(tuple(bodies), vectors[:, 0], vectors[:, 1], surfaces)
+        encoded_vectors.append(reader.take(3 * 3 * 8))
+    vectors = np.frombuffer(b"".join(encoded_vectors), ">f8").reshape(-1, 3, 3).astype(np.float64)
+    points, forces, _ = vectors.swapaxes(0, 1)  # and normals
+    surface_count = reader.count("num_hydroelastic_contacts", limits.contacts)
+    surfaces = tuple(_surface_contact(reader, limits) for _ in range(surface_count))
+    return Contacts(tuple(bodies), points, forces, surfaces)
 
 
 def _surface_contact(reader: Reader, limits: Limits) -> SurfaceContact:
@@ -202,8 +203,8 @@ def _body_name(reader: Reader) -> str:
 def decode_point_cloud(message: Message, limits: Limits) -> Cloud:
     """Return a ``lcmt_point_cloud``."""
     reader = Reader(message, POINT_CLOUD, "lcmt_point_cloud", limits)
-    reader.integer(8)
-    reader.text()
+    reader.take(8)  # utime
+    reader.text()  # frame_name
     width, height = reader.integer(8), reader.integer(8)
     if not (width >= 0 and height >= 0 and width * height <= limits.points):
         raise MessageError(f"the cloud has {width} x {height} points, the limit is {limits.points}")
@@ -212,5 +213,5 @@ def decode_point_cloud(message: Message, limits: Limits) -> Cloud:
         for _ in range(reader.count("num_fields", _MAX_CLOUD_FIELDS))
     )
     flags, point_step, row_step = reader.integer(8), reader.integer(), reader.integer(8)
-    reader.take(reader.integer(2))
+    reader.take(reader.integer(2))  # filler
     return Cloud(width, height, fields, flags, point_step, row_step, reader.take(reader.integer(8)))

@@ -54,7 +54,7 @@ class Checkpoints:
 
 def bytes_besides(state: ReplayState, earlier: ReplayState) -> int:
     """Return an estimate of the memory that a state needs besides an earlier one."""
-    size = LINK_BYTES * sum(state.drake.nodes.values())
+    size = LINK_BYTES * sum(state.drake.node_counts.values())
     for channel, (message, _) in state.drake.loads.items():
         if earlier.drake.loads.get(channel, (b"", False))[0] is not message:
             size += len(message)

@@ -101,7 +101,7 @@ class LogReplay(Closing):
     @property
     def simulation_seconds(self) -> float | None:
         """Time of the simulation in the last draw message of Drake's; None before the first one."""
-        return self._drake.state.seconds
+        return self._drake.state.simulation_seconds
 
     @property
     def state(self) -> ReplayState:
@@ -154,7 +154,7 @@ class LogReplay(Closing):
 
     def _apply(self, event: Event) -> Sequence[str]:
         if not event.channel.startswith(wire.REQUEST):
-            shown_channels, channel = self._drake.state.shown_at, channel_of(event.channel)
+            shown_channels, channel = self._drake.state.newest_numbers, channel_of(event.channel)
             is_new = channel is not None and channel not in shown_channels and not channel.has_fixed_name
             if is_new and len(shown_channels) >= MAX_CHANNELS:
                 return (f"{len(shown_channels)} channels of clouds and frames are shown, which is the limit",)

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.weak_memo import kept_with_argument
+from gateway.scene.weak_memo import cached_by_weak_key
 from renderers.drawlist import DrawList, Instance, Mesh
 
 Bounds = NDArray[np.float64]
@@ -24,11 +24,11 @@ _CELLS_PER_SIDE: Final = 12
 _CHUNK_VERTICES: Final = 1 << 19
 """Number of vertices transformed in one call: 12 MB, about the size of the CPU's caches."""
 _CORNER_INDEX: Final = np.array([[(corner >> axis) & 1 for axis in range(3)] for corner in range(8)])
-"""(8, 3): for each corner of a box and each axis, 0 for the lowest and 1 for the highest coordinate."""
+"""(8, 3): index into ``Bounds`` of each corner's coordinate along each axis, 0 for the lowest and 1 for the highest."""
 _FLAT_RATIO: Final = 0.01
 """Maximum ratio of the shortest to the longest side of a flat box."""
 _GROUND_RATIO: Final = 1.5
-"""A flat box is a ground or wall if it is longer than this factor times the diagonal around all other shapes."""
+"""Minimum length of a ground or wall, as a multiple of the diagonal of the box around all shapes that are not flat."""
 
 
 class _Hull:
@@ -45,14 +45,14 @@ class _Hull:
     def points(self) -> NDArray[np.float64]:
         """(K, 3) float64, in the mesh's frame. Their convex hull contains the mesh, which must draw something.
 
-        Computed at the first use: meshes that are not rotated need only the box.
+        Computed at the first use: meshes whose axes stay aligned with the world's need only the box.
         """
         assert self.box is not None
-        finite = self._vertices[np.isfinite(self._vertices).all(axis=1)]
+        finite = _finite_rows(self._vertices)
         return finite.astype(np.float64) if len(finite) <= EXACT_VERTICES else _grid_corners(finite, self.box)
 
 
-_hull_of = kept_with_argument(_Hull)
+_hull_of = cached_by_weak_key(_Hull)
 
 
 def mesh_bounds(mesh: Mesh) -> Bounds | None:
@@ -67,25 +67,30 @@ def _box_of(vertices: NDArray[np.float32]) -> Bounds | None:
     # One column at a time: NumPy takes twenty times as long along the first axis of an array of three columns.
     columns = vertices.T
     box = np.array([[column.min() for column in columns], [column.max() for column in columns]], np.float64)
-    return box if np.isfinite(box).all() else _box_of(vertices[np.isfinite(vertices).all(axis=1)])
+    return box if np.isfinite(box).all() else _box_of(_finite_rows(vertices))  # rare: it copies the vertices
+
+
+def _finite_rows(vertices: NDArray[np.float32]) -> NDArray[np.float32]:
+    return vertices[np.isfinite(vertices).all(axis=1)]
 
 
 def _grid_corners(points: NDArray[np.float32], box: Bounds) -> NDArray[np.float64]:
     """Return the corners of those cells of a grid in the box that have points, (K, 3) float64."""
-    size = (box[1] - box[0]) / _CELLS_PER_SIDE
-    cells_per_metre = np.divide(1.0, size, out=np.zeros(3), where=size > 0)
-    occupied = np.zeros((_CELLS_PER_SIDE,) * 3, np.bool_)
+    cell_size = (box[1] - box[0]) / _CELLS_PER_SIDE
+    cells_per_metre = np.divide(1.0, cell_size, out=np.zeros(3), where=cell_size > 0)
+    is_occupied = np.zeros((_CELLS_PER_SIDE,) * 3, np.bool_)
     for begin in range(0, len(points), _CHUNK_VERTICES):
         cells = ((points[begin : begin + _CHUNK_VERTICES] - box[0]) * cells_per_metre).astype(np.int64)
-        occupied[tuple(np.minimum(cells, _CELLS_PER_SIDE - 1).T)] = True
-    low = np.argwhere(occupied)
-    boxes = box[0] + size * np.stack((low, low + 1), axis=1)
-    return corners_of(np.clip(boxes, *box)).reshape(-1, 3)
+        is_occupied[tuple(np.minimum(cells, _CELLS_PER_SIDE - 1).T)] = True
+    occupied_cells = np.argwhere(is_occupied)
+    cell_boxes = box[0] + cell_size * np.stack((occupied_cells, occupied_cells + 1), axis=1)
+    return corners_of(np.clip(cell_boxes, *box)).reshape(-1, 3)
 
 
 def corners_of(bounds: Bounds) -> NDArray[np.float64]:
     """Return the corners of a box, (8, 3) float64, or of many, (N, 8, 3) for (N, 2, 3)."""
-    corners: NDArray[np.float64] = bounds[..., _CORNER_INDEX, np.arange(3)]
+    axes = np.arange(3)
+    corners: NDArray[np.float64] = bounds[..., _CORNER_INDEX, axes]
     return corners
 
 
@@ -99,19 +104,27 @@ def _transformed_boxes(hull: _Hull, X_world_mesh: NDArray[np.float64]) -> NDArra
         return None
     linear, offset = X_world_mesh[:, :3, :3], X_world_mesh[:, :3, 3]
     boxes = np.empty((len(linear), 2, 3))
-    # For rotations by quarter turns, the transformed box has the same bounds as the transformed vertices.
-    is_aligned = (np.count_nonzero(linear, axis=2) <= 1).all(axis=1)
-    for aligned in (True, False):
-        indices = np.flatnonzero(is_aligned == aligned)
-        if not len(indices):
-            continue
-        points = hull.box if aligned else hull.points
-        step = max(1, _CHUNK_VERTICES // len(points))
-        for begin in range(0, len(indices), step):
-            chunk = indices[begin : begin + step]
-            transformed = (linear[chunk].reshape(-1, 3) @ points.T).reshape(len(chunk), 3, -1)
-            boxes[chunk, 0], boxes[chunk, 1] = transformed.min(axis=2), transformed.max(axis=2)
-    boxes += offset[:, None, :]
+    maps_axes_to_axes = (np.count_nonzero(linear, axis=2) <= 1).all(axis=1)
+    if maps_axes_to_axes.any():  # two corners of the box are enough, then
+        boxes[maps_axes_to_axes] = _mapped_boxes(linear[maps_axes_to_axes], hull.box)
+    if not maps_axes_to_axes.all():
+        boxes[~maps_axes_to_axes] = _mapped_boxes(linear[~maps_axes_to_axes], hull.points)
+    return boxes + offset[:, None, :]
+
+
+def _mapped_boxes(linear: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the box of K points under each of N linear maps, (N, 2, 3).
+
+    Args:
+        linear: (N, 3, 3) float64.
+        points: (K, 3) float64.
+    """
+    boxes = np.empty((len(linear), 2, 3))
+    step = max(1, _CHUNK_VERTICES // len(points))
+    for begin in range(0, len(linear), step):
+        maps = linear[begin : begin + step]
+        mapped = (maps.reshape(-1, 3) @ points.T).reshape(len(maps), 3, len(points))
+        boxes[begin : begin + step] = np.stack((mapped.min(axis=2), mapped.max(axis=2)), axis=1)
     return boxes
 
 
@@ -151,40 +164,40 @@ class BoundsCache:
 
     def bounds_of(self, draw_list: DrawList) -> list[Bounds | None]:
         """Return the box of each instance in the world; None for an instance that draws nothing."""
-        cached = self._box_by_id
-        new = [instance for instance in draw_list.instances if id(instance) not in cached]
-        cached |= {id(instance): (instance, box) for instance, box in zip(new, instance_bounds(new), strict=True)}
-        self._box_by_id = {id(instance): cached[id(instance)] for instance in draw_list.instances}
-        return [box for _, box in map(self._box_by_id.__getitem__, map(id, draw_list.instances))]
+        new_instances = [instance for instance in draw_list.instances if id(instance) not in self._box_by_id]
+        for instance, box in zip(new_instances, instance_bounds(new_instances), strict=True):
+            self._box_by_id[id(instance)] = instance, box
+        self._box_by_id = {id(instance): self._box_by_id[id(instance)] for instance in draw_list.instances}
+        return [self._box_by_id[id(instance)][1] for instance in draw_list.instances]
 
 
 def loose_bounds(draw_list: DrawList) -> Bounds | None:
     """Return a box that contains all instances, in a hundredth of the time of ``instance_bounds``.
 
-    It is up to 1.8 times as large as theirs, because it contains the transformed boxes of the meshes instead of their
-    vertices.
+    It contains the transformed boxes of the meshes instead of their vertices. That of a rotated sphere has sides of up
+    to sqrt(3) times the sphere's diameter.
     """
-    instances = draw_list.instances
-    box_of = {mesh: mesh_bounds(mesh) for mesh in {instance.mesh for instance in instances}}
-    placed_boxes = [(box, i.X_world_mesh) for i in instances if (box := box_of[i.mesh]) is not None]
-    if not placed_boxes:
+    box_by_mesh = {mesh: mesh_bounds(mesh) for mesh in {instance.mesh for instance in draw_list.instances}}
+    drawn = [instance for instance in draw_list.instances if box_by_mesh[instance.mesh] is not None]
+    if not drawn:
         return None
-    corners = corners_of(np.array([box for box, _ in placed_boxes]))
-    X_world_mesh = np.array([X for _, X in placed_boxes])
-    corners = np.matmul(corners, X_world_mesh[:, :3, :3].transpose(0, 2, 1)) + X_world_mesh[:, None, :3, 3]
+    mesh_corners = corners_of(np.array([box_by_mesh[instance.mesh] for instance in drawn]))
+    X_world_mesh = np.array([instance.X_world_mesh for instance in drawn])
+    corners = np.matmul(mesh_corners, X_world_mesh[:, :3, :3].transpose(0, 2, 1)) + X_world_mesh[:, None, :3, 3]
     return np.array((corners.min(axis=(0, 1)), corners.max(axis=(0, 1))))
 
 
-@kept_with_argument
+@cached_by_weak_key
 def focus_bounds(draw_list: DrawList) -> Bounds | None:
-    """Return the box around everything but grounds and walls that are much larger than everything else."""
+    """Return the box around everything but grounds and walls: flat shapes that are much longer than all others."""
     boxes = _instance_boxes(draw_list.instances)
     boxes = boxes[~np.isnan(boxes[:, 0, 0])]
-    extents = boxes[:, 1] - boxes[:, 0]
-    longest = extents.max(axis=1)
-    is_flat = extents.min(axis=1) < _FLAT_RATIO * longest
+    sides = boxes[:, 1] - boxes[:, 0]
+    longest_side = sides.max(axis=1)
+    is_flat = sides.min(axis=1) < _FLAT_RATIO * longest_side
     solid_box = union(boxes[~is_flat])
     if solid_box is None:
         return union(boxes)
-    max_flat_length = _GROUND_RATIO * float(np.linalg.norm(solid_box[1] - solid_box[0]))
-    return union(boxes[~is_flat | (longest <= max_flat_length)])
+    ground_length = _GROUND_RATIO * float(np.linalg.norm(solid_box[1] - solid_box[0]))
+    is_ground = is_flat & (longest_side > ground_length)
+    return union(boxes[~is_ground])

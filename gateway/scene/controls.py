@@ -62,6 +62,7 @@ class _Client:
     end: float
     """Time of the clock at which the lease ends."""
     last_request: int
+    """Number of its last request."""
     unsent: dict[Path, None] = field(default_factory=dict)
     """Paths whose values ``deliver_values`` sends."""
 
@@ -104,17 +105,17 @@ class ControlStore:
         if reason:
             return reason
         end = self._clock() + self.limits.lease_seconds
-        old = self.clients.get(client)
+        old_client = self.clients.get(client)
         if paths:
             self.clients[client] = _Client(paths, deliver, end, request)
         else:
             self.clients.pop(client, None)
-        before = old.controls if old is not None else {}
+        old_controls = old_client.controls if old_client is not None else {}
         for control in controls:
-            self._add(control, client, before.get(control.path))
-        self._remove_unused(before)
-        if old is not None and paths:  # a message may have been lost
-            self.clients[client].unsent = {path: None for path in paths if path in before}
+            self._add(control, client, old_controls.get(control.path))
+        self._remove_unused(old_controls)
+        if old_client is not None and paths:  # a message may have been lost
+            self.clients[client].unsent = {path: None for path in paths if path in old_controls}
         self._notify()
         return ""
 
@@ -123,13 +124,14 @@ class ControlStore:
         limits = self.limits
         if len(paths) < len(controls):
             return "two controls have the same path"
-        others = {path for each, entry in self.clients.items() if each != client for path in entry.controls}
-        if len(others | paths.keys()) > limits.controls:
-            return f"there would be {len(others | paths.keys())} controls in the page, the limit is {limits.controls}"
-        plots = {each.path for each in controls if isinstance(each, Plot)}
-        plots |= {path for path in others - paths.keys() if self._entries[path].samples is not None}
-        if len(plots) > limits.plots:
-            return f"there would be {len(plots)} plots in the page, the limit is {limits.plots}"
+        others_paths = {path for key, other in self.clients.items() if key != client for path in other.controls}
+        control_count = len(others_paths | paths.keys())
+        if control_count > limits.controls:
+            return f"there would be {control_count} controls in the page, the limit is {limits.controls}"
+        plot_paths = {control.path for control in controls if isinstance(control, Plot)}
+        plot_paths |= {path for path in others_paths - paths.keys() if self._entries[path].samples is not None}
+        if len(plot_paths) > limits.plots:
+            return f"there would be {len(plot_paths)} plots in the page, the limit is {limits.plots}"
         chars = sum(_text_chars(control) for control in controls)
         if chars > limits.option_chars:
             return f"the controls have {chars} characters, the limit for one client is {limits.option_chars}"
@@ -169,13 +171,13 @@ class ControlStore:
     def _remove_unused(self, paths: Iterable[Path]) -> None:
         """Remove those of the paths that no client has; the others have the limits of a client that has them."""
         for path in paths:
-            left = [client.controls[path] for client in self.clients.values() if path in client.controls]
+            remaining = [client.controls[path] for client in self.clients.values() if path in client.controls]
             entry = self._entries[path]
-            if not left:
+            if not remaining:
                 del self._by_id[self._entries.pop(path).id]
                 self._next_structure()
-            elif all(_definition(control) != _definition(entry.control) for control in left):
-                self._add(left[-1], None, entry.control)
+            elif all(_definition(control) != _definition(entry.control) for control in remaining):
+                self._add(remaining[-1], None, entry.control)
 
     def remove_vanished(self) -> None:
         """Remove the controls of clients whose lease has ended."""
@@ -184,10 +186,10 @@ class ControlStore:
 
     def forget(self, is_gone: Callable[[Hashable], bool]) -> None:
         """Remove the controls of clients that have disconnected."""
-        gone = [client for client in self.clients if is_gone(client)]
-        for client in gone:
+        gone_clients = [client for client in self.clients if is_gone(client)]
+        for client in gone_clients:
             self._remove_unused(self.clients.pop(client).controls)
-        if gone:
+        if gone_clients:
             self._notify()
 
     def set_value(self, client: Hashable, path: Path, value: Any, request: int) -> None:
@@ -250,9 +252,10 @@ class ControlStore:
         """Set a value, and note it for all clients but its source."""
         self.revision += 1
         entry.value, entry.revision = value, self.revision
-        for client, each in self.clients.items():
-            if client != source and entry.control.path in each.controls:
-                each.unsent[entry.control.path] = None
+        path = entry.control.path
+        for key, client in self.clients.items():
+            if key != source and path in client.controls:
+                client.unsent[path] = None
 
     def deliver_values(self) -> None:
         """Send each client the newest values that others have set since the last call."""

@@ -155,6 +155,7 @@ class _TreeFlattener:
             moved_nodes: list[Node] = []
             parent_matrices: list[Matrix] = []
             parents: list[tuple[_Entry, Node, bool]] = []
+            """Entries that have children in this tree or the last one; True if their matrix or opacity has changed."""
             for entry, node, X_world_parent, parent_opacity, parent_changed in level:
                 old_node = entry.node
                 entry.node = node
@@ -175,8 +176,8 @@ class _TreeFlattener:
                     parents.append((entry, node, moved or opacity_changed))
             if moved_entries:
                 with np.errstate(all="ignore"):
-                    worlds = np.matmul(np.array(parent_matrices), _local_matrices(moved_nodes))
-                for entry, X_world_node in zip(moved_entries, worlds, strict=True):
+                    world_matrices = np.matmul(np.array(parent_matrices), _local_matrices(moved_nodes))
+                for entry, X_world_node in zip(moved_entries, world_matrices, strict=True):
                     entry.X_world_node = X_world_node
                 outdated.extend(moved_entries)
             level = []
@@ -192,7 +193,8 @@ class _TreeFlattener:
             check_stop()
             label = self._label_of(entry.path, part)
             for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):
-                entry.meshes.append((mesh, material if entry.opacity == 1.0 else faded(material, entry.opacity), label))
+                drawn_material = material if entry.opacity == 1.0 else faded(material, entry.opacity)
+                entry.meshes.append((mesh, drawn_material, label))
                 matrices.append(_product(part.X_node_part, X_part_mesh))
         entry.X_node_mesh = np.array(matrices) if matrices else None
 
@@ -218,20 +220,21 @@ class _TreeFlattener:
         entries_with_meshes = [(entry, entry.X_node_mesh) for entry in entries if entry.X_node_mesh is not None]
         if not entries_with_meshes:
             return
-        counts = [len(X_node_mesh) for _, X_node_mesh in entries_with_meshes]
-        worlds = np.repeat(np.array([entry.X_world_node for entry, _ in entries_with_meshes]), counts, axis=0)
+        mesh_counts = [len(X_node_mesh) for _, X_node_mesh in entries_with_meshes]
+        X_world_node = np.repeat([entry.X_world_node for entry, _ in entries_with_meshes], mesh_counts, axis=0)
+        X_node_mesh = np.concatenate([X_node_mesh for _, X_node_mesh in entries_with_meshes])
         with np.errstate(all="ignore"):
-            X_world_mesh = np.matmul(worlds, np.concatenate([X_node_mesh for _, X_node_mesh in entries_with_meshes]))
-            drawable = (np.abs(X_world_mesh) < DRAWABLE).all(axis=(1, 2)).tolist()
-        row = 0
+            X_world_mesh = np.matmul(X_world_node, X_node_mesh)
+            is_drawable = (np.abs(X_world_mesh) < DRAWABLE).all(axis=(1, 2)).tolist()
+        mesh_index = 0
         for entry, _ in entries_with_meshes:
             instances: list[Instance] = []
             for mesh, material, label in entry.meshes:
-                if drawable[row]:
+                if is_drawable[mesh_index]:
                     # _all_instances renumbers the instances if first_index is out of date.
                     instance_id = entry.first_index + len(instances)
-                    instances.append(Instance(mesh, material, X_world_mesh[row], label, instance_id))
-                row += 1
+                    instances.append(Instance(mesh, material, X_world_mesh[mesh_index], label, instance_id))
+                mesh_index += 1
             if len(instances) != len(entry.instances):
                 self._order_changed = True
             entry.instances = instances
@@ -255,7 +258,9 @@ class _TreeFlattener:
 
 def _product(X: Matrix, Y: Matrix) -> Matrix:
     """Return X @ Y, which is one of the two if the other ``is IDENTITY``."""
-    return Y if X is IDENTITY else X if Y is IDENTITY else X @ Y
+    if X is IDENTITY:
+        return Y
+    return X if Y is IDENTITY else X @ Y
 
 
 def _local_matrices(nodes: list[Node]) -> NDArray[np.float64]:

@@ -55,8 +55,9 @@ def heightmap_mesh(
     uv = np.empty((rows, columns, 2), np.float32)
     uv[:, :, 0], uv[:, :, 1] = u, v[:, None]
     index = np.arange(rows * columns, dtype=np.uint32).reshape(rows, columns)
-    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
-    triangles = np.stack((a, b, c, a, c, d), axis=2).reshape(-1, 3)
+    lower_left, lower_right, upper_right, upper_left = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    halves_of_cells = (lower_left, lower_right, upper_right, lower_left, upper_right, upper_left)
+    triangles = np.stack(halves_of_cells, axis=2).reshape(-1, 3)
     if not finite.all():
         triangles = triangles[finite.reshape(-1)[triangles].all(axis=1)]
     if not len(triangles):
@@ -97,10 +98,11 @@ def frustum_edges(
     pixels = np.array(((0.0, 0.0), (width, 0.0), (width, height), (0.0, height)))
     corners = np.empty((4, 3))
     corners[:, 2] = depth
-    edges = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1), (1, 5), (5, 2))
+    edges_from_camera, edges_of_image = ((0, 1), (0, 2), (0, 3), (0, 4)), ((1, 2), (2, 3), (3, 4), (4, 1))
+    edges_of_up_marker = ((1, 5), (5, 2))
     with np.errstate(all="ignore"):  # callers check whether the corners are finite
         corners[:, :2] = (pixels - principal) / focal * depth
         top_left, top_right, bottom_left = corners[0], corners[1], corners[3]
         up_marker = 0.5 * (top_left + top_right) + 0.25 * (top_left - bottom_left)
         positions = np.concatenate((np.zeros((1, 3)), corners, up_marker[None])).astype(np.float32)
-    return Mesh(positions, np.array(edges, np.uint32)), corners
+    return Mesh(positions, np.array((*edges_from_camera, *edges_of_image, *edges_of_up_marker), np.uint32)), corners

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gateway.scene.geometry import Line, PointCloud, Shape, Surface
 from gateway.scene.transforms import IDENTITY, Matrix, scaling, translation
-from gateway.scene.weak_memo import kept_with_argument
+from gateway.scene.weak_memo import cached_by_weak_key
 from renderers import primitives
 from renderers.color import linear_colors_from_srgb
 from renderers.drawlist import Material, Mesh
@@ -165,7 +165,7 @@ def _triad_tubes(scale: float) -> Mesh:
     )
 
 
-@kept_with_argument
+@cached_by_weak_key
 def _cloud_meshes(cloud: PointCloud) -> tuple[_ShapeMesh, ...]:
     """Return a mesh of those points that are finite, with the colours of ``_cloud_colors``."""
     points, colors = np.ascontiguousarray(cloud.points, dtype=np.float32), _cloud_colors(cloud)
@@ -198,7 +198,7 @@ def _cloud_colors(cloud: PointCloud) -> NDArray[np.float32] | None:
     return colors
 
 
-@kept_with_argument
+@cached_by_weak_key
 def _line_meshes(line: Line) -> tuple[_ShapeMesh, ...]:
     points = clean_polyline(line.points, MAX_EXTENT, closed=line.closed)
     if len(points) < 2:

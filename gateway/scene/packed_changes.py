@@ -49,33 +49,38 @@ def pack(old: Node, new: Node, ids: PathIds) -> PackedChange:
     nbytes = _add_edits(edits, (), old, new) + (0 if old.same_transform(new) else _add_transform(edits, (), new))
     stack: list[tuple[Path, Node, Node]] = [((), old, new)]
     while stack:
-        path, before, after = stack.pop()
-        previous, children = before.children, after.children
-        if not _are_in_order(previous, children) or (after.parts is None and before.parts is not None):
-            edits.append(partial(TreeEdit.set_subtree, path=path, node=after))
-            nbytes += _subtree_bytes(before) + NODE_BYTES * after.node_count
+        path, old_node, new_node = stack.pop()
+        old_children, new_children = old_node.children, new_node.children
+        lost_parts = new_node.parts is None and old_node.parts is not None
+        if lost_parts or not _are_in_order(old_children, new_children):
+            edits.append(partial(TreeEdit.set_subtree, path=path, node=new_node))
+            nbytes += _subtree_bytes(old_node) + NODE_BYTES * new_node.node_count
             continue
-        for name in previous.keys() - children.keys():
+        for name in old_children.keys() - new_children.keys():
             edits.append(partial(TreeEdit.delete, path=(*path, name)))
-            nbytes += _subtree_bytes(previous[name])
-        for name, child in children.items():
-            earlier = previous.get(name)
-            if earlier is child:
+            nbytes += _subtree_bytes(old_children[name])
+        for name, child in new_children.items():
+            old_child = old_children.get(name)
+            if old_child is child:
                 continue
-            if earlier is None:
+            if old_child is None:
                 edits.append(partial(TreeEdit.set_subtree, path=(*path, name), node=child))
                 continue
             pose = child.pose
             if pose is None:
-                if not child.same_transform(earlier):
+                if not child.same_transform(old_child):
                     nbytes += _add_transform(edits, (*path, name), child)
-            elif pose is not earlier.pose:
+            elif pose is not old_child.pose:
                 pose_ids.append(ids.setdefault((*path, name), len(ids)))
                 poses += pose
-            if child.children or earlier.children or (child.parts is None and earlier.parts is not None):
-                stack.append(((*path, name), earlier, child))
-            if child.parts is not earlier.parts or child.visible != earlier.visible or child.opacity != earlier.opacity:
-                nbytes += _add_edits(edits, (*path, name), earlier, child)
+            if child.children or old_child.children or (child.parts is None and old_child.parts is not None):
+                stack.append(((*path, name), old_child, child))
+            if (
+                child.parts is not old_child.parts
+                or child.visible != old_child.visible
+                or child.opacity != old_child.opacity
+            ):
+                nbytes += _add_edits(edits, (*path, name), old_child, child)
     nbytes += CHANGE_BYTES * (1 + len(edits)) + POSE_BYTES * len(pose_ids)
     nbytes += MOVED_NODE_BYTES * (len(ids) - known_count)
     return PackedChange(tuple(edits), array("I", pose_ids), array("d", poses), nbytes)
@@ -88,20 +93,21 @@ def unpack(root: Node, changes: Iterable[PackedChange], ids: PathIds) -> Node:
         ids: The ids that the changes were packed with.
     """
     edit, paths = TreeEdit(root), list(ids)
-    moved: dict[int, Pose] = {}
+    pose_by_id: dict[int, Pose] = {}
 
-    def move() -> None:
-        edit.set_poses([paths[number] for number in moved], moved.values())
-        moved.clear()
+    def set_collected_poses() -> None:
+        edit.set_poses([paths[node_id] for node_id in pose_by_id], pose_by_id.values())
+        pose_by_id.clear()
 
     for change in changes:
         if change.edits:
-            move()
-            for call in change.edits:
-                call(edit)
+            set_collected_poses()
+            for apply in change.edits:
+                apply(edit)
         numbers = iter(change.poses)
-        moved.update(zip(change.pose_ids, zip(*[numbers] * 7, strict=True), strict=True))
-    move()
+        poses = zip(*[numbers] * 7, strict=True)  # seven numbers in turn
+        pose_by_id.update(zip(change.pose_ids, poses, strict=True))
+    set_collected_poses()
     return edit.commit()
 
 

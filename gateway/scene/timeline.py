@@ -50,17 +50,23 @@ async def next_state(timeline: Timeline, snapshot: Snapshot, steps: int) -> Snap
     for _ in range(-steps):
         snapshot = await timeline.snapshot_at(max(first, snapshot.timestamp - 1))
     for _ in range(steps):
-        revision, start, step = snapshot.revision, max(first, snapshot.timestamp), FIRST_STEP_NS
-        found = snapshot
-        while found.revision == revision and start + step // 2 < last:
-            found = await timeline.snapshot_at(min(start + step, last))
-            step *= 2
-        while found.revision != revision:  # there may be another one before it
-            snapshot = found
-            if found.timestamp <= start:
-                break
-            found = await timeline.snapshot_at(found.timestamp - 1)
+        snapshot = await _state_after(timeline, snapshot, max(first, snapshot.timestamp), last)
     return snapshot
+
+
+async def _state_after(timeline: Timeline, snapshot: Snapshot, start: int, last: int) -> Snapshot:
+    """Return the state after the first change between ``start`` and ``last``; ``snapshot`` if there is none."""
+    later, step = snapshot, FIRST_STEP_NS
+    while later.revision == snapshot.revision and start + step // 2 < last:
+        later = await timeline.snapshot_at(min(start + step, last))
+        step *= 2
+    next_one = snapshot
+    while later.revision != snapshot.revision:  # there may be another one before it
+        next_one = later
+        if later.timestamp <= start:
+            break
+        later = await timeline.snapshot_at(later.timestamp - 1)
+    return next_one
 
 
 async def state_at(timeline: Timeline | None, seconds: float) -> Snapshot:

@@ -129,28 +129,28 @@ def orthographic_camera(
     Raises:
         CameraError: The planes or ``xmag`` are invalid.
     """
-    bounds = loose_bounds(draw_list)
-    depth = np.zeros(1) if bounds is None else (corners_of(bounds) - pose[:3, 3]) @ pose[:3, 2]
+    nearest, farthest = _depth_range(loose_bounds(draw_list), pose) or (0.0, 0.0)
     near = 0.0 if near is None else near
-    last = float(depth.max()) if far is None else min(float(depth.max()), far)
-    last = max(last, near)
-    first = min(max(float(depth.min()), near), last)
-    distance = _EYE_DISTANCE * max(2.0 * xmag, last - first)
-    far = 1.01 * last + xmag if far is None else far
-    eye = pose.copy()
-    eye[:3, 3] -= distance * pose[:3, 2]
-    focal_length = 0.5 * width / xmag * (distance + 0.5 * (first + last))
+    last_seen = max(farthest if far is None else min(farthest, far), near)
+    first_seen = min(max(nearest, near), last_seen)
+    far = 1.01 * last_seen + xmag if far is None else far
+    distance = _EYE_DISTANCE * max(2.0 * xmag, last_seen - first_seen)
+    X_world_eye = pose.copy()
+    X_world_eye[:3, 3] -= distance * pose[:3, 2]
+    focal_length = 0.5 * width / xmag * (distance + 0.5 * (first_seen + last_seen))
     near, far = distance + near, distance + far
     with _camera_errors():
-        return Camera(width, height, focal_length, focal_length, width / 2, height / 2, near, far, eye, distance)
+        return Camera(
+            width, height, focal_length, focal_length, width / 2, height / 2, near, far, X_world_eye, distance
+        )
 
 
 def _clipping_planes(near: float | None, far: float | None, fitted: tuple[float, float]) -> tuple[float, float]:
     """Return the near and far plane. The fitted plane replaces a missing one, and is moved if near >= far otherwise."""
     fitted_near, fitted_far = fitted
     if near is None:
-        return (fitted_near if far is None else min(fitted_near, 0.5 * far)), far or fitted_far
-    return near, (far or max(fitted_far, 2.0 * near))
+        return (fitted_near, fitted_far) if far is None else (min(fitted_near, 0.5 * far), far)
+    return near, max(fitted_far, 2.0 * near) if far is None else far
 
 
 @contextmanager
@@ -257,10 +257,18 @@ def _fitted_planes(bounds: Bounds | None, pose: NDArray[np.float64]) -> tuple[fl
     Args:
         bounds: Box around the scene; None: the scene draws nothing.
     """
-    if bounds is None:
+    depths = _depth_range(bounds, pose)
+    if depths is None:
         return 0.01, 100.0
-    depth = (corners_of(bounds) - pose[:3, 3]) @ pose[:3, 2]
-    farthest, nearest = float(depth.max()), float(depth.min())
+    nearest, farthest = depths
     far = max(1.01 * farthest, 1e-3)
     near = min(0.01, 1e-3 * far)
     return max(near, 0.5 * nearest), far
+
+
+def _depth_range(bounds: Bounds | None, pose: NDArray[np.float64]) -> tuple[float, float] | None:
+    """Return the smallest and largest depth of a box along a camera's optical axis, metres; None without a box."""
+    if bounds is None:
+        return None
+    depths = (corners_of(bounds) - pose[:3, 3]) @ pose[:3, 2]
+    return float(depths.min()), float(depths.max())

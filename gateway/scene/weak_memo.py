@@ -12,7 +12,7 @@ K = TypeVar("K")
 V = TypeVar("V")
 
 
-def kept_with_argument(compute: Callable[[K], V]) -> Callable[[K], V]:
+def cached_by_weak_key(compute: Callable[[K], V]) -> Callable[[K], V]:
     """Decorate a function of one object: each result is computed once, and kept as long as the object. Thread-safe."""
     results: WeakKeyDictionary[K, tuple[V]] = WeakKeyDictionary()  # in tuples, because a result may be None
     lock = threading.Lock()

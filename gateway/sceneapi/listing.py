@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -51,30 +49,32 @@ class Listing(msgspec.Struct):
 
 
 def list_scene(
-    snapshot: Snapshot, draw_list: DrawList, boxes: list[Bounds | None], labels: LabelTable, max_nodes: int
+    snapshot: Snapshot, draw_list: DrawList, instance_boxes: list[Bounds | None], labels: LabelTable, max_nodes: int
 ) -> bytes:
     """Return the JSON of a snapshot.
 
     Args:
         draw_list: The snapshot's draw list, with labels from ``labels``.
-        boxes: World bounds of the draw list's instances.
-        max_nodes: Maximum number of nodes in the result.
+        instance_boxes: World bounds of the draw list's instances.
+        max_nodes: Maximum number of nodes in the result, at least 1.
     """
-    index_of: dict[Path, int] = {}
+    index_by_path: dict[Path, int] = {}
     nodes: list[ListedNode] = []
     parents: list[int] = []
     """Index of each node's parent in ``nodes``; 0 for the root."""
-    stack: list[tuple[Path, Node, NDArray[np.float64], int]] = [((), snapshot.root, np.eye(4), 0)]
-    with np.errstate(all="ignore"):
-        while stack and len(nodes) < max_nodes:
-            path, node, X_world_parent, parent_index = stack.pop()
+    pending: list[tuple[Path, Node, NDArray[np.float64], int]] = [((), snapshot.root, np.eye(4), 0)]
+    """Stack of nodes with their paths, X_world_parent, and the indices of their parents."""
+    with np.errstate(all="ignore"):  # clients may set transforms that overflow
+        while pending and len(nodes) < max_nodes:
+            path, node, X_world_parent, parent_index = pending.pop()
             X_world_node = X_world_parent @ node.matrix
-            index = index_of[path] = len(nodes)
+            index = index_by_path[path] = len(nodes)
             nodes.append(_listed_node(path, node, X_world_node, labels))
             parents.append(parent_index)
-            stack.extend(((*path, name), child, X_world_node, index) for name, child in reversed(node.children.items()))
-    _set_bounds(nodes, parents, index_of, draw_list, boxes, labels)
-    bounds = union([box for box in boxes if box is not None])
+            for name, child in reversed(node.children.items()):
+                pending.append(((*path, name), child, X_world_node, index))
+    _set_bounds(nodes, parents, index_by_path, draw_list, instance_boxes, labels)
+    bounds = union([box for box in instance_boxes if box is not None])
     return msgspec.json.encode(
         Listing(snapshot.revision, nodes, snapshot.root.node_count, None if bounds is None else bounds.tolist())
     )
@@ -97,21 +97,25 @@ def _listed_node(path: Path, node: Node, X_world_node: NDArray[np.float64], labe
 def _set_bounds(
     nodes: list[ListedNode],
     parents: list[int],
-    index_of: dict[Path, int],
+    index_by_path: dict[Path, int],
     draw_list: DrawList,
-    boxes: list[Bounds | None],
+    instance_boxes: list[Bounds | None],
     labels: LabelTable,
 ) -> None:
     """Set the bounds of all nodes from their instances and their children's bounds, children first."""
-    boxes_by_node: dict[int, list[Any]] = {}
-    for instance, box in zip(draw_list.instances, boxes, strict=True):
+    boxes_below: list[list[Bounds]] = [[] for _ in nodes]
+    """Boxes of each node's instances, and of its children when those have their bounds."""
+    for instance, box in zip(draw_list.instances, instance_boxes, strict=True):
         path = labels.path_of(instance.label)
-        if box is not None and path in index_of:
-            boxes_by_node.setdefault(index_of[path], []).append(box)
+        if box is None or path is None:
+            continue
+        while path and path not in index_by_path:  # beyond the limit: it counts for the nearest listed ancestor
+            path = path[:-1]
+        boxes_below[index_by_path[path]].append(box)
     for index in range(len(nodes) - 1, -1, -1):
-        box = union(boxes_by_node.pop(index, []))
+        box = union(boxes_below[index])
         if box is None:
             continue
         nodes[index].bounds = box.tolist()
         if index:
-            boxes_by_node.setdefault(parents[index], []).append(box)
+            boxes_below[parents[index]].append(box)

@@ -15,15 +15,15 @@ MEDIA_TYPE = "model/gltf-binary"
 
 def motion_router(tree: LiveTree, timeline: Timeline, max_bytes: int = MAX_BYTES) -> APIRouter:
     """Return the route of the recent motion."""
-    routes = APIRouter(tags=["The live scene"], route_class=PlainErrorRoute)
+    router = APIRouter(tags=["The live scene"], route_class=PlainErrorRoute)
     files = SectionFiles(tree, timeline)
     responses = section_responses(
         MEDIA_TYPE, "The file. Its asset.extras.warnings has sentences about what it does not have."
     )
 
-    @routes.get("/scene/motion.glb", summary="Download the motion", response_class=Response, responses=responses)
+    @router.get("/scene/motion.glb", summary="Download the motion", response_class=Response, responses=responses)
     async def motion(request: Request, seconds: Seconds = None, rate: Rate = DEFAULT_RATE) -> Response:
         """The scene with its recent motion, as binary glTF with an animation: Y up, textures embedded."""
         return await files.response(request, MotionWriter(max_bytes), seconds, rate, MEDIA_TYPE)
 
-    return routes
+    return router

@@ -52,7 +52,7 @@ class RequestApplier:
         """Execute the request; yield after every ``max_commands`` commands. Nothing is visible before the end."""
         edit = TreeEdit(self._live.snapshot.root)
         commands = self._execute(edit)
-        while deque(islice(commands, max_commands), maxlen=1):
+        while _advance(commands, max_commands):
             self._quota.unpublished_nodes = max(0, edit.root.node_count - edit.base.node_count)
             try:
                 yield
@@ -131,6 +131,11 @@ class RequestApplier:
         if reason:
             self._failures.append(Finding(command, index, reason, path))
         return not reason
+
+
+def _advance(commands: Iterator[None], count: int) -> bool:
+    """Execute up to ``count`` commands; return False if there was none left."""
+    return bool(deque(islice(commands, count), maxlen=1))
 
 
 def _is_at_or_below(path: Path | None, tops: set[Path]) -> bool:

@@ -24,7 +24,7 @@ MAX_DISTANCE_F32: Final = np.float32(MAX_DISTANCE)
 _COLUMNS: Final = {"rgb": (3, 4), "intensity": (1,)}
 """Possible numbers of values per point of the channels that the protocol defines."""
 _ANY_COLUMNS: Final = tuple(range(1, MAX_CHANNEL_COLUMNS + 1))
-"""The same of other channels."""
+"""Possible numbers of values per point of all other channels."""
 
 
 def line(
@@ -34,29 +34,36 @@ def line(
     points: NDArray[np.float32],
     radius: float | None,
     line_width: float | None,
-    **heads: Any,
+    closed: bool,
+    start_head: bool,
+    end_head: bool,
+    head_radius: float,
+    head_length: float | None,
 ) -> tuple[Part, ...]:
-    """Return a polyline through the drawable points; nothing if there are fewer than two."""
+    """Return a polyline through the drawable points; nothing if there are fewer than two.
+
+    A ``line_width`` without a ``radius`` makes it a hairline, otherwise it is a tube.
+    """
     drawable_points, _ = _drop_undrawable(points)
     if len(drawable_points) < 2:
         return ()
     if radius is None:
         radius = 0.01 if line_width is None else 0.0
-    if heads["head_length"] is None:
-        heads["head_length"] = heads["head_radius"]
-    return (Part(Line(drawable_points, radius, **heads), material(rgba, POINT_SIZE, line_width or 1.0)),)
+    head_length = head_radius if head_length is None else head_length
+    shape = Line(drawable_points, radius, closed, start_head, end_head, head_radius, head_length)
+    return (Part(shape, material(rgba, POINT_SIZE, line_width or 1.0)),)
 
 
 def mesh_data(rgba: Color, context: ReadContext, *, vertices: NDArray[np.float32], faces: Any) -> tuple[Part, ...]:
     """Return a triangle mesh; nothing if no face is left. Faces with an undrawable vertex are left out."""
-    triangle_indices = triangles(vertices, faces, context)
+    triangle_indices = drawable_triangles(vertices, faces, context)
     if not len(triangle_indices):
         return ()
     return (Part(Surface(Mesh(*smooth_mesh(vertices, triangle_indices))), material(rgba)),)
 
 
-def triangles(vertices: NDArray[np.float32], faces: Any, context: ReadContext) -> NDArray[np.uint32]:
-    """Return those of ``faces``, (M, 3), whose ``vertices``, (N, 3), are drawable. Other vertices become 0."""
+def drawable_triangles(vertices: NDArray[np.float32], faces: Any, context: ReadContext) -> NDArray[np.uint32]:
+    """Return those of ``faces``, (M, 3), whose ``vertices``, (N, 3), are drawable; set the other vertices to 0."""
     try:
         indices = context.arrays.indices(faces, len(vertices), context.limits.faces)
     except ArrayError as error:
@@ -74,10 +81,10 @@ def pointcloud(
 ) -> tuple[Part, ...]:
     """Return the drawable points with their channels."""
     drawable_points, drawable = _drop_undrawable(points)
-    arrays = _channels(channels, len(points), context)
+    arrays = _channel_arrays(channels, len(points), context)
     if drawable is not None:
         arrays = {name: np.ascontiguousarray(values[drawable]) for name, values in arrays.items()}
-    if "rgb" in arrays or "intensity" in arrays:
+    if "rgb" in arrays or "intensity" in arrays:  # the material multiplies their colours: only its alpha is kept
         rgba = (1.0, 1.0, 1.0, rgba[3])
     return (Part(PointCloud(drawable_points, MappingProxyType(arrays)), material(rgba, point_size or POINT_SIZE)),)
 
@@ -89,7 +96,7 @@ def planar_lidar(
     ranges: NDArray[np.float32],
     angle_start: float,
     angle_step: float,
-    **cloud: Any,
+    **cloud_fields: Any,
 ) -> tuple[Part, ...]:
     """Return the points of a scan in the plane z = 0. Range i is at the angle ``angle_start + i * angle_step`` to x."""
     distances = ranges.astype(np.float64)
@@ -98,10 +105,10 @@ def planar_lidar(
     with np.errstate(invalid="ignore", over="ignore"):
         points[:, 0] = distances * np.cos(angles)
         points[:, 1] = distances * np.sin(angles)
-    return pointcloud(rgba, context, points=points, **cloud)
+    return pointcloud(rgba, context, points=points, **cloud_fields)
 
 
-def _channels(value: Any, count: int, context: ReadContext) -> dict[str, NDArray[np.float32]]:
+def _channel_arrays(value: Any, count: int, context: ReadContext) -> dict[str, NDArray[np.float32]]:
     """Return the valid channels of ``count`` points, each (count,) or (count, k).
 
     Invalid channels are ignored with a warning, empty ones without (a C++ client sends ``"rgb": []``).
@@ -160,4 +167,4 @@ def _drawable_rows(points: NDArray[np.float32]) -> NDArray[np.bool_] | None:
     """Return a mask, (N,), that is True for drawable points; None if all points are drawable."""
     if not points.size or (points.max() <= MAX_DISTANCE_F32 and points.min() >= -MAX_DISTANCE_F32):
         return None
-    return np.asarray((np.abs(points) <= MAX_DISTANCE_F32).all(axis=1))
+    return np.asarray((np.abs(points) <= MAX_DISTANCE_F32).all(axis=1))  # NaN fails both comparisons

@@ -94,7 +94,7 @@ class Dispatcher:
             listeners: receive the messages of other channels.
         """
         self._protocol = protocol
-        self._unapplied = protocol.live.unapplied_arrivals
+        self._unapplied_arrivals = protocol.live.unapplied_arrivals
         self._config = config
         self._pool = pool
         self._store = store
@@ -153,7 +153,7 @@ class Dispatcher:
             task.add_done_callback(self._tasks.discard)
         queue.requests.append(request)
         queue.size += request.memory
-        self._unapplied[request] = message.arrival
+        self._unapplied_arrivals[request] = message.arrival
         self.waiting_bytes += request.memory
         if sender is not None and queue.size > self._config.client_waiting_bytes:
             sender.pause_reading()
@@ -212,7 +212,7 @@ class Dispatcher:
         request = queue.requests.popleft()
         queue.size -= request.memory
         self.waiting_bytes -= request.memory
-        del self._unapplied[request]
+        del self._unapplied_arrivals[request]
 
     def _handle_at_once(self, request: _Received) -> bool:
         """Read and apply a small request on the event loop, and respond; return False if a thread must read it."""
@@ -249,8 +249,8 @@ class Dispatcher:
         """Execute the commands for the page, and return the response to a request that was applied."""
         utime = request.comms.utime
         if applier.request.newer_commands:
-            publish, channel, _ = recipient = request.recipient
-            key = _ClientKey(publish, channel) if client_of(channel) else None
+            recipient = request.recipient
+            key = _ClientKey(recipient.publish, recipient.channel) if client_of(recipient.channel) else None
             client = PageClient(key, partial(self._delivery.send, recipient))
             update_page(self._protocol.page, applier.request, client, utime)
         return applier.response(utime)

@@ -28,9 +28,9 @@ def pose(value: Any, name: str = "transform") -> Pose:
     if not isinstance(value, Mapping):
         raise CommandError(f"{name} must be an object with translation and quaternion, not {show(value)}")
     translation, quaternion = value.get("translation"), value.get("quaternion")
-    t = ZERO_TRANSLATION if translation is None else numbers(translation, f"{name}.translation", 3)
-    q = IDENTITY_QUATERNION if quaternion is None else numbers(quaternion, f"{name}.quaternion", 4)
-    return cast("Pose", t + q)
+    xyz = ZERO_TRANSLATION if translation is None else numbers(translation, f"{name}.translation", 3)
+    wxyz = IDENTITY_QUATERNION if quaternion is None else numbers(quaternion, f"{name}.quaternion", 4)
+    return cast("Pose", xyz + wxyz)
 
 
 def local_transform(params: Mapping[str, Any]) -> NDArray[np.float64]:
@@ -38,10 +38,10 @@ def local_transform(params: Mapping[str, Any]) -> NDArray[np.float64]:
     value = params.get("transform")
     if value is None:
         return IDENTITY
-    translation_quaternion = pose(value)
-    if not all(abs(v) <= MAX_DISTANCE for v in translation_quaternion):
+    X_path_geometry = pose(value)
+    if not all(abs(number) <= MAX_DISTANCE for number in X_path_geometry):
         raise NothingToDraw(f"transform is not finite, {NOTHING_DRAWN}")
-    return matrix_of(translation_quaternion)
+    return matrix_of(X_path_geometry)
 
 
 def matrix_of(X: Pose) -> NDArray[np.float64]:

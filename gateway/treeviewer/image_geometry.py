@@ -17,7 +17,7 @@ from gateway.scene.image_meshes import frustum_edges, heightmap_mesh, rectangle
 from gateway.scene.materials import WHITE, Color, material, textured
 from gateway.scene.text_images import text_image
 from gateway.scene.transforms import translation
-from gateway.treeviewer.array_geometry import MAX_DISTANCE_F32, check_row_count, triangles, vertex_colors
+from gateway.treeviewer.array_geometry import MAX_DISTANCE_F32, check_row_count, drawable_triangles, vertex_colors
 from gateway.treeviewer.context import ReadContext
 from gateway.treeviewer.images import CheckedImage, drawn_image
 from renderers.drawlist import AlphaMode, Material, Mesh
@@ -39,7 +39,7 @@ def mesh(
     image: CheckedImage | None,
 ) -> tuple[Part, ...]:
     """Return a triangle mesh with vertex colours, a texture, or both. Each of them multiplies ``rgba``."""
-    triangle_indices = triangles(vertices, faces, context)
+    triangle_indices = drawable_triangles(vertices, faces, context)
     linear_colors = vertex_colors(colors, len(vertices))
     coordinates = None
     if image is not None:

@@ -30,19 +30,23 @@ from scenegate.warning_text import NOTHING_DRAWN
 
 
 def mesh_file(
-    rgba: Color, context: ReadContext, *, filename: str, scale: Any, data: Any, **sent: Any
+    rgba: Color, context: ReadContext, *, filename: str, scale: Any, data: Any, **sent_fields: Any
 ) -> tuple[Part, ...]:
     """Return the parts of a mesh file with the command's colour."""
     context.require_thread()
     xyz = (scale,) * 3 if isinstance(scale, float) else scale
-    parts = _opened(filename, xyz, context) if data is None else _sent(filename, xyz, context, data, **sent)
+    parts = (
+        _parts_of_opened(filename, xyz, context)
+        if data is None
+        else _parts_of_sent(filename, xyz, context, data, **sent_fields)
+    )
     return tuple(
         msgspec.structs.replace(part, material=tinted(part.material, rgba), source=part.source or filename)
         for part in parts
     )
 
 
-def _opened(filename: str, scale: tuple[float, float, float], context: ReadContext) -> tuple[Part, ...]:
+def _parts_of_opened(filename: str, scale: tuple[float, float, float], context: ReadContext) -> tuple[Part, ...]:
     """Return the parts of a file on this machine."""
     if context.meshes is None:
         raise CommandError("filename: no folder of mesh files is open to clients")
@@ -55,7 +59,7 @@ def _opened(filename: str, scale: tuple[float, float, float], context: ReadConte
         raise CommandError(f"filename: {reason}") from None
 
 
-def _sent(
+def _parts_of_sent(
     filename: str,
     scale: tuple[float, float, float],
     context: ReadContext,
@@ -69,27 +73,33 @@ def _sent(
     extension = PurePosixPath(filename).suffix[1:].lower()
     if extension not in FORMATS:
         raise NothingToDraw(f"{show(filename)} is not a file of a known format ({', '.join(sorted(FORMATS))})")
-    others = files or {}
-    if not isinstance(others, dict) or len(others) > MAX_FILES:
-        raise CommandError(f"files must be an object of at most {MAX_FILES} files, not {show(others)}")
+    file_by_name = files or {}
+    if not isinstance(file_by_name, dict) or len(file_by_name) > MAX_FILES:
+        raise CommandError(f"files must be an object of at most {MAX_FILES} files, not {show(file_by_name)}")
     if up not in (None, "z"):
         raise CommandError(f"up must be 'z' or missing, not {show(up)}")
 
     def resolve(name: str) -> bytes:
         for spelling in (name, unquote(name), unquote(name).replace("\\", "/")):
-            if spelling in others:
-                return file_content(others[spelling], "files")
+            if spelling in file_by_name:
+                return file_content(file_by_name[spelling], "files")
         raise FileNotFoundError(2, "it was not sent", name)
 
-    found: list[str] = []
+    warnings: list[str] = []
     try:
         content = file_content(data, "data")
         parts = parse_mesh(
-            content, extension, resolve, MESH_LIMITS, found, collada_up_axis=up is None, gltf_up="z" if up else "auto"
+            content,
+            extension,
+            resolve,
+            MESH_LIMITS,
+            warnings,
+            collada_up_axis=up is None,
+            gltf_up="z" if up else "auto",
         )
     except (MeshFormatError, GltfError) as error:
         raise NothingToDraw(f"{show(filename)}: {error}, {NOTHING_DRAWN}") from None
-    context.warnings += [f"{show(filename)}: {text}" for text in found]
+    context.warnings += [f"{show(filename)}: {text}" for text in warnings]
     if default_color is not None or default_texture is not None:
         color = np.array(WHITE if default_color is None else read_color(default_color, "default_color", context))
         texture = None

@@ -106,8 +106,9 @@ class NumberArrays:
             ArrayError: rows of different lengths, not numbers, or too many.
             RequestError: the text of the array is not JSON.
         """
-        first = value[0] if isinstance(value, list) and value else None
-        values = self._values(value, (len(first) if isinstance(first, list) else 2,), max_numbers)
+        first_row = value[0] if isinstance(value, list) and value else None
+        columns = len(first_row) if isinstance(first_row, list) else 2
+        values = self._values(value, (columns,), max_numbers)
         if values.ndim != 2:
             raise ArrayError(f"has {_shape_text(values)}, not rows of numbers")
         if values.size > max_numbers:

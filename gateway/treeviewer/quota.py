@@ -105,12 +105,8 @@ class TreeQuota:
         node_count += self.unpublished_nodes
         max_nodes = self._limits.nodes
         if node_count + len(path) > max_nodes:  # else no node of the path can be too many
-            created, node = len(path), root
-            for element in path:
-                if (child := node.children.get(element)) is None:
-                    break
-                created, node = created - 1, child
-            if created and node_count + created > max_nodes:
+            missing_nodes = _count_missing(root, path)
+            if missing_nodes and node_count + missing_nodes > max_nodes:
                 return f"the tree has {node_count} nodes, the limit is {max_nodes}"
         max_parts = self._limits.parts
         if parts and self._part_count + len(parts) > max_parts:
@@ -122,18 +118,29 @@ class TreeQuota:
                 return f"the tree has {self._part_count} geometries, the limit is {max_parts}"
         labels = _labels(parts)
         max_labels = self._limits.text_labels
-        if labels and (count := self._labels_in_use.add(labels, max_labels)) > max_labels:
-            return f"{count} different text labels would be in use, the limit is {max_labels}"
+        if labels and (label_count := self._labels_in_use.add(labels, max_labels)) > max_labels:
+            return f"{label_count} different text labels would be in use, the limit is {max_labels}"
         objects = _large_objects(parts)
         max_bytes = self._limits.geometry_bytes
-        before = self.array_bytes
+        bytes_before = self.array_bytes
         if objects and (nbytes := self._arrays_in_use.add(objects, max_bytes)) > max_bytes:
             return (
-                f"the tree's geometry holds {before} bytes and {nbytes - before} more are wanted, "
+                f"the tree's geometry holds {bytes_before} bytes and {nbytes - bytes_before} more are wanted, "
                 f"the limit is {max_bytes}"
             )
         self._part_count += len(parts)
         return ""
+
+
+def _count_missing(root: Node, path: Path) -> int:
+    """Return the number of nodes on a path that do not exist."""
+    node = root
+    for depth, element in enumerate(path):
+        child = node.children.get(element)
+        if child is None:
+            return len(path) - depth
+        node = child
+    return 0
 
 
 def _count_parts(root: Node) -> int:

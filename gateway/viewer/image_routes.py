@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Annotated, Any, ClassVar, Final
 
 import msgspec
@@ -22,7 +23,7 @@ from gateway.server.plain_error_route import PlainErrorRoute
 from gateway.server.scene_query import TIME_PARAMETER, ColorQuery, side_parameter
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.messages import StereoCapture
-from gateway.viewer.recent_renders import encode_preview, listed
+from gateway.viewer.recent_renders import encode_preview, render_entries
 from gateway.viewer.scene_images import BOUNDARY, ImageRequest, SceneImages, StreamsFull
 from gateway.viewer.sensor_images import SensorImages
 from gateway.viewer.sources import IMAGE_NAMES
@@ -36,6 +37,9 @@ _DEFAULTS: Final = ViewerConfig()
 MaxWidth = Annotated[int | None, Query(ge=1, description="Maximum width in pixels.", openapi_examples=example(320))]
 
 
+_side: Final = partial(side_parameter, max_side=_DEFAULTS.max_side, max_pixels_text=str(_DEFAULTS.max_pixels))
+
+
 def _quality(default: int) -> Any:
     return Query(default, ge=1, le=100, description="JPEG quality", openapi_examples=example(85))
 
@@ -43,12 +47,8 @@ def _quality(default: int) -> Any:
 class JpegQuery(ColorQuery):
     """Parameters of JPEG images of the scene."""
 
-    width: int | None = side_parameter(
-        _DEFAULTS.width, max_side=_DEFAULTS.max_side, max_pixels_text=str(_DEFAULTS.max_pixels), example_value=640
-    )
-    height: int | None = side_parameter(
-        _DEFAULTS.height, max_side=_DEFAULTS.max_side, max_pixels_text=str(_DEFAULTS.max_pixels), example_value=480
-    )
+    width: int | None = _side(_DEFAULTS.width, example_value=640)
+    height: int | None = _side(_DEFAULTS.height, example_value=480)
     quality: int = _quality(85)
     look: LookName | None = Query(
         None,
@@ -56,22 +56,22 @@ class JpegQuery(ColorQuery):
         openapi_examples=example("plain"),
     )
 
-    def request(self, config: ViewerConfig, look: LookName) -> ImageRequest:
-        """Return the image that is wanted; ``look`` is the default.
+    def image_request(self, config: ViewerConfig, default_look: LookName) -> ImageRequest:
+        """Return the image that these parameters describe.
 
         Raises:
             RequestValidationError: it is too large.
         """
         width, height = self.size(config.width, config.height, config.max_side, config.max_pixels)
         return ImageRequest(
-            self.camera_spec,
-            width,
-            height,
-            self.quality,
-            self.look or look,
-            self.hidden,
-            self.shown,
-            self.background_rgb,
+            camera=self.camera_spec,
+            width=width,
+            height=height,
+            quality=self.quality,
+            look=self.look or default_look,
+            hide=self.hidden,
+            show=self.shown,
+            background=self.background_rgb,
         )
 
 
@@ -106,7 +106,7 @@ _ERROR_RESPONSES: Final = error_responses(
     }
 )
 _JPEG_RESPONSES: Final = {**file_response("The image.", "image/jpeg"), **_ERROR_RESPONSES}
-_SENSOR_RESPONSES: Final = {
+_SENSOR_RESPONSES: Final = {  # 404 has another reason here
     **_JPEG_RESPONSES,
     **error_responses({404: "There is no such image, or no stereo camera."}),
 }
@@ -128,24 +128,24 @@ class _ImageRoute(PlainErrorRoute):
 
 def image_router(images: SceneImages, sensor: SensorImages | None, renders: Sequence[RenderRecord]) -> APIRouter:
     """Return the routes of this module. ``sensor`` is None if there is no stereo camera."""
-    routes = APIRouter(tags=["Browser view"], route_class=_ImageRoute)
-    _add_scene_routes(routes, images)
-    _add_sensor_routes(routes, sensor)
-    _add_render_routes(routes, renders)
-    return routes
+    router = APIRouter(tags=["Browser view"], route_class=_ImageRoute)
+    _add_scene_routes(router, images)
+    _add_sensor_routes(router, sensor)
+    _add_render_routes(router, renders)
+    return router
 
 
-def _add_scene_routes(routes: APIRouter, images: SceneImages) -> None:
+def _add_scene_routes(router: APIRouter, images: SceneImages) -> None:
     config = images.config
 
-    @routes.get("/view/frame.jpg", summary="The live scene as JPEG", response_class=Response, responses=_JPEG_RESPONSES)
+    @router.get("/view/frame.jpg", summary="The live scene as JPEG", response_class=Response, responses=_JPEG_RESPONSES)
     async def frame(request: Request, query: Annotated[FrameQuery, Query()]) -> Response:
         """The gateway renders it on request."""
-        image_request = query.request(config, config.look)
+        image_request = query.image_request(config, config.look)
         data, revision = await while_connected(request, images.jpeg(image_request, query.time))
         return Response(data, media_type="image/jpeg", headers={**NO_STORE, "X-Scene-Revision": str(revision)})
 
-    @routes.get(
+    @router.get(
         "/view/stream.mjpg",
         summary="The live scene as MJPEG",
         response_class=StreamingResponse,
@@ -153,23 +153,23 @@ def _add_scene_routes(routes: APIRouter, images: SceneImages) -> None:
     )
     async def stream(request: Request, query: Annotated[StreamQuery, Query()]) -> Response:
         """A new image whenever the scene changes."""
-        image_request = query.request(config, config.stream_look)
-        await while_connected(request, images.jpeg(image_request))  # reports errors as HTTP errors
-        closing: Callable[[], bool] = getattr(request.app.state, "closing", lambda: False)
+        image_request = query.image_request(config, config.stream_look)
+        await while_connected(request, images.jpeg(image_request))  # an error has a status before the stream begins
+        closing: Callable[[], bool] = getattr(request.app.state, "closing", lambda: False)  # of ``cli.serve_app``
         parts = images.stream(image_request, min(query.rate, config.max_stream_rate), closing)
         media_type = f"multipart/x-mixed-replace; boundary={BOUNDARY.decode()}"
         return StreamingResponse(parts, media_type=media_type, headers=NO_STORE)
 
 
-def _add_sensor_routes(routes: APIRouter, sensor: SensorImages | None) -> None:
-    @routes.get("/view/sensor", include_in_schema=False)
+def _add_sensor_routes(router: APIRouter, sensor: SensorImages | None) -> None:
+    @router.get("/view/sensor", include_in_schema=False)
     async def sensor_state(request: Request) -> Response:
         if sensor is None:
             return Response(status_code=204)  # not 404, which browsers would log as an error
-        capture = await while_connected(request, sensor.recent())
-        return _json(StereoCapture(number=capture.number, captions=dict(capture.images.captions)))
+        capture = await while_connected(request, sensor.fresh_capture())
+        return _uncached_json(StereoCapture(number=capture.number, captions=dict(capture.images.captions)))
 
-    @routes.get(
+    @router.get(
         "/view/sensor/{name}.jpg",
         summary="Images of the stereo camera",
         response_class=Response,
@@ -181,22 +181,17 @@ def _add_sensor_routes(routes: APIRouter, sensor: SensorImages | None) -> None:
             return PlainTextResponse("No stereo camera runs in this gateway.", 404)
         if name not in IMAGE_NAMES:
             return PlainTextResponse(f"there is no image {name[:40]!r}; there are {', '.join(IMAGE_NAMES)}", 404)
-        capture = await while_connected(request, sensor.of_any_age())
+        capture = await while_connected(request, sensor.last_capture())
         data = await sensor.jpeg(capture, name, width)
         return Response(data, media_type="image/jpeg", headers={**NO_STORE, "X-Frame": str(capture.number)})
 
 
-def _json(value: Any) -> Response:
-    """Return the response with a value as JSON, which is not cached."""
-    return Response(msgspec.json.encode(value), media_type="application/json", headers=NO_STORE)
-
-
-def _add_render_routes(routes: APIRouter, renders: Sequence[RenderRecord]) -> None:
-    @routes.get("/view/renders", include_in_schema=False)
+def _add_render_routes(router: APIRouter, renders: Sequence[RenderRecord]) -> None:
+    @router.get("/view/renders", include_in_schema=False)
     async def listing() -> Response:
-        return _json(listed(renders))
+        return _uncached_json(render_entries(renders))
 
-    @routes.get("/view/renders/{number}.png", include_in_schema=False)
+    @router.get("/view/renders/{number}.png", include_in_schema=False)
     async def preview(number: int, width: MaxWidth = None) -> Response:
         record = next((record for record in renders if record.number == number and record.body), None)
         if record is None:
@@ -206,3 +201,8 @@ def _add_render_routes(routes: APIRouter, renders: Sequence[RenderRecord]) -> No
         except ValueError as error:
             return PlainTextResponse(str(error), 415)
         return Response(data, media_type="image/png", headers={"Cache-Control": "private, max-age=3600"})
+
+
+def _uncached_json(value: Any) -> Response:
+    """Return a response with a value as JSON."""
+    return Response(msgspec.json.encode(value), media_type="application/json", headers=NO_STORE)

@@ -98,8 +98,8 @@ class Playback:
                     self._error = "That time is older than what is kept: this is the oldest state"
                 if self._has_live and command.by is not None and wanted >= last:
                     self._go_live()
-                else:
-                    self.mode = Mode.PLAYING if self.mode is Mode.PLAYING else Mode.PAUSED
+                elif self.mode is Mode.LIVE:
+                    self.mode = Mode.PAUSED
             case "step":
                 self.mode = Mode.PAUSED
                 self._steps = max(-MAX_STEPS, min(self._steps + command.steps, MAX_STEPS))

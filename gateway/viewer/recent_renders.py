@@ -13,7 +13,7 @@ from gateway.viewer.messages import RenderEntry
 from renderers.encode import png_rgb
 
 
-def listed(renders: Sequence[RenderRecord]) -> list[RenderEntry]:
+def render_entries(renders: Sequence[RenderRecord]) -> list[RenderEntry]:
     """Return requests as the page lists them: newest first.
 
     Args:

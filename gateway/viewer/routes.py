@@ -13,7 +13,7 @@ from functools import cache
 from typing import Any, Final
 
 import msgspec
-from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect, status
 from fastapi.responses import PlainTextResponse
 from fastapi.websockets import WebSocketState
 
@@ -88,13 +88,13 @@ def router(hub: ViewHub) -> APIRouter:
         origin = socket.headers.get("origin")
         if origin is not None and not same_origin(origin, socket.headers.get("host", ""), socket.url.scheme):
             # Browsers do not prevent a page of another site from opening this WebSocket.
-            await socket.close(1008, "the page comes from another host")
+            await socket.close(status.WS_1008_POLICY_VIOLATION, "the page comes from another host")
             return
         await socket.accept()
         try:
             browser = hub.connect()
         except ConnectionRefusedError as error:
-            await socket.close(1013, str(error))
+            await socket.close(status.WS_1013_TRY_AGAIN_LATER, str(error))
             return
         sending = asyncio.create_task(_send(socket, browser), name="view browser")
         try:
@@ -112,7 +112,7 @@ async def _send(socket: WebSocket, browser: Browser) -> None:
     try:
         async for frame in browser.frames():
             await socket.send_bytes(frame)
-        await socket.close(1001, "the gateway is shutting down")
+        await socket.close(status.WS_1001_GOING_AWAY, "the gateway is shutting down")
     except (WebSocketDisconnect, RuntimeError):
         return  # disconnected: _receive ends, too
 
@@ -123,36 +123,38 @@ async def _receive(socket: WebSocket, browser: Browser, hub: ViewHub) -> None:
     They are acknowledgements, clicks, changes of controls, commands of the time bar, and meshes that it has dropped.
     """
     clock = asyncio.get_running_loop().time
-    second, clicks, changes = clock(), 0, 0
+    second_start, click_count, change_count = clock(), 0, 0
     try:
         while socket.application_state is WebSocketState.CONNECTED:  # sending has not failed
             text = await socket.receive_text()
-            if clock() - second >= 1.0:
-                second, clicks, changes = clock(), 0, 0
+            if clock() - second_start >= 1.0:
+                second_start, click_count, change_count = clock(), 0, 0
             if text == ACKNOWLEDGE:
                 browser.acknowledge()
             elif text == ACKNOWLEDGE_CONTROLS:
                 browser.acknowledge_controls()
             elif len(text) > MAX_MESSAGE_CHARS:
-                await socket.close(1009, f"messages have at most {MAX_MESSAGE_CHARS} characters")
+                await socket.close(
+                    status.WS_1009_MESSAGE_TOO_BIG, f"messages have at most {MAX_MESSAGE_CHARS} characters"
+                )
                 return
             elif isinstance(message := _read_message(text), ControlChange):
                 hub.change_control(browser, message)
-                changes += 1
-                if changes >= MAX_CHANGES:
-                    await asyncio.sleep(max(0.0, second + 1.0 - clock()))
+                change_count += 1
+                if change_count >= MAX_CHANGES:
+                    await asyncio.sleep(max(0.0, second_start + 1.0 - clock()))
             elif isinstance(message, TimeCommand):
                 browser.execute(message)
             elif isinstance(message, Forgot):
                 browser.forgot(message.forgot)
             elif message is not None:
-                clicks += 1
-                if clicks <= MAX_CLICKS:
+                click_count += 1
+                if click_count <= MAX_CLICKS:
                     hub.click(browser, message.node, message.point, message.button)
     except WebSocketDisconnect:
         return
     except KeyError:  # of ``receive_text``: a binary message
-        await socket.close(1003, "messages of the page are text")
+        await socket.close(status.WS_1003_UNSUPPORTED_DATA, "messages of the page are text")
 
 
 _decoders: Final[dict[str, msgspec.json.Decoder[Any]]] = {

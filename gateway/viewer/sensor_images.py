@@ -35,7 +35,7 @@ class SensorImages:
     def __init__(self, capture: Callable[[], Awaitable[StereoImages]], max_age: float) -> None:
         """
         Args:
-            max_age: seconds after which ``recent`` replaces the images.
+            max_age: seconds after which ``fresh_capture`` replaces the images.
         """
         self._source = capture
         self._max_age = max_age
@@ -46,7 +46,7 @@ class SensorImages:
         self._expiry_time = -math.inf
         """Time at which the newest capture becomes too old, in seconds of the event loop's clock."""
 
-    async def recent(self) -> Capture:
+    async def fresh_capture(self) -> Capture:
         """Return the newest capture; replace it if it is older than ``max_age``.
 
         Raises:
@@ -56,9 +56,9 @@ class SensorImages:
             return self._newest
         return await self._captures.get(self._next_number, self._capture_now)  # one capture for all who wait for it
 
-    async def of_any_age(self) -> Capture:
-        """Return the newest capture. Capture now only if there is none."""
-        return self._newest or await self.recent()
+    async def last_capture(self) -> Capture:
+        """Return the newest capture, of any age. Capture now only if there is none."""
+        return self._newest or await self.fresh_capture()
 
     async def jpeg(self, capture: Capture, name: ImageName, width: int | None) -> bytes:
         """Return an image of a capture as JPEG.

@@ -36,10 +36,10 @@ def share_router(
         history: recent states of the tree; None: there is none.
         max_bytes: limit of a recording.
     """
-    routes = APIRouter(tags=["Browser view"], route_class=PlainErrorRoute)
+    router = APIRouter(tags=["Browser view"], route_class=PlainErrorRoute)
     files = SectionFiles(tree, history)
 
-    @routes.get(
+    @router.get(
         "/view/scene.html",
         summary="The page with the scene in one file",
         response_class=Response,
@@ -52,4 +52,4 @@ def share_router(
         writer = SceneFileWriter(page, view, max_bytes)
         return await files.response(request, writer, seconds, rate, "text/html; charset=utf-8", HEADERS)
 
-    return routes
+    return router

@@ -87,3 +87,10 @@ def test_damaged_bodies(viewer: Viewer) -> None:
 def test_poses_that_are_not_finite(viewer: Viewer) -> None:
     message = draw({(0, "a"): (float("nan"),) * 7, (0, "b"): IDENTITY})
     assert viewer.problem(FRAMES, message) == "1 of 2 poses are not finite"
+
+
+def test_a_body_whose_pose_is_not_finite_is_left_out(viewer: Viewer) -> None:
+    nowhere = geometry(MESH, TETRAHEDRON, pose=(*IDENTITY[:6], float("nan")), string="a")
+    message = deformables(nowhere, geometry(MESH, TETRAHEDRON, string="b"))
+    assert viewer.problem(DEFORMABLE, message) == "the pose of a geometry is not finite"
+    assert [path[-1] for path, node in viewer.live.snapshot.root.walk() if node.parts] == ["b"]

@@ -376,6 +376,11 @@ def test_scale_of_a_mesh_file(numbers: list[float], scale: tuple[float, ...] | N
     assert part.X_node_part.diagonal().tolist() == [*scale, 1]
 
 
+def test_the_scale_of_a_mesh_file_must_be_finite(viewer: Viewer) -> None:
+    message = load(link("world", 0, geometry(MESH, [1.0, float("nan"), 1.0], string="t.obj")))
+    assert viewer.problem(LOAD, message) == "the scale of a mesh file is not finite"
+
+
 def test_a_mesh_with_texture_coordinates_but_no_material_has_the_geometrys_color(tmp_path: Path) -> None:
     (tmp_path / "t.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n")
     viewer = Viewer(MeshFiles((tmp_path,)))
@@ -426,17 +431,17 @@ def test_names_of_meshes_in_memory_are_limited(viewer: Viewer) -> None:
 
 def test_names_of_deformable_bodies_are_limited(viewer: Viewer) -> None:
     config = DrakeViewerConfig(limits=Limits(name_bytes=20))
-    body = deformables(geometry(MESH, TETRAHEDRON, string="x" * 21), name="bodies")
-    with pytest.raises(MessageError, match="has 21 characters, the limit is 20"):
+    body = deformables(geometry(MESH, TETRAHEDRON, string="é" * 11), name="bodies")
+    with pytest.raises(MessageError, match="has 22 bytes, the limit is 20"):
         Viewer(config=config).handle("DRAKE_VIEWER_DEFORMABLE", body)
 
 
 def test_time_of_the_simulation(viewer: Viewer) -> None:
     viewer.handle(LOAD, load(link("a", 0, BALL)))
-    times = [viewer.state.seconds]
+    times = [viewer.state.simulation_seconds]
     for name, milliseconds in (("a", 2345), ("stale", 9999), ("a", 0)):  # at 0, the simulation starts again
         viewer.handle(DRAW, draw({(0, name): IDENTITY}, milliseconds=milliseconds))
-        times.append(viewer.state.seconds)
+        times.append(viewer.state.simulation_seconds)
     assert times == [None, 2.345, 2.345, 0.0]
 
 

@@ -28,7 +28,7 @@ from gateway.server.error_handlers import invalid_parameters
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.image_routes import image_router
-from gateway.viewer.recent_renders import encode_preview, listed
+from gateway.viewer.recent_renders import encode_preview, render_entries
 from gateway.viewer.resources import RECENT_IMAGES, Resources
 from gateway.viewer.routes import router
 from gateway.viewer.scene_images import ImageRequest, SceneImages, StreamsFull
@@ -405,9 +405,9 @@ async def test_without_a_stereo_camera_its_images_are_missing(world: World) -> N
 async def test_a_capture_is_used_until_it_is_too_old(world: World) -> None:
     fresh = SensorImages(world.capture, 1000.0)
     stale = SensorImages(world.capture, 0.0)
-    assert [(await fresh.recent()).number for _ in range(3)] == [1, 1, 1]
-    assert [(await stale.recent()).number for _ in range(3)] == [1, 2, 3]
-    assert (await stale.of_any_age()).number == 3
+    assert [(await fresh.fresh_capture()).number for _ in range(3)] == [1, 1, 1]
+    assert [(await stale.fresh_capture()).number for _ in range(3)] == [1, 2, 3]
+    assert (await stale.last_capture()).number == 3
     assert world.captures == 4
 
 
@@ -538,6 +538,6 @@ async def test_only_the_studio_look_has_several_samples(world: World, look: str,
 
 def test_times_of_renders_are_in_milliseconds() -> None:
     record = RenderRecord(1, 5.0, 200, 0.0123456, 0.0034567, "color", "scene", "color", b"x", "image/png", "")
-    (entry,) = listed([record])
+    (entry,) = render_entries([record])
     assert (entry.id, entry.when) == (1, 5.0)
     assert (entry.milliseconds, entry.queued) == (12.35, 3.46)
