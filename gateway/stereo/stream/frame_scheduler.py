@@ -219,7 +219,7 @@ class FrameScheduler:
             while True:
                 seconds = await self._step()
                 if seconds > 0.0:
-                    await _wait(self._hub.changed, seconds)
+                    await _wait(self._hub.scheduler_wakeup, seconds)
         finally:
             if self._streaming:
                 self._set_streaming(False)
@@ -233,7 +233,7 @@ class FrameScheduler:
         At rate ``max`` a frame is always due, except for sets of timestamps alone.
         """
         hub, clock = self._hub, self._clock
-        hub.changed.clear()
+        hub.scheduler_wakeup.clear()
         if bool(hub.kinds) != self._streaming:
             self._set_streaming(bool(hub.kinds))
         while hub.new_kinds:
@@ -296,8 +296,8 @@ class FrameScheduler:
             if not self._unlimited and not self._clock.simulated:
                 self._counts.skipped += 1
                 return False
-            self._hub.changed.clear()
-            changed = asyncio.ensure_future(self._hub.changed.wait())
+            self._hub.scheduler_wakeup.clear()
+            changed = asyncio.ensure_future(self._hub.scheduler_wakeup.wait())
             await asyncio.wait((*frames.tasks, changed), return_when=asyncio.FIRST_COMPLETED)
             changed.cancel()
             if len(self._hub) == 0:
