@@ -17,7 +17,7 @@ from urllib.parse import unquote
 
 import msgspec
 
-from gateway.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, Resolve, parse_mesh
+from gateway.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, ReadReferencedFile, parse_mesh
 from gateway.gltf import GltfError, GltfLimits
 from gateway.scene.geometry import Part, PointCloud, Surface
 from gateway.scene.transforms import scaling
@@ -133,7 +133,7 @@ class MeshFiles:
         self,
         data: bytes,
         extension: str,
-        resolve: Resolve,
+        resolve: ReadReferencedFile,
         name: str,
         scale: tuple[float, float, float],
         warnings: list[str],
@@ -251,7 +251,7 @@ class MeshFiles:
         return loaded
 
     def _parsed(
-        self, data: bytes, extension: str, resolve: Resolve, name: str, warnings: list[str]
+        self, data: bytes, extension: str, resolve: ReadReferencedFile, name: str, warnings: list[str]
     ) -> tuple[Part, ...]:
         """Return the parts of a file; errors and warnings start with its name."""
         found: list[str] = []
