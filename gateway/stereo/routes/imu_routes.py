@@ -42,9 +42,9 @@ _RESPONSES: Final[Responses] = {
 
 def imu_router(*services: StereoService) -> APIRouter:
     """Return the routes ``GET /stereo/imu`` and the WebSocket ``/stereo/imu/ws``."""
-    api = new_router()
+    routes = new_router()
 
-    @api.get(
+    @routes.get(
         "/stereo/imu",
         summary="Accelerometer and gyroscope of the camera, 200 samples per second",
         response_class=StreamingResponse,
@@ -60,7 +60,7 @@ def imu_router(*services: StereoService) -> APIRouter:
         queue = _subscribe(services, pipeline, subscription)
         return _ImuResponse(queue, subscription)
 
-    @api.websocket("/stereo/imu/ws")
+    @routes.websocket("/stereo/imu/ws")
     async def imu_socket(socket: WebSocket, pipeline: str = "0") -> None:
         # ``pipeline`` is not an int: FastAPI would refuse a wrong one before the connection, without a reason.
         origin = socket.headers.get("origin")
@@ -84,7 +84,7 @@ def imu_router(*services: StereoService) -> APIRouter:
                 sending.cancel()
                 await asyncio.gather(sending, return_exceptions=True)
 
-    return api
+    return routes
 
 
 def _pipeline_number(text: str) -> int:
