@@ -108,7 +108,7 @@ class ImageSetHub:
         self.generation = 0
         """Number of changes of parameters, faults or image source."""
         self.scheduler_wakeup = asyncio.Event()
-        """Set when a client subscribes or disconnects, and when parameters or the image source change."""
+        """Set when a client subscribes or disconnects, parameters or the image source change, or depth is triggered."""
         self._follows_demand = follows_demand
         self._max_clients = max_clients
         self._max_kinds = max_kinds
