@@ -28,7 +28,7 @@ _INSTANCE_ATTRIBUTES: Final[dict[str, tuple[float, ...]]] = {
 class _AddedNodes(NamedTuple):
     """Nodes to add, which get the mesh of another node."""
 
-    source: int
+    original: int
     """Position of the node whose mesh moves to them."""
     parent: int
     """Position of their parent, -1 for roots."""
@@ -100,12 +100,12 @@ def _with_nodes(nodes: SceneNodes, added: list[_AddedNodes]) -> SceneNodes:
         return nodes
     indices, sources, parents, meshes = [*nodes.indices], [*nodes.sources], [*nodes.parents], [*nodes.meshes]
     X_world_node = [nodes.X_world_node]
-    for source, parent, X_parent_node in added:
-        count, mesh = len(X_parent_node), meshes[source]
-        indices += [indices[source]] * count
-        sources += [schema.Node(name=sources[source].name, mesh=mesh)] * count
+    for original, parent, X_parent_node in added:
+        count, mesh = len(X_parent_node), meshes[original]
+        indices += [indices[original]] * count
+        sources += [schema.Node(name=sources[original].name, mesh=mesh)] * count
         parents += [parent] * count
-        meshes[source] = None
+        meshes[original] = None
         meshes += [mesh] * count
         X_world_parent = IDENTITY if parent < 0 else nodes.X_world_node[parent]
         with np.errstate(all="ignore"):
