@@ -27,7 +27,7 @@ from gateway.stereo.device.profile import read_profile
 from gateway.stereo.imaging.scene_view import SceneSource, SceneState
 from gateway.stereo.service import StereoService
 from gateway.stereo.stream import image_messages as messages
-from gateway.stereo.stream.client_queues import ClientQueues
+from gateway.stereo.stream.client_queues import MessageHub
 from gateway.stereo.stream.grpc_server import serving
 from gateway.stereo.stream.image_messages import ImageMetadata
 from gateway.stereo.stream.subscriptions import ImageSetHub, MailboxState
@@ -77,14 +77,14 @@ async def shared(name: str, *, again: bool = False) -> tuple[int, Any]:
     """
     hub = ImageSetHub(64, 16)
     stack = AsyncExitStack()
-    port = await stack.enter_async_context(serving(hub, ClientQueues("event", 64, 64), None, StereoConfig(port=0)))
+    port = await stack.enter_async_context(serving(hub, MessageHub("event", 64, 64), None, StereoConfig(port=0)))
     chunks = payload(name)
     ready = messages.join(chunks)
 
     async def produce() -> None:
         number = 0
         while True:
-            hub.changed.clear()
+            hub.scheduler_wakeup.clear()
             # As a camera does, not faster than its clients take: a new set when all have the last.
             if len(hub) and not hub.kinds_with_mailbox(MailboxState.FULL):
                 kinds = hub.kinds
@@ -93,7 +93,7 @@ async def shared(name: str, *, again: bool = False) -> tuple[int, Any]:
                 for kind in kinds:
                     hub.publish(kind, number, data)
             else:
-                await hub.changed.wait()
+                await hub.scheduler_wakeup.wait()
 
     return port, (stack, asyncio.create_task(produce()))
 

@@ -13,11 +13,12 @@ import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 from urllib.parse import unquote
 
 import msgspec
 
-from gateway.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, Resolve, parse_mesh
+from gateway.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, ReadReferencedFile, parse_mesh
 from gateway.gltf import GltfError, GltfLimits
 from gateway.scene.geometry import Part, PointCloud, Surface
 from gateway.scene.transforms import scaling
@@ -55,8 +56,12 @@ class MeshFileLimits:
     """Limits of the content. Those on vertices, elements, instances and pixels hold for all formats."""
 
 
-_Stamp = tuple[str, int, int]
-"""(real path, time of the last change in ns, size in bytes): two different stamps show that a file has changed."""
+class _Stamp(NamedTuple):
+    """State of a file: two different stamps show that it has changed."""
+
+    real_path: str
+    changed_ns: int
+    nbytes: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +125,7 @@ class MeshFiles:
         try:
             with lock:
                 loaded = self.cache.get(key)
-                if loaded is None or any(_stamp(stamp[0]) != stamp for stamp in loaded.stamps):
+                if loaded is None or any(_stamp(stamp.real_path) != stamp for stamp in loaded.stamps):
                     loaded = self._load(path, filename)
         finally:
             with self._lock:
@@ -133,7 +138,7 @@ class MeshFiles:
         self,
         data: bytes,
         extension: str,
-        resolve: Resolve,
+        resolve: ReadReferencedFile,
         name: str,
         scale: tuple[float, float, float],
         warnings: list[str],
@@ -251,7 +256,7 @@ class MeshFiles:
         return loaded
 
     def _parsed(
-        self, data: bytes, extension: str, resolve: Resolve, name: str, warnings: list[str]
+        self, data: bytes, extension: str, resolve: ReadReferencedFile, name: str, warnings: list[str]
     ) -> tuple[Part, ...]:
         """Return the parts of a file; errors and warnings start with its name."""
         found: list[str] = []
@@ -328,7 +333,7 @@ def _stamp(path: str) -> _Stamp | None:
         status = os.stat(path)  # noqa: PTH116 - a stamp holds a string
     except (OSError, ValueError):
         return None
-    return path, status.st_mtime_ns, status.st_size
+    return _Stamp(path, status.st_mtime_ns, status.st_size)
 
 
 def _nbytes(parts: tuple[Part, ...]) -> int:

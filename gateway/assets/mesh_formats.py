@@ -31,16 +31,16 @@ FORMATS: Final = _GLTF_FORMATS | {"obj", "stl", "ply", "dae", "vtk"}
 MESH_LIMITS: Final = GltfLimits(max_vertices=10_000_000, max_elements=10_000_000)
 """Default limits of the content of a mesh file. They hold for all formats."""
 
-Resolve = Callable[[str], bytes]
+ReadReferencedFile = Callable[[str], bytes]
 """Function that returns the bytes of a file that a mesh file refers to; raises OSError or ValueError."""
 
 
 @dataclass(frozen=True, slots=True)
 class ParserLimits:
-    """Limits of the child process that parses a mesh file, other than glTF."""
+    """Limits of the child process that parses a mesh file, other than glTF; ``for_size`` computes them."""
 
     min_parser_bytes: int = 256 << 20
-    """Memory for a small file, beyond what the parsers take."""
+    """Memory for a small file, beyond that of the interpreter and its libraries."""
     parser_bytes_per_byte: int = 40
     """Further memory for each byte of the file: OBJ needs 20, the other formats less."""
     max_parser_bytes: int = 4 << 30
@@ -50,13 +50,15 @@ class ParserLimits:
     parser_bytes_per_second: int = 4 << 20
     """Bytes of the file for each further second. On a quiet core OBJ is read at 22 MB/s, the other formats faster."""
 
-    def of(self, size: int) -> ProcessLimits:
-        """Return the limits for a file of ``size`` bytes."""
-        memory = min(self.min_parser_bytes + self.parser_bytes_per_byte * size, self.max_parser_bytes)
-        return ProcessLimits(memory, self.min_parser_seconds + size // self.parser_bytes_per_second)
+    def for_size(self, file_bytes: int) -> ProcessLimits:
+        """Return the limits for a file of this size."""
+        memory_bytes = min(self.min_parser_bytes + self.parser_bytes_per_byte * file_bytes, self.max_parser_bytes)
+        return ProcessLimits(memory_bytes, self.min_parser_seconds + file_bytes // self.parser_bytes_per_second)
 
 
 PARSER_LIMITS: Final = ParserLimits()
+PLAIN_MATERIAL: Final = Material(metallic=0.0, roughness=1.0, double_sided=True, point_size=POINT_SIZE)
+"""White, diffuse and double-sided, as Director draws meshes and points without a material."""
 _result_decoder: Final = msgspec.msgpack.Decoder(MeshData | str)
 
 
@@ -67,7 +69,7 @@ class MeshFormatError(ValueError):
 def parse_mesh(
     data: bytes,
     extension: str,
-    resolve: Resolve,
+    resolve: ReadReferencedFile,
     limits: GltfLimits,
     warnings: list[str],
     *,
@@ -88,8 +90,8 @@ def parse_mesh(
         limits: Limits of glTF. Those on vertices, elements, instances and pixels hold for all formats.
         warnings: Sentences about content that is left out or repaired are appended to this list.
         collada_up_axis: False: COLLADA files are taken as Z up whatever they state, as robot software does.
-        submesh: Name of the node of a COLLADA file whose parts are returned; empty: all parts.
         gltf_up: Up axis of glTF files; ``auto``: Y, but Z for files that Drake wrote.
+        submesh: Name of the node of a COLLADA file whose parts are returned; empty: all parts.
 
     Raises:
         MeshFormatError: The data does not have that format, has no geometry, or is beyond a limit.
@@ -99,50 +101,59 @@ def parse_mesh(
     if extension in _GLTF_FORMATS:
         parts = _parts_of_gltf(data, resolve, limits, warnings, gltf_up)
     else:
-        maxima = {name: getattr(limits, name) for name in MeshOptions.__struct_fields__ if name.startswith("max_")}
-        options = MeshOptions(**maxima, use_up_axis=collada_up_axis, submesh=submesh)
-        content = _parse_in_child(data, extension, _warning_resolve(resolve, warnings), options)
-        warnings += content.warnings
-        parts = _parts_of_content(content, limits)
+        options = MeshOptions(
+            max_vertices=limits.max_vertices,
+            max_elements=limits.max_elements,
+            max_instances=limits.max_instances,
+            max_drawn_elements=limits.max_drawn_elements,
+            max_node_depth=limits.max_node_depth,
+            use_up_axis=collada_up_axis,
+            submesh=submesh,
+        )
+        mesh_data = _parse_in_child(data, extension, _with_warnings(resolve, warnings), options)
+        warnings += mesh_data.warnings
+        parts = _parts_of_mesh_data(mesh_data, limits)
     return without_broken_textures(parts, limits.max_total_image_pixels, warnings)
 
 
 def with_default_materials(
-    parts: Iterable[Part], plain: Material, textured: Material, *, override: bool = False
+    parts: Iterable[Part], plain: Material, textured: Material, *, replace_own: bool = False
 ) -> tuple[Part, ...]:
-    """Return parts with materials in place of ``PLAIN_MATERIAL``. Those of the file override, as in RViz.
+    """Return parts with materials in place of ``PLAIN_MATERIAL``. The file's own materials are kept, as in RViz.
 
     Args:
         plain: Material of meshes without texture coordinates.
         textured: Material of the others.
-        override: True: the file's own materials are replaced, too.
+        replace_own: True: the file's own materials and vertex colours are replaced, too.
     """
 
     def material_of(part: Part) -> Material:
         mesh = part.shape.mesh if isinstance(part.shape, Surface) else None
         has_own = part.material != PLAIN_MATERIAL or (mesh is not None and mesh.colors is not None)
-        if has_own and not override:
+        if has_own and not replace_own:
             return part.material
         return textured if mesh is not None and mesh.uv0 is not None else plain
 
     return tuple(msgspec.structs.replace(part, material=material_of(part)) for part in parts)
 
 
-def _parts_of_gltf(data: bytes, resolve: Resolve, limits: GltfLimits, warnings: list[str], up: Up) -> tuple[Part, ...]:
+def _parts_of_gltf(
+    data: bytes, resolve: ReadReferencedFile, limits: GltfLimits, warnings: list[str], up: Up
+) -> tuple[Part, ...]:
     scene = read_gltf(data, resolve=resolve, limits=limits, decode_images=True)
     warnings += scene.warnings
     is_z_up = up == "z" or (up == "auto" and scene.from_drake)
     parts: list[Part] = []
     stack: list[tuple[Node, Matrix]] = [(scene.root, IDENTITY if is_z_up else Y_UP_TO_Z_UP)]
     while stack:
-        node, parent = stack.pop()
-        X = parent @ node.matrix
-        parts.extend(Part(part.shape, part.material, X @ part.X_node_part) for part in node.parts or ())
-        stack.extend((child, X) for child in reversed(node.children.values()))
+        node, X_root_parent = stack.pop()
+        X_root_node = X_root_parent @ node.matrix
+        parts.extend(Part(part.shape, part.material, X_root_node @ part.X_node_part) for part in node.parts or ())
+        stack.extend((child, X_root_node) for child in reversed(node.children.values()))
     return tuple(parts)
 
 
-def _warning_resolve(resolve: Resolve, warnings: list[str]) -> Resolve:
+def _with_warnings(resolve: ReadReferencedFile, warnings: list[str]) -> ReadReferencedFile:
     """Return ``resolve`` with a warning about each file for which it raises an error."""
 
     def resolve_or_warn(name: str) -> bytes:
@@ -158,8 +169,8 @@ def _warning_resolve(resolve: Resolve, warnings: list[str]) -> Resolve:
     return resolve_or_warn
 
 
-def _parse_in_child(data: bytes, extension: str, resolve: Resolve, options: MeshOptions) -> MeshData:
-    arguments, process_limits = (data, extension, options), PARSER_LIMITS.of(len(data))
+def _parse_in_child(data: bytes, extension: str, resolve: ReadReferencedFile, options: MeshOptions) -> MeshData:
+    arguments, process_limits = (data, extension, options), PARSER_LIMITS.for_size(len(data))
     try:
         output = call_limited("gateway.parsers.mesh:read_mesh", arguments, process_limits, resolve)
         result: MeshData | str = _result_decoder.decode(output)
@@ -170,43 +181,42 @@ def _parse_in_child(data: bytes, extension: str, resolve: Resolve, options: Mesh
     return result
 
 
-def _parts_of_content(content: MeshData, limits: GltfLimits) -> tuple[Part, ...]:
+def _parts_of_mesh_data(mesh_data: MeshData, limits: GltfLimits) -> tuple[Part, ...]:
+    """Return a part for each instance. Its texture is not decoded yet, and perhaps damaged."""
     textures = [
-        Texture(image_from_bytes(data, max_pixels=limits.max_image_pixels), name=name) for name, data in content.images
+        Texture(image_from_bytes(data, max_pixels=limits.max_image_pixels), name=name)
+        for name, data in mesh_data.images
     ]
-    shapes: list[tuple[Shape, Material]] = []
-    for shape in content.shapes:
+    shapes: list[Shape] = []
+    materials: list[Material] = []
+    for parsed in mesh_data.shapes:
         check_stop()
-        texture = None if shape.image is None else textures[shape.image]
-        material = PLAIN_MATERIAL if shape.color is None else diffuse_material(np.array(shape.color), texture)
-        shapes.append((_shape_of(shape), material))
+        texture = None if parsed.image is None else textures[parsed.image]
+        shapes.append(_shape_of(parsed))
+        materials.append(PLAIN_MATERIAL if parsed.color is None else diffuse_material(np.array(parsed.color), texture))
     return tuple(
-        Part(*shapes[index], np.frombuffer(transform, np.float64).reshape(4, 4))
-        for index, transform in content.instances
+        Part(shapes[index], materials[index], np.frombuffer(X_node_part, np.float64).reshape(4, 4))
+        for index, X_node_part in mesh_data.instances
     )
 
 
-def _shape_of(shape: ParsedShape) -> Shape:
-    positions = np.frombuffer(shape.positions, np.float32).reshape(-1, 3)
+def _shape_of(parsed: ParsedShape) -> Shape:
+    positions = np.frombuffer(parsed.positions, np.float32).reshape(-1, 3)
     colors: NDArray[np.float32] | None = None
-    if shape.colors is not None:
-        colors = np.frombuffer(shape.colors, np.uint8).reshape(-1, 4).astype(np.float32) / np.float32(255.0)
-    if shape.triangles is None:
+    if parsed.colors is not None:
+        colors = np.frombuffer(parsed.colors, np.uint8).reshape(-1, 4).astype(np.float32) / np.float32(255.0)
+    if parsed.triangles is None:
         return PointCloud(positions, {} if colors is None else {"rgb": colors})
-    triangles = np.frombuffer(shape.triangles, np.uint32).reshape(-1, 3)
-    uv = None if shape.uv is None else np.frombuffer(shape.uv, np.float32).reshape(-1, 2)
+    triangles = np.frombuffer(parsed.triangles, np.uint32).reshape(-1, 3)
+    uv = None if parsed.uv is None else np.frombuffer(parsed.uv, np.float32).reshape(-1, 2)
     if colors is not None:
         colors = linear_colors_from_srgb(colors)  # the files have sRGB colours, a Mesh has linear ones
-    if shape.normals is None:
+    if parsed.normals is None:
         from gateway.scene.crease_normals import with_creases  # here, because it loads kernels
 
         return Surface(with_creases(positions, triangles, uv=uv, colors=colors))
-    normals = np.frombuffer(shape.normals, np.float32).reshape(-1, 3)
+    normals = np.frombuffer(parsed.normals, np.float32).reshape(-1, 3)
     return Surface(Mesh(positions, triangles, normals=normals, uv0=uv, colors=colors))
-
-
-PLAIN_MATERIAL: Final = Material(metallic=0.0, roughness=1.0, double_sided=True, point_size=POINT_SIZE)
-"""White, diffuse and double-sided, as Director draws meshes and points without a material."""
 
 
 def diffuse_material(color: NDArray[np.float64], texture: Texture | None) -> Material:

@@ -101,7 +101,13 @@ def read_scene_file(
         data = files.read_scene()
         scene = read_gltf(data, resolve=files.resolve, variant=variant, decode_images=True, animation=animation)
     file = SceneFile(
-        scene.root, scene.cameras, scene.warnings, (), scene.generator, scene.lights, files.digests, scene.models
+        scene.root,
+        scene.cameras,
+        scene.warnings,
+        generator=scene.generator,
+        lights=scene.lights,
+        digests=files.digests,
+        models=scene.models,
     )
     if up == "z" or (up == "auto" and file.from_drake):
         return file

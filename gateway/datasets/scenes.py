@@ -123,10 +123,10 @@ class LoadedScene:
 
 
 def load_options(settings: manifest.Settings) -> SceneOptions:
-    """Return the options in a dataset's settings, most of which have the same names."""
+    """Return the options in a dataset's settings, which have the same names."""
     names = {each.name for each in fields(SceneOptions)} & {*manifest.Settings.__struct_fields__}
     values: dict[str, Any] = {name: getattr(settings, name) for name in names}
-    return SceneOptions(**values, gltf_up=settings.robot_gltf_up)  # type: ignore[arg-type]  # checked by the command
+    return SceneOptions(**values)
 
 
 def load_scene(source: Source, options: SceneOptions = DEFAULT_OPTIONS) -> LoadedScene:

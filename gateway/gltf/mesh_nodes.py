@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,17 @@ _INSTANCE_ATTRIBUTES: Final[dict[str, tuple[float, ...]]] = {
     "SCALE": (1.0, 1.0, 1.0),
 }
 """Default values by attribute. Rotations are quaternions (x, y, z, w)."""
+
+
+class _AddedNodes(NamedTuple):
+    """Nodes to add, which get the mesh of another node."""
+
+    original: int
+    """Position of the node whose mesh moves to them."""
+    parent: int
+    """Position of their parent, -1 for roots."""
+    X_parent_node: NDArray[np.float64]
+    """(N, 4, 4), their poses in the frame of the parent."""
 
 
 def expand_mesh_nodes(
@@ -46,7 +57,7 @@ def expand_mesh_nodes(
     skins = _Skins(document, nodes, accessors)
     weights_of_mesh: dict[int, tuple[float, ...]] = {}
     poses: dict[int, MeshPose] = {}
-    added: list[tuple[int, int, NDArray[np.float64]]] = []
+    added: list[_AddedNodes] = []
     count = len(nodes.indices)
     for position in nodes.posed:
         source, mesh_index = nodes.sources[position], nodes.meshes[position]
@@ -61,48 +72,45 @@ def expand_mesh_nodes(
                     mesh = checked_item(document.meshes, mesh_index, "meshes", f"{name}.mesh")
                     weights_of_mesh[mesh_index] = tuple(mesh.weights or ())
                 weights = weights_of_mesh[mesh_index]
-            matrices, parent, joint_matrices = None, -1, None
+            new_nodes, joint_matrices = None, None
             if source.skin is not None:
                 X_world_mesh, joint_matrices = skins.get(source.skin, f"{name}.skin")
-                matrices = X_world_mesh[None]
+                new_nodes = _AddedNodes(position, -1, X_world_mesh[None])
                 if INSTANCING in (source.extensions or {}):
                     warnings.append(f"{name}.extensions.{INSTANCING}: ignored, as the mesh has a skin")
             elif instancing := extension(source.extensions, INSTANCING, schema.Instancing, name, warnings):
-                matrices = _instance_matrices(instancing, accessors, limits, f"{name}.extensions.{INSTANCING}")
-                parent = position
-            if matrices is None:
-                poses[position] = MeshPose(weights, joint_matrices)
+                X_node_instances = _instance_poses(instancing, accessors, limits, f"{name}.extensions.{INSTANCING}")
+                new_nodes = _AddedNodes(position, position, X_node_instances)
+            pose = MeshPose(weights, joint_matrices)
+            if new_nodes is None:
+                poses[position] = pose
                 continue
-            if count + len(matrices) > limits.max_nodes:
+            new_count = count + len(new_nodes.X_parent_node)
+            if new_count > limits.max_nodes:
                 raise GltfLimitError(f"{name}: the scene has more nodes than max_nodes = {limits.max_nodes}")
-            added.append((position, parent, matrices))
-            poses |= dict.fromkeys(range(count, count + len(matrices)), MeshPose(weights, joint_matrices))
-            count += len(matrices)
+            added.append(new_nodes)
+            poses |= dict.fromkeys(range(count, new_count), pose)
+            count = new_count
     return _with_nodes(nodes, added), poses
 
 
-def _with_nodes(nodes: SceneNodes, added: list[tuple[int, int, NDArray[np.float64]]]) -> SceneNodes:
-    """Return the nodes, followed by new ones that have the meshes of some of them.
-
-    Args:
-        added: Position of the node whose mesh moves to new ones; position of their parent, -1 for roots; and their
-            poses in the frame of the parent, (N, 4, 4).
-    """
+def _with_nodes(nodes: SceneNodes, added: list[_AddedNodes]) -> SceneNodes:
+    """Return the nodes, followed by new ones that have the meshes of some of them."""
     if not added:
         return nodes
     indices, sources, parents, meshes = [*nodes.indices], [*nodes.sources], [*nodes.parents], [*nodes.meshes]
     X_world_node = [nodes.X_world_node]
-    for position, parent, X_parent_node in added:
-        count, mesh = len(X_parent_node), meshes[position]
-        indices += [indices[position]] * count
-        sources += [schema.Node(name=sources[position].name, mesh=mesh)] * count
+    for original, parent, X_parent_node in added:
+        count, mesh = len(X_parent_node), meshes[original]
+        indices += [indices[original]] * count
+        sources += [schema.Node(name=sources[original].name, mesh=mesh)] * count
         parents += [parent] * count
-        meshes[position] = None
+        meshes[original] = None
         meshes += [mesh] * count
         X_world_parent = IDENTITY if parent < 0 else nodes.X_world_node[parent]
         with np.errstate(all="ignore"):
             X_world_node.append(affine_product(np.broadcast_to(X_world_parent, X_parent_node.shape), X_parent_node))
-    X_parent_nodes = np.concatenate([nodes.X_parent_node, *(X_parent_node for _, _, X_parent_node in added)])
+    X_parent_nodes = np.concatenate([nodes.X_parent_node, *(new_nodes.X_parent_node for new_nodes in added)])
     X_world_nodes = np.concatenate(X_world_node)
     return SceneNodes(indices, sources, parents, meshes, X_parent_nodes, X_world_nodes, nodes.posed, nodes.warnings)
 
@@ -157,7 +165,7 @@ class _Skins:
             return X_world_mesh, joint_matrices.astype(np.float32)
 
 
-def _instance_matrices(
+def _instance_poses(
     source: schema.Instancing, accessors: Accessors, limits: GltfLimits, path: str
 ) -> NDArray[np.float64]:
     """Return the poses of a node's instances in the frame of the node, (number of instances, 4, 4)."""

@@ -19,7 +19,7 @@ from gateway.gltf.errors import GltfError, GltfLimitError, as_warning
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension
 from gateway.gltf.schema import DracoCompression, Primitive
-from gateway.gltf.topology import MODE_COUNT, TRIANGLES, element_count, elements_of
+from gateway.gltf.topology import MODE_COUNT, TRIANGLES, element_count, separate_elements
 from gateway.gltf.vertex_attributes import (
     Floats,
     rgba_colors,
@@ -218,7 +218,7 @@ class Meshes:
             return None
         if checked.indices is None:
             self._count(end, count, checked.name)
-            elements = elements_of(checked.mode, np.arange(end, dtype=np.uint32))
+            elements = separate_elements(checked.mode, np.arange(end, dtype=np.uint32))
         else:
             self._count(0, count, checked.name)  # before the time for _index_range is spent
             indices = checked.indices.values()[:, 0]
@@ -227,7 +227,7 @@ class Meshes:
                 # Some exporters share one big vertex buffer among primitives: keep only the range in use.
                 begin, end = min_index, max_index + 1
             self._count(end - begin, 0, checked.name)
-            elements = elements_of(checked.mode, indices)
+            elements = separate_elements(checked.mode, indices)
             if begin:
                 elements -= np.uint32(begin)
         return self._with_attributes(checked, elements, begin, end)

@@ -44,9 +44,9 @@ def unit_normals(values: Floats, positions: Floats, elements: NDArray[np.uint32]
             a, b, c = positions[triangles].astype(np.float64).transpose(1, 0, 2)
             face_normals, has_no_area = unit_rows(np.cross(b - a, c - a))
             check_stop()
-            for vertex in triangles[~has_no_area].T:
-                is_replaced = invalid[vertex]
-                normals[vertex[is_replaced]] = face_normals[~has_no_area][is_replaced]
+            for corners in triangles[~has_no_area].T:  # (M,) vertex indices: the first corners, the second, the third
+                is_replaced = invalid[corners]
+                normals[corners[is_replaced]] = face_normals[~has_no_area][is_replaced]
     return normals
 
 

@@ -42,9 +42,9 @@ class LinkParts:
 
     def of_links(self, links: Iterable[Link]) -> tuple[tuple[Part, ...], ...]:
         """Return the parts of each link, in the link's frame. What cannot be read is left out with a warning."""
-        return tuple(tuple(part for each in link.geometries for part in self._of(link.name, each)) for link in links)
+        return tuple(tuple(part for each in link.geometries for part in self._parts(link.name, each)) for link in links)
 
-    def _of(self, link: str, geometry: LinkGeometry) -> list[Part]:
+    def _parts(self, link: str, geometry: LinkGeometry) -> list[Part]:
         shape, X = geometry.shape, geometry.X_link_geometry
         material, textured = self._materials(link, geometry.material)
         if isinstance(shape, Cone):
@@ -53,11 +53,11 @@ class LinkParts:
         if not isinstance(shape, MeshReference):
             return [Part(shape, material, X)]
         X = X @ scaling(*shape.scale)
-        read = self._link_files.mesh(link, shape, lambda path, data: self._read_mesh(link, shape, path, data)) or ()
-        if shape.center and read:
-            X = X @ translation(*-_centre(read))
-        override = geometry.material is not None and geometry.material.overrides
-        parts = with_default_materials(read, material, textured, override=override)
+        parts = self._link_files.mesh(link, shape, lambda path, data: self._read_mesh(link, shape, path, data)) or ()
+        if shape.center and parts:
+            X = X @ translation(*-_centre(parts))
+        replace_own = geometry.material is not None and geometry.material.overrides
+        parts = with_default_materials(parts, material, textured, replace_own=replace_own)
         return [msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in parts]
 
     def _materials(self, link: str, material: LinkMaterial | None) -> tuple[Material, Material]:

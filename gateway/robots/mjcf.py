@@ -162,8 +162,8 @@ def _mimics(mujoco: Any, model: Any, names: tuple[str, ...]) -> dict[str, Mimic]
         if names[follower] in mimics or followed == names[follower]:
             continue
         offset, *others = model.eq_data[index][:5].tolist()
-        references = [float(model.qpos0[model.jnt_qposadr[joint]]) for joint in (follower, leader)]
-        mimics[names[follower]] = Mimic(names[leader], (references[0] + offset, *others), references[1])
+        qpos0_of_follower, qpos0_of_leader = (float(model.qpos0[model.jnt_qposadr[i]]) for i in (follower, leader))
+        mimics[names[follower]] = Mimic(names[leader], (qpos0_of_follower + offset, *others), qpos0_of_leader)
     return mimics
 
 

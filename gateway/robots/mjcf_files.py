@@ -69,14 +69,15 @@ class MjcfFiles:
         Raises:
             RobotFileError: There are too many ``<include>`` elements, or too many elements.
         """
-        remaining, count, elements = [root], 0, sum(1 for _ in root.iter())
+        remaining, include_count, element_count = [root], 0, sum(1 for _ in root.iter())
         seen = {os.fspath(self._files.path)}
         while remaining:
             document = remaining.pop()
             yield document
             for include in document.iter("include"):
-                path, count = self._folder / include.get("file", ""), count + 1
-                if count > MAX_INCLUDES:
+                path = self._folder / include.get("file", "")
+                include_count += 1
+                if include_count > MAX_INCLUDES:
                     raise RobotFileError(f"it includes more than {MAX_INCLUDES} files")
                 if os.path.realpath(path) in seen:
                     continue
@@ -88,8 +89,8 @@ class MjcfFiles:
                     if path.exists() and not path.is_file():  # MuJoCo would wait for a named pipe
                         raise RobotFileError(f"{include.get('file')} is not a regular file") from error
                     continue  # MuJoCo reports it
-                elements += sum(1 for _ in included.iter())
-                if elements > self._limits.max_elements:
+                element_count += sum(1 for _ in included.iter())
+                if element_count > self._limits.max_elements:
                     raise RobotFileError(f"it and its includes have more than {self._limits.max_elements} XML elements")
                 remaining.append(included)
 

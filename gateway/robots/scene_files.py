@@ -15,24 +15,25 @@ from gateway.scene.tree import Node
 from scenegate.regular_files import errors_as
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.joint_text import parse_joints
-from scenegate.robots.reader import SUFFIXES
+from scenegate.robots.reader import SUFFIXES as ROBOT_SUFFIXES
 from scenegate.warning_text import strict_refusal
 
 GLTF_SUFFIXES: Final = (".gltf", ".glb")
-SCENE_SUFFIXES: Final = (*GLTF_SUFFIXES, *sorted({f".{name}" for name in FORMATS} - set(GLTF_SUFFIXES)), *SUFFIXES)
+_OTHER_MESH_SUFFIXES: Final = sorted({f".{extension}" for extension in FORMATS} - {*GLTF_SUFFIXES})
+SCENE_SUFFIXES: Final = (*GLTF_SUFFIXES, *_OTHER_MESH_SUFFIXES, *ROBOT_SUFFIXES)
 """Suffixes of scene files."""
 AMBIGUOUS_SUFFIXES: Final = (".xml", ".world", ".xacro")
-"""Suffixes of robot files that other files have, too, or that are only parts of robots."""
+"""Suffixes of robots, but also of files that are none, or only a part of one."""
 FOLDER_SUFFIXES: Final = tuple(suffix for suffix in SCENE_SUFFIXES if suffix not in AMBIGUOUS_SUFFIXES)
-"""Suffixes of the scene files that are found in folders. Files of the others are scenes if they are named."""
+"""Suffixes of the scene files in a folder. One with an ambiguous suffix is read only if it is named itself."""
 
 
 @dataclass(frozen=True, slots=True)
 class SceneOptions:
-    """Options for reading a scene file. Each applies only to the kind of file that it names."""
+    """Options for reading a scene file. Those for another kind of file have no effect."""
 
     up: Up = "auto"
-    """Up axis of a glTF file, see ``read_scene_file``. Other files are not rotated."""
+    """Up axis of a glTF file, see ``read_scene_file``."""
     joints: tuple[str, ...] = ()
     """Joint values of a robot, as ``name=value``. Other joints have the values of the file."""
     roots: tuple[str | Path, ...] = ()
@@ -41,7 +42,7 @@ class SceneOptions:
     """Variant of a glTF file's materials; empty: the default materials."""
     keyframe: str = ""
     """Keyframe of an MJCF robot."""
-    gltf_up: RobotGltfUp = "y"
+    robot_gltf_up: RobotGltfUp = "y"
     """Up axis of a robot's glTF meshes."""
     strict: bool = False
     """True: a warning is an error."""
@@ -59,17 +60,17 @@ def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile
         SceneFileError: The file or a joint value is invalid, a limit is exceeded, or there is a warning and
             ``options.strict`` is true. The message names the file.
     """
-    scene = _read(path, options)
+    scene = _read_by_suffix(path, options)
     if options.strict and scene.warnings:
         raise SceneFileError(f"{path}: {strict_refusal(scene.warnings)}")
     return scene
 
 
-def _read(path: Path, options: SceneOptions) -> SceneFile:
+def _read_by_suffix(path: Path, options: SceneOptions) -> SceneFile:
     suffix = path.suffix.lower()
     if suffix in GLTF_SUFFIXES:
         return read_scene_file(path, up=options.up, variant=options.variant or None, animation=options.animation)
-    if suffix in SUFFIXES:
+    if suffix in ROBOT_SUFFIXES:
         return _read_robot(path, options)
     if suffix in SCENE_SUFFIXES:
         return _read_mesh(path, suffix)
@@ -78,7 +79,7 @@ def _read(path: Path, options: SceneOptions) -> SceneFile:
 
 def _read_robot(path: Path, options: SceneOptions) -> SceneFile:
     try:
-        robot = read_robot(path, roots=options.roots, keyframe=options.keyframe, gltf_up=options.gltf_up)
+        robot = read_robot(path, roots=options.roots, keyframe=options.keyframe, gltf_up=options.robot_gltf_up)
         root = robot.tree(parse_joints(options.joints))
     except (RobotFileError, ImportError) as error:
         raise SceneFileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None

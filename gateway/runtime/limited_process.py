@@ -21,14 +21,13 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing import Pipe
-from multiprocessing.connection import Connection
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 
-from gateway.runtime.limited_process_child import DATA, ERROR, RESULT
+from gateway.runtime.limited_process_child import CALL, DATA, ERROR, RESULT, receive_message, send_message
 from renderers.stop import check_stop
 
 _PROGRAM: Final = Path(__file__).with_name("limited_process_child.py")
@@ -94,7 +93,7 @@ def call_limited(
 
 
 def _call(
-    connection: Connection,
+    connection: socket.socket,
     name: str,
     arguments: tuple[Any, ...],
     limits: ProcessLimits,
@@ -105,26 +104,24 @@ def _call(
     Raises:
         EOFError, ConnectionError: The child process has ended.
     """
-    end = time.monotonic() + ELAPSED_FACTOR * limits.seconds
-    connection.send_bytes(msgspec.msgpack.encode((name, arguments)))
-    while True:
-        while not connection.poll(_SECONDS_BETWEEN_STOP_CHECKS):
+    deadline = time.monotonic() + ELAPSED_FACTOR * limits.seconds
+    with connection.makefile("rwb") as stream:
+        send_message(stream, CALL, msgspec.msgpack.encode((name, arguments)))
+        while True:
+            while not wait([connection], _SECONDS_BETWEEN_STOP_CHECKS):
+                check_stop()
+                if time.monotonic() > deadline:
+                    raise _late(limits)
+            kind, body = receive_message(stream, limits.memory_bytes)
             check_stop()
-            if time.monotonic() > end:
-                raise _late(limits)
-        try:
-            kind, body = connection.recv_bytes(), connection.recv_bytes(limits.memory_bytes)
-        except OSError as error:
-            raise ConnectionError from error
-        check_stop()
-        if kind == RESULT:
-            return body
-        try:
-            kind, data = DATA, read_file(str(body, "utf-8", "replace"))
-        except (OSError, ValueError) as error:
-            kind, data = ERROR, str(error).encode("utf-8", "replace")
-        connection.send_bytes(kind)
-        connection.send_bytes(data)
+            if kind == RESULT:
+                return body
+            try:
+                data = read_file(str(body, "utf-8", "replace"))
+            except (OSError, ValueError) as error:
+                send_message(stream, ERROR, str(error).encode("utf-8", "replace"))
+            else:
+                send_message(stream, DATA, data)
 
 
 def _late(limits: ProcessLimits) -> ProcessFailed:
@@ -155,9 +152,9 @@ class _Helper:
         self._lock = threading.Lock()
         self.has_failed = False
 
-    def start_child(self, module: str, limits: ProcessLimits) -> tuple[int, Connection]:
+    def start_child(self, module: str, limits: ProcessLimits) -> tuple[int, socket.socket]:
         """Return the process id of a new child process, and a connection to it. ``end_child`` must follow."""
-        ours, theirs = Pipe()
+        ours, theirs = socket.socketpair()
         with theirs:
             request = f"{module} {limits.memory_bytes} {limits.seconds}"
             try:

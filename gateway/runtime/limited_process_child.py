@@ -20,8 +20,9 @@ import os
 import resource
 import signal
 import socket
+import struct
 import sys
-from multiprocessing.connection import Connection
+from io import BufferedRWPair
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
@@ -29,11 +30,12 @@ import msgspec
 
 NICENESS: Final = 5
 """Niceness of child processes: a third of the share of a CPU that the event loop's thread has."""
+CALL, DATA, ERROR = b"C", b"D", b"E"
+"""Kinds of messages to the child: the call (MessagePack); a file that it needs; the reason why there is none."""
 FILE, RESULT = b"F", b"R"
-"""Kinds of messages from the child, each sent before its body: the name of a file that it needs; the result of the call
-(MessagePack)."""
-DATA, ERROR = b"D", b"E"
-"""Kinds of messages to the child, after the call (MessagePack): a file that it needs; the reason why there is none."""
+"""Kinds of messages from the child: the name of a file that it needs; the result of the call (MessagePack)."""
+_HEADER: Final = struct.Struct("<cQ")
+"""Start of a message: its kind, and the length of its body in bytes."""
 _PR_SET_PDEATHSIG: Final = 1
 
 
@@ -56,21 +58,41 @@ def limit_this_process(memory_bytes: int, seconds: int) -> None:
             resource.setrlimit(limit, values)
 
 
-def serve_call(connection: Connection, module: Any) -> None:
+def send_message(stream: BufferedRWPair, kind: bytes, body: bytes) -> None:
+    """Send a message. One of 30 MB takes 15 ms less than with ``multiprocessing.connection``."""
+    stream.write(_HEADER.pack(kind, len(body)))
+    stream.write(body)
+    stream.flush()
+
+
+def receive_message(stream: BufferedRWPair, max_bytes: int = sys.maxsize) -> tuple[bytes, bytes]:
+    """Return kind and body of the next message.
+
+    Raises:
+        EOFError: The other process has ended, or the body is longer than ``max_bytes``.
+    """
+    header = stream.read(_HEADER.size)
+    if len(header) < _HEADER.size:
+        raise EOFError
+    kind, size = _HEADER.unpack(header)
+    if size > max_bytes or len(body := stream.read(size)) < size:
+        raise EOFError
+    return kind, body
+
+
+def serve_call(stream: BufferedRWPair, module: Any) -> None:
     """Receive one call, and send its result."""
 
     def read_file(name: str) -> bytes:
-        connection.send_bytes(FILE)
-        connection.send_bytes(name.encode("utf-8", "replace"))
-        kind, body = connection.recv_bytes(), connection.recv_bytes()
+        send_message(stream, FILE, name.encode("utf-8", "replace"))
+        kind, body = receive_message(stream)
         if kind == ERROR:
             raise OSError(body.decode())
         return body
 
-    name, arguments = msgspec.msgpack.decode(connection.recv_bytes())
-    result = msgspec.msgpack.encode(getattr(module, name)(read_file, *arguments))
-    connection.send_bytes(RESULT)
-    connection.send_bytes(result)
+    name, arguments = msgspec.msgpack.decode(receive_message(stream)[1])
+    result = getattr(module, name)(read_file, *arguments)
+    send_message(stream, RESULT, msgspec.msgpack.encode(result))
 
 
 def run_child(descriptor: int, module: Any, memory_bytes: int, seconds: int) -> NoReturn:
@@ -80,8 +102,8 @@ def run_child(descriptor: int, module: Any, memory_bytes: int, seconds: int) -> 
         if sys.platform == "linux":
             ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         limit_this_process(memory_bytes, seconds)
-        with Connection(descriptor) as connection:
-            serve_call(connection, module)
+        with socket.socket(fileno=descriptor) as connection:
+            serve_call(connection.makefile("rwb"), module)
         status = 0
     finally:
         os._exit(status)

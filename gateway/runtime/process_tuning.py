@@ -44,9 +44,9 @@ def tune() -> None:
         libc = ctypes.CDLL(None)
         # By default blocks of several MB are mapped and unmapped for every frame, and the page faults take longer than
         # rendering. Raising either threshold alone has no effect.
-        any(
-            libc.mallopt(_M_MMAP_THRESHOLD, size) for size in _MMAP_THRESHOLDS
-        )  # mallopt returns 1 if it accepts a size
+        for size in _MMAP_THRESHOLDS:
+            if libc.mallopt(_M_MMAP_THRESHOLD, size):  # accepted
+                break
         libc.mallopt(_M_TRIM_THRESHOLD, (1 << 31) - 1)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     limit = _WANTED_FILES if hard == resource.RLIM_INFINITY else min(hard, _WANTED_FILES)

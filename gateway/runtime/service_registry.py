@@ -101,7 +101,7 @@ class ServiceRegistry:
         """Mark an entry as started; a ``service`` is ready when its own ``ready`` is true."""
         if figures is None and service is not None:
             figures = service.status
-        entry = Entry(State.READY, "", service, figures, where)
+        entry = Entry(State.READY, service=service, figures=figures, where=where)
         if name in self.entries:
             entry.warnings = self.entries[name].warnings
         self.entries[name] = entry

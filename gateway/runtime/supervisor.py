@@ -83,13 +83,12 @@ class _Child:
                 self.last_beat = time.monotonic()
 
     def end(self, seconds: float) -> None:
-        """Send SIGTERM, and kill the process if it still runs after ``seconds``, counted from the first call."""
-        if not self.is_ending:
-            self.kill_time = time.monotonic() + seconds
+        """Send SIGTERM, and kill the process if it still runs after ``seconds``."""
         self.is_ending = True
+        self.kill_time = time.monotonic() + seconds
         self.process.terminate()
 
-    def kill_if_hung(self, unresponsive_seconds: float) -> None:
+    def kill_if_overdue(self, unresponsive_seconds: float) -> None:
         now = time.monotonic()
         if now > self.kill_time:
             _log.error("A process has not ended in time and is killed", pid=self.process.pid)
@@ -122,33 +121,33 @@ class Supervisor:
         self._target = target
         self._count = count
         self._unresponsive_seconds = unresponsive_seconds
-        self._kill_seconds = stop_seconds + KILL_SECONDS
+        self._seconds_until_kill = stop_seconds + KILL_SECONDS
         self._children: list[_Child] = []
-        self._has_failed = False
+        self._cannot_start = False
 
     def run(self) -> bool:
         """Run until SIGTERM or SIGINT, or until no process can start; return False in the latter case."""
-        received: set[int] = set()
+        pending_signals: set[int] = set()
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-            signal.signal(number, lambda number, _: received.add(number))
-        while received <= {signal.SIGHUP} and not self._has_failed:
-            if signal.SIGHUP in received:
-                received.discard(signal.SIGHUP)
+            signal.signal(number, lambda number, _: pending_signals.add(number))
+        while pending_signals <= {signal.SIGHUP} and not self._cannot_start:
+            if signal.SIGHUP in pending_signals:
+                pending_signals.discard(signal.SIGHUP)
                 _log.info("All processes are replaced")
                 for child in self._serving():
                     child.is_outdated = True
             self._start_missing()
             self._replace_outdated()
             self._check_children()
-        if self._has_failed:
+        if self._cannot_start:
             _log.error("No process can start, so all end")
-        self._end(*self._children)
+        self._end(*self._serving())
         while self._children:
             self._check_children()
-        return not self._has_failed
+        return not self._cannot_start
 
     def _serving(self) -> list[_Child]:
-        """Return the processes that have not been told to end."""
+        """Return the processes that did not get SIGTERM."""
         return [child for child in self._children if not child.is_ending]
 
     def _start_missing(self) -> None:
@@ -169,39 +168,48 @@ class Supervisor:
         serving = self._serving()
         outdated = [child for child in serving if child.is_outdated]
         starting = [child for child in serving if not (child.is_outdated or child.ready)]
+        late = [child for child in starting if time.monotonic() - child.started > READY_SECONDS]
         if not outdated:
             return
-        if late := [child for child in starting if time.monotonic() - child.started > READY_SECONDS]:
-            self._keep_outdated()
+        if late:
+            self._give_up_replacement()
             self._end(*late)
-        elif not starting and len(serving) > self._count:
-            self._end(min(outdated, key=lambda child: child.ready))  # first one that was starting at the signal
-        elif not starting:
+        elif starting:
+            return
+        elif len(serving) > self._count:  # a new process is ready
+            not_ready = [child for child in outdated if not child.ready]
+            self._end((not_ready or outdated)[0])
+        else:
             self._start()
 
-    def _keep_outdated(self) -> None:
+    def _give_up_replacement(self) -> None:
         _log.error("A new process is not ready; the old ones stay")
         for child in self._children:
             child.is_outdated = False
 
     def _end(self, *children: _Child) -> None:
         for child in children:
-            child.end(self._kill_seconds)
+            child.end(self._seconds_until_kill)
 
     def _check_children(self) -> None:
         """Wait ``_POLL_SECONDS``, or until a process ends. Read the heartbeats, and remove what has ended or hangs."""
         wait([child.process.sentinel for child in self._children], _POLL_SECONDS)
         for child in [*self._children]:
             child.read_beats()
-            if (code := child.process.exitcode) is None:
-                child.kill_if_hung(self._unresponsive_seconds)
+            if child.process.exitcode is None:
+                child.kill_if_overdue(self._unresponsive_seconds)
                 continue
             self._children.remove(child)
             if not child.is_ending:
-                is_new = not (child.is_outdated or child.ready)
-                if is_new and any(each.is_outdated for each in self._serving()):
-                    self._keep_outdated()
-                _log.error("A process has ended", pid=child.process.pid, exit_code=code)
-                self._has_failed |= code == START_FAILED and not any(each.ready for each in self._serving())
+                self._on_unexpected_end(child)
             child.connection.close()
             child.process.close()
+
+    def _on_unexpected_end(self, child: _Child) -> None:
+        serving, exit_code = self._serving(), child.process.exitcode
+        is_replacement = not (child.is_outdated or child.ready) and any(other.is_outdated for other in serving)
+        if is_replacement:
+            self._give_up_replacement()
+        _log.error("A process has ended", pid=child.process.pid, exit_code=exit_code)
+        if exit_code == START_FAILED and not any(other.ready for other in serving):
+            self._cannot_start = True

@@ -120,13 +120,13 @@ def same_origin(origin: str, host: str, scheme: str) -> bool:
     """
     try:
         page, server = urlsplit(origin), urlsplit(f"//{host}")
-        default = _DEFAULT_PORTS.get(page.scheme)
-        ports = [default if part.port is None else part.port for part in (page, server)]
+        default_port = _DEFAULT_PORTS.get(page.scheme)
+        page_port, server_port = (default_port if url.port is None else url.port for url in (page, server))
     except ValueError:  # invalid port or IPv6 address
         return False
-    if default is None or page.hostname is None or (page.scheme == "http" and scheme in ("https", "wss")):
+    if default_port is None or page.hostname is None or (page.scheme == "http" and scheme in ("https", "wss")):
         return False
-    return page.hostname == server.hostname and ports[0] == ports[1]
+    return page.hostname == server.hostname and page_port == server_port
 
 
 def host_name(host: str) -> str:

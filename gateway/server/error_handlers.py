@@ -51,13 +51,13 @@ async def not_found(request: Request, error: Exception) -> Response:
 async def invalid_parameters(request: Request, error: Exception) -> Response:
     """Return 422 with one sentence that names every invalid parameter, its limit and its value."""
     assert isinstance(error, RequestValidationError)
-    sentence = f"{'; '.join(map(_problem, error.errors()))}."
+    sentence = f"{'; '.join(map(_reason, error.errors()))}."
     if request.url.path.startswith(JSON_PATHS):
         return JSONResponse({"message": sentence}, 422)
     return PlainTextResponse(f"{sentence}\n", 422)
 
 
-def _problem(fault: Mapping[str, Any]) -> str:
+def _reason(fault: Mapping[str, Any]) -> str:
     """Return what is invalid; our own checks name parameter and value themselves."""
     if fault["type"] == "value_error":
         return str(fault["msg"]).removeprefix("Value error, ")

@@ -28,15 +28,15 @@ LOCAL_ORIGINS: Final = ("http://localhost:*", "http://127.0.0.1:*")
 """Origins of pages of the browser's own machine, as a content security policy names them."""
 
 _log = structlog.get_logger("gateway.http")
-_CLOSE: Final = (b"connection", b"close")
+_CONNECTION_CLOSE: Final = (b"connection", b"close")
 _SAFE_METHODS: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 """Methods that do not change anything."""
 _MAX_ECHO: Final = 100
 """Maximum number of characters of a header in a response."""
 _MAX_CACHED_HOSTS: Final = 64
 """Number of Host headers, of at most 64 kB, whose check is remembered."""
-_ID = re.compile(r"[A-Za-z0-9._:/+=-]{1,128}")
-"""Valid X-Request-ID of a client. Others are replaced, since they could forge log lines."""
+_VALID_REQUEST_ID: Final = re.compile(r"[A-Za-z0-9._:/+=-]{1,128}")
+"""X-Request-ID of a client that is accepted. Others are replaced, since they could forge log lines."""
 
 
 class RequestContext:
@@ -49,11 +49,11 @@ class RequestContext:
         self._quiet_paths = quiet_paths
 
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
-        return (self._run if scope["type"] == "http" else self._app)(scope, receive, send)
+        return (self._handle_request if scope["type"] == "http" else self._app)(scope, receive, send)
 
-    async def _run(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _handle_request(self, scope: Scope, receive: Receive, send: Send) -> None:
         request_id = dict(scope["headers"]).get(b"x-request-id", b"").decode("latin-1")
-        if not _ID.fullmatch(request_id):
+        if not _VALID_REQUEST_ID.fullmatch(request_id):
             request_id = secrets.token_hex(16)
         status = 0
 
@@ -135,7 +135,7 @@ class Protection:
         host = hosts[0] if hosts else ""
         # Several headers are joined as in RFC 9110, section 5.2. The result is no origin that is allowed.
         origin = ", ".join(headers.getlist("origin")) if "origin" in headers else None
-        site = ", ".join(headers.getlist("sec-fetch-site")) if "sec-fetch-site" in headers else None
+        fetch_site = ", ".join(headers.getlist("sec-fetch-site")) if "sec-fetch-site" in headers else None
         # With several Host headers, another reader may use the other one.
         trusted = len(hosts) < 2 and self._trusts(host, (scope.get("server") or ("",))[0])
         if scope["type"] == "websocket":
@@ -150,25 +150,25 @@ class Protection:
             return send(message)
 
         app: ASGIApp = self._app
-        by_page = origin is not None or site is not None
+        has_effects = scope["method"] not in _SAFE_METHODS
         if len(scope["raw_path"]) + len(scope["query_string"]) > MAX_TARGET_BYTES:
             app = PlainTextResponse(f"The path with its query is longer than {MAX_TARGET_BYTES} bytes.\n", 414)
         elif not trusted:
             text = "This gateway is not the host that the Host header names; --trusted-hosts adds names.\n"
             app = PlainTextResponse(text, 421)
-        elif by_page and scope["method"] not in _SAFE_METHODS and self._is_foreign(scope, host, origin, site):
-            header = f"Origin: {origin}" if origin is not None else f"Sec-Fetch-Site: {site}"
+        elif has_effects and self._is_foreign(scope, host, origin, fetch_site):
+            header = f"Origin: {origin}" if origin is not None else f"Sec-Fetch-Site: {fetch_site}"
             page = ascii(header[:_MAX_ECHO])[1:-1]
             text = f"{scope['method']} refused: it was sent by a page of another site ({page}).\n"
             app = PlainTextResponse(f"{text}To allow that site, add its origin to --cors-origins.\n", 403)
         return app(scope, receive, send_with_headers)
 
-    def _is_foreign(self, scope: Scope, host: str, origin: str | None, site: str | None) -> bool:
-        """Return True for a request from a page of another site."""
+    def _is_foreign(self, scope: Scope, host: str, origin: str | None, fetch_site: str | None) -> bool:
+        """Return True for a request from a page of another site; False if no page sent it: both headers are missing."""
         if "*" in self._origins or origin in self._origins:
             return False
-        if site is not None:
-            return site not in ("same-origin", "none")
+        if fetch_site is not None:
+            return fetch_site not in ("same-origin", "none")
         return origin is not None and not same_origin(origin, host, scope.get("scheme", "http"))
 
     def _is_trusted(self, host: str, address: str) -> bool:
@@ -229,7 +229,7 @@ class EarlyResponse:
 
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         connection: BoundedHttpProtocol | None = scope.get(CONNECTION)
-        if connection is None or _CLOSE not in scope["headers"]:
+        if connection is None or _CONNECTION_CLOSE not in scope["headers"]:
             return self._app(scope, receive, send)
 
         async def send_last(message: Message) -> None:

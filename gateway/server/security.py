@@ -110,7 +110,7 @@ class Security:
         if s.tcpq_port is not None and _is_reachable(self.tcpq_host):
             yield "TCPQ", f"{self.tcpq_host} port {s.tcpq_port}", "TLS or a token, which its protocol does not have"
         url = s.lcm_url or os.environ.get("LCM_DEFAULT_URL") or ""
-        if _ttl(url) > 0:
+        if _multicast_ttl(url) > 0:
             yield "LCM", url, "TLS or a token, which its protocol does not have"
 
     @property
@@ -136,7 +136,7 @@ def _is_reachable(host: str) -> bool:
     return not all(is_loopback(str(address[0])) for *_, address in addresses)
 
 
-def _ttl(url: str) -> int:
+def _multicast_ttl(url: str) -> int:
     """Return the hops that LCM's multicast may take; 0 stays on this machine."""
     parts = urlsplit(url)
     try:

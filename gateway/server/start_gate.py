@@ -11,7 +11,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gateway.runtime.kernels.progress import KernelProgress
 
-_PAGE: Final = """<!doctype html>
+_PAGE_TEMPLATE: Final = """<!doctype html>
 <html lang="en">
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
@@ -29,7 +29,7 @@ _PAGE: Final = """<!doctype html>
 </style>
 <main>
 <h1>Scenegate is starting</h1>
-<progress {value}></progress>
+<progress {value_attribute}></progress>
 <p>{text}</p>
 <p><small>{note}</small></p>
 </main>
@@ -38,7 +38,8 @@ _PAGE: Final = """<!doctype html>
     try {
       const response = await fetch(location.href, { headers: { Accept: "text/html" } });
       const page = new DOMParser().parseFromString(await response.text(), "text/html");
-      if (response.status !== 503 || page.title !== document.title) return location.reload();
+      const isStarting = response.status === 503 && page.title === document.title;
+      if (!isStarting) return location.reload();
       document.querySelector("main").replaceWith(page.querySelector("main"));
     } catch {} // the gateway has stopped; it may start again
     setTimeout(poll, 500);
@@ -100,9 +101,11 @@ class StartGate:
 
 
 def _starting_page(progress: KernelProgress | None) -> str:
-    text, value, note = "Loading …", "", "The page opens by itself."
+    text, note = "Loading …", "The page opens by itself."
+    value_attribute = ""  # browsers then show a bar of unknown length
     if progress is not None:
         text, note = str(progress), _NOTE
         text = f"{text[0].upper()}{text[1:]}"
-        value = f'value="{progress.fraction:.3f}"' if progress.fraction else ""
-    return _PAGE.replace("{value}", value).replace("{text}", text).replace("{note}", note)
+        if progress.fraction > 0.0:
+            value_attribute = f'value="{progress.fraction:.3f}"'
+    return _PAGE_TEMPLATE.replace("{value_attribute}", value_attribute).replace("{text}", text).replace("{note}", note)

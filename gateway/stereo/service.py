@@ -18,7 +18,7 @@ from gateway.stereo.imaging.recorded_pairs import PairImaging
 from gateway.stereo.imaging.rendered_images import Imaging, MeteredExposure
 from gateway.stereo.imaging.scene_view import Capture, SceneReader, SceneSource, SceneState
 from gateway.stereo.imu.imu_service import Imu, PoseLog
-from gateway.stereo.stream.client_queues import ClientQueues
+from gateway.stereo.stream.client_queues import MessageHub
 from gateway.stereo.stream.faults import FaultInjector
 from gateway.stereo.stream.frame import FrameImages, FrameRecord
 from gateway.stereo.stream.frame_publisher import FramePublisher
@@ -65,7 +65,7 @@ class StereoService:
         self.scene_imaging = Imaging(config, renderer)
         """Source of rendered images, also while recorded pairs are shown."""
         self.workers = workers
-        self.events = ClientQueues("event", config.max_clients, config.max_events)
+        self.events = MessageHub("event", config.max_clients, config.max_events)
         self.imu = Imu(config, pose_log)
         self.injector: FaultInjector | None = None
         """Injects faults; None: they are not permitted."""
@@ -209,7 +209,7 @@ class StereoService:
         if self._scheduler.trigger_time is not None:
             return 101, "Trigger is ignored, because there is a trigger call pending"
         self._scheduler.trigger_time = asyncio.get_running_loop().time()
-        self.hub.changed.set()
+        self.hub.scheduler_wakeup.set()
         return 0, ""
 
     def status(self) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import pytest
 
 from gateway.gltf import GltfCache, GltfLimits
 from gateway.gltf.errors import GltfError
-from gateway.gltf.topology import element_count, elements_of
+from gateway.gltf.topology import element_count, separate_elements
 from renderers.cache import CacheBudget
 from renderers.drawlist import Topology
 from tests.gltf.builder import TRIANGLE, Builder, corners, meshes, only_mesh
@@ -28,7 +28,7 @@ SQUARE = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)], np.float32)
     ],
 )
 def test_modes(mode: int, expected: list[list[int]]) -> None:
-    elements = elements_of(mode, np.array([4, 3, 2, 1, 0], np.uint16))
+    elements = separate_elements(mode, np.array([4, 3, 2, 1, 0], np.uint16))
     assert elements.tolist() == expected
     assert elements.dtype == np.uint32
     assert elements.flags.c_contiguous
@@ -37,7 +37,7 @@ def test_modes(mode: int, expected: list[list[int]]) -> None:
 @pytest.mark.parametrize("mode", range(7))
 @pytest.mark.parametrize("length", range(9))
 def test_element_count_agrees_with_the_elements(mode: int, length: int) -> None:
-    assert len(elements_of(mode, np.arange(length, dtype=np.uint32))) == element_count(mode, length)
+    assert len(separate_elements(mode, np.arange(length, dtype=np.uint32))) == element_count(mode, length)
 
 
 @pytest.mark.parametrize("indexed", [False, True])

@@ -385,7 +385,7 @@ def test_spaces_are_skipped(extension: str, data: bytes) -> None:
 
 
 def test_the_limits_grow_with_the_file() -> None:
-    small, large, huge = (PARSER_LIMITS.of(size) for size in (0, 30 << 20, 256 << 20))
+    small, large, huge = (PARSER_LIMITS.for_size(size) for size in (0, 30 << 20, 256 << 20))
     assert small.memory_bytes == 256 << 20
     assert small.seconds == 15
     assert large.memory_bytes == (256 << 20) + 40 * (30 << 20)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -16,6 +18,7 @@ import msgspec
 import pytest
 
 from gateway.runtime.limited_process import ProcessFailed, ProcessLimits, call_limited, no_files
+from gateway.runtime.limited_process_child import receive_message
 from renderers.stop import StopFlag
 from tests.support.waiting import SECONDS, wait_until
 
@@ -52,6 +55,18 @@ class Processes:
 
 def test_arguments_and_result_can_be_large() -> None:
     assert call("echo", 1, "two", b"x" * (12 << 20)) == [1, "two", b"x" * (12 << 20)]
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"R", struct.pack("<cQ", b"R", 5) + b"half", struct.pack("<cQ", b"R", 9) + b"x" * 9]
+)
+def test_messages_that_are_cut_off_or_too_long_are_the_end(data: bytes) -> None:
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        theirs.sendall(data)
+        theirs.shutdown(socket.SHUT_WR)
+        with pytest.raises(EOFError):
+            receive_message(ours.makefile("rwb"), max_bytes=8)
 
 
 def test_files_are_read_by_the_caller() -> None:

@@ -62,20 +62,20 @@ class ImuSampler:
         self._next_number = 0
         """Number of the next sample: its timestamp divided by ``PERIOD``."""
 
-    def add(self, timestamp: int, pose: NDArray[np.float64]) -> None:
-        """Add a pose.
+    def add(self, timestamp: int, X_world_left: NDArray[np.float64]) -> None:
+        """Add a pose. One equal to the last is not stored: a long time until the next stored pose counts as rest.
 
         Args:
             timestamp: nanoseconds since the epoch. A pose earlier than the last one restarts the IMU.
-            pose: (4, 4) float64 X_world_left.
+            X_world_left: (4, 4) float64.
         """
         if not self._times or timestamp < self._times[-1]:
-            self._restart(timestamp, pose)
+            self._restart(timestamp, X_world_left)
         elif timestamp - self._times[-1] < _MIN_SPACING:
-            self._poses[-1] = pose
-        elif not np.array_equal(pose, self._poses[-1]):  # else the long step to the next pose counts as rest
+            self._poses[-1] = X_world_left
+        elif not np.array_equal(X_world_left, self._poses[-1]):
             self._times.append(timestamp)
-            self._poses.append(pose)
+            self._poses.append(X_world_left)
 
     def take(self, now: int) -> ImuSamples:
         """Return the samples up to ``now - DELAY`` that were not returned before.
@@ -93,11 +93,11 @@ class ImuSampler:
         self._drop_old_poses()
         return samples
 
-    def _restart(self, timestamp: int, pose: NDArray[np.float64]) -> None:
+    def _restart(self, timestamp: int, X_world_left: NDArray[np.float64]) -> None:
         """Forget all poses but this one, and begin samples where the smooth path does not depend on earlier ones."""
-        self._times, self._poses = [timestamp], [pose]
-        # Rounded up: the first number at or after the time.
-        self._next_number = -(-(timestamp + round(START_UP * NANOSECONDS_PER_SECOND)) // PERIOD)
+        self._times, self._poses = [timestamp], [X_world_left]
+        first_timestamp = timestamp + round(START_UP * NANOSECONDS_PER_SECOND)
+        self._next_number = -(-first_timestamp // PERIOD)  # rounded up
         if self._noise is not None:
             self._bias = self._noise.constant_bias(self._seed)
 
@@ -105,8 +105,8 @@ class ImuSampler:
         """Return ``count`` samples, of which the first has the number ``first``."""
         timestamps = np.arange(first, first + count) * PERIOD
         # Relative to the first sample: in float64, seconds since the epoch have a resolution of 0.2 µs only.
-        times = (np.array(self._times) - timestamps[0]) / NANOSECONDS_PER_SECOND
-        force, angular_velocity = measure(times, pose_vectors(np.array(self._poses)), 0.0, count)
+        pose_seconds = (np.array(self._times) - timestamps[0]) / NANOSECONDS_PER_SECOND
+        force, angular_velocity = measure(pose_seconds, pose_vectors(np.array(self._poses)), 0.0, count)
         if self._noise is not None:
             errors, self._bias = self._noise.errors(self._seed, first, count, self._bias)
             force, angular_velocity = force + errors[:, :3], angular_velocity + errors[:, 3:]

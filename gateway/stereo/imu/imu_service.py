@@ -22,7 +22,7 @@ from gateway.scene.live import LiveTree, Snapshot
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.timestamps import NANOSECONDS_PER_SECOND
 from gateway.stereo.imu.imu_sampler import ImuSampler, ImuSamples
-from gateway.stereo.stream.client_queues import ClientQueue, ClientQueues
+from gateway.stereo.stream.client_queues import ClientQueue, MessageHub
 from renderers.stereo.imu.imu_model import ImuNoise
 
 PUBLISH_SECONDS: Final = 0.05
@@ -89,7 +89,7 @@ class Imu:
             config: fixed configuration.
             poses: source of poses; None: those of the captured frames (``frame_captured``).
         """
-        self.hub = ClientQueues("IMU", config.max_clients, config.max_imu_samples)
+        self.hub = MessageHub("IMU", config.max_clients, config.max_imu_samples)
         """Lines of JSON, with their number of samples."""
         self._config = config
         self._poses = poses
@@ -101,7 +101,7 @@ class Imu:
         if self._poses is None:
             return
         while True:
-            await self.hub.connected.wait()
+            await self.hub.has_clients.wait()
             try:
                 await self._publish_while_connected(self._poses)
             except Exception:  # noqa: BLE001 - the image streams continue
@@ -114,7 +114,7 @@ class Imu:
         sampler = self._new_sampler()
         poses.start()
         try:
-            while self.hub.connected.is_set():
+            while self.hub.has_clients.is_set():
                 await asyncio.sleep(PUBLISH_SECONDS)
                 now = poses.clock()
                 for timestamp, pose in poses.take():
@@ -130,7 +130,7 @@ class Imu:
             timestamp: nanoseconds since the epoch.
             pose: (4, 4) float64 X_world_left.
         """
-        if not self.hub.connected.is_set():
+        if not self.hub.has_clients.is_set():
             self._sampler = None
             return
         if self._sampler is None:

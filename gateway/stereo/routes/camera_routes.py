@@ -69,7 +69,7 @@ Aligned = Annotated[
 
 def camera_router(*services: StereoService) -> APIRouter:
     """Return the routes below ``/cameras``. A camera's pipeline number is its index in ``services``."""
-    api = new_router()
+    routes = new_router()
     names = [service.config.name for service in services]
     camera_name = Path(
         description="Name of the camera, or number of its pipeline",
@@ -77,15 +77,17 @@ def camera_router(*services: StereoService) -> APIRouter:
         openapi_examples=example(names[0]),
     )
 
-    @api.get("/cameras", summary="Cameras", responses=json_example({"cameras": [_CAMERA_EXAMPLE]}))
+    @routes.get("/cameras", summary="Cameras", responses=json_example({"cameras": [_CAMERA_EXAMPLE]}))
     async def cameras() -> dict[str, Any]:
         return {"cameras": [_describe(number, service) for number, service in enumerate(services)]}
 
-    @api.get("/cameras/{name}", summary="A camera", responses=json_example(_CAMERA_EXAMPLE) | error_responses(_ERRORS))
+    @routes.get(
+        "/cameras/{name}", summary="A camera", responses=json_example(_CAMERA_EXAMPLE) | error_responses(_ERRORS)
+    )
     async def camera(name: str = camera_name) -> dict[str, Any]:
         return _describe(*_find(services, name))
 
-    @api.get(
+    @routes.get(
         "/cameras/{name}/rgbd.npz",
         summary="Colour and depth of one instant, with intrinsics and poses",
         response_class=Response,
@@ -97,7 +99,7 @@ def camera_router(*services: StereoService) -> APIRouter:
         data = await _compute(rgbd_npz(frame, service.config, service.workers, aligned=aligned))
         return _response(data, "application/zip", frame)
 
-    @api.get(
+    @routes.get(
         "/cameras/{name}/{image}",
         summary="An image",
         response_class=Response,
@@ -124,7 +126,7 @@ def camera_router(*services: StereoService) -> APIRouter:
         pixels = await _compute(_pixels(frame, image, aligned=aligned))
         return _response(await service.workers.run(_png, pixels), "image/png", frame)
 
-    return api
+    return routes
 
 
 def _responses(media_type: str) -> Responses:

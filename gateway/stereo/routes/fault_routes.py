@@ -48,7 +48,7 @@ _INVALID_BODY: Final = error_responses({400: "Invalid body; the message is the r
 def fault_router(*services: StereoService) -> APIRouter:
     """Return the routes: GET, PUT and DELETE ``/stereo/faults``, and POST ``/stereo/faults/disconnect``, which cuts all
     image streams."""
-    api = new_router(_COMMON_ERRORS)
+    routes = new_router(_COMMON_ERRORS)
 
     def find_injector(pipeline: int) -> FaultInjector:
         injector = find_pipeline(services, pipeline).injector
@@ -56,11 +56,11 @@ def fault_router(*services: StereoService) -> APIRouter:
             raise RestError(403, FAULTS_OFF)
         return injector
 
-    @api.get("/stereo/faults", summary="Faults in force", responses=json_example(_EXAMPLE_STATUS))
+    @routes.get("/stereo/faults", summary="Faults in force", responses=json_example(_EXAMPLE_STATUS))
     async def get_faults(pipeline: Pipeline = 0) -> Any:
         return _status(find_injector(pipeline))
 
-    @api.put(
+    @routes.put(
         "/stereo/faults",
         summary="Inject faults",
         responses=json_example(_EXAMPLE_STATUS) | _INVALID_BODY,
@@ -74,7 +74,7 @@ def fault_router(*services: StereoService) -> APIRouter:
             raise RestError(400, f'the body is not like {{"drop": 0.1, "delay": 0.5}}: {error}') from None
         return _status(injector)
 
-    @api.delete(
+    @routes.delete(
         "/stereo/faults",
         summary="End all faults",
         responses=json_example({**msgspec.to_builtins(Faults()), "dropped": 12}),
@@ -84,7 +84,7 @@ def fault_router(*services: StereoService) -> APIRouter:
         injector.set(Faults())
         return _status(injector)
 
-    @api.post("/stereo/faults/disconnect", summary="Cut every stream now", responses=json_example({"streams": 2}))
+    @routes.post("/stereo/faults/disconnect", summary="Cut every stream now", responses=json_example({"streams": 2}))
     async def disconnect(pipeline: Pipeline = 0) -> Any:
         find_injector(pipeline)
         hub = services[pipeline].hub
@@ -93,7 +93,7 @@ def fault_router(*services: StereoService) -> APIRouter:
             hub.end_streams(kind, CUT_REASON)
         return {"streams": streams}
 
-    return api
+    return routes
 
 
 def _status(injector: FaultInjector) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Final
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.responses import Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
+from websockets.frames import CloseCode
 
 from gateway.server.access import same_origin
 from gateway.server.openapi import Responses
@@ -21,7 +22,6 @@ from gateway.stereo.stream.client_queues import ClientQueue
 from gateway.stereo.stream.subscriptions import LimitError, StreamError
 
 _MEDIA_TYPE: Final = "application/x-ndjson"
-_NO_IMU: Final = "recorded pairs have no IMU"
 _EXAMPLE_LINE: Final = (
     '{"timestamp":{"sec":1700000000,"nsec":40000000},'
     '"linear_acceleration":{"x":0.051,"y":-9.803,"z":0.012},"angular_velocity":{"x":0.004,"y":-0.002,"z":0.006}}\n'
@@ -42,9 +42,9 @@ _RESPONSES: Final[Responses] = {
 
 def imu_router(*services: StereoService) -> APIRouter:
     """Return the routes ``GET /stereo/imu`` and the WebSocket ``/stereo/imu/ws``."""
-    api = new_router()
+    routes = new_router()
 
-    @api.get(
+    @routes.get(
         "/stereo/imu",
         summary="Accelerometer and gyroscope of the camera, 200 samples per second",
         response_class=StreamingResponse,
@@ -56,25 +56,27 @@ def imu_router(*services: StereoService) -> APIRouter:
         A client that reads too slowly loses the oldest samples: a line `{"lost": 40}` has their number. The WebSocket
         `/stereo/imu/ws` sends the same lines.
         """
-        exit_stack = ExitStack()
-        queue = _subscribe(services, pipeline, exit_stack)
-        return _ImuResponse(queue, exit_stack)
+        subscription = ExitStack()  # the response closes it
+        queue = _subscribe(services, pipeline, subscription)
+        return _ImuResponse(queue, subscription)
 
-    @api.websocket("/stereo/imu/ws")
-    async def connection(socket: WebSocket, pipeline: str = "0") -> None:
+    @routes.websocket("/stereo/imu/ws")
+    async def imu_socket(socket: WebSocket, pipeline: str = "0") -> None:
+        # ``pipeline`` is not an int: FastAPI would refuse a wrong one before the connection, without a reason.
         origin = socket.headers.get("origin")
         if origin is not None and not same_origin(origin, socket.headers.get("host", ""), socket.url.scheme):
             # Browsers do not prevent a page of another site from opening this WebSocket.
-            await socket.close(1008, "the page comes from another host")
+            await socket.close(CloseCode.POLICY_VIOLATION, "the page comes from another host")
             return
         await socket.accept()
-        with ExitStack() as exit_stack:
+        with ExitStack() as subscription:
             try:
-                queue = _subscribe(services, _pipeline_number(pipeline), exit_stack)
+                queue = _subscribe(services, _pipeline_number(pipeline), subscription)
             except RestError as error:
-                await socket.close(1013 if error.status == 503 else 1008, str(error))
+                code = CloseCode.TRY_AGAIN_LATER if error.status == 503 else CloseCode.POLICY_VIOLATION
+                await socket.close(code, str(error))
                 return
-            sending = asyncio.create_task(_send(socket, queue), name="IMU client")
+            sending = asyncio.create_task(_send_lines(socket, queue), name="IMU client")
             try:
                 while (await socket.receive())["type"] != "websocket.disconnect":
                     pass  # clients need not send anything
@@ -82,31 +84,27 @@ def imu_router(*services: StereoService) -> APIRouter:
                 sending.cancel()
                 await asyncio.gather(sending, return_exceptions=True)
 
-    return api
+    return routes
 
 
 def _pipeline_number(text: str) -> int:
-    """Return the number of a pipeline. FastAPI would refuse a wrong one without a reason, before the connection.
-
-    Raises:
-        RestError: the text is not a number.
-    """
+    """Return the number of a pipeline. Raises RestError if the text is not a number."""
     if not (text.isascii() and text.isdigit() and len(text) < 10):
         raise RestError(400, f"pipeline={text[:40]!r} is not a number")
     return int(text)
 
 
-def _subscribe(services: tuple[StereoService, ...], pipeline: int, exit_stack: ExitStack) -> ClientQueue:
-    """Return the queue of a new client. Closing ``exit_stack`` unsubscribes it.
+def _subscribe(services: tuple[StereoService, ...], pipeline: int, subscription: ExitStack) -> ClientQueue:
+    """Return the queue of a new client. Closing ``subscription`` unsubscribes it.
 
     Raises:
         RestError: there is no such pipeline, the camera has no IMU now, or there are too many clients.
     """
     service = find_pipeline(services, pipeline)
     if isinstance(service.imaging, PairImaging):
-        raise RestError(404, _NO_IMU)
+        raise RestError(404, "recorded pairs have no IMU")
     try:
-        return exit_stack.enter_context(service.imu.hub.subscribe())
+        return subscription.enter_context(service.imu.hub.subscribe())
     except (LimitError, StreamError) as error:
         raise RestError(503, str(error)) from None
 
@@ -114,22 +112,22 @@ def _subscribe(services: tuple[StereoService, ...], pipeline: int, exit_stack: E
 class _ImuResponse(StreamingResponse):
     """HTTP response with lines of JSON until the stream ends."""
 
-    def __init__(self, queue: ClientQueue, exit_stack: ExitStack) -> None:
+    def __init__(self, queue: ClientQueue, subscription: ExitStack) -> None:
         """
         Args:
             queue: samples of this client.
-            exit_stack: closed at the end, also if the client disconnects before the first line.
+            subscription: closed at the end, also if the client disconnects before the first line.
         """
-        super().__init__(_lines(queue), media_type=_MEDIA_TYPE, headers={"Cache-Control": "no-store"})
-        self._exit_stack = exit_stack
+        super().__init__(_line_stream(queue), media_type=_MEDIA_TYPE, headers={"Cache-Control": "no-store"})
+        self._subscription = subscription
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        with self._exit_stack:
+        with self._subscription:
             await super().__call__(scope, receive, send)
 
 
-async def _lines(queue: ClientQueue) -> AsyncIterator[bytes]:
-    yield b""  # a HEAD request ends here instead of at the first sample
+async def _line_stream(queue: ClientQueue) -> AsyncIterator[bytes]:
+    yield b""  # the response to HEAD ends at the first piece of the body: here instead of at the first sample
     try:
         while True:
             yield await next_lines(queue)
@@ -137,12 +135,12 @@ async def _lines(queue: ClientQueue) -> AsyncIterator[bytes]:
         return
 
 
-async def _send(socket: WebSocket, queue: ClientQueue) -> None:
+async def _send_lines(socket: WebSocket, queue: ClientQueue) -> None:
     """Send lines until the client disconnects or the stream ends."""
     try:
         while True:
             await socket.send_text((await next_lines(queue)).decode())
     except StreamError as error:
-        await socket.close(1001, str(error))
-    except (WebSocketDisconnect, RuntimeError):
-        return  # disconnected; the receiving loop ends as well
+        await socket.close(CloseCode.GOING_AWAY, str(error))
+    except (WebSocketDisconnect, RuntimeError):  # Starlette's after a disconnect; the receiving loop ends as well
+        return

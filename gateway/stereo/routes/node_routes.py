@@ -46,24 +46,24 @@ def node_router(*services: StereoService) -> APIRouter:
     Args:
         services: pipeline 0, 1, …; at least one.
     """
-    api = new_router()
+    routes = new_router()
     bases = [f"/api/v2/pipelines/{number}/nodes" for number in range(len(services))]
     for base, service in zip([*bases, "/api/v1/nodes"], [*services, services[0]], strict=True):
-        _add_node_routes(api, base, service)
-        _add_service_routes(api, base, service)
-    return api
+        _add_node_routes(routes, base, service)
+        _add_service_routes(routes, base, service)
+    return routes
 
 
-def _add_node_routes(api: APIRouter, base: str, service: StereoService) -> None:
-    @api.get(base, summary="Nodes", responses=schemas.NODES_RESPONSE)
+def _add_node_routes(routes: APIRouter, base: str, service: StereoService) -> None:
+    @routes.get(base, summary="Nodes", responses=schemas.NODES_RESPONSE)
     async def nodes() -> Any:
         return [device.node_info(name) for name in NODES]
 
-    @api.get(base + "/{node}", summary="A node", responses=schemas.NODE_RESPONSE | node_errors(404))
+    @routes.get(base + "/{node}", summary="A node", responses=schemas.NODE_RESPONSE | node_errors(404))
     async def node_info(node: NodeName) -> Any:
         return device.node_info(_current_name(node))
 
-    @api.get(
+    @routes.get(
         base + "/{node}/status",
         summary="Status values of a node",
         responses=schemas.STATUS_RESPONSE | node_errors(404),
@@ -71,7 +71,7 @@ def _add_node_routes(api: APIRouter, base: str, service: StereoService) -> None:
     async def status(node: NodeName) -> Any:
         return device.node_status(service, _current_name(node))
 
-    @api.get(
+    @routes.get(
         base + "/{node}/parameters",
         summary="Parameters of a node",
         responses=schemas.PARAMETERS_RESPONSE | node_errors(404),
@@ -79,19 +79,19 @@ def _add_node_routes(api: APIRouter, base: str, service: StereoService) -> None:
     async def parameters(node: NodeName, names: ParameterNames = []) -> Any:  # noqa: B006 - FastAPI copies it
         return _describe(service, _current_name(node), names)
 
-    @api.put(
+    @routes.put(
         base + "/{node}/parameters",
         summary="Set parameters: all or none",
         responses=schemas.ASSIGNED_RESPONSE | node_errors(400, 404, 413, 507),
         openapi_extra=schemas.ASSIGNMENTS_BODY,
     )
     # The manual's examples, which users copy, have these wrong paths.
-    @api.put(base + "/{node}/parameters/parameters", include_in_schema=False)
-    @api.put(base + "/{node}/services/parameters", include_in_schema=False)
+    @routes.put(base + "/{node}/parameters/parameters", include_in_schema=False)
+    @routes.put(base + "/{node}/services/parameters", include_in_schema=False)
     async def put_parameters(node: NodeName, request: Request) -> Any:
         return await _set_parameters(service, _current_name(node), await _read_assignments(request))
 
-    @api.get(
+    @routes.get(
         base + "/{node}/parameters/{name}",
         summary="A parameter",
         responses=schemas.PARAMETER_RESPONSE | node_errors(404),
@@ -99,7 +99,7 @@ def _add_node_routes(api: APIRouter, base: str, service: StereoService) -> None:
     async def parameter(node: NodeName, name: ParameterName) -> Any:
         return _describe(service, _current_name(node), [name])[0]
 
-    @api.put(
+    @routes.put(
         base + "/{node}/parameters/{name}",
         summary="Set a parameter",
         responses=schemas.PARAMETER_RESPONSE | node_errors(400, 404, 413, 507),
@@ -110,8 +110,8 @@ def _add_node_routes(api: APIRouter, base: str, service: StereoService) -> None:
         return (await _set_parameters(service, _current_name(node), [(name, value)]))[0]
 
 
-def _add_service_routes(api: APIRouter, base: str, service: StereoService) -> None:
-    @api.get(
+def _add_service_routes(routes: APIRouter, base: str, service: StereoService) -> None:
+    @routes.get(
         base + "/{node}/services",
         summary="Services of a node",
         responses=schemas.SERVICES_RESPONSE | node_errors(404),
@@ -120,7 +120,7 @@ def _add_service_routes(api: APIRouter, base: str, service: StereoService) -> No
         name = _current_name(node)
         return [device.service_info(name, service_name) for service_name in device.SERVICES[name]]
 
-    @api.get(
+    @routes.get(
         base + "/{node}/services/{name}",
         summary="A service",
         responses=schemas.SERVICE_RESPONSE | node_errors(404),
@@ -128,7 +128,7 @@ def _add_service_routes(api: APIRouter, base: str, service: StereoService) -> No
     async def service_info(node: NodeName, name: ServiceName) -> Any:
         return device.service_info(*_find_service(node, name))
 
-    @api.put(
+    @routes.put(
         base + "/{node}/services/{name}",
         summary="Call a service",
         responses=schemas.CALL_RESPONSE | node_errors(400, 404, 413, 507),

@@ -44,22 +44,22 @@ def system_router(*services: StereoService) -> APIRouter:
     Args:
         services: pipeline 0, 1, …; at least one.
     """
-    api = new_router()
+    routes = new_router()
 
     for version in ("v1", "v2"):
-        _add_common_routes(api, f"/api/{version}", services)
+        _add_common_routes(routes, f"/api/{version}", services)
 
-    @api.get("/api/v2/pipelines", summary="Pipelines: one per camera", responses=json_example({"0": _PIPELINE}))
+    @routes.get("/api/v2/pipelines", summary="Pipelines: one per camera", responses=json_example({"0": _PIPELINE}))
     async def pipelines() -> Any:
         return device.pipelines(services)
 
-    @api.get(
+    @routes.get(
         "/api/v2/nodes", summary="Global nodes: none, since there are no database modules", responses=json_example([])
     )
     async def nodes() -> list[Any]:
         return []
 
-    @api.get("/api/v2/nodes/{node}", include_in_schema=False)  # responds with 404, as the device does
+    @routes.get("/api/v2/nodes/{node}", include_in_schema=False)  # responds with 404, as the device does
     async def unknown_node(node: str) -> Response:
         message = f"there is no global node {node[:80]!r}; cameras' nodes are at /api/v2/pipelines/0/nodes"
         return error_response(404, message)
@@ -68,36 +68,36 @@ def system_router(*services: StereoService) -> APIRouter:
         return device.pipelines(services)[number]
 
     for number in device.pipelines(services):
-        api.get(
+        routes.get(
             f"/api/v2/pipelines/{number}",
             summary="A pipeline",
             description="Type, model and state of one stereo camera.",  # else FastAPI takes the docstring of partial
             responses=json_example(_PIPELINE),
         )(partial(pipeline, number))
 
-    @api.get("/api/v2/pipelines/{number}", include_in_schema=False)
+    @routes.get("/api/v2/pipelines/{number}", include_in_schema=False)
     async def unknown_pipeline(number: str) -> Response:
         return error_response(404, f"there is no pipeline {number[:80]!r}; there are {len(services)}, from 0 on")
 
-    return api
+    return routes
 
 
-def _add_common_routes(api: APIRouter, base: str, services: Sequence[StereoService]) -> None:
+def _add_common_routes(routes: APIRouter, base: str, services: Sequence[StereoService]) -> None:
     """Add the routes that both versions of the API have."""
 
-    @api.get(f"{base}/system", summary="System", responses=json_example(_SYSTEM))
+    @routes.get(f"{base}/system", summary="System", responses=json_example(_SYSTEM))
     async def system() -> Any:
         return device.system_info(services)
 
-    @api.get(f"{base}/datastreams", summary="Data streams: none", responses=json_example([]))
+    @routes.get(f"{base}/datastreams", summary="Data streams: none", responses=json_example([]))
     async def datastreams() -> list[Any]:
         return []
 
-    @api.get(f"{base}/logs", summary="Log files", responses=json_example([_LOG_INFO]))
+    @routes.get(f"{base}/logs", summary="Log files", responses=json_example([_LOG_INFO]))
     async def logs() -> Any:
         return [_log_info(stereo_log.entries(), services[0].started)]
 
-    @api.get(
+    @routes.get(
         f"{base}/logs/{{log}}",
         summary="A log file",
         responses=error_responses({404: "There is no log of that name."})
@@ -132,7 +132,7 @@ def _add_common_routes(api: APIRouter, base: str, services: Sequence[StereoServi
         newest = [_log_entry(entry) for entry in entries[-limit:]]
         return JSONResponse({**_log_info(entries, services[0].started), "log": newest})
 
-    @api.get(
+    @routes.get(
         f"{base}/system/time", summary="System time in UTC", responses=json_example({"utc": "2026-01-31 12:00:00"})
     )
     async def system_time() -> Any:

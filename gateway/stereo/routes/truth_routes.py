@@ -33,9 +33,9 @@ _RESPONSES: Final[Responses] = {
 
 def truth_router(*services: StereoService) -> APIRouter:
     """Return the route ``GET /stereo/truth.npz``."""
-    api = new_router()
+    routes = new_router()
 
-    @api.get(
+    @routes.get(
         "/stereo/truth.npz",
         summary="Exact depth, labels, poses and intrinsics of a frame",
         response_class=Response,
@@ -66,7 +66,7 @@ def truth_router(*services: StereoService) -> APIRouter:
             raise RestError(404, str(error)) from None
         return Response(data, media_type="application/zip", headers={"Cache-Control": "no-store"})
 
-    return api
+    return routes
 
 
 def find_frame(history: list[FrameRecord], nanoseconds: int | None) -> FrameRecord:

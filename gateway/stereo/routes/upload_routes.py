@@ -77,14 +77,14 @@ _BODY: Final = {
 
 def upload_router(*services: StereoService) -> APIRouter:
     """Return the routes ``/api/v2/pipelines/N/test/set``: ``POST`` shows a pair, ``DELETE`` the scene."""
-    api = new_router()
+    routes = new_router()
     for number, service in enumerate(services):
-        _add_routes(api, f"/api/v2/pipelines/{number}/test/set", service)
-    return api
+        _add_routes(routes, f"/api/v2/pipelines/{number}/test/set", service)
+    return routes
 
 
-def _add_routes(api: APIRouter, path: str, service: StereoService) -> None:
-    @api.post(
+def _add_routes(routes: APIRouter, path: str, service: StereoService) -> None:
+    @routes.post(
         path, summary="Show a stereo pair", responses=json_example(_SUCCESS) | _ERROR_RESPONSES, openapi_extra=_BODY
     )
     async def show_pair(request: Request) -> Any:
@@ -98,7 +98,7 @@ def _add_routes(api: APIRouter, path: str, service: StereoService) -> None:
             raise RestError(400, str(error)) from None
         return _SUCCESS
 
-    @api.delete(path, summary="Show the scene again", responses=json_example(_SUCCESS))
+    @routes.delete(path, summary="Show the scene again", responses=json_example(_SUCCESS))
     async def show_scene() -> Any:
         service.show_pairs(None)
         return _SUCCESS

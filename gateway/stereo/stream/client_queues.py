@@ -24,7 +24,7 @@ class ClientQueue:
         self._max_items = max_items
         self._messages: deque[tuple[bytes, int]] = deque()
         """Messages, each with its number of items."""
-        self._waiting = 0
+        self._item_count = 0
         """Number of items in the queue."""
         self._lost = 0
         """Number of items dropped since the last ``get``."""
@@ -35,10 +35,10 @@ class ClientQueue:
     def put(self, message: bytes, items: int) -> None:
         """Add a message with a number of items. Drop the oldest messages beyond the limit."""
         self._messages.append((message, items))
-        self._waiting += items
-        while self._waiting > self._max_items:
-            dropped = self._messages.popleft()[1]
-            self._waiting -= dropped
+        self._item_count += items
+        while self._item_count > self._max_items:
+            _, dropped = self._messages.popleft()
+            self._item_count -= dropped
             self._lost += dropped
         self._changed.set()
 
@@ -53,18 +53,18 @@ class ClientQueue:
         Raises:
             StreamError: the stream has ended, and the queue is empty.
         """
-        while not self._messages and not self._lost:
+        while not self._messages and not self._lost:  # losses only: one message had more items than the limit
             if self._close_reason:
                 raise StreamError(self._close_reason)
             self._changed.clear()
             await self._changed.wait()
         lost, messages = self._lost, [message for message, _ in self._messages]
         self._messages.clear()
-        self._waiting = self._lost = 0
+        self._item_count = self._lost = 0
         return lost, messages
 
 
-class ClientQueues:
+class MessageHub:
     """Queues of all clients of one stream."""
 
     def __init__(self, name: str, max_clients: int, max_items: int) -> None:
@@ -74,7 +74,7 @@ class ClientQueues:
             max_clients: maximum number of clients.
             max_items: maximum number of items in a client's queue.
         """
-        self.connected = asyncio.Event()
+        self.has_clients = asyncio.Event()
         """Set while there are clients."""
         self._name = name
         self._max_clients = max_clients
@@ -100,13 +100,13 @@ class ClientQueues:
             raise LimitError(f"{self._max_clients} {self._name} streams are open already, the limit (max_clients)")
         queue = ClientQueue(self._max_items)
         self._queues.add(queue)
-        self.connected.set()
+        self.has_clients.set()
         try:
             yield queue
         finally:
             self._queues.discard(queue)
             if not self._queues:
-                self.connected.clear()
+                self.has_clients.clear()
 
     def put(self, message: bytes, items: int = 1) -> None:
         """Add a message with a number of items to every client's queue."""

@@ -65,16 +65,17 @@ def once(
     """
 
     @wraps(method)
-    def result(frame: FrameImages, /, *args: P.args, **kwargs: P.kwargs) -> Awaitable[T]:
+    def start_or_join(frame: FrameImages, /, *args: P.args, **kwargs: P.kwargs) -> Awaitable[T]:
         key = method.__name__, args, *kwargs.items()
         task = frame.results.get(key)
-        if task is None or (task.done() and (task.cancelled() or task.exception() is not None)):
+        has_failed = task is not None and task.done() and (task.cancelled() or task.exception() is not None)
+        if task is None or has_failed:
             task = frame.results[key] = asyncio.get_running_loop().create_task(method(frame, *args, **kwargs))
             if len(frame.results) > _MAX_RESULTS:
                 del frame.results[next(iter(frame.results))]
         return task
 
-    return result
+    return start_or_join
 
 
 class FrameImages:
@@ -103,11 +104,13 @@ class FrameImages:
             and self._settings.averaged_images == 1
         )
         """True if depth is measured in the left and right images themselves."""
-        grey = [GREY] if self._measures_streamed_images and any(kind.has_depth for kind in kinds) else []
-        color = [COLOR] if config.color_camera is None and any(kind.color_camera for kind in kinds) else []
+        for_depth = [GREY] if self._measures_streamed_images and any(kind.has_depth for kind in kinds) else []
+        for_color_camera = [COLOR] if config.color_camera is None and any(kind.color_camera for kind in kinds) else []
+        for_left = [kind.color for kind in kinds if kind.needs_left]
+        for_right = [kind.color for kind in kinds if kind.right]
         self._colors_to_render = {
-            NoiseStream.LEFT: frozenset([*grey, *color, *[kind.color for kind in kinds if kind.needs_left]]),
-            NoiseStream.RIGHT: frozenset([*grey, *[kind.color for kind in kinds if kind.right]]),
+            NoiseStream.LEFT: frozenset([*for_depth, *for_color_camera, *for_left]),
+            NoiseStream.RIGHT: frozenset([*for_depth, *for_right]),
         }
         """Images to make from one rendering of each camera: ``ImageRequest.colors``."""
         self.results: dict[tuple[object, ...], asyncio.Task[Any]] = {}
@@ -134,11 +137,11 @@ class FrameImages:
         if kind.mesh is not None:
             color = kind.color and kind.mesh.textured
             fields.append((ImageSet.MESH_FIELD_NUMBER, self._mesh_message(kind.mesh, color)))
-        values = await _gather([value for _, value in fields])
+        contents = await _gather([content for _, content in fields])
         capture = self._depth_capture if kind.has_depth else self._camera_capture
         chunks: list[Chunk] = [messages.timestamp_field(capture.timestamp)]
-        for (number, _), value in zip(fields, values, strict=True):
-            chunks += messages.field(number, value)
+        for (number, _), content in zip(fields, contents, strict=True):
+            chunks += messages.field(number, content)
         with tracing.span("serialise"):
             if messages.byte_count(chunks) < messages.MIN_BYTES_WITHOUT_GIL:
                 return b"".join(chunks)
@@ -153,8 +156,8 @@ class FrameImages:
             if config.measures_images:
                 pair = await self._image_pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
             dark_capture = replace(capture, gpio=settings.camera_gpio)
-            differs = capture.has_projection(config) and not dark_capture.out1_high
-            if settings.double_shot and config.depth_mode == "matched" and differs:
+            is_darker = capture.has_projection(config) and not dark_capture.out1_high
+            if settings.double_shot and config.depth_mode == "matched" and is_darker:
                 dark_pair = await self._image_pair(dark_capture, NoiseStream.LEFT_SECOND, NoiseStream.RIGHT_SECOND)
             return await self._workers.run(self._imaging.measure, capture, settings, pair, dark_pair)
 
@@ -212,7 +215,7 @@ class FrameImages:
         metered = replace(await self.metered(self._camera_capture), brightness=image.brightness)
         if stream is NoiseStream.LEFT:
             self.left_metered = metered
-        return self._image(image.image, self._config.model.intrinsics(), self._camera_capture, metered)
+        return self._image_chunks(image.image, self._config.model.intrinsics(), self._camera_capture, metered)
 
     async def _depth_message(self, name: Literal["disparity", "error", "confidence"], kind: SetKind) -> list[Chunk]:
         capture, config = self._depth_capture, self._config
@@ -222,20 +225,20 @@ class FrameImages:
             # The message has one scale for disparity and error.
             pixels = pixels * np.uint16(DISPARITY_SCALE / images.error_scale)
         intrinsics = config.model.intrinsics(self._settings.quality.divisor)
-        image = self._image(pixels, intrinsics, capture, await self._depth_metered(kind))
+        image = self._image_chunks(pixels, intrinsics, capture, await self._depth_metered(kind))
         if name != "disparity":
             return image
         return messages.disparity(image, capture.timestamp, config.model.baseline, images.error_scale)
 
     async def _color_camera_message(self) -> list[Chunk]:
-        color = await self.color_camera_image()
+        color, capture = await self.color_camera_image(), self._camera_capture
         metered = MeteredExposure(color.exposure, color.sensor_image.brightness)
-        return self._image(color.sensor_image.image, self._config.color_intrinsics, self._camera_capture, metered)
+        return self._image_chunks(color.sensor_image.image, self._config.color_intrinsics, capture, metered)
 
     async def _depth_mm_message(self, kind: SetKind) -> list[Chunk]:
         pixels = await self.depth_mm(aligned=kind.aligned)
         intrinsics, metered = self.depth_intrinsics(aligned=kind.aligned), await self._depth_metered(kind)
-        return self._image(pixels, intrinsics, self._depth_capture, metered)
+        return self._image_chunks(pixels, intrinsics, self._depth_capture, metered)
 
     async def _depth_metered(self, kind: SetKind) -> MeteredExposure:
         """Return the exposure of the depth images, with the mean brightness of the left image of that exposure."""
@@ -259,7 +262,7 @@ class FrameImages:
         ply = await self._workers.run(disparity_mesh, images.disparity, k, model.baseline, options, left)
         return messages.mesh(ply, self._depth_capture.timestamp)
 
-    def _image(
+    def _image_chunks(
         self,
         pixels: NDArray[np.uint8] | NDArray[np.uint16],
         intrinsics: Intrinsics,

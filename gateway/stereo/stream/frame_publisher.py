@@ -16,7 +16,7 @@ from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.timestamps import NANOSECONDS_PER_SECOND
 from gateway.stereo.imaging.rendered_images import MeteredExposure
-from gateway.stereo.stream.client_queues import ClientQueues
+from gateway.stereo.stream.client_queues import MessageHub
 from gateway.stereo.stream.faults import FaultInjector
 from gateway.stereo.stream.frame import FrameImages
 from gateway.stereo.stream.image_messages import depth_acquisition_done
@@ -68,7 +68,7 @@ class FramePublisher:
     """Makes each kind of image set of a frame once, and publishes it to all clients."""
 
     def __init__(
-        self, hub: ImageSetHub, events: ClientQueues, injector: FaultInjector | None, config: StereoConfig
+        self, hub: ImageSetHub, events: MessageHub, injector: FaultInjector | None, config: StereoConfig
     ) -> None:
         """
         Args:
@@ -120,7 +120,7 @@ class FramePublisher:
         duration = round((settings.averaged_images - 1) / settings.camera_rate * NANOSECONDS_PER_SECOND)
         if self._config.rate == "device":
             await asyncio.sleep(duration / NANOSECONDS_PER_SECOND)
-        if self._event_clients.connected.is_set():
+        if self._event_clients.has_clients.is_set():
             done = timestamp + duration if self._config.simulated_clock else time.time_ns()
             self._event_clients.put(depth_acquisition_done(timestamp, done))
         await self.publish_sets(frame, kinds)
@@ -156,4 +156,4 @@ class FramePublisher:
         if not task.cancelled() and (error := task.exception()) is not None:
             self.counts.problem = str(error)
             _log.error(f"a frame could not be made: {error}", exc_info=error)
-        self.hub.demand_changed()
+        self.hub.notify_demand()

@@ -28,7 +28,7 @@ from gateway.stereo.stream.subscriptions import MailboxState
 
 ROUNDING_PERIODS: Final = 1e-6
 """Maximum rounding error of a due time, in periods."""
-FIRST_SIMULATED: Final = NANOSECONDS_PER_SECOND
+FIRST_SIMULATED_TIMESTAMP: Final = NANOSECONDS_PER_SECOND
 """Simulated timestamp of the first frame, nanoseconds since the epoch."""
 _Kinds = tuple[SetKind, ...]
 _KERNEL_PARTS: Final = ("stereo", "normals")
@@ -66,14 +66,14 @@ class FrameClock:
 
     def current_timestamp(self) -> int:
         """Return the system time, or the simulated time of the last frame."""
-        return time.time_ns() if not self.simulated else self.timestamp or FIRST_SIMULATED
+        return (self.timestamp or FIRST_SIMULATED_TIMESTAMP) if self.simulated else time.time_ns()
 
     def next_timestamp(self, settings: StreamSettings, now: float) -> int:
         """Return the timestamp of the frame that is due: the middle of an exposure that ended when it was due."""
         if self.simulated:
-            return FIRST_SIMULATED if self.timestamp is None else self.timestamp + settings.period_ns
-        age = now - self._exposure_end(now) + 0.5 * settings.longest_exposure
-        timestamp, last = time.time_ns() - round(age * NANOSECONDS_PER_SECOND), self.timestamp
+            return FIRST_SIMULATED_TIMESTAMP if self.timestamp is None else self.timestamp + settings.period_ns
+        seconds_since_middle = now - self._exposure_end(now) + 0.5 * settings.longest_exposure
+        timestamp, last = time.time_ns() - round(seconds_since_middle * NANOSECONDS_PER_SECOND), self.timestamp
         # Timestamps identify frames: they stay unique when the system clock is set back by up to a second.
         if last is not None and last - NANOSECONDS_PER_SECOND < timestamp <= last:
             return last + 1
@@ -88,11 +88,13 @@ class FrameClock:
             depth_only: True: frames without depth are not needed.
         """
         seconds = self._next_frame_due - now
-        self._needed_from = min(self._needed_from, now)  # a wait beyond now has ended early
+        self._needed_from = min(self._needed_from, now)  # earlier than planned: the hub has changed during the wait
         if depth_only and not settings.single_frame and not self.simulated:
-            age = round((0.5 * settings.longest_exposure - seconds) * NANOSECONDS_PER_SECOND)
-            until_depth = self._nanoseconds_until_depth(settings, time.time_ns() - age)
-            seconds += max(0, math.ceil(until_depth / settings.period_ns - 0.5)) / settings.camera_rate
+            seconds_until_middle = seconds - 0.5 * settings.longest_exposure
+            next_timestamp = time.time_ns() + round(seconds_until_middle * NANOSECONDS_PER_SECOND)
+            periods_until_depth = self._nanoseconds_until_depth(settings, next_timestamp) / settings.period_ns
+            frames_without_depth = max(0, math.ceil(periods_until_depth - 0.5))
+            seconds += frames_without_depth / settings.camera_rate
             self._needed_from = max(self._needed_from, now + seconds)
         return seconds
 
@@ -103,8 +105,8 @@ class FrameClock:
         """
         period = 1.0 / settings.camera_rate
         late_periods = int(max(0.0, now - self._next_frame_due) / period)
-        unneeded = max(0, math.ceil((self._needed_from - self._next_frame_due) / period - ROUNDING_PERIODS))
-        missed = 0 if self._stopped or self.simulated else max(0, late_periods - unneeded)
+        unneeded_periods = max(0, math.ceil((self._needed_from - self._next_frame_due) / period - ROUNDING_PERIODS))
+        missed = 0 if self._stopped or self.simulated else max(0, late_periods - unneeded_periods)
         # After a stop there are no earlier frames to keep in step with.
         starts_late = self._stopped and late_periods > 0
         self.frame_due = now if starts_late else self._next_frame_due + late_periods * period
@@ -138,12 +140,12 @@ class FrameClock:
         self._next_depth_timestamp = due + interval
 
     def delay_for_alternate_exposure(self, settings: StreamSettings) -> None:
-        """Delay the next camera frame until ``ALTERNATE_GAP_NS`` after the depth exposure, which is as much after the
-        last camera frame."""
-        delay = max(2 * ALTERNATE_GAP_NS - settings.period_ns, 0)
-        self._next_frame_due += delay / NANOSECONDS_PER_SECOND
+        """Keep ``ALTERNATE_GAP_NS`` from the last camera frame to the depth exposure, and from there to the next camera
+        frame, even if that delays it."""
+        delay_ns = max(2 * ALTERNATE_GAP_NS - settings.period_ns, 0)
+        self._next_frame_due += delay_ns / NANOSECONDS_PER_SECOND
         if self.simulated and self.timestamp is not None:
-            self.timestamp += delay
+            self.timestamp += delay_ns
 
     def skip_frame(self, settings: StreamSettings) -> None:
         """Advance simulated time by a frame that is not captured."""
@@ -219,7 +221,7 @@ class FrameScheduler:
             while True:
                 seconds = await self._step()
                 if seconds > 0.0:
-                    await _wait(self._hub.changed, seconds)
+                    await _wait(self._hub.scheduler_wakeup, seconds)
         finally:
             if self._streaming:
                 self._set_streaming(False)
@@ -233,7 +235,7 @@ class FrameScheduler:
         At rate ``max`` a frame is always due, except for sets of timestamps alone.
         """
         hub, clock = self._hub, self._clock
-        hub.changed.clear()
+        hub.scheduler_wakeup.clear()
         if bool(hub.kinds) != self._streaming:
             self._set_streaming(bool(hub.kinds))
         while hub.new_kinds:
@@ -290,16 +292,16 @@ class FrameScheduler:
     async def _has_room(self, frames: FramesInFlight) -> bool:
         """Return False if too many frames are in flight. If frames must not be skipped, wait instead."""
         config = self.imaging.config
-        matching = config.depth_mode == "matched" and frames is self._depth_frames
-        limit = 1 if matching or self._clock.simulated else config.frames_in_flight
+        is_matching = config.depth_mode == "matched" and frames is self._depth_frames
+        limit = 1 if is_matching or self._clock.simulated else config.frames_in_flight
         while len(frames) >= limit:
             if not self._unlimited and not self._clock.simulated:
                 self._counts.skipped += 1
                 return False
-            self._hub.changed.clear()
-            changed = asyncio.ensure_future(self._hub.changed.wait())
-            await asyncio.wait((*frames.tasks, changed), return_when=asyncio.FIRST_COMPLETED)
-            changed.cancel()
+            self._hub.scheduler_wakeup.clear()
+            wakeup = asyncio.ensure_future(self._hub.scheduler_wakeup.wait())
+            await asyncio.wait((*frames.tasks, wakeup), return_when=asyncio.FIRST_COMPLETED)
+            wakeup.cancel()
             if len(self._hub) == 0:
                 self._cancel_frames()
                 return False
@@ -312,8 +314,9 @@ class FrameScheduler:
     async def _capture(self, settings: StreamSettings, camera_kinds: _Kinds, depth_kinds: _Kinds) -> None:
         """Capture the scene and start the tasks that make the sets of kinds without and with depth."""
         clock, publisher, generation = self._clock, self._publisher, self._hub.generation
-        timestamp, number = clock.next_timestamp(settings, asyncio.get_running_loop().time()), self._frame_number + 1
-        sent_timestamp, kinds = publisher.sent_timestamp(timestamp), camera_kinds + depth_kinds
+        number, kinds = self._frame_number + 1, camera_kinds + depth_kinds
+        timestamp = clock.next_timestamp(settings, asyncio.get_running_loop().time())
+        sent_timestamp = publisher.sent_timestamp(timestamp)
         capture = await self._capture_scene(timestamp, sent_timestamp, settings, number, kinds, depth=False)
         if capture is None:
             return

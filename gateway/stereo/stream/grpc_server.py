@@ -16,7 +16,7 @@ from grpc_reflection.v1alpha import reflection
 from gateway.runtime import process_tuning
 from gateway.server.grpc_tokens import TokenCheck
 from gateway.stereo.device.camera_config import StereoConfig, Tls
-from gateway.stereo.stream.client_queues import ClientQueues
+from gateway.stereo.stream.client_queues import MessageHub
 from gateway.stereo.stream.faults import CUT_REASON, FaultInjector
 from gateway.stereo.stream.reflection import ReflectionPool
 from gateway.stereo.stream.set_kind import RequestError, read_set_kind
@@ -87,7 +87,7 @@ class StreamServicer:
     """Methods ``StreamImageSets`` and ``StreamImageEvents``."""
 
     def __init__(
-        self, hub: ImageSetHub, events: ClientQueues, injector: FaultInjector | None, config: StereoConfig
+        self, hub: ImageSetHub, events: MessageHub, injector: FaultInjector | None, config: StereoConfig
     ) -> None:
         self._hub = hub
         self._events = events
@@ -158,7 +158,7 @@ def _log_stream(peer: str, kind: str, set_bytes: int) -> None:
 
 @asynccontextmanager
 async def serving(
-    hub: ImageSetHub, events: ClientQueues, injector: FaultInjector | None, config: StereoConfig
+    hub: ImageSetHub, events: MessageHub, injector: FaultInjector | None, config: StereoConfig
 ) -> AsyncIterator[int]:
     """Serve while the block runs, and yield the port. The arguments are those of ``FramePublisher``.
 

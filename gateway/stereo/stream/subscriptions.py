@@ -22,7 +22,7 @@ class MailboxState(Enum):
     """State of a client's mailbox."""
 
     EMPTY = "empty"
-    """No set is stored, and the previous set is being sent."""
+    """No set is stored, and the client does not wait for one: it has just subscribed, or is sent the previous set."""
     WAITING = "waiting"
     """The previous set has been sent, and the stream waits for the next one."""
     FULL = "full"
@@ -57,11 +57,11 @@ class Subscription:
         """Store the set of a frame, unless a set of this frame or of a later one was stored before."""
         if frame_number == self._frame_number or self.state is MailboxState.CLOSED:
             return
-        is_overtaken = frame_number < self._frame_number
-        if is_overtaken or self.state is MailboxState.FULL:
+        if frame_number < self._frame_number:
             self._hub.skipped += 1
-        if is_overtaken:
             return
+        if self.state is MailboxState.FULL:
+            self._hub.skipped += 1  # the stored set, which this one replaces
         self.state, self._frame_number, self._data = MailboxState.FULL, frame_number, data
         self._ready.set()
 
@@ -78,11 +78,11 @@ class Subscription:
         """
         if self.state is MailboxState.EMPTY:
             self.state = MailboxState.WAITING
-            self._hub.demand_changed()
+            self._hub.notify_demand()
             try:
                 await self._ready.wait()
             finally:
-                if self.state is MailboxState.WAITING:
+                if self.state is MailboxState.WAITING:  # cancelled
                     self.state = MailboxState.EMPTY
         if self.state is MailboxState.CLOSED:
             raise StreamError(self._close_reason)
@@ -91,30 +91,24 @@ class Subscription:
         self._ready.clear()
         self.sent += 1
         self._hub.sent += 1
-        self._hub.demand_changed()
+        self._hub.notify_demand()
         return data
 
 
 class ImageSetHub:
     """All subscriptions of one camera."""
 
-    def __init__(
-        self,
-        max_clients: int,
-        max_kinds: int,
-        *,
-        follows_demand: bool = False,
-    ) -> None:
+    def __init__(self, max_clients: int, max_kinds: int, *, follows_demand: bool = False) -> None:
         """
         Args:
             max_clients: maximum number of subscriptions.
             max_kinds: maximum number of different kinds of set.
-            follows_demand: True: frames are made when clients want them, so ``demand_changed`` sets ``changed``.
+            follows_demand: True: frames are made when clients want them, so ``notify_demand`` wakes the scheduler.
         """
         self.generation = 0
         """Number of changes of parameters, faults or image source."""
-        self.changed = asyncio.Event()
-        """Set when a client subscribes or disconnects, and when parameters or the image source change."""
+        self.scheduler_wakeup = asyncio.Event()
+        """Set when a client subscribes or disconnects, parameters or the image source change, or depth is triggered."""
         self._follows_demand = follows_demand
         self._max_clients = max_clients
         self._max_kinds = max_kinds
@@ -125,7 +119,7 @@ class ImageSetHub:
         self.depth_kinds: tuple[SetKind, ...] = ()
         """Kinds with depth images."""
         self.new_kinds: set[SetKind] = set()
-        """Kinds of the subscriptions to which the last frame was not offered yet; emptied by the frame scheduler."""
+        """Kinds of new subscriptions. The frame scheduler sends them the last frame, and empties this set."""
         self._subscriptions: set[Subscription] = set()
         self.sent = 0
         """Number of sets taken by all clients since start."""
@@ -157,29 +151,30 @@ class ImageSetHub:
         subscription = Subscription(kind, self)
         self._subscriptions.add(subscription)
         self.new_kinds.add(kind)
-        self._subscriptions_changed()
+        self._update_kinds()
         try:
             yield subscription
         finally:
             self._subscriptions.discard(subscription)
-            self._subscriptions_changed()
+            self._update_kinds()
 
-    def _subscriptions_changed(self) -> None:
+    def _update_kinds(self) -> None:
+        """Compute the kinds of the current subscriptions, and wake the scheduler."""
         self.kinds = frozenset(s.kind for s in self._subscriptions)
         self.camera_kinds = tuple(kind for kind in self.kinds if not kind.has_depth)
         self.depth_kinds = tuple(kind for kind in self.kinds if kind.has_depth)
         self.new_kinds &= self.kinds
-        self.changed.set()
+        self.scheduler_wakeup.set()
 
     def start_generation(self) -> None:
         """Count a change of parameters, faults or image source: later subscriptions get no sets from before it."""
         self.generation += 1
-        self.changed.set()
+        self.scheduler_wakeup.set()
 
-    def demand_changed(self) -> None:
+    def notify_demand(self) -> None:
         """Report that a client takes a set or starts to wait for one, or that a frame is finished."""
         if self._follows_demand:
-            self.changed.set()
+            self.scheduler_wakeup.set()
 
     def kinds_with_mailbox(self, *states: MailboxState) -> set[SetKind]:
         """Return the kinds of subscriptions whose mailbox is in one of these states."""
@@ -201,12 +196,12 @@ class ImageSetHub:
 
     def end_streams(self, kind: SetKind, reason: str) -> None:
         """End the streams of this kind."""
-        for subscription in tuple(self._subscriptions):
+        for subscription in self._subscriptions:
             if subscription.kind == kind:
                 subscription.close(reason)
 
     def close(self, reason: str) -> None:
         """End all streams and refuse new ones."""
         self._close_reason = reason
-        for subscription in tuple(self._subscriptions):
+        for subscription in self._subscriptions:
             subscription.close(reason)

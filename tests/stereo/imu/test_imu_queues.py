@@ -12,7 +12,7 @@ import pytest
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.stereo.imu.imu_sampler import ImuSamples
 from gateway.stereo.imu.imu_service import PoseLog, json_lines, next_lines
-from gateway.stereo.stream.client_queues import ClientQueues
+from gateway.stereo.stream.client_queues import MessageHub
 from gateway.stereo.stream.subscriptions import LimitError, StreamError
 
 
@@ -39,10 +39,10 @@ def test_lines_have_the_fields_of_the_device() -> None:
 
 
 async def test_every_client_gets_every_sample() -> None:
-    hub = ClientQueues("IMU", 2, 100)
-    assert not hub.connected.is_set()
+    hub = MessageHub("IMU", 2, 100)
+    assert not hub.has_clients.is_set()
     with hub.subscribe() as first, hub.subscribe() as second:
-        assert hub.connected.is_set()
+        assert hub.has_clients.is_set()
         waiting = asyncio.ensure_future(next_lines(first))
         hub.put(json_lines(samples(0, 10)), 10)
         hub.put(json_lines(samples(10, 10)), 10)
@@ -52,11 +52,11 @@ async def test_every_client_gets_every_sample() -> None:
         with pytest.raises(LimitError, match=limit), hub.subscribe():
             pass
     assert len(hub) == 0
-    assert not hub.connected.is_set()
+    assert not hub.has_clients.is_set()
 
 
 async def test_slow_clients_lose_the_oldest_samples_and_are_told_how_many() -> None:
-    hub = ClientQueues("IMU", 1, 25)
+    hub = MessageHub("IMU", 1, 25)
     with hub.subscribe() as queue:
         for batch in range(6):
             hub.put(json_lines(samples(10 * batch, 10)), 10)
@@ -70,7 +70,7 @@ async def test_slow_clients_lose_the_oldest_samples_and_are_told_how_many() -> N
 
 
 async def test_streams_end_when_the_hub_closes() -> None:
-    hub = ClientQueues("IMU", 2, 100)
+    hub = MessageHub("IMU", 2, 100)
     with hub.subscribe() as queue, hub.subscribe() as other:
         waiting = asyncio.ensure_future(next_lines(other))
         hub.put(json_lines(samples(0, 1)), 1)

@@ -27,7 +27,7 @@ class FakeHub:
     ended: list[tuple[SetKind, str]] = field(default_factory=list)
     demand_changes: int = 0
 
-    def demand_changed(self) -> None:
+    def notify_demand(self) -> None:
         self.demand_changes += 1
 
     def publish(self, kind: SetKind, number: int, data: bytes, generation: int) -> None:

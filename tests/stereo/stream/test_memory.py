@@ -21,7 +21,7 @@ import asyncio, os, sys
 from scenegate.camera import image_interface_pb2 as pb
 from gateway.runtime import logs, process_tuning
 from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.stream.client_queues import ClientQueues
+from gateway.stereo.stream.client_queues import MessageHub
 from gateway.stereo.stream.grpc_server import serving
 from gateway.stereo.stream.subscriptions import ImageSetHub, MailboxState
 
@@ -39,7 +39,7 @@ async def main():
     logs.configure("json", "error")
     process_tuning.tune()
     hub = ImageSetHub(64, 16)
-    async with serving(hub, ClientQueues("event", 64, 64), None, StereoConfig(port=0)) as port:
+    async with serving(hub, MessageHub("event", 64, 64), None, StereoConfig(port=0)) as port:
         publishing = asyncio.create_task(publish(hub))
         print(port, flush=True)
         loop = asyncio.get_running_loop()

@@ -28,11 +28,11 @@ async def test_unsubscribing_wakes_the_producer() -> None:
         async def produce() -> None:
             """Publish a set when no mailbox is full."""
             while True:
-                hub.changed.clear()
+                hub.scheduler_wakeup.clear()
                 if len(hub) and not hub.kinds_with_mailbox(MailboxState.FULL):
                     hub.publish(LEFT, 2, b"next")
                     return
-                await hub.changed.wait()
+                await hub.scheduler_wakeup.wait()
 
         producer = asyncio.create_task(produce())
         next_set = asyncio.create_task(staying.get())
@@ -121,12 +121,12 @@ async def _churn(steps: list[tuple[str, int, SetKind]]) -> None:
                 full.discard(id(chosen[1]))
                 taken += 1
         elif chosen is not None and step == "unsubscribe":
-            hub.changed.clear()
+            hub.scheduler_wakeup.clear()
             chosen[0].close()
             open_.remove(chosen)
             full.discard(id(chosen[1]))
             ended.discard(id(chosen[1]))
-            assert hub.changed.is_set()
+            assert hub.scheduler_wakeup.is_set()
         assert len(hub) == len(open_)
         assert {id(s) for _, s in open_ if s.state in (MailboxState.FULL, MailboxState.CLOSED)} == full | ended
         assert hub.kinds == {s.kind for _, s in open_}
@@ -145,9 +145,9 @@ async def test_later_subscriptions_do_not_get_outdated_sets() -> None:
     hub = ImageSetHub(4, 4)
     hub.start_generation()
     with hub.subscribe(LEFT) as early:
-        hub.changed.clear()
+        hub.scheduler_wakeup.clear()
         hub.start_generation()
-        assert hub.changed.is_set()
+        assert hub.scheduler_wakeup.is_set()
         with hub.subscribe(LEFT) as late:
             hub.publish(LEFT, 1, b"old", 1)
             assert (early.state, late.state) == (MailboxState.FULL, MailboxState.EMPTY)
