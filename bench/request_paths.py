@@ -20,7 +20,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from types import CodeType, FrameType
 
@@ -141,27 +141,22 @@ def render(gateway: ProfiledGateway, repeats: int) -> dict[str, int]:
     return gateway.count(lambda: post(gateway.port, next(bodies)), repeats)
 
 
-def publish(url: str, request: dict[str, object]) -> None:
-    """Send a request to the tree viewer on a new connection, and wait for the response."""
-    requests = Requests(url, SECONDS, binary=False)
-    try:
-        requests.send(request)
-    finally:
-        requests.connection.close()
-
-
 def transform(gateway: ProfiledGateway, repeats: int) -> dict[str, int]:
-    """One transform over TCPQ, its response, and the frame for a browser."""
+    """One transform over an open TCPQ connection, its response, and the frame for a browser."""
     url = gateway.interface("treeviewer")["tcpq"]["url"]
     box = {"type": "box", "lengths": [1, 1, 1]}
-    publish(url, {"setgeometry": [{"path": ["box"], "geometry": box}]})
-    with connect(f"ws://127.0.0.1:{gateway.port}/view/ws", compression=None, max_size=None) as view:
+    requests = Requests(url, SECONDS, binary=False)
+    requests.send({"setgeometry": [{"path": ["box"], "geometry": box}]})
+    with (
+        closing(requests.connection),
+        connect(f"ws://127.0.0.1:{gateway.port}/view/ws", compression=None, max_size=None) as view,
+    ):
         offsets = iter(range(1, repeats + 1))
 
         def move() -> None:
             view.send("k")  # acknowledges the update before: the next one is not sent without
             pose = {"translation": [next(offsets), 0, 0], "quaternion": [1, 0, 0, 0]}
-            publish(url, {"settransform": [{"path": ["box"], "transform": pose}]})
+            requests.send({"settransform": [{"path": ["box"], "transform": pose}]})
             while b'"update"' not in view.recv(decode=False)[:64]:
                 pass
 

@@ -314,8 +314,8 @@ class WorkerPool:
                 call.stop.set(CallerCancelled("the caller was cancelled"))
 
     def _start_threads(self) -> None:
-        usable = sum(niceness <= self._niceness for niceness in self._threads.values())
-        for _ in range(usable, min(self.threads, self.calls)):
+        usable = [thread for thread, niceness in self._threads.items() if niceness <= self._niceness]
+        for _ in range(len(usable), min(self.threads, self.calls)):
             thread = threading.Thread(target=self._work, name=f"{self._name}-{len(self._threads) + 1}", daemon=True)
             thread.start()
             self._threads[thread] = self._niceness

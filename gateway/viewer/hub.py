@@ -84,9 +84,10 @@ class ViewHub:
         return {"browsers": len(self._browsers), "revision": self._encoder.current.revision}
 
     async def run(self) -> None:
-        """Send updates until cancelled."""
+        """Send updates and, every ``status_seconds``, the status until cancelled."""
         loop = asyncio.get_running_loop()
         stop_listening = self._tree.listen(partial(loop.call_soon_threadsafe, self._changed.set))
+        self._changed.set()  # the tree may have changed before
         status_time = loop.time()
         self.ready = True
         try:
@@ -95,11 +96,14 @@ class ViewHub:
                     async with asyncio.timeout_at(status_time):
                         await self._changed.wait()
                 update_start = loop.time()
-                self._changed.clear()
                 if update_start >= status_time:
                     status_time = update_start + self.config.status_seconds
                     self._send_status()
-                self._live_page.controls.deliver_values()  # those that pages have set since the last update
+                if not self._changed.is_set():
+                    continue
+                self._changed.clear()
+                if self._live_page.controls.clients:
+                    self._live_page.controls.deliver_values()  # those that pages have set since the last update
                 if self._browsers:
                     self._advance()
                     for browser in self._browsers:
