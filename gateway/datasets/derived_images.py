@@ -1,4 +1,4 @@
-"""What ``albedo``, ``stereo``, ``flow`` and ``measured`` images need besides a render of the scene from the camera."""
+"""Materials, cameras and depth of ``albedo``, ``stereo``, ``flow`` and ``measured`` images."""
 
 from __future__ import annotations
 

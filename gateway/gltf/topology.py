@@ -17,7 +17,7 @@ TRIANGLE_FAN: Final = 6
 MODE_COUNT: Final = 7
 """Number of values of ``primitive.mode``, which are the constants above."""
 _INDICES_PER_ELEMENT: Final = {POINTS: 1, LINES: 2, TRIANGLES: 3}
-"""By mode, for modes whose elements share no indices."""
+"""Vertices of a primitive by mode, for modes whose primitives share no indices."""
 
 
 def element_count(mode: int, index_count: int) -> int:

@@ -42,6 +42,7 @@ def without_broken_textures(parts: tuple[Part, ...], max_pixels: int, warnings: 
             else:
                 warnings.append(f"{texture.name[:120]!r} is left out: {problem}")
         broken = {field: None for field, texture in textures.items() if not is_usable[texture.image]}
+        # mypy does not know that only textures, which may be None, are named.
         materials[material] = replace(material, **broken) if broken else material  # type: ignore[arg-type]
     if all(old is new for old, new in materials.items()):
         return parts

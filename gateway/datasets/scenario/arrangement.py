@@ -38,7 +38,7 @@ class SceneItem:
 
     table: tables.Model
     choice: ObjectChoice
-    """What was drawn; its pose is that before the object has a place."""
+    """The drawn object, with its pose before it is placed."""
     solid: Solid
     """The object in its own frame, scaled."""
     X_world_object: NDArray[np.float64]
