@@ -22,12 +22,7 @@ from gateway.drakeviewer.frames import FrameChannel
 from gateway.drakeviewer.link_paths import count_nodes
 from gateway.drakeviewer.messages import Draw, MessageError
 from gateway.drakeviewer.point_clouds import read_cloud
-from gateway.drakeviewer.robots import (
-    RobotChannels,
-    ShownParts,
-    read_robots,
-    show_family,
-)
+from gateway.drakeviewer.robots import RobotChannels, ShownParts, read_robots, show_family
 from gateway.drakeviewer.shapes import read_deformables
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path, TreeEdit
