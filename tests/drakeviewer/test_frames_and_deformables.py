@@ -89,6 +89,13 @@ def test_poses_that_are_not_finite(viewer: Viewer) -> None:
     assert viewer.problem(FRAMES, message) == "1 of 2 poses are not finite"
 
 
+def test_vertices_that_are_not_finite_are_reported(viewer: Viewer) -> None:
+    numbers = [*TETRAHEDRON[:2], *[float("nan")] * 12, *TETRAHEDRON[14:]]
+    message = deformables(geometry(MESH, numbers, string="a"), geometry(MESH, TETRAHEDRON, string="b"))
+    assert viewer.problem(DEFORMABLE, message) == "4 vertices are not finite; their triangles are not drawn"
+    assert [path[-1] for path, node in viewer.live.snapshot.root.walk() if node.parts] == ["b"]
+
+
 def test_a_body_whose_pose_is_not_finite_is_left_out(viewer: Viewer) -> None:
     nowhere = geometry(MESH, TETRAHEDRON, pose=(*IDENTITY[:6], float("nan")), string="a")
     message = deformables(nowhere, geometry(MESH, TETRAHEDRON, string="b"))
