@@ -48,7 +48,7 @@ def read_contacts(contacts: Contacts, warnings: list[str]) -> dict[Path, tuple[P
     A surface without a force or moment to show is left out.
 
     Args:
-        warnings: list to which the reason is added if a contact surface is damaged. Its arrows are shown.
+        warnings: list to which the reason is added if a contact surface cannot be shown completely. Its arrows are.
     """
     parts: dict[Path, list[Part]] = {}
     colors = [POINT_COLOR] * len(contacts.points)
@@ -69,7 +69,7 @@ def read_contacts(contacts: Contacts, warnings: list[str]) -> dict[Path, tuple[P
             path = (ROOT, CONTACTS, "hydroelastic", "+".join(surface.bodies))
             parts.setdefault(path, []).extend((*force_arrow, *moment_arrow))
             try:
-                parts[path] += _pressure_surface(surface)
+                parts[path] += _pressure_surface(surface, warnings)
             except MessageError as error:
                 warnings.append(f"a contact surface is not shown: {error}")
     return {path: tuple(of_path) for path, of_path in parts.items()}
@@ -106,11 +106,11 @@ def _arrows(
     return parts_by_arrow
 
 
-def _pressure_surface(contact: SurfaceContact) -> tuple[Part, ...]:
+def _pressure_surface(contact: SurfaceContact, warnings: list[str]) -> tuple[Part, ...]:
     """Return the contact surface, coloured by its pressure; nothing if no triangle has finite vertices."""
     with np.errstate(over="ignore"):
         positions = contact.vertices.astype(np.float32)
-    triangles = drawable_triangles(positions, triangles_of(contact.polygons))
+    triangles = drawable_triangles(positions, triangles_of(contact.polygons), warnings)
     if not len(triangles):
         return ()
     mesh = Mesh(positions, triangles, colors=flame_colors(contact.pressure))

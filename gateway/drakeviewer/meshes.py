@@ -20,11 +20,12 @@ MAX_NAME_CHARS: Final = 4096
 """Maximum length of the name of a mesh in memory, which the browser shows."""
 
 
-def surface_of(numbers: NDArray[np.float32], limits: Limits) -> Surface | None:
+def surface_of(numbers: NDArray[np.float32], limits: Limits, warnings: list[str]) -> Surface | None:
     """Return the mesh in a geometry's ``float_data``; None without drawable triangles.
 
     Args:
         numbers: (2 + 3 V + 3 T,) float32: V, T, coordinates of V vertices, vertex indices of T triangles.
+        warnings: see ``drawable_triangles``.
 
     Raises:
         MessageError: The numbers are not a mesh, or beyond a limit.
@@ -43,16 +44,19 @@ def surface_of(numbers: NDArray[np.float32], limits: Limits) -> Surface | None:
     positions = numbers[2:end].reshape(vertex_count, 3).copy()
     with np.errstate(invalid="ignore"):
         indices = numbers[end:].reshape(triangle_count, 3).astype(np.int64)
-    triangles = drawable_triangles(positions, indices)
+    triangles = drawable_triangles(positions, indices, warnings)
     return Surface(Mesh(*smooth_mesh(positions, triangles))) if len(triangles) else None
 
 
-def drawable_triangles(positions: NDArray[np.float32], indices: NDArray[np.integer]) -> NDArray[np.uint32]:
+def drawable_triangles(
+    positions: NDArray[np.float32], indices: NDArray[np.integer], warnings: list[str]
+) -> NDArray[np.uint32]:
     """Return the triangles whose vertices are finite, (M, 3) uint32. The other vertices become 0.
 
     Args:
         positions: (V, 3) metres, changed in place.
         indices: (T, 3).
+        warnings: list to which the number of vertices that are not finite is added.
 
     Raises:
         MessageError: An index is not below V.
@@ -64,6 +68,7 @@ def drawable_triangles(positions: NDArray[np.float32], indices: NDArray[np.integ
     if not finite.all():
         triangles = triangles[finite[triangles].all(axis=1)]
         positions[~finite] = 0.0
+        warnings.append(f"{int((~finite).sum())} vertices are not finite; their triangles are not drawn")
     return np.ascontiguousarray(triangles)
 
 

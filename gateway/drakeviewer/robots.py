@@ -123,8 +123,8 @@ class RobotChannels:
             self._paths = [loaded.paths[key] for key in draw.names.keys if key in loaded.paths]
         is_shown = self._was_shown and _has_links(edit.root, loaded)
         has_only_loaded_links = len(self._paths) == len(draw.names.keys)
-        has_all_links = len(set(draw.names.keys)) >= self._movable_count
-        if not has_only_loaded_links or not (is_shown or has_all_links):
+        # A first message needs all links; they are not counted again in later ones, which may move some.
+        if not has_only_loaded_links or not (is_shown or len(set(draw.names.keys)) >= self._movable_count):
             self.stale += 1
             return f"its {len(draw.names.keys)} links are not the {self._movable_count} that are loaded"
         if not is_shown:

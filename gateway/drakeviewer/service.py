@@ -135,7 +135,7 @@ class DrakeViewerService:
             self._tasks[channel.group] = asyncio.get_running_loop().create_task(self._show_waiting(channel.group))
 
     def _drop_beyond_limits(self, channel: Channel, nbytes: int) -> bool:
-        """Return True if a message is beyond the limits on all channels, and count it and its reason as dropped."""
+        """Drop a message beyond the limits on all channels together; return True if it was dropped."""
         bytes_of_others = sum(self._shown_bytes.values()) - self._shown_bytes.get(channel, 0)
         if self._exceeds_channels(channel):
             self._drop(channel, f"{self._config.channels} channels are shown or wait, which is the limit")
@@ -150,8 +150,8 @@ class DrakeViewerService:
         """Return True if a channel is one too many besides those that are shown or wait."""
         if channel.has_fixed_name or channel in self._message_counts:
             return False
-        waiting = {channel for queue in self._queues.values() for channel in queue}
-        other_channels = (self._message_counts.keys() | waiting) - {channel}
+        waiting_channels = {waiting for queue in self._queues.values() for waiting in queue}
+        other_channels = (self._message_counts.keys() | waiting_channels) - {channel}
         return len(other_channels) >= self._config.channels
 
     def _drop(self, channel: Channel, reason: str) -> None:

@@ -30,7 +30,7 @@ def read_geometries(
     """Return the parts of a link's geometries, in the link's frame.
 
     Args:
-        warnings: list to which the reason is added if a geometry cannot be shown. That geometry is left out.
+        warnings: list to which the reason is added if a geometry cannot be shown completely.
     """
     parts: list[Part] = []
     for geometry in geometries:
@@ -47,7 +47,7 @@ def read_deformables(link: Link, family: Path, limits: Limits, warnings: list[st
     Args:
         link: the message; each of its geometries is a body.
         family: path of the family of the channel.
-        warnings: list to which the reason is added if a mesh is damaged or beyond a limit. That body has no parts.
+        warnings: list to which the reason is added if a body cannot be shown completely.
 
     Raises:
         MessageError: A name is beyond a limit.
@@ -64,7 +64,7 @@ def read_deformables(link: Link, family: Path, limits: Limits, warnings: list[st
         path = (*parent, *split_name(geometry.text, limits))
         parts_before = bodies.get(path, ())  # of a body with the same name
         try:
-            bodies[path] = parts_before + _parts_of_numbers(geometry, limits)
+            bodies[path] = parts_before + _parts_of_numbers(geometry, limits, warnings)
         except MessageError as error:
             bodies[path] = parts_before
             warnings.append(str(error))
@@ -73,8 +73,9 @@ def read_deformables(link: Link, family: Path, limits: Limits, warnings: list[st
 
 def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits, warnings: list[str]) -> tuple[Part, ...]:
     if geometry.type == GeometryType.MESH:
-        is_file = bool(geometry.text)
-        return _parts_of_file(geometry, files, warnings) if is_file else _parts_of_numbers(geometry, limits)
+        if geometry.text:
+            return _parts_of_file(geometry, files, warnings)
+        return _parts_of_numbers(geometry, limits, warnings)
     if geometry.type not in _SHAPES:
         raise MessageError(f"geometry type {geometry.type} is unknown")
     kind, size_count, shape_of = _SHAPES[geometry.type]
@@ -86,10 +87,10 @@ def _parts_of(geometry: Geometry, files: MeshFiles, limits: Limits, warnings: li
     return (Part(shape_of(sizes), _material_of(geometry), _pose_of(geometry), kind),)
 
 
-def _parts_of_numbers(geometry: Geometry, limits: Limits) -> tuple[Part, ...]:
+def _parts_of_numbers(geometry: Geometry, limits: Limits, warnings: list[str]) -> tuple[Part, ...]:
     """Return the mesh that a geometry's ``floats`` are; nothing without drawable triangles."""
     X_link_geometry = _pose_of(geometry)
-    surface = surface_of(geometry.floats, limits)
+    surface = surface_of(geometry.floats, limits, warnings)
     return () if surface is None else (Part(surface, _material_of(geometry), X_link_geometry, "mesh_data"),)
 
 

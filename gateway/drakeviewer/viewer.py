@@ -22,12 +22,7 @@ from gateway.drakeviewer.frames import FrameChannel
 from gateway.drakeviewer.link_paths import count_nodes
 from gateway.drakeviewer.messages import Draw, MessageError
 from gateway.drakeviewer.point_clouds import read_cloud
-from gateway.drakeviewer.robots import (
-    RobotChannels,
-    ShownParts,
-    read_robots,
-    show_family,
-)
+from gateway.drakeviewer.robots import RobotChannels, ShownParts, read_robots, show_family
 from gateway.drakeviewer.shapes import read_deformables
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path, TreeEdit
@@ -254,12 +249,12 @@ class DrakeViewer:
         frames = self.state.frames.get(channel.name) or FrameChannel(channel.node)
         draw = wire.decode_draw(message, self._config.limits, frames.names)
         paths = frames.paths_of(draw.names, self._config.limits)
-        self.state.frames[channel.name] = frames
 
         def move_frames(edit: TreeEdit) -> None:
-            if draw.names != frames.names:
+            if draw.names != frames.names or channel.name not in self.state.node_counts:  # cleared since the reading
                 self._reserve_nodes(channel.name, paths)
             frames.apply(draw, paths, edit)
+            self.state.frames[channel.name] = frames  # not before: any number of channels can have refused messages
 
         return self._numbered(channel, move_frames, _pose_warnings(draw))
 

@@ -55,9 +55,10 @@ class Checkpoints:
 def bytes_besides(state: ReplayState, earlier: ReplayState) -> int:
     """Return an estimate of the memory that a state needs besides an earlier one."""
     size = LINK_BYTES * sum(state.drake.node_counts.values())
-    for channel, (message, _) in state.drake.loads.items():
-        if earlier.drake.loads.get(channel, (b"", False))[0] is not message:
-            size += len(message)
+    for channel, load in state.drake.loads.items():
+        earlier_load = earlier.drake.loads.get(channel)
+        if earlier_load is None or earlier_load.data is not load.data:
+            size += len(load.data)
     stack: list[tuple[Node, Node | None]] = [(state.snapshot.root, earlier.snapshot.root)]
     while stack:
         node, before = stack.pop()

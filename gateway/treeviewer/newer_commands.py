@@ -87,8 +87,8 @@ def _home(value: Any) -> LookAtCamera:
     distance = float(np.linalg.norm(line_of_sight))
     if not distance > 0.0:
         raise CommandError("home.eye and home.target are the same point")
-    across_sight = float(np.linalg.norm(np.cross(line_of_sight, up))) / distance  # part of ``up``
-    if not across_sight > 1e-6 * float(np.linalg.norm(up)):
+    up_across_sight = float(np.linalg.norm(np.cross(line_of_sight, up))) / distance  # length of this part of ``up``
+    if not up_across_sight > 1e-6 * float(np.linalg.norm(up)):
         raise CommandError("home.up must not be zero nor along the line of sight")
     return LookAtCamera(eye, target, up)
 

@@ -100,7 +100,7 @@ class TreeQuota:
             parts: geometries that the command adds.
 
         Returns:
-            The reason why the command exceeds a limit, so that nothing is counted; or an empty string.
+            The reason why the command exceeds a limit and must not be executed; or an empty string.
         """
         node_count += self.unpublished_nodes
         max_nodes = self._limits.nodes

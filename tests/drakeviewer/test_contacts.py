@@ -122,7 +122,8 @@ def test_a_damaged_surface_leaves_the_arrows(viewer: Viewer, polygons: tuple[int
 @pytest.mark.parametrize("x", [np.nan, np.inf, 1e39])
 def test_vertices_that_are_not_finite_in_float32(viewer: Viewer, x: float) -> None:
     vertices = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (x, 1, 0))
-    viewer.handle(CHANNEL, contacts(surfaces=[surface_contact(vertices=vertices)]))
+    problem = viewer.problem(CHANNEL, contacts(surfaces=[surface_contact(vertices=vertices)]))
+    assert problem == "1 vertices are not finite; their triangles are not drawn"
     part = (viewer.node("contacts", "hydroelastic", "body1+body2").parts or ())[-1]
     assert isinstance(part.shape, Surface)
     assert part.shape.mesh.elements.tolist() == [[0, 1, 2]]

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from gateway.drakeviewer.channels import channel_of
+from gateway.drakeviewer.config import DrakeViewerConfig
+from gateway.drakeviewer.messages import MessageError
 from gateway.scene.bounds import instance_bounds
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Surface
@@ -41,6 +45,24 @@ def test_frames_that_a_client_deleted_come_back(viewer: Viewer) -> None:
         assert len(viewer.node("frames", "default", "a").parts or ()) == 3
         with viewer.live.edit() as edit:
             edit.delete(())
+
+
+def test_refused_frames_take_no_memory() -> None:
+    viewer = Viewer(config=DrakeViewerConfig(nodes=4))
+    with pytest.raises(MessageError, match="the nodes of all channels would be 6, the limit is 4"):
+        viewer.handle(FRAMES, draw({(0, name): IDENTITY for name in "abc"}))
+    assert not viewer.state.frames
+
+
+def test_frames_that_are_read_while_they_are_cleared_are_counted(viewer: Viewer) -> None:
+    channel, message = channel_of(FRAMES), draw({(0, "a"): IDENTITY})
+    assert channel is not None
+    viewer.apply(viewer.read(channel, message))
+    show = viewer.read(channel, message)
+    viewer.handle("DRAKE_VIEWER_LOAD_ROBOT", load(link("world", 0)))
+    viewer.apply(show)
+    assert viewer.state.node_counts[FRAMES] == len((*channel.node, "a"))
+    assert viewer.node("frames", "default", "a").parts
 
 
 def test_deformable_bodies_follow_their_vertices(viewer: Viewer) -> None:
@@ -87,6 +109,13 @@ def test_damaged_bodies(viewer: Viewer) -> None:
 def test_poses_that_are_not_finite(viewer: Viewer) -> None:
     message = draw({(0, "a"): (float("nan"),) * 7, (0, "b"): IDENTITY})
     assert viewer.problem(FRAMES, message) == "1 of 2 poses are not finite"
+
+
+def test_vertices_that_are_not_finite_are_reported(viewer: Viewer) -> None:
+    numbers = [*TETRAHEDRON[:2], *[float("nan")] * 12, *TETRAHEDRON[14:]]
+    message = deformables(geometry(MESH, numbers, string="a"), geometry(MESH, TETRAHEDRON, string="b"))
+    assert viewer.problem(DEFORMABLE, message) == "4 vertices are not finite; their triangles are not drawn"
+    assert [path[-1] for path, node in viewer.live.snapshot.root.walk() if node.parts] == ["b"]
 
 
 def test_a_body_whose_pose_is_not_finite_is_left_out(viewer: Viewer) -> None:

@@ -94,7 +94,7 @@ def read_events(
 def _read_body(
     file: BinaryIO, name_bytes: int, data_bytes: int, wanted: Callable[[str], bool]
 ) -> tuple[str, bytes] | None:
-    """Return channel and data of an event, without data of other channels; None if the file ends before."""
+    """Return channel and data of an event, b"" for channels that are not wanted; None if the file ends too early."""
     if not _has(file, name_bytes + data_bytes):
         return None
     name = file.read(name_bytes)

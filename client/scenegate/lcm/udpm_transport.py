@@ -33,7 +33,11 @@ class UdpmTransport:
     """``Transport`` by UDP multicast. It joins the group when created; the kernel keeps datagrams until ``start``."""
 
     def __init__(self, url: str, prefixes: tuple[str, ...], limits: TransportLimits, max_message: int) -> None:
-        """Join the multicast group and test the route; see ``network.open_transport`` for the arguments.
+        """Join the multicast group and test the route.
+
+        Args:
+            prefixes: see ``network.open_transport``.
+            max_message: maximum bytes of one message, with the fields around its payload.
 
         Raises:
             ValueError: the URL is invalid.

@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 
 
 class CallbackThreads:
-    """Two threads: one runs callbacks in order, the other repeats subscriptions. They start with the first one."""
+    """Two threads, from the first subscription on: one runs callbacks in order, the other repeats subscriptions."""
 
     def __init__(self, resend: Callable[[], None]) -> None:
         """``resend`` sends the subscriptions without waiting for a response."""

@@ -253,7 +253,7 @@ class TreeViewer(NotebookViews, Closing):
             if len(self._logged) <= MAX_LOGGED:
                 _log.warning("The tree viewer warns: %s", warning)
             else:
-                _log.warning("The tree viewer warns of more, which is in the answers only")
+                _log.warning("Further warnings of the tree viewer are in the answers only")
         unknown = changes.newer_commands().keys() - set(response.body.get("newer_commands", ()))
         if unknown and answer.status >= OK:
             error = f"this viewer does not know {', '.join(sorted(unknown))}; it has done everything else"
