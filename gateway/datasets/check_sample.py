@@ -143,7 +143,7 @@ def _object_problems(
 def _record_problems(
     each: ObjectRecord, sample: SampleRecord, classes: Mapping[str, str], scene: SceneRecord | None
 ) -> Iterator[str]:
-    """Yield what is wrong with an object without its pixels."""
+    """Yield the errors of an object's record, without its pixels."""
     if str(each.class_id) not in classes:
         yield f"class_id = {each.class_id} is not one of the classes"
     model = None if scene is None else scene.models.get(each.model)

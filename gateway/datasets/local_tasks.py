@@ -55,9 +55,12 @@ def _run_in_parallel(tasks: list[Task], worker_count: int) -> Generator[Result, 
         try:
             while pending or running:
                 while pending and len(running) < worker_count:
-                    task = pending.popleft()
                     pool = idle_pools.pop() if idle_pools else stack.enter_context(_single_process_pool())
-                    running[_submit(pool, task)] = task, pool
+                    try:
+                        future = _submit(pool, pending[0])
+                    except BrokenProcessPool:  # its process died after its last task: another pool takes this one
+                        continue
+                    running[future] = pending.popleft(), pool
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     task, pool = running.pop(future)
                     try:

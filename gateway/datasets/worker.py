@@ -119,7 +119,7 @@ def _render_sample(
 
 
 def _inputs(task: Task, scene: LoadedScene, annotated: AnnotatedScene | None, sample: PlannedSample) -> SampleInputs:
-    """Return scene, cameras and sensor of a sample."""
+    """Return the scene, the cameras and the camera profile of a sample."""
     settings = task.settings
     scene_at_frame, view_with_pose = scene.at_frame_of(sample.view)
     if scene_at_frame is not scene and annotated is not None:

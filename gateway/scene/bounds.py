@@ -105,7 +105,7 @@ def _transformed_boxes(hull: _Hull, X_world_mesh: NDArray[np.float64]) -> NDArra
     linear, offset = X_world_mesh[:, :3, :3], X_world_mesh[:, :3, 3]
     boxes = np.empty((len(linear), 2, 3))
     maps_axes_to_axes = (np.count_nonzero(linear, axis=2) <= 1).all(axis=1)
-    if maps_axes_to_axes.any():  # two corners of the box are enough, then
+    if maps_axes_to_axes.any():  # two opposite corners of the box are enough for these
         boxes[maps_axes_to_axes] = _mapped_boxes(linear[maps_axes_to_axes], hull.box)
     if not maps_axes_to_axes.all():
         boxes[~maps_axes_to_axes] = _mapped_boxes(linear[~maps_axes_to_axes], hull.points)

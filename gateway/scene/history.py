@@ -164,10 +164,10 @@ class TreeHistory:
         """Record the newest state, and drop old ones."""
         # Only the recording thread changes the last segment, and it packs without the lock.
         snapshot, last, segment = self._tree.snapshot, self._last_recorded, self._segments[-1]
-        is_set_back = snapshot.timestamp < last.timestamp  # the clock was
-        change = None if is_set_back or snapshot is last else pack(last.root, snapshot.root, segment.ids)
+        clock_was_set_back = snapshot.timestamp < last.timestamp
+        change = None if clock_was_set_back or snapshot is last else pack(last.root, snapshot.root, segment.ids)
         with self._lock:
-            if is_set_back:
+            if clock_was_set_back:
                 self._restart(snapshot)
             elif change is not None:
                 self._append(segment, snapshot, change)

@@ -114,6 +114,22 @@ def test_a_task_whose_process_died_is_repeated_once_at_the_end(
         assert pools.made == 4, "two workers, the replacement of the dead one, and one for the repeated task"
 
 
+def test_a_process_that_dies_between_two_tasks_is_replaced(
+    task: Task, pools: type[FakePool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submit, refusals = FakePool.submit, iter((False, False, True))
+
+    def refusing(self: FakePool, function: Any, task: Task) -> Future[Result]:
+        if next(refusals, False):
+            raise BrokenProcessPool("died")
+        return submit(self, function, task)
+
+    monkeypatch.setattr(FakePool, "submit", refusing)
+    results = list(local_tasks.run_local(numbered(task, 4), 2))
+    assert sorted(result.warnings[0] for result in results) == ["0", "1", "2", "3"]
+    assert pools.made == 3, "two workers, and the replacement of the dead one"
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_wait_until_a_process_has_started(
     task: Task, pools: type[FakePool], monkeypatch: pytest.MonkeyPatch, number: signal.Signals

@@ -31,7 +31,7 @@ class CameraConverter:
         self._has_cloud = cloud
 
     def convert(self, image_set: pb.ImageSet) -> list[ExposureImages]:
-        """Return the images of a set and what is computed of them, one value for each time of exposure.
+        """Return the images of a set and the values computed from them, grouped by the time of exposure.
 
         The right image is left out until a set with disparity was converted, which has the baseline.
 

@@ -59,7 +59,7 @@ class Entity:
     primitives: Sequence[Primitive]
     """Empty: the node has no geometry any more."""
     earlier_primitive_count: int = 0
-    """Number of primitives that the node had before: messages with one of each must delete those in excess."""
+    """Number of primitives that the node had before. In ROS 2 each one is a marker, which is deleted by itself."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,7 +146,7 @@ class Disparity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExposureImages:
-    """The images of one exposure, and what was computed of them."""
+    """The images of one exposure, and the values computed from them."""
 
     time_ns: int
     """Time of the exposure."""

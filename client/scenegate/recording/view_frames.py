@@ -86,14 +86,14 @@ class Joints:
         controls = header.get("controls")
         if controls is not None:
             sliders = [each for each in controls if each["type"] == "slider" and each.get("unit") in JOINT_UNITS]
-            self._names = _names({each["id"]: tuple(map(str, each["path"])) for each in sliders})
+            self._names = _joint_names({each["id"]: tuple(map(str, each["path"])) for each in sliders})
             self._values = {each["id"]: float(each["value"]) for each in sliders}
         changed = {slider: float(value) for slider, value in header["values"] if slider in self._names}
         self._values.update(changed)
         return bool(changed) or controls is not None
 
 
-def _names(paths: dict[int, tuple[str, ...]]) -> dict[int, str]:
+def _joint_names(paths: dict[int, tuple[str, ...]]) -> dict[int, str]:
     """Return the names of joints: the last element of a slider's path, or the whole path where that is not unique."""
     counts = Counter(path[-1] for path in paths.values())
     return {slider: path[-1] if counts[path[-1]] == 1 else "/".join(path) for slider, path in paths.items()}

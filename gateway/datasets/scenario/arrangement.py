@@ -159,7 +159,7 @@ class Arrangement:
         raise tables.ScenarioError("placement.physics: objects fall off or do not come to rest, however few are left")
 
     def _at_rest(self, dropped: SceneItem, X_world_object: NDArray[np.float64] | None) -> SceneItem | None:
-        """Return a dropped object at its pose at rest; None, and a note, without one or beside its surface."""
+        """Return a dropped object at its pose at rest; None, with a note, if it has none or lies beside its surface."""
         if X_world_object is None:
             self._leave_out(dropped, f"is not at rest after {self.scenario.placement.seconds:g} s")
             return None

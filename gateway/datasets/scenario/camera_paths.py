@@ -22,7 +22,7 @@ _TRIES: Final = 100
 _SHAKE_HERTZ: Final = (1.1, 2.3, 4.7)
 """Frequencies of a hand's shaking."""
 _SHAKE_SHARES: Final = (1.0, 1.0 / 2.0, 1.0 / 3.0)
-"""Amplitude at each of these frequencies, in that of the first one."""
+"""Amplitude at each of these frequencies, as a multiple of that at the first one."""
 
 
 def uniform(random: np.random.Generator, values: Range[float]) -> float:

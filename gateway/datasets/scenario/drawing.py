@@ -139,7 +139,7 @@ class _Drawing:
             material = None
             if materials is not None and random.random() < materials.share:
                 material = self._material(random, materials, "materials")
-            if model is None:  # after the draws: the other objects stay as they are
+            if model is None:  # after the draws that need no model: they are the same for the next object
                 continue
             model_name = self._catalogue.model_names[file]
             X_world_object = rotation_of(roll, pitch, yaw)

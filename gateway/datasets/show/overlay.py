@@ -40,12 +40,13 @@ NEAREST: Final = 1e-3
 """Metres along the optical axis at which lines are cut off."""
 SHEET_COLUMNS: Final = 4
 CELL_WIDTH: Final = 320
-"""Width of an image in pixels."""
-GAP: Final = 8
-"""Pixels between images."""
+"""Width of an image in a contact sheet, pixels."""
+CELL_GAP: Final = 8
+"""Pixels between images of a contact sheet."""
 CAPTION_HEIGHT: Final = 20
-GROUND: Final = (243, 244, 246)
-TEXT: Final = (27, 33, 48)
+SHEET_COLOR: Final = (243, 244, 246)
+"""Colour between the images of a contact sheet."""
+CAPTION_COLOR: Final = (27, 33, 48)
 _GOLDEN_ANGLE: Final = 0.381966
 """Turn between the hues of two successive classes, so that any number of them differ."""
 
@@ -98,15 +99,15 @@ def contact_sheet(dataset: Dataset, count: int, layers: Collection[Layer]) -> Im
     classes = dict(dataset.classes)
     columns = min(SHEET_COLUMNS, count)
     images = [draw_sample(sample, classes, layers, CELL_WIDTH) for sample in chosen]
-    row_height = max(image.height for image in images) + CAPTION_HEIGHT + GAP
+    row_height = max(image.height for image in images) + CAPTION_HEIGHT + CELL_GAP
     rows = -(-count // columns)
-    sheet = Image.new("RGB", (columns * (CELL_WIDTH + GAP) + GAP, rows * row_height + GAP), GROUND)
+    sheet = Image.new("RGB", (columns * (CELL_WIDTH + CELL_GAP) + CELL_GAP, rows * row_height + CELL_GAP), SHEET_COLOR)
     draw = ImageDraw.Draw(sheet)
     font = ImageFont.load_default(13)
     for k, (sample, image) in enumerate(zip(chosen, images, strict=True)):
-        x, y = GAP + k % columns * (CELL_WIDTH + GAP), GAP + k // columns * row_height
+        x, y = CELL_GAP + k % columns * (CELL_WIDTH + CELL_GAP), CELL_GAP + k // columns * row_height
         sheet.paste(image, (x, y))
-        draw.text((x, y + image.height + 2), printable(sample.id[-48:]), TEXT, font)
+        draw.text((x, y + image.height + 2), printable(sample.id[-48:]), CAPTION_COLOR, font)
     return sheet
 
 
