@@ -82,7 +82,7 @@ class StereoConfig:
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB of the background."""
     alpha_threshold: float = 0.0
-    """As ``Look.alpha_threshold``."""
+    """Alpha below which blended surfaces are left out of depth; see ``Look.alpha_threshold``."""
     near: float = 0.01
     """Near clipping plane of the rendered images, metres."""
     far: float = 10_000.0
