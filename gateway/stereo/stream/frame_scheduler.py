@@ -1,4 +1,4 @@
-"""When frames are captured, and with what: ``FrameClock`` computes due times, ``FrameScheduler`` captures the scene."""
+"""Schedule and capture of frames: ``FrameClock`` computes due times, ``FrameScheduler`` captures the scene."""
 
 from __future__ import annotations
 

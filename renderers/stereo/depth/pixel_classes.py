@@ -1,7 +1,8 @@
-"""How well a window matcher can measure each pixel.
+"""Classes of pixels by how well a window matcher can measure them.
 
-``classify`` finds its class: texture, agreement of the images, nearby edges. ``second_match`` finds repeated texture.
-``matcher_statistics.json`` has the results of our matcher in each class. ``python -m bench.sensor_fit`` writes it.
+``classify`` finds the class of each pixel: texture, agreement of the images, nearby edges. ``second_match`` finds
+repeated texture. ``matcher_statistics.json`` has the results of our matcher in each class. ``python -m
+bench.sensor_fit`` writes it.
 """
 
 from __future__ import annotations
