@@ -18,7 +18,7 @@ from gateway.settings import Settings
 from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import StreamSettings, read_settings
-from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging, measurable_depths
+from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging
 from gateway.stereo.imaging.scene_view import Capture
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
@@ -114,7 +114,7 @@ def make_sample(name: str, imaging: Imaging, settings: StreamSettings, capture: 
     assert left_view.depth is not None
     assert right_view.depth is not None
     depth = left_view.depth, right_view.depth
-    factor, limits = model.focal_times_baseline(divisor), measurable_depths(model, settings)
+    factor, limits = model.focal_times_baseline(divisor), settings.measurable_depths(model)
     filters = settings.filters
     return Sample(
         name,

@@ -82,51 +82,47 @@ def call_limited(
     module, _, name = function.partition(":")
     helper = _running_helper()
     pid, connection = helper.start_child(module, limits)
+    seconds = ELAPSED_FACTOR * limits.seconds
+    deadline = time.monotonic() + seconds
+    timer = threading.Timer(seconds, connection.shutdown, [socket.SHUT_RDWR])  # ends any read and write of ``_call``
+    timer.daemon = True
     try:
         with connection, contextlib.suppress(EOFError, ConnectionError):
-            return _call(connection, name, arguments, limits, read_file)
+            timer.start()
+            try:
+                return _call(connection, name, arguments, limits.memory_bytes, read_file)
+            finally:
+                timer.cancel()
     finally:
         status = helper.end_child(pid)
-    if status == signal.SIGXCPU:
-        raise _late(limits)
+    if status == signal.SIGXCPU or time.monotonic() >= deadline:
+        reason = f"it took longer than {limits.seconds} s of CPU time, or {ELAPSED_FACTOR} times that in all"
+        raise ProcessFailed(reason, timed_out=True)
     raise ProcessFailed(f"it failed, or needs more than {limits.memory_bytes} bytes of memory")
 
 
 def _call(
-    connection: socket.socket,
-    name: str,
-    arguments: tuple[Any, ...],
-    limits: ProcessLimits,
-    read_file: Callable[[str], bytes],
+    connection: socket.socket, name: str, arguments: tuple[Any, ...], max_bytes: int, read_file: Callable[[str], bytes]
 ) -> bytes:
     """Send a call, then the files that it needs, until the result arrives.
 
     Raises:
-        EOFError, ConnectionError: The child process has ended.
+        EOFError, ConnectionError: The child process has ended, or the connection was shut down.
     """
-    deadline = time.monotonic() + ELAPSED_FACTOR * limits.seconds
     with connection.makefile("rwb") as stream:
-        send_message(stream, CALL, msgspec.msgpack.encode((name, arguments)))
+        kind, body = CALL, msgspec.msgpack.encode((name, arguments))
         while True:
+            send_message(stream, kind, body)
             while not wait([connection], _SECONDS_BETWEEN_STOP_CHECKS):
                 check_stop()
-                if time.monotonic() > deadline:
-                    raise _late(limits)
-            kind, body = receive_message(stream, limits.memory_bytes)
+            kind, body = receive_message(stream, max_bytes)
             check_stop()
             if kind == RESULT:
                 return body
             try:
-                data = read_file(str(body, "utf-8", "replace"))
+                kind, body = DATA, read_file(str(body, "utf-8", "replace"))
             except (OSError, ValueError) as error:
-                send_message(stream, ERROR, str(error).encode("utf-8", "replace"))
-            else:
-                send_message(stream, DATA, data)
-
-
-def _late(limits: ProcessLimits) -> ProcessFailed:
-    reason = f"it took longer than {limits.seconds} s of CPU time, or {ELAPSED_FACTOR} times that in all"
-    return ProcessFailed(reason, timed_out=True)
+                kind, body = ERROR, str(error).encode("utf-8", "replace")
 
 
 class _Helper:

@@ -39,7 +39,7 @@ _WHOLE_READ_BYTES: Final = 1 << 20
 
 
 class State(Enum):
-    """What a connection expects to receive next.
+    """Next data that a connection expects to receive.
 
     Each request takes a connection from HEAD through BODY to IDLE. DISCARD and REFUSED are the last state of a
     connection, except that a body may still end in DISCARD. After ``connection_made``, ``_enter`` makes all changes.

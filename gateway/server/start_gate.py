@@ -90,7 +90,7 @@ class StartGate:
         return self._app(scope, receive, send)
 
     async def _respond_after_start(self, scope: Scope, receive: Receive, send: Send) -> None:
-        # Other clients than browsers that open a page do not list HTML in Accept.
+        # Only browsers that open a page list HTML in Accept.
         accepts_html = any(name == b"accept" and b"text/html" in value for name, value in scope["headers"])
         if scope["type"] == "http" and scope["method"] == "GET" and accepts_html:
             headers = {"Retry-After": "1", "Cache-Control": "no-store"}

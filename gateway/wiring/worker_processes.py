@@ -44,7 +44,7 @@ async def write_worker_reports(context: Context) -> AsyncIterator[None]:
         beats = send_heartbeats(context.supervisor, lambda: context.readiness() in ("ready", "degraded", "busy"))
         tasks.append(asyncio.create_task(beats, name="heartbeat"))
     while reports.is_replacement and not context.started.is_set() and not context.app.state.closing():  # noqa: ASYNC110
-        await asyncio.sleep(_POLL_SECONDS)  # uvicorn tells nobody of a signal before the block has started
+        await asyncio.sleep(_POLL_SECONDS)  # uvicorn reports no signal before the block has started
     try:
         yield
     finally:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import inspect
 import os
 import signal
+import struct
 import sys
 import threading
 import time
@@ -41,6 +43,27 @@ def compute(read_file: ReadFile) -> None:
 
 def sleep(read_file: ReadFile) -> None:
     threading.Event().wait()
+
+
+def read_repeatedly(read_file: ReadFile) -> None:
+    while True:
+        with contextlib.suppress(OSError):
+            read_file("file")
+        time.sleep(0.01)
+
+
+def stop_within_a_message(read_file: ReadFile) -> None:
+    stream = inspect.getclosurevars(read_file).nonlocals["stream"]
+    stream.write(b"R")
+    stream.flush()
+    sleep(read_file)
+
+
+def read_and_stop(read_file: ReadFile) -> None:
+    stream = inspect.getclosurevars(read_file).nonlocals["stream"]
+    stream.write(struct.pack("<cQ", b"F", 4) + b"file")
+    stream.flush()
+    sleep(read_file)
 
 
 def tell_pid_and_sleep(read_file: ReadFile) -> None:

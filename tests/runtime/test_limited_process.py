@@ -94,10 +94,10 @@ def test_memory_is_limited_and_counted_anew() -> None:
     assert not caught.value.timed_out
 
 
-@pytest.mark.parametrize("name", ["compute", "sleep"])
+@pytest.mark.parametrize("name", ["compute", "sleep", "read_repeatedly", "stop_within_a_message", "read_and_stop"])
 def test_time_is_limited(name: str) -> None:
     with pytest.raises(ProcessFailed, match="it took longer than 1 s of CPU time") as caught:
-        call(name, limits=ProcessLimits(1 << 30, 1))
+        call(name, limits=ProcessLimits(1 << 30, 1), read_file=lambda name: bytes(8 << 20))
     assert caught.value.timed_out
 
 

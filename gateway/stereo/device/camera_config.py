@@ -82,7 +82,7 @@ class StereoConfig:
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB of the background."""
     alpha_threshold: float = 0.0
-    """As ``Look.alpha_threshold``."""
+    """Alpha below which blended surfaces are left out of depth; see ``Look.alpha_threshold``."""
     near: float = 0.01
     """Near clipping plane of the rendered images, metres."""
     far: float = 10_000.0
@@ -135,6 +135,11 @@ class StereoConfig:
     def measures_images(self) -> bool:
         """True if depth is computed from the camera images: by matching, or for the errors of modelled depth."""
         return self.depth_mode == "matched" or self.models_errors
+
+    @property
+    def full_dot_light(self) -> float:
+        """Unit of the light of all projectors: ``dot_light``, or 1 if the camera's own dots add none."""
+        return self.dot_light or 1.0
 
     @cached_property
     def color_intrinsics(self) -> Intrinsics:

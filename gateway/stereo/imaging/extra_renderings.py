@@ -132,6 +132,6 @@ def light_of_projectors(
         projector = other.camera(divisor, near=config.near, far=config.far)
         projector_view = renderer.render(capture.scene, projector, Output.DEPTH, look)
         assert projector_view.depth is not None
-        strength = other.dot_light / (config.dot_light or 1.0)
+        strength = other.dot_light / config.full_dot_light
         add_dots(dots, surfaces, projector, projector_view.depth, strength, soft=soft, right=right)
     return dots

@@ -28,9 +28,8 @@ def matched_depth(
             fills them by matching ``pair`` at half the resolution.
     """
     model, divisor = config.model, settings.quality.divisor
-    filters = settings.filters
-    nearest = model.nearest_depth(filters.mindepth, filters.maxdepth, divisor)
-    filters = replace(filters, mindepth=nearest)
+    nearest = settings.measurable_depths(model).min_depth
+    filters = replace(settings.filters, mindepth=nearest)
     disparity_count = model.disparity_count(divisor, nearest, filters.maxdepth)
     focal_times_baseline = model.focal_times_baseline(divisor)
 

@@ -19,12 +19,11 @@ from gateway.stereo.imaging.scene_view import Capture
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, ImageError
 from renderers.interface import Frame, Look, Output, Renderer
-from renderers.stereo.depth.depth_images import DepthImages, DepthRange, exact_images, true_disparity
+from renderers.stereo.depth.depth_images import DepthImages, exact_images, true_disparity
 from renderers.stereo.depth.filters import apply_filters
 from renderers.stereo.depth.image_pair import ImagePair
 from renderers.stereo.depth.modelled_errors import ErrorModel, choose_error_scale, measured_images
 from renderers.stereo.depth.pixel_classes import ImageKind
-from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor.camera_image import (
     LENS_BLUR,
     Lens,
@@ -115,11 +114,6 @@ class Imaging:
         """Lens of all cameras."""
         realism = self.config.realism
         return Lens(LENS_BLUR if "lens-blur" in realism else 0.0, "vignetting" in realism)
-
-    @cached_property
-    def _dot_light(self) -> float:
-        """Light that a full dot adds, relative to the rendered light; 1 if the camera's own dots add none."""
-        return self.config.dot_light or 1.0
 
     def render(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
         """Render the view from ``offset`` metres to the right of the left camera.
@@ -244,7 +238,7 @@ class Imaging:
         factors = None
         if "shadows" in self.config.realism:
             factors = key_light_factors(self.renderer, self.look, scene, half())
-        return SceneLight(dots, self._dot_light, factors, self.config.background)
+        return SceneLight(dots, self.config.full_dot_light, factors, self.config.background)
 
     def _blur_motion(self, capture: Capture, offset: float, exposure_time: float, color: NDArray[np.uint8]) -> None:
         """Blur the parts of a rendered image in which something has moved since ``capture.earlier``."""
@@ -323,13 +317,6 @@ def _metered_region(values: NDArray[np.float32], settings: StreamSettings) -> ND
     return inside if inside.size else values
 
 
-def measurable_depths(model: StereoModel, settings: StreamSettings) -> DepthRange:
-    """Return the range of depths that the camera can measure with these parameters."""
-    filters = settings.filters
-    nearest = model.nearest_depth(filters.mindepth, filters.maxdepth, settings.quality.divisor)
-    return DepthRange(nearest, filters.maxdepth)
-
-
 def rendered_depth(
     config: StereoConfig,
     left_depth: NDArray[np.float32],
@@ -351,7 +338,7 @@ def rendered_depth(
     """
     model, divisor, filters = config.model, settings.quality.divisor, settings.filters
     focal_times_baseline = model.focal_times_baseline(divisor)
-    disparity = true_disparity(left_depth, right_depth, focal_times_baseline, measurable_depths(model, settings))
+    disparity = true_disparity(left_depth, right_depth, focal_times_baseline, settings.measurable_depths(model))
     if settings.depth_region is not None:
         settings.depth_region.clear_outside(disparity, divisor)
     if pair is None:

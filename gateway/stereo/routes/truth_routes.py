@@ -10,7 +10,6 @@ from fastapi.responses import Response
 
 from gateway.server.openapi import Responses, example, file_response
 from gateway.stereo.device.timestamps import parse_timestamp, timestamp_text
-from gateway.stereo.imaging.rendered_images import measurable_depths
 from gateway.stereo.routes.rest_common import Pipeline, RestError, error_responses, find_pipeline, new_router
 from gateway.stereo.routes.rgbd import npz_bytes
 from gateway.stereo.service import StereoService
@@ -126,7 +125,7 @@ def ground_truth_npz(record: FrameRecord) -> bytes:
     assert left.label is not None
     assert right.depth is not None
     arrays["disparity"] = true_disparity(
-        left.depth, right.depth, model.focal_times_baseline(divisor), measurable_depths(model, settings)
+        left.depth, right.depth, model.focal_times_baseline(divisor), settings.measurable_depths(model)
     )
     arrays["depth"], arrays["label"] = left.depth, left.label
     X_left_right = np.eye(4)

@@ -1,4 +1,4 @@
-"""When frames are captured, and with what: ``FrameClock`` computes due times, ``FrameScheduler`` captures the scene."""
+"""Schedule and capture of frames: ``FrameClock`` computes due times, ``FrameScheduler`` captures the scene."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class FrameClock:
             depth_only: True: frames without depth are not needed.
         """
         seconds = self._next_frame_due - now
-        self._needed_from = min(self._needed_from, now)  # earlier than planned: the hub has changed during the wait
+        self._needed_from = min(self._needed_from, now)  # earlier than planned if the wait was ended
         if depth_only and not settings.single_frame and not self.simulated:
             seconds_until_middle = seconds - 0.5 * settings.longest_exposure
             next_timestamp = time.time_ns() + round(seconds_until_middle * NANOSECONDS_PER_SECOND)

@@ -1,7 +1,8 @@
-"""How well a window matcher can measure each pixel.
+"""Classes of pixels by how well a window matcher can measure them.
 
-``classify`` finds its class: texture, agreement of the images, nearby edges. ``second_match`` finds repeated texture.
-``matcher_statistics.json`` has the results of our matcher in each class. ``python -m bench.sensor_fit`` writes it.
+``classify`` finds the class of each pixel: texture, agreement of the images, nearby edges. ``second_match`` finds
+repeated texture. ``matcher_statistics.json`` has the results of our matcher in each class. ``python -m
+bench.sensor_fit`` writes it.
 """
 
 from __future__ import annotations
@@ -72,14 +73,14 @@ its disparity: ``found`` is the share of those that do, ``neighbour_confidence``
 the disparity of the front side of an edge."""
 SECOND_SCALE: Final = 4
 """Images are compared at 1/4 of their resolution for second matches: finer patterns than 8 pixels do not count."""
-SECOND_HALF: Final = 2
-"""Disparities of second matches have steps of 1/2 pixel at that resolution."""
-MIN_DISTANCE: Final = 3.0
+SECOND_STEPS: Final = 2
+"""Steps of the disparity of a second match per pixel at that resolution."""
+SECOND_MIN_DISTANCE: Final = 3.0
 """Minimum difference of a second match from the exact disparity, pixels at that resolution."""
-MAX_COST: Final = 0.4
+SECOND_MAX_COST: Final = 0.4
 """Maximum difference of the windows of a second match, relative to the contrast of the window. Random textures reach
 0.7, a chequerboard 0.1 to 0.3."""
-MIN_CONTRAST: Final = 4.0
+SECOND_MIN_CONTRAST: Final = 4.0
 """Minimum contrast of a window along its rows, grey levels: without contrast, nothing is repeated."""
 _CANDIDATE_BITS: Final = 12
 """Bits of a candidate's number. A match is stored as the sum of its differences above these bits."""
@@ -300,21 +301,25 @@ def second_match(
     rows, columns = max(height // SECOND_SCALE, 1), max(width // SECOND_SCALE, 1)
     small_left = cv2.resize(left, (columns, rows), interpolation=cv2.INTER_AREA)
     contrast = cv2.blur(cv2.absdiff(small_left, cv2.blur(small_left, (_WINDOW, 1))), (_WINDOW, _WINDOW))
-    if not (contrast >= MIN_CONTRAST).any():
+    if not (contrast >= SECOND_MIN_CONTRAST).any():
         return np.zeros((height, width), np.float32)
     small_right = cv2.resize(right, (columns, rows), interpolation=cv2.INTER_AREA)
     half_pixels = cv2.addWeighted(small_right, 0.5, np.roll(small_right, 1, axis=1), 0.5, 0.0)
     border = _WINDOW // 2
     images = np.pad((small_left, small_right, half_pixels), ((0, 0), (border, border), (border, border)), "edge")
     exact = cv2.resize(disparity, (columns, rows), interpolation=cv2.INTER_NEAREST) * np.float32(
-        SECOND_HALF / SECOND_SCALE
+        SECOND_STEPS / SECOND_SCALE
     )
-    candidates = min(min(int(exact.max() / SECOND_HALF) + 2, columns) * SECOND_HALF, 1 << _CANDIDATE_BITS)
+    candidates = min(min(int(exact.max() / SECOND_STEPS) + 2, columns) * SECOND_STEPS, 1 << _CANDIDATE_BITS)
     best = np.full((rows, columns), np.iinfo(np.int32).max, np.int32)
     _find_second(images, np.rint(exact).astype(np.int32), candidates, best)
     sums, steps = best >> _CANDIDATE_BITS, best & ((1 << _CANDIDATE_BITS) - 1)
-    is_repeated = (sums <= contrast * np.float32(MAX_COST * _WINDOW**2)) & (contrast >= MIN_CONTRAST) & (exact > 0.0)
-    second = (is_repeated * steps).astype(np.float32) * np.float32(SECOND_SCALE / SECOND_HALF)
+    is_repeated = (
+        (sums <= contrast * np.float32(SECOND_MAX_COST * _WINDOW**2))
+        & (contrast >= SECOND_MIN_CONTRAST)
+        & (exact > 0.0)
+    )
+    second = (is_repeated * steps).astype(np.float32) * np.float32(SECOND_SCALE / SECOND_STEPS)
     return np.asarray(cv2.resize(second, (width, height), interpolation=cv2.INTER_NEAREST), np.float32)
 
 
@@ -331,8 +336,8 @@ def _find_second(images, exact, candidates, best):
             number.
     """
     for candidate in range(candidates):
-        whole = candidate // SECOND_HALF
-        left, right = images[0, :, whole:], images[1 + candidate % SECOND_HALF]
+        whole = candidate // SECOND_STEPS
+        left, right = images[0, :, whole:], images[1 + candidate % SECOND_STEPS]
         column_sums = np.zeros(left.shape[1], np.int32)  # differences of a window's rows
         for row in range(_WINDOW - 1):
             _add_differences(column_sums, left[row], right[row], np.int32(1))
@@ -350,7 +355,7 @@ def _keep_smallest(column_sums, exact, candidate, best):
         for x in range(_WINDOW):
             total += column_sums[column + x]
         match = (total << np.int32(_CANDIDATE_BITS)) + candidate
-        is_far = abs(exact[column] - candidate) > np.int32(MIN_DISTANCE * SECOND_HALF)
+        is_far = abs(exact[column] - candidate) > np.int32(SECOND_MIN_DISTANCE * SECOND_STEPS)
         best[column] = min(best[column], match) if is_far else best[column]
 
 

@@ -14,7 +14,7 @@ from gateway.stereo.device.camera_config import StereoConfig
 from gateway.stereo.device.parameters import Parameters
 from gateway.stereo.device.stream_settings import read_settings
 from gateway.stereo.imaging.matched_depth import matched_depth
-from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging, measurable_depths
+from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging
 from gateway.stereo.imaging.scene_view import Capture
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
@@ -47,7 +47,7 @@ def test_matched_depth_of_the_demo_scene(renderer: CpuRenderer, seconds: float) 
     assert seen.depth is not None
     assert other.depth is not None
     true = true_disparity(
-        seen.depth, other.depth, model.focal_times_baseline(divisor), measurable_depths(model, settings)
+        seen.depth, other.depth, model.focal_times_baseline(divisor), settings.measurable_depths(model)
     )
     visible = true > 0
     assert visible.mean() > 0.6
