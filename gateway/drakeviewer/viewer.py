@@ -167,7 +167,7 @@ class DrakeViewer:
         """Return the numbers of links and draw messages of each family, as plain JSON values."""
         return {
             family: {"links": robots.links, "draws": robots.draws, "stale": robots.stale, "unloaded": robots.unloaded}
-            for family, robots in self.state.robots.items()
+            for family, robots in tuple(self.state.robots.items())  # a worker thread may add one
         }
 
     def _read_load(self, channel: Channel, message: wire.Message, files: MeshFiles) -> ShowMessage | None:

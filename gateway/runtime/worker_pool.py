@@ -349,10 +349,6 @@ class WorkerPool:
             else:
                 call.future.set_exception(error)
             del call, result, error
-        with self._lock:
-            del self._threads[thread]
-            if not self._threads and self._closing:
-                self._all_ended.set()
 
     def _next_call(self, thread: threading.Thread) -> _Call | None:
         """Wait for a call and mark it as running; None: the thread must end, or no call of a closing pool is left."""
@@ -360,9 +356,11 @@ class WorkerPool:
             while True:
                 while not self._waiting and self._threads[thread] <= self._niceness:
                     if self._closing:
+                        self._remove(thread)
                         return None
                     self._wakeup.wait()
                 if self._threads[thread] > self._niceness:
+                    self._remove(thread)
                     return None
                 call = self._waiting.popleft()
                 self._waiting_bytes -= call.nbytes
@@ -371,6 +369,12 @@ class WorkerPool:
                     call.started = time.monotonic()
                     self._running.add(call)
                     return call
+
+    def _remove(self, thread: threading.Thread) -> None:
+        """Count a thread as ended. The lock is held since the decision: ``give_way`` must not count on the thread."""
+        del self._threads[thread]
+        if not self._threads and self._closing:
+            self._all_ended.set()
 
     def _enforce_deadlines(self, seconds: float) -> None:
         """Body of the thread that sets the stop flags of calls that have run for ``seconds``.
