@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from typing import Any, Final
 
@@ -237,5 +238,6 @@ def _mtl_opacity(statements: dict[str, Any]) -> float:
             value = float(statements[key][-1])
         except (KeyError, IndexError, TypeError, ValueError):
             continue
-        return value if key == "d" else 1.0 - value
+        if math.isfinite(value):
+            return value if key == "d" else 1.0 - value
     return 1.0

@@ -193,7 +193,8 @@ def test_a_unit_that_is_no_number_is_a_metre(root: Path, files: MeshFiles) -> No
 
 
 @pytest.mark.parametrize(
-    ("statements", "opacity"), [("", 1.0), ("d 0.25", 0.25), ("Tr 0.25", 0.75), ("d 0.5\nTr 0.25", 0.5), ("d 7", 1.0)]
+    ("statements", "opacity"),
+    [("", 1.0), ("d 0.25", 0.25), ("Tr 0.25", 0.75), ("d 0.5\nTr 0.25", 0.5), ("d 7", 1.0), ("d nan\nTr 0.25", 0.75)],
 )
 def test_opacity_of_obj_materials(root: Path, files: MeshFiles, statements: str, opacity: float) -> None:
     write(root / "t.mtl", f"newmtl m\nKd 0 1 0\n{statements}\n")
