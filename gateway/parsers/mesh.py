@@ -136,14 +136,14 @@ class _Resolver(trimesh.resolvers.Resolver):
         return self
 
 
-def _add_content(scene: Any, textures: TextureFiles, limits: MeshOptions, result: MeshData) -> None:
+def _add_content(scene: Any, textures: TextureFiles, options: MeshOptions, result: MeshData) -> None:
     """Add the content of a ``trimesh.Scene``: one instance of each geometry, as these formats have no others."""
-    if len(scene.geometry) > limits.max_instances:
-        raise MeshFaultError(f"it has {len(scene.geometry)} parts, the limit is {limits.max_instances}")
+    if len(scene.geometry) > options.max_instances:
+        raise MeshFaultError(f"it has {len(scene.geometry)} parts, the limit is {options.max_instances}")
     vertices = sum(len(getattr(geometry, "vertices", ())) for geometry in scene.geometry.values())
     triangles = sum(len(getattr(geometry, "faces", ())) for geometry in scene.geometry.values())
-    if vertices > limits.max_vertices or triangles > limits.max_elements:
-        raise MeshFaultError(f"it has more than {limits.max_vertices} vertices or {limits.max_elements} triangles")
+    if vertices > options.max_vertices or triangles > options.max_elements:
+        raise MeshFaultError(f"it has more than {options.max_vertices} vertices or {options.max_elements} triangles")
     for geometry in scene.geometry.values():
         shape = _shape(geometry, textures, result.warnings)
         if shape is not None:
