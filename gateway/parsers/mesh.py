@@ -200,7 +200,7 @@ def _material(
         return uv, None, None
     image_file = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     texture, info = getattr(image_file, "fp", None), getattr(image_file, "info", {})
-    has_uv = uv is not None and np.shape(uv) == (len(geometry.vertices), 2) and np.isfinite(uv).all()
+    has_uv = uv is not None and np.shape(uv) == (len(geometry.vertices), 2)
     image = (
         textures.add(str(info.get("file_path", "texture")), texture.getvalue())
         if has_uv and isinstance(texture, io.BytesIO)

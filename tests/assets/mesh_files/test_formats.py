@@ -218,6 +218,21 @@ def test_texture_coordinates_start_at_the_top(root: Path, files: MeshFiles) -> N
     assert part.material.base_color == (1, 1, 1, 0.5)  # the image replaces the black colour
 
 
+@pytest.mark.parametrize("number", ["nan", "inf", "1e39"])
+def test_texture_coordinates_that_are_not_finite_are_zero(root: Path, files: MeshFiles, number: str) -> None:
+    write(root / "p.png", png((255, 0, 0)))
+    write(root / "t.mtl", "newmtl m\nmap_Kd p.png\n")
+    texture = f"vt 0 0.25\nvt 1 {number}\nvt 0.5 1\n"
+    write(root / "t.obj", f"mtllib t.mtl\n{TRIANGLE.replace('f 1 2 3', '')}{texture}usemtl m\nf 1/1 2/2 3/3\n")
+    warnings: list[str] = []
+    (part,) = files.load("t.obj", warnings=warnings)
+    assert warnings == ["'t.obj': 1 of 3 texture coordinates are not finite, they are read as 0"]
+    assert part.material.base_color_texture is not None
+    uv = mesh_of(part).uv0
+    assert uv is not None
+    assert sorted(uv.tolist()) == [[0, 0.75], [0.5, 0], [1, 1]]
+
+
 def test_vertices_that_are_not_finite_drop_their_triangles(root: Path, files: MeshFiles) -> None:
     head = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
     rows = "0 0 0\n1 0 0\n0 -1e13 0\n0 nan 0\n0 0 inf\n"
