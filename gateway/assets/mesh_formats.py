@@ -124,7 +124,7 @@ def with_default_materials(
     Args:
         plain: Material of meshes without texture coordinates.
         textured: Material of the others.
-        replace_own: True: the file's own materials and vertex colours are replaced, too.
+        replace_own: True: the file's own materials are replaced, too. Vertex colours stay: a material multiplies them.
     """
 
     def material_of(part: Part) -> Material:

@@ -110,15 +110,17 @@ def _skin(
     Returns:
         Number of vertices without weights, which follow their first joint.
     """
-    totals = np.cumsum(weights, axis=1)[:, -1:]  # one after the other: the order in sum depends on NumPy and CPU
-    is_bound = (totals > 0.0) & (totals < np.inf)
     only_first = np.arange(weights.shape[1]) == 0
-    shares = np.where(is_bound, weights / totals, only_first).astype(np.float32)
+    unbound = 0
     for begin in range(0, len(weights), _VERTICES_PER_STOP_CHECK):
         check_stop()
         block = slice(begin, begin + _VERTICES_PER_STOP_CHECK)
-        mean = np.zeros((len(shares[block]), 3, 4), np.float32)
-        for share, joint in zip(shares[block].T[..., None, None], joints[block].T, strict=True):
+        totals = np.cumsum(weights[block], axis=1)[:, -1:]  # a sum's order would depend on NumPy and CPU
+        is_bound = (totals > 0.0) & (totals < np.inf)
+        unbound += len(is_bound) - int(np.count_nonzero(is_bound))
+        shares = np.where(is_bound, weights[block] / totals, only_first).astype(np.float32)
+        mean = np.zeros((len(shares), 3, 4), np.float32)
+        for share, joint in zip(shares.T[..., None, None], joints[block].T, strict=True):
             mean += np.where(share != 0.0, share * joint_matrices[joint], 0.0)
         for name in ("POSITION", "NORMAL", "TANGENT"):
             if name in attributes:
@@ -127,7 +129,7 @@ def _skin(
                 vectors[:, :3] = mean[:, :, 0] * x + mean[:, :, 1] * y + mean[:, :, 2] * z
                 if name == "POSITION":
                     vectors[:, :3] += mean[:, :, 3]
-    return len(weights) - int(np.count_nonzero(is_bound))
+    return unbound
 
 
 def deformation_of(

@@ -29,6 +29,7 @@ _UP_AXES: Final = {"X_UP": np.array(_X_UP), "Y_UP": np.array(_Y_UP), "Z_UP": np.
 """Rotation to Z up. X_UP: up +X to +Z, right -Y to +X, towards the viewer +Z to -Y (COLLADA 1.4, 5-19)."""
 
 
+@np.errstate(all="ignore")  # transforms that overflow give a warning of their own
 def read_collada(data: bytes, read_file: ReadFile, options: MeshOptions) -> MeshData:
     """Return the content of a COLLADA file, in metres.
 
@@ -180,6 +181,9 @@ class _SceneReader:
                 return
             if isinstance(node, collada.scene.ControllerNode):
                 X = self._X_bind(node.controller, X)
+            if not np.isfinite(X).all():
+                self._warn_once("geometry of nodes with transforms that are not finite is left out")
+                return
             for shape, triangles in self._shapes_of(geometry, node.materials):
                 self._drawn += triangles
                 if self._drawn > self._options.max_drawn_elements:
@@ -196,12 +200,14 @@ class _SceneReader:
 
         Skinned vertices are in the coordinates of the skeleton, not of the node (COLLADA 1.4, 4-20).
         """
-        warning = "skinned and morphed meshes are shown in their bind pose"
-        if warning not in self.result.warnings:
-            self.result.warnings.append(warning)
+        self._warn_once("skinned and morphed meshes are shown in their bind pose")
         if not isinstance(controller, collada.controller.Skin):
             return X_node
         return self._axes @ np.asarray(controller.bind_shape_matrix, np.float64).reshape(4, 4)
+
+    def _warn_once(self, warning: str) -> None:
+        if warning not in self.result.warnings:
+            self.result.warnings.append(warning)
 
     def _shapes_of(self, geometry: Any, material_nodes: list[Any]) -> list[tuple[int, int]]:
         materials = {each.symbol: each.target.effect for each in material_nodes}

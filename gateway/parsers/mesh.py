@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from typing import Any, Final
 
@@ -135,14 +136,14 @@ class _Resolver(trimesh.resolvers.Resolver):
         return self
 
 
-def _add_content(scene: Any, textures: TextureFiles, limits: MeshOptions, result: MeshData) -> None:
+def _add_content(scene: Any, textures: TextureFiles, options: MeshOptions, result: MeshData) -> None:
     """Add the content of a ``trimesh.Scene``: one instance of each geometry, as these formats have no others."""
-    if len(scene.geometry) > limits.max_instances:
-        raise MeshFaultError(f"it has {len(scene.geometry)} parts, the limit is {limits.max_instances}")
+    if len(scene.geometry) > options.max_instances:
+        raise MeshFaultError(f"it has {len(scene.geometry)} parts, the limit is {options.max_instances}")
     vertices = sum(len(getattr(geometry, "vertices", ())) for geometry in scene.geometry.values())
     triangles = sum(len(getattr(geometry, "faces", ())) for geometry in scene.geometry.values())
-    if vertices > limits.max_vertices or triangles > limits.max_elements:
-        raise MeshFaultError(f"it has more than {limits.max_vertices} vertices or {limits.max_elements} triangles")
+    if vertices > options.max_vertices or triangles > options.max_elements:
+        raise MeshFaultError(f"it has more than {options.max_vertices} vertices or {options.max_elements} triangles")
     for geometry in scene.geometry.values():
         shape = _shape(geometry, textures, result.warnings)
         if shape is not None:
@@ -199,7 +200,7 @@ def _material(
         return uv, None, None
     image_file = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     texture, info = getattr(image_file, "fp", None), getattr(image_file, "info", {})
-    has_uv = uv is not None and np.shape(uv) == (len(geometry.vertices), 2) and np.isfinite(uv).all()
+    has_uv = uv is not None and np.shape(uv) == (len(geometry.vertices), 2)
     image = (
         textures.add(str(info.get("file_path", "texture")), texture.getvalue())
         if has_uv and isinstance(texture, io.BytesIO)
@@ -237,5 +238,6 @@ def _mtl_opacity(statements: dict[str, Any]) -> float:
             value = float(statements[key][-1])
         except (KeyError, IndexError, TypeError, ValueError):
             continue
-        return value if key == "d" else 1.0 - value
+        if math.isfinite(value):
+            return value if key == "d" else 1.0 - value
     return 1.0

@@ -117,7 +117,8 @@ def shape_of(
     """Return a shape; None if it draws nothing.
 
     Args:
-        warnings: A sentence is appended if triangles are left out, as their vertices are not finite in float32.
+        warnings: A sentence is appended if vertices or texture coordinates are not finite in float32. Triangles of such
+            vertices are left out.
         uv: Texture coordinates; (0, 0) is the image's bottom left corner. They are kept without an image, too.
     """
     with np.errstate(over="ignore"):
@@ -139,8 +140,14 @@ def shape_of(
         shape.normals = _unit_rows(np.asarray(normals, np.float64)).tobytes()
     if colors is not None:
         shape.colors = np.ascontiguousarray(colors, np.uint8).tobytes()
-    if uv is not None and np.shape(uv) == (len(points), 2) and np.isfinite(uv).all():
-        flipped = np.array(uv, np.float32)
+    if uv is not None and np.shape(uv) == (len(points), 2):
+        with np.errstate(over="ignore"):
+            flipped = np.array(uv, np.float32)
+        invalid = ~np.isfinite(flipped)
+        if invalid.any():
+            count = np.count_nonzero(invalid.any(axis=1))
+            warnings.append(f"{count} of {len(points)} texture coordinates are not finite, they are read as 0")
+            flipped[invalid] = 0.0
         flipped[:, 1] = 1.0 - flipped[:, 1]
         shape.uv, shape.image = flipped.tobytes(), image
     return shape

@@ -345,6 +345,15 @@ def test_what_pycollada_leaves_out_is_a_warning() -> None:
     assert content(scene("", nodes)).warnings == ["left out: Geometry #gone not found in library"]
 
 
+@pytest.mark.parametrize("place", ["nan 0 0", "0 inf 0", "1e400 0 0"])
+def test_collada_geometry_at_a_place_that_is_not_finite_is_left_out(place: str) -> None:
+    geometry = '<instance_geometry url="#g"/>'
+    nodes = f"<node>{geometry}</node>" + 2 * f"<node><node><translate>{place}</translate>{geometry}</node></node>"
+    read = content(scene("", nodes))
+    assert len(read.instances) == 1
+    assert read.warnings == ["geometry of nodes with transforms that are not finite is left out"]
+
+
 def test_collada_is_limited_by_triangles_and_by_drawn_triangles() -> None:
     assert "it has more than 0 triangles" in fault(PLAIN, max_elements=0)
     assert "its parts draw more than 26 triangles" in fault(nested(3, 3), max_drawn_elements=26)

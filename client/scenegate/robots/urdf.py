@@ -69,20 +69,20 @@ class _UrdfReader:
         self._undefined: set[str] = set()
         """Names of materials for which there is a warning."""
 
-    def read(self, name: str, links: list[Element], joints: list[Element]) -> LinkModel:
-        for element in links:
-            link = attribute(element, "name")
-            if not link:
+    def read(self, robot_name: str, link_elements: list[Element], joint_elements: list[Element]) -> LinkModel:
+        for element in link_elements:
+            name = attribute(element, "name")
+            if not name:
                 self._warnings.append("a <link> has no name, it is left out")
                 continue
-            if link in self._links:
-                raise RobotFileError(f"two links are called {link!r}")
-            self._links[link] = Link(link, tuple(self._geometries(element, link)))
+            if name in self._links:
+                raise RobotFileError(f"two links are called {name!r}")
+            self._links[name] = Link(name, tuple(self._geometries(element, name)))
         if not self._links:
             raise no_links(self._warnings)
-        if any(attribute(joint.find("parent"), "link") == WORLD for joint in joints):
+        if any(attribute(joint.find("parent"), "link") == WORLD for joint in joint_elements):
             self._links.setdefault(WORLD, Link(WORLD, ()))  # in Drake and Gazebo, it needs no <link>
-        return LinkModel(name, tuple(self._links.values()), tuple(self._joints(joints)))
+        return LinkModel(robot_name, tuple(self._links.values()), tuple(self._joints(joint_elements)))
 
     def _joints(self, elements: list[Element]) -> Iterator[LinkJoint]:
         """Yield the joints that join two links. A repeated name is made unique."""

@@ -35,15 +35,15 @@ def parse_xml(data: bytes, max_elements: int, warnings: list[str]) -> Element:
     """
     if not data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         data = data.strip(b" \t\r\n\0")
-    without_comments = _remove_comments(data).lstrip()
     forbidden = "comments before its declaration, with -- inside or in another encoding, which XML forbids, are ignored"
     attempts = (
-        (data, None, ""),
-        (without_comments, None, forbidden),
-        (without_comments, "iso-8859-1", "it is not in the encoding that it names; it is read as Latin-1"),
+        (False, None, ""),
+        (True, None, forbidden),
+        (True, "iso-8859-1", "it is not in the encoding that it names; it is read as Latin-1"),
     )
     reason = ""
-    for text, encoding, warning in attempts:
+    for without_comments, encoding, warning in attempts:
+        text = _remove_comments(data).lstrip() if without_comments else data
         try:
             root = _parse(text, max_elements, encoding)
         except (expat.ExpatError, LookupError) as error:  # LookupError: an unknown encoding

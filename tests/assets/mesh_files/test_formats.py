@@ -193,7 +193,8 @@ def test_a_unit_that_is_no_number_is_a_metre(root: Path, files: MeshFiles) -> No
 
 
 @pytest.mark.parametrize(
-    ("statements", "opacity"), [("", 1.0), ("d 0.25", 0.25), ("Tr 0.25", 0.75), ("d 0.5\nTr 0.25", 0.5), ("d 7", 1.0)]
+    ("statements", "opacity"),
+    [("", 1.0), ("d 0.25", 0.25), ("Tr 0.25", 0.75), ("d 0.5\nTr 0.25", 0.5), ("d 7", 1.0), ("d nan\nTr 0.25", 0.75)],
 )
 def test_opacity_of_obj_materials(root: Path, files: MeshFiles, statements: str, opacity: float) -> None:
     write(root / "t.mtl", f"newmtl m\nKd 0 1 0\n{statements}\n")
@@ -215,6 +216,21 @@ def test_texture_coordinates_start_at_the_top(root: Path, files: MeshFiles) -> N
     order = np.argsort(mesh.positions @ (1, 2, 0))
     assert mesh.uv0[order].tolist() == [[0, 0.75], [1, 1], [0.5, 0]]
     assert part.material.base_color == (1, 1, 1, 0.5)  # the image replaces the black colour
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "1e39"])
+def test_texture_coordinates_that_are_not_finite_are_zero(root: Path, files: MeshFiles, number: str) -> None:
+    write(root / "p.png", png((255, 0, 0)))
+    write(root / "t.mtl", "newmtl m\nmap_Kd p.png\n")
+    texture = f"vt 0 0.25\nvt 1 {number}\nvt 0.5 1\n"
+    write(root / "t.obj", f"mtllib t.mtl\n{TRIANGLE.replace('f 1 2 3', '')}{texture}usemtl m\nf 1/1 2/2 3/3\n")
+    warnings: list[str] = []
+    (part,) = files.load("t.obj", warnings=warnings)
+    assert warnings == ["'t.obj': 1 of 3 texture coordinates are not finite, they are read as 0"]
+    assert part.material.base_color_texture is not None
+    uv = mesh_of(part).uv0
+    assert uv is not None
+    assert sorted(uv.tolist()) == [[0, 0.75], [0.5, 0], [1, 1]]
 
 
 def test_vertices_that_are_not_finite_drop_their_triangles(root: Path, files: MeshFiles) -> None:
