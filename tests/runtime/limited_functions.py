@@ -41,7 +41,7 @@ def compute(read_file: ReadFile) -> None:
         pass
 
 
-def sleep(read_file: ReadFile) -> None:
+def hang(read_file: ReadFile) -> None:
     threading.Event().wait()
 
 
@@ -56,14 +56,14 @@ def stop_within_a_message(read_file: ReadFile) -> None:
     stream = inspect.getclosurevars(read_file).nonlocals["stream"]
     stream.write(b"R")
     stream.flush()
-    sleep(read_file)
+    hang(read_file)
 
 
 def read_and_stop(read_file: ReadFile) -> None:
     stream = inspect.getclosurevars(read_file).nonlocals["stream"]
     stream.write(struct.pack("<cQ", b"F", 4) + b"file")
     stream.flush()
-    sleep(read_file)
+    hang(read_file)
 
 
 def tell_pid_and_sleep(read_file: ReadFile) -> None:
