@@ -114,7 +114,7 @@ def make_sample(name: str, imaging: Imaging, settings: StreamSettings, capture: 
     assert left_view.depth is not None
     assert right_view.depth is not None
     depth = left_view.depth, right_view.depth
-    factor, limits = model.focal_times_baseline(divisor), settings.measurable_depths(model)
+    factor, limits = model.focal_times_baseline(divisor), settings.filters.measurable_depths(model, divisor)
     filters = settings.filters
     return Sample(
         name,

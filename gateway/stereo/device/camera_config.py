@@ -136,7 +136,7 @@ class StereoConfig:
         """True if depth is computed from the camera images: by matching, or for the errors of modelled depth."""
         return self.depth_mode == "matched" or self.models_errors
 
-    @property
+    @cached_property
     def full_dot_light(self) -> float:
         """Unit of the light of all projectors: ``dot_light``, or 1 if the camera's own dots add none."""
         return self.dot_light or 1.0

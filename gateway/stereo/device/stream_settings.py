@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from gateway.stereo.device.parameter_specs import DeviceLimits, Value
 from gateway.stereo.device.parameters import Parameters
-from renderers.stereo.depth.depth_images import DepthRange
 from renderers.stereo.depth.filters import Filters
-from renderers.stereo.model import Quality, StereoModel
+from renderers.stereo.model import Quality
 from renderers.stereo.sensor.exposure import AutoExposure, Exposure
 
 ALTERNATE_GAP_NS = 40_000_000
@@ -124,12 +123,6 @@ class StreamSettings:
     def averaged_images(self) -> int:
         """Number of images averaged for depth. ``static_scene`` applies to full and high quality only (manual)."""
         return STATIC_IMAGES if self.static_scene and self.quality in (Quality.FULL, Quality.HIGH) else 1
-
-    def measurable_depths(self, model: StereoModel) -> DepthRange:
-        """Return the range of depths that a camera can measure with these parameters."""
-        filters = self.filters
-        nearest = model.nearest_depth(filters.mindepth, filters.maxdepth, self.quality.divisor)
-        return DepthRange(nearest, filters.maxdepth)
 
     @cached_property
     def depth_rate(self) -> float:

@@ -28,7 +28,7 @@ def matched_depth(
             fills them by matching ``pair`` at half the resolution.
     """
     model, divisor = config.model, settings.quality.divisor
-    nearest = settings.measurable_depths(model).min_depth
+    nearest = settings.filters.measurable_depths(model, divisor).min_depth
     filters = replace(settings.filters, mindepth=nearest)
     disparity_count = model.disparity_count(divisor, nearest, filters.maxdepth)
     focal_times_baseline = model.focal_times_baseline(divisor)

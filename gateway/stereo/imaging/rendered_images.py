@@ -338,7 +338,8 @@ def rendered_depth(
     """
     model, divisor, filters = config.model, settings.quality.divisor, settings.filters
     focal_times_baseline = model.focal_times_baseline(divisor)
-    disparity = true_disparity(left_depth, right_depth, focal_times_baseline, settings.measurable_depths(model))
+    limits = filters.measurable_depths(model, divisor)
+    disparity = true_disparity(left_depth, right_depth, focal_times_baseline, limits)
     if settings.depth_region is not None:
         settings.depth_region.clear_outside(disparity, divisor)
     if pair is None:

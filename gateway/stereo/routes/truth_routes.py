@@ -125,7 +125,7 @@ def ground_truth_npz(record: FrameRecord) -> bytes:
     assert left.label is not None
     assert right.depth is not None
     arrays["disparity"] = true_disparity(
-        left.depth, right.depth, model.focal_times_baseline(divisor), settings.measurable_depths(model)
+        left.depth, right.depth, model.focal_times_baseline(divisor), settings.filters.measurable_depths(model, divisor)
     )
     arrays["depth"], arrays["label"] = left.depth, left.label
     X_left_right = np.eye(4)

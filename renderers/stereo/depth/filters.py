@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
-from renderers.stereo.depth.depth_images import DepthImages
-from renderers.stereo.model import DISPARITY_SCALE
+from renderers.stereo.depth.depth_images import DepthImages, DepthRange
+from renderers.stereo.model import DISPARITY_SCALE, StereoModel
 
 SEGMENT_STEP: Final = 2.0
 """Maximum disparity step between neighbours of one segment, pixels (as in the vendor's viewers and drivers)."""
@@ -54,6 +54,10 @@ class Filters:
     def min_confidence(self) -> int:
         """``minconf`` in units of a confidence image, 1/255."""
         return int(np.ceil(self.minconf * 255.0 - 1e-9))
+
+    def measurable_depths(self, model: StereoModel, divisor: int) -> DepthRange:
+        """Return the range of depths that a camera can measure at 1/``divisor`` of the resolution."""
+        return DepthRange(model.nearest_depth(self.mindepth, self.maxdepth, divisor), self.maxdepth)
 
 
 def apply_filters(depth: DepthImages, filters: Filters, focal_times_baseline: float, divisor: int) -> None:

@@ -47,7 +47,7 @@ def test_matched_depth_of_the_demo_scene(renderer: CpuRenderer, seconds: float) 
     assert seen.depth is not None
     assert other.depth is not None
     true = true_disparity(
-        seen.depth, other.depth, model.focal_times_baseline(divisor), settings.measurable_depths(model)
+        seen.depth, other.depth, model.focal_times_baseline(divisor), settings.filters.measurable_depths(model, divisor)
     )
     visible = true > 0
     assert visible.mean() > 0.6
