@@ -143,17 +143,8 @@ def measured_depth(
     lens = (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
     if not np.allclose(lens, expected, rtol=1e-9):
         raise CameraError("measured images need views with the size and lens of --stereo-profile")
-    config = StereoConfig(
-        model=profile.model,
-        limits=profile.limits,
-        seed=noise_seed,
-        image_noise=profile.stereo.noise,
-        disparity_error=profile.depth.disparity_error,
-        projector=profile.projector is not None,
-        dot_light=profile.projector.light if profile.projector is not None else 0.0,
-        background=look.background,
-        alpha_threshold=look.alpha_threshold,
-    )
+    config = StereoConfig.of_profile(profile)
+    config = replace(config, seed=noise_seed, background=look.background, alpha_threshold=look.alpha_threshold)
     imaging = Imaging(config, renderer)
     settings = replace(read_settings(Parameters(profile.limits)), quality=Quality.FULL)
     capture = Capture(0, scene, 0, camera.X_world_camera, settings.depth_gpio)

@@ -192,26 +192,17 @@ def config_of(settings: Settings, number: int = 0, camera: MountedCamera | None 
     if settings.grpc_certificate is not None and settings.grpc_key is not None:
         tls = Tls(settings.grpc_certificate, settings.grpc_key, settings.grpc_client_ca)
     profile = read_profile((camera and camera.profile) or settings.stereo_profile)
-    projector = profile.projector
-    return StereoConfig(
+    return replace(
+        StereoConfig.of_profile(profile),
         name=(camera and camera.name) or (f"stereo{number}" if number else "stereo"),
         host=settings.host,
         port=settings.grpc_port + number if settings.grpc_port else 0,
         tls=tls,
-        model=profile.model,
-        distortion=profile.distortion,
-        limits=profile.limits,
-        color=profile.stereo.color,
-        color_camera=profile.color_camera,
         depth_mode=settings.depth_mode,
         rate=settings.stereo_rate,
         simulated_clock=settings.clock == "simulated",
         seed=settings.stereo_seed + number,
         noise=settings.stereo_noise,
-        image_noise=profile.stereo.noise,
-        disparity_error=profile.depth.disparity_error,
-        projector=projector is not None,
-        dot_light=projector.light if projector is not None else 0.0,
         background=settings.background,
         alpha_threshold=settings.alpha_threshold,
         faults=settings.stereo_faults,

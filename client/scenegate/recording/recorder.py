@@ -75,17 +75,20 @@ class SceneWriter:
         """Sentences about what of the scene is left out."""
         return [*self._mirror.warnings.values(), *self._profile.clouds.warnings]
 
-    def write(self, value: ViewFrame | pb.ImageSet | ImuSample, log_time_ns: int) -> None:
+    def write(self, value: ViewFrame | pb.ImageSet | ImuSample, log_time_ns: int, *, is_first: bool = False) -> None:
         """Write a received value.
 
         Args:
             value: frame of the view, image set or sample.
             log_time_ns: nanoseconds since the epoch.
+            is_first: True for the first value of a connection.
 
         Raises:
             ViewFrameError, BadImageError: the value is invalid.
             OSError: a file cannot be written.
         """
+        if is_first and isinstance(value, ViewFrame):
+            self._mirror.reconnect()
         is_new_file = self.files.is_full
         if is_new_file:
             self.files.next_file()
@@ -167,7 +170,7 @@ def record(
         flush_time = time.monotonic() + FLUSH_SECONDS
         for item in chain((first,), values):
             if item is not None:
-                writer.write(item.value, item.time_ns)
+                writer.write(item.value, item.time_ns, is_first=item.is_first)
             if time.monotonic() >= flush_time:
                 files.flush()
                 flush_time = time.monotonic() + FLUSH_SECONDS

@@ -39,6 +39,8 @@ class Received(NamedTuple):
     value: ViewFrame | pb.ImageSet | ImuSample
     time_ns: int
     """Time of reception, nanoseconds since the epoch."""
+    is_first: bool
+    """True for the first value of a connection."""
 
 
 Receive = Callable[[], Iterator[ViewFrame | pb.ImageSet | ImuSample]]
@@ -58,10 +60,10 @@ def _receive(receive: Receive, received: queue.Queue[Received | Exception]) -> N
     has_begun = is_lost = False
     while True:
         try:
-            for value in receive():
+            for number, value in enumerate(receive()):
                 has_begun = True
                 is_lost = False
-                received.put(Received(value, time.time_ns()))
+                received.put(Received(value, time.time_ns(), is_first=number == 0))
         except Exception as error:  # noqa: BLE001 - the recorder raises the first one
             if not has_begun:
                 received.put(error)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gateway.server.tokens import Tokens
 from gateway.stereo.device.parameter_specs import DeviceLimits
-from gateway.stereo.device.profile import DEFAULT_PROFILE, read_profile
+from gateway.stereo.device.profile import DEFAULT_PROFILE, Profile, read_profile
 from renderers.interface import LookName
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.lens.distortion import Distortion
@@ -120,6 +120,22 @@ class StereoConfig:
     its draw list, which shares meshes with other frames."""
     frames_in_flight: int = 2
     """Maximum number of frames in flight: one is rendered while the other is filtered and serialised."""
+
+    @classmethod
+    def of_profile(cls, profile: Profile) -> StereoConfig:
+        """Return the configuration of a camera model; other fields have their defaults."""
+        projector = profile.projector
+        return cls(
+            model=profile.model,
+            distortion=profile.distortion,
+            limits=profile.limits,
+            color=profile.stereo.color,
+            color_camera=profile.color_camera,
+            image_noise=profile.stereo.noise,
+            disparity_error=profile.depth.disparity_error,
+            projector=projector is not None,
+            dot_light=projector.light if projector is not None else 0.0,
+        )
 
     @cached_property
     def noise_factor(self) -> float:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.cameras import CameraError, NodeCamera
 from gateway.scene.flatten import Flattener
-from gateway.scene.live import KEPT_NANOSECONDS, LiveTree, Snapshot
+from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.mount import Mount
 from gateway.scene.tree import Node
 from gateway.scene.viewpoints import resolve_camera
@@ -152,6 +152,8 @@ class SceneView:
         self._flattener = flattener
         self._mount = mount
         self._last_pose = mount.pose
+        self._last_revision = 0
+        """Revision of the newest snapshot with the camera's node; ``_last_pose`` is the pose in it."""
         self._projectors = projectors
 
     def state(self, timestamp: int | None = None) -> SceneState:
@@ -175,9 +177,8 @@ class SceneView:
             pose = self._node_pose(snapshot.root)
         except CameraError:
             return self._last_pose
-        is_recent = snapshot.timestamp >= self.tree.snapshot.timestamp - KEPT_NANOSECONDS
-        if is_recent:  # a scene of the history does not move the camera
-            self._last_pose = pose
+        if snapshot.revision >= self._last_revision:  # a scene of the history does not move the camera
+            self._last_pose, self._last_revision = pose, snapshot.revision
         return pose
 
     def warning(self) -> str:

@@ -17,8 +17,8 @@ PERIOD: Final = NANOSECONDS_PER_SECOND // RATE
 DELAY: Final = round(SETTLING_TIME * NANOSECONDS_PER_SECOND)
 """Age of a sample when it is made, nanoseconds."""
 MAX_PAUSE: Final = 5 * NANOSECONDS_PER_SECOND
-"""Maximum time between two calls of ``take``, nanoseconds. After a longer one (suspended computer, changed clock) the
-IMU restarts: its samples begin again as after the first pose."""
+"""Maximum time between two calls of ``take``, nanoseconds. After a longer one (suspended computer), or if the clock was
+set back by more, the IMU restarts: its samples begin again as after the first pose."""
 
 _MIN_SPACING: Final = 2_500_000
 """Minimum time between two poses, nanoseconds. A pose that follows sooner replaces the one before it."""
@@ -84,7 +84,7 @@ class ImuSampler:
             now: nanoseconds since the epoch; all poses up to this time were added.
         """
         end_number = (now - DELAY) // PERIOD + 1
-        if self._times and end_number - self._next_number > MAX_PAUSE // PERIOD:
+        if self._times and abs(end_number - self._next_number) > MAX_PAUSE // PERIOD:
             self._restart(now, self._poses[-1])
         if not self._times or end_number <= self._next_number:
             return ImuSamples(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))

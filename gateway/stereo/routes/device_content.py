@@ -120,7 +120,7 @@ def _camera_status(service: StereoService) -> dict[str, object]:
         "noise": metered.exposure.mid_grey_noise * service.config.noise_factor,
         "out1_reduction": metered.out1_reduction,
         "fps": settings.camera_rate if len(service.hub) else 0.0,
-        "time": time.time(),
+        "time": service.counts.camera_seconds,
         "width": model.width,
         "height": model.height,
         "focal": round(model.focal_factor, 6),

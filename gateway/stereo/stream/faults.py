@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from random import Random
 from typing import Annotated, Final
 
 import msgspec
-
-from renderers.stereo.sensor.camera_image import NoiseStream, frame_key
 
 CUT_REASON: Final = "the stream was cut by fault injection"
 
@@ -95,11 +94,7 @@ class FaultInjector:
         loop.call_at(due, self._publish_late, len(data), publish)
 
     def _is_dropped(self, frame_number: int) -> bool:
-        if self.faults.drop == 0.0:
-            return False
-        # The upper 53 bits, all that a float has.
-        uniform = (int(frame_key(self._seed, frame_number, NoiseStream.LEFT)) >> 11) * 2.0**-53
-        return uniform < self.faults.drop
+        return Random(f"{self._seed} {frame_number}").random() < self.faults.drop  # noqa: S311 - no secret
 
     def _publish_late(self, nbytes: int, publish: Callable[[], None]) -> None:
         self._late_bytes -= nbytes

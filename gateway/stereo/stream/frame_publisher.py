@@ -42,6 +42,8 @@ class FrameCounts:
     """Number of sets and captures dropped because the worker queue was full."""
     problem: str = ""
     """Last error; empty after a frame of which all sets were made."""
+    camera_seconds: float = 0.0
+    """Seconds from capture to publication of the last frame without depth."""
     depth_seconds: float = 0.0
     """Seconds from capture to publication of the last depth frame."""
 
@@ -99,6 +101,10 @@ class FramePublisher:
         """Return the timestamp that clients get for a true one, nanoseconds; an injected fault may falsify it."""
         return timestamp if self._injector is None else self._injector.timestamp(timestamp)
 
+    async def publish_again(self, frame: FrameImages, kind: SetKind) -> None:
+        """Publish a set of a frame for new clients. It does not count as another frame."""
+        await self._publish(frame, kind)
+
     async def publish_sets(self, frame: FrameImages, kinds: Collection[SetKind]) -> None:
         """Make and publish the sets of a frame."""
         start = asyncio.get_running_loop().time()
@@ -106,9 +112,12 @@ class FramePublisher:
             published = await asyncio.gather(*[self._publish(frame, kind) for kind in kinds])
         if all(published):
             self.counts.problem = ""
+        seconds = asyncio.get_running_loop().time() - start
         if any(kind.has_depth for kind in kinds):
             self.counts.depth_frames += 1
-            self.counts.depth_seconds = asyncio.get_running_loop().time() - start
+            self.counts.depth_seconds = seconds
+        else:
+            self.counts.camera_seconds = seconds
         self.counts.frames += 1
         if frame.left_metered is not None:
             self.last_metered = frame.left_metered

@@ -315,7 +315,8 @@ class FrameScheduler:
         """Capture the scene and start the tasks that make the sets of kinds without and with depth."""
         clock, publisher, generation = self._clock, self._publisher, self._hub.generation
         number, kinds = self._frame_number + 1, camera_kinds + depth_kinds
-        timestamp = clock.next_timestamp(settings, asyncio.get_running_loop().time())
+        # uvloop's time has whole milliseconds and stands still in an iteration; it counts as ``monotonic`` does.
+        timestamp = clock.next_timestamp(settings, time.monotonic())
         sent_timestamp = publisher.sent_timestamp(timestamp)
         capture = await self._capture_scene(timestamp, sent_timestamp, settings, number, kinds, depth=False)
         if capture is None:
@@ -387,7 +388,7 @@ class FrameScheduler:
         rate = settings.depth_rate if kind.has_depth else settings.camera_rate
         now = publisher.sent_timestamp(self._clock.current_timestamp())
         if now - frame.record.depth_capture.timestamp < NANOSECONDS_PER_SECOND / rate:
-            publisher.spawn(self._camera_frames, publisher.publish_sets(frame, (kind,)))
+            publisher.spawn(self._camera_frames, publisher.publish_again(frame, kind))
 
 
 async def _wait(event: asyncio.Event, seconds: float) -> None:

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import queue
+from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from gateway.recording.snapshot_frames import SnapshotFrames
 from gateway.scene.controls import ControlStore
 from gateway.scene.live import LiveTree
 from gateway.viewer.control_frames import ControlFrames
 from scenegate.messages.controls import Slider
-from scenegate.recording.topics import ProfileName
+from scenegate.recording import recorder
+from scenegate.recording.mcap_file import McapFiles
+from scenegate.recording.sources import Received, _receive
+from scenegate.recording.topics import Profile, ProfileName
 from scenegate.recording.view_frames import Joints, ViewFrame
-from tests.client.recording.conftest import write_values
+from tests.client.recording.conftest import SECOND, write_values
 from tests.client.recording.readers import foxglove_messages, ros2_messages
 
 
@@ -56,3 +63,34 @@ def test_robots_with_equal_joints() -> None:
     joints = Joints()
     assert joints.apply(ViewFrame(ControlFrames(store, LiveTree()).since(0)).header)
     assert joints.values == {"left/elbow": 0.25, "right/elbow": 0.5, "wrist": 0.75}
+
+
+async def test_joints_of_a_gateway_that_has_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The whole scene has them no longer: a gateway without controls sends no frame of controls."""
+    monkeypatch.setattr(recorder, "WHOLE_SCENE_SECONDS", 0.0)
+    store, live = ControlStore(), LiveTree()
+    store.set_controls("client", [Slider(("elbow",), -1.0, 1.0, unit="rad")], lambda *_: None, 1)
+    with live.edit() as edit:
+        edit.set_visible(("arm",), False)
+    *_, update = await SnapshotFrames().advance(live.snapshot)
+    connections = iter([[update, ControlFrames(store, live).since(0), update], [update, update]])
+
+    def receive() -> Iterator[ViewFrame]:
+        frames = next(connections, None)
+        if frames is None:
+            raise KeyboardInterrupt  # nothing else ends it
+        return map(ViewFrame, frames)
+
+    received: queue.Queue[Received | Exception] = queue.Queue()
+    with pytest.raises(KeyboardInterrupt):
+        _receive(receive, received)
+    profile, joint_counts = Profile("foxglove"), []
+    with closing(McapFiles(tmp_path / "a.mcap", profile.mcap_profile)) as files:
+        writer = recorder.SceneWriter(files, profile)
+        for second in range(1, 6):
+            item = received.get_nowait()
+            assert isinstance(item, Received)
+            before = files.messages
+            writer.write(item.value, second * SECOND, is_first=item.is_first)
+            joint_counts.append(files.messages - before - 1)  # besides the transforms
+    assert joint_counts == [0, 1, 1, 0, 0]

@@ -57,6 +57,19 @@ def test_a_missing_node_is_a_warning_and_the_last_pose_is_kept() -> None:
     assert "no such node" in view.warning()
 
 
+def test_earlier_scenes_do_not_move_a_camera_whose_node_is_missing() -> None:
+    tree = LiveTree()
+    view, snapshots = view_of(tree), []
+    for x in (1, 2):
+        with tree.edit() as edit:
+            edit.set_matrix(("head",), tf.translation(x, 0, 0))
+        snapshots.append(tree.snapshot)
+    with tree.edit() as edit:
+        edit.delete(("head",))
+    shown = [view.pose_in(snapshot)[0, 3] for snapshot in (snapshots[1], snapshots[0], tree.snapshot)]
+    assert shown == [2, 1, 2]
+
+
 def test_a_fixed_camera_never_warns() -> None:
     view = SceneView(LiveTree(), Flattener(LabelTable()), Mount(tf.translation(1, 2, 3)))
     assert view.warning() == ""

@@ -38,7 +38,6 @@ async def test_status_of_an_idle_camera(start: Start) -> None:
     camera.service.parameters.set("rc_camera", [("exp_control", "Manual"), ("gain_value", 6.0)])
     values = status_values(camera, "rc_camera")
     sigma = camera.service.last_metered.exposure.noise_sigma(128.0)
-    assert abs(float(values.pop("time")) - time.time()) < 1000.0
     assert float(values.pop("noise")) == pytest.approx(0.5 * sigma)
     assert values == {
         "exp": "0.005",
@@ -55,6 +54,7 @@ async def test_status_of_an_idle_camera(start: Start) -> None:
         "temp_left": "35",
         "temp_right": "35",
         "test": "0",
+        "time": "0",
         "params_override_active": "0",
         "selfcalib_counter": "0",
         "selfcalib_offset": "0",

@@ -81,10 +81,13 @@ async def make(publisher: FramePublisher, frame: Any) -> None:
 async def test_frames_and_depth_frames_are_counted(publisher: FramePublisher, hub: FakeHub) -> None:
     metered = object()
     await make(publisher, FakeFrame({LEFT: b"left"}, left_metered=metered))
-    assert (publisher.counts.frames, publisher.counts.depth_frames, publisher.counts.depth_seconds) == (1, 0, 0.0)
+    counts = publisher.counts
+    assert (counts.frames, counts.depth_frames, counts.depth_seconds) == (1, 0, 0.0)
+    camera_seconds = counts.camera_seconds
+    assert camera_seconds > 0.0
     await make(publisher, FakeFrame({LEFT: b"left", DEPTH: b"depth"}))
-    assert (publisher.counts.frames, publisher.counts.depth_frames) == (2, 1)
-    assert publisher.counts.depth_seconds > 0.0
+    assert (counts.frames, counts.depth_frames, counts.camera_seconds) == (2, 1, camera_seconds)
+    assert counts.depth_seconds > 0.0
     assert publisher.last_metered is metered
     assert sorted(data for _, _, data, _ in hub.published) == [b"depth", b"left", b"left"]
     assert hub.published[0] == (LEFT, 7, b"left", 3)

@@ -77,6 +77,15 @@ async def test_nothing_enabled_gives_timestamps_at_the_camera_s_rate(start: Star
     assert set(steps % 40_000_000) == {0}
 
 
+async def test_timestamps_keep_the_period(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the event loop's time has large steps, as on uvloop."""
+    monkeypatch.setattr(asyncio.get_running_loop(), "time", lambda: time.monotonic() // 0.01 * 0.01)
+    camera = await start()
+    stamps = np.array([at(image_set.timestamp) for image_set in await camera.take(20)])
+    periods = np.diff(stamps) / 40_000_000
+    assert np.median(np.abs(periods - np.rint(periods))) < 0.01
+
+
 async def test_color_is_rgb_and_grey_for_others_at_the_same_time(start: Start) -> None:
     camera = await start()
     grey, color = camera.stream(left_enabled=True), camera.stream(left_enabled=True, color=True)

@@ -91,6 +91,7 @@ async def test_new_clients_get_a_set_at_once(start: Start) -> None:
     image_set = await first.read()
     (two,) = await camera.take(disparity_enabled=True, left_enabled=True)
     assert two.timestamp == image_set.timestamp
+    assert camera.service.counts.frames <= len(camera.service.history), "the repeated frame is counted once"
 
 
 async def test_streams_opened_after_a_parameter_change_get_no_older_set(start: Start) -> None:
