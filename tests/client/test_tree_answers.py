@@ -251,6 +251,31 @@ def test_paths(value: Any, path: tuple[str | int, ...]) -> None:
     assert path_of(value) == path
 
 
+@pytest.mark.parametrize("value", [["a", "b"], 1.5, None, b"a", slice(1, 2)])
+def test_what_is_no_path(viewer: TreeViewer, value: Any) -> None:
+    with pytest.raises(ValueError, match=r"^a path must be a text, an integer or a tuple of them, not "):
+        viewer[value]
+
+
+@pytest.mark.parametrize(
+    ("call", "error"),
+    [
+        (lambda viewer: viewer.set_transforms(["a"], "x"), r"poses must have shape \(1, 7\) for 1 paths, not 'x'"),
+        (
+            lambda viewer: viewer.set_transforms(["a"], [[1], [1, 2]]),
+            r"poses .* not \[\[1\], \[1, 2\]\]",
+        ),
+        (lambda viewer: viewer.set_view(home=5), "home must be eye, target and optionally up, not 5"),
+        (lambda viewer: viewer.set_view(background="grau"), "background 'grau' is neither"),
+        (lambda viewer: viewer.robot("r", "r.urdf", roots="/tmp"), "roots must be a list of folders, not '/tmp'"),
+        (lambda viewer: viewer.robot("r", "r.urdf", gltf_up="x"), "gltf_up must be 'y' or 'z', not 'x'"),
+    ],
+)
+def test_names_invalid_arguments(viewer: TreeViewer, call: Callable[[TreeViewer], Any], error: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=f"^{error}"):
+        call(viewer)
+
+
 def test_a_delete_discards_what_was_set_below_it() -> None:
     changes = Changes()
     for path in (("a",), ("a", "b"), ("ab",), ("c",)):

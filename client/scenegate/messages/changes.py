@@ -6,6 +6,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
+from scenegate.messages.arguments import describe
+
 ENTRY_BYTES: Final = 1000
 """Size of an entry besides its arrays and files in ``parts``."""
 Path = tuple[str | int, ...]
@@ -15,10 +17,14 @@ Key = str | int | Path
 
 
 def path_of(value: Key) -> Path:
-    """Return the path for an index of a node."""
+    """Return the path for an index of a node. Raises ValueError for a list, a float and others."""
     if isinstance(value, str):
         return tuple(name for name in value.split("/") if name)
-    return tuple(value) if isinstance(value, tuple) else (value,)
+    if isinstance(value, tuple):
+        return value
+    if not hasattr(value, "__index__"):  # NumPy's integers have it
+        raise ValueError(f"a path must be a text, an integer or a tuple of them, not {describe(value)}")
+    return (value,)
 
 
 def is_at_or_below(path: Path, top: Path) -> bool:

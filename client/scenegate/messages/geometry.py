@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scenegate.messages.arguments import as_array, describe
 from scenegate.messages.colors import WHITE, as_uint8_or_floats, check_color_count, check_range, rgba
 from scenegate.messages.field_kinds import (
     AxisLength,
@@ -36,7 +37,6 @@ from scenegate.messages.field_kinds import (
     TextureCoordinates,
     VertexColors,
     Vertices,
-    describe,
     number_list,
     number_rows,
 )
@@ -65,10 +65,7 @@ class Transform:
         if isinstance(value, Transform):
             return value
         wanted = "a transform is a Transform, 3 numbers or a 4x4 matrix"
-        try:
-            matrix = np.asarray(value, np.float64)
-        except (TypeError, ValueError):
-            raise ValueError(f"{wanted}, not {describe(value)}") from None
+        matrix = as_array(value, wanted, np.float64)
         if matrix.shape == (3,):
             return cls(tuple(matrix.tolist()))
         if matrix.shape != (4, 4):
@@ -76,6 +73,9 @@ class Transform:
         R = matrix[:3, :3]
         if not np.allclose(R @ R.T, np.eye(3), atol=ROTATION_TOLERANCE) or np.linalg.det(R) < 0:
             raise ValueError("the matrix must be a rotation and a translation, without scale, shear or mirroring")
+        last_row = matrix[3].tolist()
+        if last_row != [0.0, 0.0, 0.0, 1.0]:
+            raise ValueError(f"the last row of the matrix must be 0, 0, 0, 1, not {last_row}; is it transposed?")
         return cls(tuple(matrix[:3, 3].tolist()), tuple(quaternions_of(R[None])[0].tolist()))
 
     def body(self) -> dict[str, Any]:
@@ -314,12 +314,14 @@ class _Cloud(Geometry, frozen=True):
         for name, columns in (("rgb", (3, 4)), ("intensity", (1,))):
             values = getattr(self, name)
             if values is not None:
-                array = as_uint8_or_floats(values) if name == "rgb" else np.asarray(values)
+                wanted = f"{name} must have {'rows of 3 or 4' if name == 'rgb' else 'numbers'}"
+                array = as_uint8_or_floats(values, wanted) if name == "rgb" else as_array(values, wanted)
                 is_uint8 = array.dtype == np.uint8
                 channels[name] = number_rows(name, array, *columns, dtype=np.uint8 if is_uint8 else np.float32)
         channels |= fields.pop("channels")
         for name, array in channels.items():
             if len(array) != count:
+                name = name if name in ("rgb", "intensity") else f"channels[{name!r}]"
                 raise ValueError(f"{name} has {len(array)} values for {count} points")
             if name in ("rgb", "intensity"):
                 check_range(name, array)

@@ -24,6 +24,7 @@ from scenegate.messages.field_kinds import (
     Pixels,
     Positive,
     VertexColors,
+    write_number,
 )
 from scenegate.messages.geometry import Geometry
 
@@ -120,6 +121,7 @@ class CameraFrustum(Geometry, frozen=True):
         Raises:
             ValueError: ``fovy`` is not between 0 and pi, such as an angle in degrees.
         """
+        fovy = write_number("fovy", fovy)
         if not 0.0 < fovy < math.pi:
             raise ValueError(f"fovy must be between 0 and pi radians, not {fovy:g}")
         return cls(width=aspect, height=1.0, fx=0.5 / math.tan(0.5 * fovy), **options)

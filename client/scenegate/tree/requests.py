@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 
 from scenegate.lcm.transport import TransportLimits
 from scenegate.messages import wire
-from scenegate.messages.field_kinds import describe
+from scenegate.messages.arguments import describe
 from scenegate.messages.request_encoding import Response, decode_response, encode_request
 from scenegate.tree.connection import LcmConnection
 

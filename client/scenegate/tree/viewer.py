@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scenegate.closing import Closing
+from scenegate.messages.arguments import describe
 from scenegate.messages.changes import Changes, Key, Path, path_of
 from scenegate.messages.colors import rgba
-from scenegate.messages.field_kinds import describe, number_list
+from scenegate.messages.field_kinds import number_list
 from scenegate.messages.request_encoding import Response
 from scenegate.messages.wire import MISSING_PATHS, OK
 from scenegate.tree.answer import UNSUPPORTED, Answer, TreeViewerError, answer_of
@@ -127,7 +128,7 @@ class TreeViewer(NotebookViews, Closing):
         """
         changes = Changes()
         if background is not ...:
-            changes.view["background"] = None if background is None else rgba(background)[:3]
+            changes.view["background"] = None if background is None else rgba(background, "background")[:3]
         if grid is not ...:
             if grid is not None and not isinstance(grid, (bool, np.bool_)):
                 raise TypeError(f"grid must be True, False or None, not {grid!r}")
@@ -226,6 +227,8 @@ class TreeViewer(NotebookViews, Closing):
             ImportError: a package that is needed to read the file is not installed.
             TreeViewerError, TimeoutError, ConnectionError: see ``send``.
         """
+        if isinstance(roots, str):
+            raise TypeError(f"roots must be a list of folders, not {describe(roots)}")
         options = {"roots": list(roots), "geometry": geometry, "gltf_up": gltf_up, "strict": strict}
         robot = read_robot_for(self.reads_files, file, options, textures=textures, keyframe=keyframe)
         published = PublishedRobot(self, path_of(path), robot, joints or {})
@@ -314,8 +317,8 @@ def _missing_paths(response: Response) -> list[Path]:
 def _home(vectors: Sequence[ArrayLike]) -> dict[str, list[float]]:
     """Return eye, target and, if given, up as the protocol's object."""
     names = ("eye", "target", "up")
-    if len(vectors) not in (2, 3):
-        raise ValueError(f"home must be eye, target and optionally up, not {len(vectors)} vectors")
+    if not hasattr(vectors, "__len__") or len(vectors) not in (2, 3):
+        raise ValueError(f"home must be eye, target and optionally up, not {describe(vectors)}")
     home: dict[str, list[float]] = {}
     for name, vector in zip(names, vectors, strict=False):
         home[name] = number_list(f"{name} of home", vector, 3)
