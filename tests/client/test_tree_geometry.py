@@ -31,6 +31,7 @@ from scenegate import (
     Transform,
 )
 from scenegate.messages import wire
+from scenegate.messages.geometry import fields_of
 from scenegate.messages.request_encoding import decode_response, empty_with_header, encode_request, pack
 from tests.support.solids import TYPES, example
 from tests.treeviewer.conversation import Viewer
@@ -282,6 +283,15 @@ def test_matrix_to_quaternion(q: list[float]) -> None:
     made = Transform.of(X).body()
     t, r = made["translation"], made["quaternion"]
     np.testing.assert_allclose(from_pose((t[0], t[1], t[2]), (r[0], r[1], r[2], r[3])), X, atol=1e-9)
+
+
+@pytest.mark.parametrize("geometry", [Box, Mesh, PlanarLidar, ImagePlane, MeshFile])
+def test_docstrings_have_own_and_inherited_fields(geometry: type[Geometry]) -> None:
+    _, _, attributes = (geometry.__doc__ or "").partition("\n\nAttributes:\n")
+    described = [line.partition(":")[0].strip() for line in attributes.splitlines() if line[4:5].strip()]
+    assert {field.name for field in fields_of(geometry) if field.required} <= set(described)
+    assert described[-2:] == ["color", "transform"]
+    assert len(set(described)) == len(described)
 
 
 def test_copies_arrays() -> None:
