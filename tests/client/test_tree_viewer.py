@@ -231,6 +231,12 @@ def test_a_timeout_is_positive() -> None:
             TreeViewer("tcpq://127.0.0.1:1", timeout=timeout)
 
 
+def test_off_is_no_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LCM_DEFAULT_URL", "off")
+    with pytest.raises(ConnectionError, match="LCM is off: the URL 'off' stands for no network"):
+        TreeViewer()
+
+
 def test_a_url_is_a_text() -> None:
     port: Any = 7700
     with pytest.raises(ValueError, match=r"url must be an LCM URL such as 'tcpq://127\.0\.0\.1:7700', not 7700"):
