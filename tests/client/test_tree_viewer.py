@@ -234,7 +234,7 @@ def test_a_timeout_is_positive() -> None:
 def test_off_is_no_network(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LCM_DEFAULT_URL", "off")
     with pytest.raises(ConnectionError, match="LCM is off: the URL 'off' stands for no network"):
-        TreeViewer()
+        TreeViewer(timeout=SECONDS)
 
 
 def test_a_url_is_a_text() -> None:
