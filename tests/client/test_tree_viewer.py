@@ -191,6 +191,8 @@ async def test_what_cannot_be_sent_is_not_sent_again() -> None:
     def fail(tree_viewer: TreeViewer) -> None:
         with pytest.raises(ValueError, match=r"^'\\ud800' is not Unicode text$"):
             tree_viewer["\ud800"].set(Box((1, 1, 1)))
+        with pytest.raises(ValueError, match=r"^the request has an integer of more than 64 bits$"):
+            tree_viewer[2**70].set(Box((1, 1, 1)))
 
     async with serving(config):
         tree_viewer = await in_thread(TreeViewer, f"tcpq://127.0.0.1:{port}", 20.0)

@@ -160,6 +160,8 @@ def _encode(body: dict[str, Any], utime: int, message_format: str) -> bytearray:
         message = encode_request(body, utime, message_format)
     except UnicodeEncodeError as error:
         raise ValueError(f"{describe(error.object)} is not Unicode text") from None
+    except OverflowError:
+        raise ValueError("the request has an integer of more than 64 bits") from None
     if len(message) > MAX_REQUEST_BYTES:
         raise ValueError(f"the request has {len(message)} bytes, the limit is {MAX_REQUEST_BYTES}: send it in parts")
     return message
