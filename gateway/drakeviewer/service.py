@@ -220,8 +220,11 @@ class DrakeViewerService:
         self._shown_bytes[channel] = len(message.data)
 
     def _forget_cleared(self) -> None:
-        """Forget what belongs to channels that a load message may have cleared, until their next messages."""
-        self._shown_bytes = {channel: size for channel, size in self._shown_bytes.items() if channel.has_fixed_name}
+        """Forget the channels that a new simulation has cleared, and the warnings of the earlier one."""
+        for numbers in (self._message_counts, self._shown_bytes):
+            for channel in [each for each in numbers if not each.has_fixed_name]:
+                if channel not in self.viewer.state.newest_numbers:
+                    del numbers[channel]
         self._warnings.remove(lambda channel: channel.kind is not Kind.LOAD)
 
     def _report_error(self, channel: Channel, error: Exception) -> None:

@@ -124,7 +124,7 @@ class LogReplay(Closing):
             return ()
         self.clock = self._next_clock
         try:
-            return self._apply(event) if is_shown(event.channel) else ()
+            return self._apply(event)
         except (wire.WireError, MessageError, *UnavailableErrors) as error:
             return (str(error),)
         except Exception as error:  # noqa: BLE001 - one message must not end the replay
@@ -155,7 +155,9 @@ class LogReplay(Closing):
     def _apply(self, event: Event) -> Sequence[str]:
         if not event.channel.startswith(wire.REQUEST):
             shown_channels, channel = self._drake.state.newest_numbers, channel_of(event.channel)
-            is_new = channel is not None and channel not in shown_channels and not channel.has_fixed_name
+            if channel is None:
+                return ()
+            is_new = channel not in shown_channels and not channel.has_fixed_name
             if is_new and len(shown_channels) >= MAX_CHANNELS:
                 return (f"{len(shown_channels)} channels of clouds and frames are shown, which is the limit",)
             return self._drake.handle(event.channel, event.data)
@@ -167,4 +169,4 @@ class LogReplay(Closing):
 
 def cost_of(event: Event) -> float:
     """Return the time to apply an event, in that of a small message: about 0.1 ms."""
-    return 1.0 + len(event.data) / MIN_DATA_COST if is_shown(event.channel) else SKIPPED_COST
+    return 1.0 + len(event.data) / MIN_DATA_COST if event.data else SKIPPED_COST

@@ -15,6 +15,7 @@ from gateway.scene.crease_normals import smooth_mesh
 from gateway.scene.geometry import Line, Part, PointCloud, Surface
 from gateway.scene.materials import POINT_SIZE, Color, material
 from gateway.treeviewer.context import ReadContext, scale_colors
+from gateway.treeviewer.fields import is_unicode
 from gateway.treeviewer.packed_arrays import ArrayError, PackedArray
 from renderers.color import linear_colors_from_srgb
 from renderers.drawlist import Mesh
@@ -124,7 +125,7 @@ def _channel_arrays(value: Any, count: int, context: ReadContext) -> dict[str, N
         is_empty = not isinstance(values, PackedArray) and values in (None, [], {})
         if is_empty:
             continue
-        if not isinstance(name, str):
+        if not isinstance(name, str) or not is_unicode(name):
             context.warnings.append(f"channel {show(name)} has no text as its name; it is ignored")
             continue
         try:

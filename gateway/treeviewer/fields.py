@@ -49,6 +49,15 @@ def matrix_of(X: Pose) -> NDArray[np.float64]:
     return IDENTITY if X == _IDENTITY_POSE else from_pose(X[:3], X[3:])
 
 
+def is_unicode(text: str) -> bool:
+    """Return False for text with a lone surrogate, as in the JSON ``"\\ud800"``: nothing that has it can be encoded."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 def path(command: Mapping[str, Any], context: ReadContext) -> Path:
     """Return the command's path: a list of names, or a string that is split at slashes."""
     limits = context.limits
@@ -69,10 +78,8 @@ def _path_element(value: Any, index: int, max_chars: int) -> PathElement:
     if isinstance(value, str):
         if len(value) > max_chars:
             raise CommandError(f"path[{index}] has {len(value)} characters, the limit is {max_chars}")
-        try:
-            value.encode()
-        except UnicodeEncodeError:
-            raise CommandError(f"path[{index}] is not Unicode text: {show(value)}") from None
+        if not is_unicode(value):
+            raise CommandError(f"path[{index}] is not Unicode text: {show(value)}")
         return value
     if isinstance(value, int) and not isinstance(value, bool):
         if not -_INT64 <= value < 2 * _INT64:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from scenegate.messages import wire
 from scenegate.messages.changes import Changes, Entry, path_of
-from scenegate.messages.geometry import Sphere
+from scenegate.messages.geometry import PointCloud, Sphere
 from scenegate.messages.request_encoding import encode_request
 from scenegate.tree import requests as requests_module
+from scenegate.tree import viewer as viewer_module
 from scenegate.tree.answer import Answer, TreeViewerError
 from scenegate.tree.viewer import MAX_LOGGED, TreeViewer
 from tests.support.waiting import SECONDS
@@ -37,6 +39,10 @@ class FakeConnection:
         self.requests.append(request)
         if self.bodies:
             self.respond(response(**{"timestamp": request["timestamp"], **self.bodies.pop(0)}))
+
+    def run_in_turn(self, calls: Iterable[Callable[[], None]]) -> None:
+        for call in calls:
+            call()
 
     def close(self) -> None:
         """Nothing to close."""
@@ -186,6 +192,47 @@ def test_a_viewer_that_has_just_started_gets_everything(viewer: TreeViewer) -> N
     assert not viewer.requests.pending
 
 
+def test_everything_is_sent_again_in_parts(viewer: TreeViewer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(viewer_module, "PART_BYTES", 25_000)
+    fake = connection(viewer)
+    cloud = PointCloud(np.zeros((800, 3)))  # 9.6 kB
+    fake.bodies = [{"status": 0, "newer_commands": ["setview", "setproperty"]}] * 20
+    for name in "abcde":
+        viewer["map", name].set(cloud)
+    viewer["huge"].set(PointCloud(np.zeros((5000, 3))))
+    viewer.set_view(grid=False)
+    run_in_turn = fake.run_in_turn
+
+    def delete_meanwhile(calls: Iterable[Callable[[], None]]) -> None:
+        first, *others = calls
+        first()
+        viewer["map", "c"].delete()
+        run_in_turn(others)
+
+    monkeypatch.setattr(fake, "run_in_turn", delete_meanwhile)
+    del fake.requests[:]
+    fake.announce(response(timestamp=0, status=0, ready=True))
+    view, first, deletion, *others = fake.requests
+    assert view["setview"] == {"grid": False}
+    assert deletion["delete"] == [{"path": ["map", "c"]}]
+    paths = [[entry["path"][-1] for entry in request["setgeometry"]] for request in (first, *others)]
+    assert paths == [["a", "b"], ["d"], ["e"], ["huge"]]
+    fake.bodies = [{"status": 1, "missing_paths": [["map"]]}, {"status": 0}, {"status": 1, "missing_paths": [["x"]]}]
+    fake.bodies[0]["newer_commands"] = ["setproperty"]
+    del fake.requests[:]
+    assert viewer["map"].set_visible(True).missing == (("x",),)
+    paths = [[entry["path"][-1] for entry in request["setgeometry"]] for request in fake.requests[1:]]
+    assert paths == [["a", "b"], ["d", "e"]]
+
+
+def test_a_request_beyond_lcms_limit_is_not_sent(viewer: TreeViewer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(requests_module, "MAX_REQUEST_BYTES", 3000)
+    with pytest.raises(ValueError, match=r"^the request has \d+ bytes, the limit is 3000: send it in parts$"):
+        viewer["a"].set(PointCloud(np.zeros((1000, 3))))
+    connection(viewer).announce(response(timestamp=0, status=0, ready=True))
+    assert connection(viewer).requests == [], "it is not recorded, either"
+
+
 @pytest.mark.parametrize(
     ("value", "text"),
     [(3, "3"), ("x" * 38, repr("x" * 38)), ("x" * 39, "'" + "x" * 39 + "…"), ([1], "[1]"), (None, "None")],
@@ -202,6 +249,31 @@ def test_other_things_than_geometries_are_refused(viewer: TreeViewer, value: Any
 )
 def test_paths(value: Any, path: tuple[str | int, ...]) -> None:
     assert path_of(value) == path
+
+
+@pytest.mark.parametrize("value", [["a", "b"], 1.5, None, b"a", slice(1, 2)])
+def test_what_is_no_path(viewer: TreeViewer, value: Any) -> None:
+    with pytest.raises(ValueError, match=r"^a path must be a text, an integer or a tuple of them, not "):
+        viewer[value]
+
+
+@pytest.mark.parametrize(
+    ("call", "error"),
+    [
+        (lambda viewer: viewer.set_transforms(["a"], "x"), r"poses must have shape \(1, 7\) for 1 paths, not 'x'"),
+        (
+            lambda viewer: viewer.set_transforms(["a"], [[1], [1, 2]]),
+            r"poses .* not \[\[1\], \[1, 2\]\]",
+        ),
+        (lambda viewer: viewer.set_view(home=5), "home must be eye, target and optionally up, not 5"),
+        (lambda viewer: viewer.set_view(background="grau"), "background 'grau' is neither"),
+        (lambda viewer: viewer.robot("r", "r.urdf", roots="/tmp"), "roots must be a list of folders, not '/tmp'"),
+        (lambda viewer: viewer.robot("r", "r.urdf", gltf_up="x"), "gltf_up must be 'y' or 'z', not 'x'"),
+    ],
+)
+def test_names_invalid_arguments(viewer: TreeViewer, call: Callable[[TreeViewer], Any], error: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=f"^{error}"):
+        call(viewer)
 
 
 def test_a_delete_discards_what_was_set_below_it() -> None:

@@ -89,7 +89,7 @@ async def test_all_controls_are_shown() -> None:
                 plot.add_samples([6.0, 7.0], np.ones((2, 2)))
                 with pytest.raises(ValueError, match="value is 11, it must be from 0 to 10"):
                     arm.add_slider("speed", 0, 10, value=11)
-                with pytest.raises(ValueError, match=r"rows of a time and 2 numbers, not of shape \(1, 2\)"):
+                with pytest.raises(ValueError, match=r"values \(N, 2\), not \(1,\) and \(1, 1\)"):
                     plot.add(1.0)
                 assert shown(service) == {
                     "arm/speed": 2.0,
@@ -156,8 +156,11 @@ async def test_wrong_arguments_are_refused() -> None:
                         lambda: add.add_plot("p", "a", seconds="1"),
                         'seconds must be a number of at most 1e\\+15, not "1"',
                     ),
-                    (lambda: add.add_button(None), "path has the name null; names are texts or integers"),
-                    (lambda: add.add_gizmo("g", None), "node has the name null; names are texts or integers"),
+                    (lambda: add.add_button(None), "a path must be a text, an integer or a tuple of them, not None"),
+                    (
+                        lambda: add.add_gizmo("g", None),
+                        "a path must be a text, an integer or a tuple of them, not None",
+                    ),
                     (lambda: add.add_slider("s", None, 1), "min must be a number of at most 1e\\+15, not null"),
                     (lambda: add.add_slider("s", 0, 1, step="x"), 'step must be a number of at most 1e\\+15, not "x"'),
                     (lambda: add.add_slider("s", 0, 1, unit=5), "unit must be a text, not 5"),

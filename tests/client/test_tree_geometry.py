@@ -31,6 +31,7 @@ from scenegate import (
     Transform,
 )
 from scenegate.messages import wire
+from scenegate.messages.geometry import fields_of
 from scenegate.messages.request_encoding import decode_response, empty_with_header, encode_request, pack
 from tests.support.solids import TYPES, example
 from tests.treeviewer.conversation import Viewer
@@ -60,6 +61,7 @@ ALL = [
 ]
 WORD: Any = "abc"
 NOTHING: Any = None
+RAGGED: Any = [(0, 0, 0), (1, 1)]
 
 
 def encoded(body: dict[str, Any], utime: int, name: str) -> bytes:
@@ -244,6 +246,29 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: Sphere(1, transform=Transform((0, 0, 0), (0, 0, 0, 0))), "quaternion has only zeros"),
         (lambda: Sphere(1, transform=2 * np.eye(4)), "without scale, shear or mirroring"),
         (lambda: Sphere(1, transform=np.diag((-1.0, 1, 1, 1))), "without scale, shear or mirroring"),
+        (
+            lambda: Sphere(1, transform=from_pose((1, 2, 3), (1, 0, 0, 0)).T),
+            r"last row .* transposed\?",
+        ),
+        (lambda: Sphere(10**400), r"radius must be a number, not 1000000"),
+        (lambda: Box((1, 1, 10**400)), r"lengths must have 3 numbers, not \(1, 1, 1000"),
+        (lambda: Sphere(1, color={"r": 1}), r"color must be 3 or 4 numbers, .* not \{'r': 1\}"),  # type: ignore[arg-type]
+        (lambda: Sphere(1, color=[(1, 0), (1,)]), r"color must be 3 or 4 numbers, .* not \[\(1, 0\), \(1,\)\]"),
+        (lambda: PointCloud(RAGGED), r"points must have rows of 3, not \[\(0, 0, 0\), \(1, 1\)\]"),
+        (lambda: PointCloud(POINTS, rgb="red"), "rgb must have rows of 3 or 4, not 'red'"),
+        (lambda: PointCloud(POINTS, rgb=RAGGED), r"rgb must have rows of 3 or 4, not \[\(0, 0, 0\), \(1, 1\)\]"),
+        (lambda: PointCloud(POINTS, intensity=RAGGED), r"intensity must have numbers, not \["),
+        (lambda: PointCloud(POINTS, channels={"h": RAGGED}), r"channels\['h'\] must have numbers, not \["),
+        (lambda: PointCloud(POINTS, channels={"h": [1, 2]}), r"channels\['h'\] has 2 values for 4 points"),
+        (lambda: PointCloud(POINTS, channels={"h": 3}), r"channels\['h'\] must have rows of 1 to 16, not 3"),
+        (lambda: Mesh(POINTS, RAGGED), r"faces must have rows of 3, not \[\(0, 0, 0\), \(1, 1\)\]"),
+        (lambda: Mesh(POINTS, [[0, 1, 2]], colors=RAGGED), "colors must have 3 or 4 numbers for each vertex, not"),
+        (lambda: Heightmap(RAGGED, (1, 1)), r"heights must have at least 2 rows of 2 numbers, not \["),
+        (lambda: ImagePlane(RAGGED, 1), r"image must have shape \(H, W\), .* not \[\(0, 0, 0\), \(1, 1\)\]"),
+        (lambda: ImagePlane(NOTHING, 1), r"image must have shape \(H, W\), .* not None"),
+        (lambda: Text("a", background="grau"), "background 'grau' is neither a CSS name nor"),
+        (lambda: MeshFile(NOTHING), "filename must be a path, not None"),
+        (lambda: CameraFrustum.from_fov(WORD), "fovy must be a number, not 'abc'"),
     ],
 )
 def test_rejects_invalid_fields_where_they_are_written(construct: Callable[[], Geometry], reason: str) -> None:
@@ -258,6 +283,15 @@ def test_matrix_to_quaternion(q: list[float]) -> None:
     made = Transform.of(X).body()
     t, r = made["translation"], made["quaternion"]
     np.testing.assert_allclose(from_pose((t[0], t[1], t[2]), (r[0], r[1], r[2], r[3])), X, atol=1e-9)
+
+
+@pytest.mark.parametrize("geometry", [Box, Mesh, PlanarLidar, ImagePlane, MeshFile])
+def test_docstrings_have_own_and_inherited_fields(geometry: type[Geometry]) -> None:
+    _, _, attributes = (geometry.__doc__ or "").partition("\n\nAttributes:\n")
+    described = [line.partition(":")[0].strip() for line in attributes.splitlines() if line[4:5].strip()]
+    assert {field.name for field in fields_of(geometry) if field.required} <= set(described)
+    assert described[-2:] == ["color", "transform"]
+    assert len(set(described)) == len(described)
 
 
 def test_copies_arrays() -> None:

@@ -189,8 +189,10 @@ async def test_what_cannot_be_sent_is_not_sent_again() -> None:
     config = TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=port))
 
     def fail(tree_viewer: TreeViewer) -> None:
-        with pytest.raises(UnicodeEncodeError):
+        with pytest.raises(ValueError, match=r"^'\\ud800' is not Unicode text$"):
             tree_viewer["\ud800"].set(Box((1, 1, 1)))
+        with pytest.raises(ValueError, match=r"^the request has an integer of more than 64 bits$"):
+            tree_viewer[2**70].set(Box((1, 1, 1)))
 
     async with serving(config):
         tree_viewer = await in_thread(TreeViewer, f"tcpq://127.0.0.1:{port}", 20.0)
@@ -229,6 +231,12 @@ def test_a_timeout_is_positive() -> None:
     for timeout in (0.0, -1.0, float("nan")):
         with pytest.raises(ValueError, match="positive number of seconds"):
             TreeViewer("tcpq://127.0.0.1:1", timeout=timeout)
+
+
+def test_off_is_no_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LCM_DEFAULT_URL", "off")
+    with pytest.raises(ConnectionError, match="LCM is off: the URL 'off' stands for no network"):
+        TreeViewer(timeout=SECONDS)
 
 
 def test_a_url_is_a_text() -> None:

@@ -213,6 +213,19 @@ async def test_damaged_messages_take_up_no_channels(prefix: str) -> None:
         assert "DRAKE_DRAW_FRAMES_2: 2 channels are shown or wait" in status["warnings"][0]
 
 
+async def test_channels_of_an_earlier_simulation_take_up_no_channels() -> None:
+    async with running(DrakeViewerConfig(channels=3)) as found:
+        for simulation in range(3):
+            names = [f"DRAKE_DRAW_FRAMES_{simulation}{end}" for end in "ab"]
+            for name in names:
+                found.receive(name, at(1))
+            assert set(found.service.status()["channels"]) == {*names, *([LOAD] if simulation else [])}
+            found.receive(LOAD, load(link(f"robot {simulation}", 1)))
+            await until(lambda: found.service.status()["loads"] == simulation + 1)  # noqa: B023 - used at once
+        assert found.service.status()["dropped"] == 0
+        assert set(found.service.status()["channels"]) == {LOAD}
+
+
 async def test_waiting_messages_of_new_channels_are_limited() -> None:
     async with running(DrakeViewerConfig(channels=2, offload_bytes=1)) as found:
         for number in range(4):

@@ -53,6 +53,7 @@ def test_empty_channels_are_none(viewer: Viewer, channels: Any) -> None:
         ({"intensity": ["a"] * 3}, 'channel "intensity" has something that is not a number; it is ignored'),
         ({"x": "y"}, 'channel "x" must be a list of'),
         ("red", 'channels is not an object but "red"; it is ignored'),
+        ({"h\ud800": [1, 2, 3]}, "channel <str> has no text as its name; it is ignored"),
     ],
 )
 def test_warns_about_channels_that_do_not_fit(viewer: Viewer, channels: Any, warning: str) -> None:

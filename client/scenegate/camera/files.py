@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.messages.field_kinds import describe
+from scenegate.messages.arguments import describe
 from scenegate.pillow import pillow
 from scenegate.png import encode_png
 

@@ -9,7 +9,7 @@ from scenegate.lcm.liblcm_transport import LiblcmTransport
 from scenegate.lcm.tcpq_transport import TcpqTransport
 from scenegate.lcm.transport import MAX_HEADER_BYTES, LcmUnavailableError, Transport, TransportLimits
 from scenegate.lcm.udpm_transport import UdpmTransport
-from scenegate.lcm.url import check_lcm_url
+from scenegate.lcm.url import OFF, check_lcm_url
 
 WHOLE_NAME: Final = "\0"
 """End of a channel name that is not only the start of one. UDP datagrams have this character after the name."""
@@ -43,6 +43,8 @@ def open_transport(url: str, prefixes: tuple[str, ...], limits: TransportLimits)
         check_lcm_url(url)
     except ValueError as error:
         raise LcmUnavailableError(f"LCM cannot join {url}: {error}") from None
+    if url == OFF:
+        raise LcmUnavailableError(f"LCM is off: the URL {OFF!r} stands for no network")
     max_message = limits.message_bytes + MAX_HEADER_BYTES
     match url.partition(":")[0]:
         case "tcpq":

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Final
 
+from scenegate.messages.arguments import describe
+
+ENTRY_BYTES: Final = 1000
+"""Size of an entry besides its arrays and files in ``parts``."""
 Path = tuple[str | int, ...]
 """Names from the root down; () is the root."""
 Key = str | int | Path
@@ -12,10 +17,14 @@ Key = str | int | Path
 
 
 def path_of(value: Key) -> Path:
-    """Return the path for an index of a node."""
+    """Return the path for an index of a node. Raises ValueError for a list, a float and others."""
     if isinstance(value, str):
         return tuple(name for name in value.split("/") if name)
-    return tuple(value) if isinstance(value, tuple) else (value,)
+    if isinstance(value, tuple):
+        return value
+    if not hasattr(value, "__index__"):  # NumPy's integers have it
+        raise ValueError(f"a path must be a text, an integer or a tuple of them, not {describe(value)}")
+    return (value,)
 
 
 def is_at_or_below(path: Path, top: Path) -> bool:
@@ -99,6 +108,23 @@ class Changes:
             changes.entries.clear()
         return changes
 
+    def only(self, paths: Iterable[Path]) -> Changes:
+        """Return the entries at those of ``paths`` that have one. The result shares them, as that of ``missing``."""
+        return Changes(entries={path: self.entries[path] for path in paths if path in self.entries})
+
+    def parts(self, max_bytes: int) -> Iterator[Changes]:
+        """Yield the entries in groups of at most ``max_bytes``, or of a single one. They are shared."""
+        part, size = Changes(), 0
+        for path, entry in self.entries.items():
+            entry_size = ENTRY_BYTES + sum(map(_size, entry.geometries or ()))
+            if part.entries and size + entry_size > max_bytes:
+                yield part
+                part, size = Changes(), 0
+            part.entries[path] = entry
+            size += entry_size
+        if part.entries:
+            yield part
+
     def body(self) -> dict[str, Any]:
         """Return the request as the protocol's JSON object, without its timestamp."""
         entries = self.entries.items()
@@ -130,3 +156,10 @@ class Changes:
         if self.control_values:
             commands["setvalues"] = self.control_values
         return commands
+
+
+def _size(value: Any) -> int:
+    """Return the number of bytes of arrays and files in a geometry."""
+    if isinstance(value, dict):
+        return sum(map(_size, value.values()))
+    return len(value) if isinstance(value, bytes) else getattr(value, "nbytes", 0)

@@ -12,10 +12,13 @@ Button: TypeAlias = Literal["left", "middle", "right"]
 
 
 class Click(msgspec.Struct, frozen=True):
-    """A click on geometry in the browser."""
+    """A click on geometry in the browser.
+
+    Attributes:
+        path: Path of the geometry.
+        point: Point on the geometry in the world, metres.
+    """
 
     path: Path
-    """Path of the geometry."""
     point: tuple[float, float, float]
-    """Point on the geometry in the world, metres."""
     button: Button

@@ -12,6 +12,7 @@ from typing import Any, Final, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scenegate.messages.arguments import as_array, describe
 from scenegate.messages.css_colors import CSS_COLORS
 from scenegate.messages.request_encoding import empty_with_header
 from scenegate.regular_files import read_regular
@@ -33,29 +34,29 @@ ImageLike: TypeAlias = ArrayLike | HasPixels | bytes | str | os.PathLike[str]
 """Image that ``image_field`` reads."""
 
 
-def rgba(value: ArrayLike) -> list[float]:
+def rgba(value: ArrayLike, name: str = "color") -> list[float]:
     """Return red, green, blue and, if given, alpha, from 0 to 1.
 
     Args:
         value: three or four numbers from 0 to 1; three or four integers from 0 to 255, at least one of them above 1; a
             uint8 array; one integer 0xrrggbb; a CSS name; or ``#rgb``, ``#rgba``, ``#rrggbb``, ``#rrggbbaa``.
+        name: name of the field, for the error text.
 
     Raises:
         ValueError: the value is not one of these.
     """
-    if value is None:
-        raise ValueError("color must be 3 or 4 numbers, 0xrrggbb, a CSS name or '#ff8000', not None")
-    array = np.array(_parse_color(value), np.uint8) if isinstance(value, str) else np.asarray(value)
+    wanted = f"{name} must be 3 or 4 numbers, 0xrrggbb, a CSS name or '#ff8000'"
+    array = np.array(_parse_color(value, name), np.uint8) if isinstance(value, str) else as_array(value, wanted)
     if array.dtype.kind in "iu" and array.dtype != np.uint8:
         array = _from_integers(array)
-    numbers = array / 255.0 if array.dtype == np.uint8 else array.astype(np.float64)
+    numbers = array / 255.0 if array.dtype == np.uint8 else as_array(value, wanted, np.float64)
     if numbers.ndim == 0:
-        raise ValueError(f"color must be 3 or 4 numbers, 0xrrggbb, a CSS name or '#ff8000', not {value!r}")
+        raise ValueError(f"{wanted}, not {describe(value)}")
     if numbers.shape not in ((3,), (4,)):
-        raise ValueError(f"color must have 3 or 4 numbers, not shape {numbers.shape}")
+        raise ValueError(f"{name} must have 3 or 4 numbers, not shape {numbers.shape}")
     if np.isnan(numbers).any():
-        raise ValueError("color must have numbers, not nan")
-    check_range("color", numbers)
+        raise ValueError(f"{name} must have numbers, not nan")
+    check_range(name, numbers)
     channels: list[float] = numbers.tolist()
     return channels
 
@@ -70,9 +71,10 @@ def color_rows(name: str, values: ArrayLike) -> NDArray[Any]:
     Raises:
         ValueError: wrong shape, or a value outside of its range.
     """
-    array = as_uint8_or_floats(values)
+    wanted = f"{name} must have 3 or 4 numbers for each vertex"
+    array = as_uint8_or_floats(values, wanted)
     if array.ndim < 2 or array.shape[-1] not in (3, 4):
-        raise ValueError(f"{name} must have 3 or 4 numbers for each vertex, not shape {array.shape}")
+        raise ValueError(f"{wanted}, not {f'shape {array.shape}' if array.ndim else describe(values)}")
     rows = array.reshape(-1, array.shape[-1])
     copy = empty_with_header(rows.shape, np.uint8 if array.dtype == np.uint8 else np.float32)
     copy[...] = rows
@@ -104,9 +106,10 @@ def image_field(value: ImageLike) -> NDArray[np.uint8] | bytes:
     mode = getattr(value, "mode", None)
     if isinstance(mode, str) and mode not in ("L", "RGB", "RGBA"):  # Pillow: palettes, 1 bit, CMYK
         raise ValueError(f"an image of mode {mode} is not supported; use image.convert('RGB') or 'RGBA'")
-    array = np.asarray(value)
+    wanted = "image must have shape (H, W), (H, W, 3) or (H, W, 4)"
+    array = as_array(value, wanted)
     if array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,), (4,)) or not array.size:
-        raise ValueError(f"image must have shape (H, W), (H, W, 3) or (H, W, 4), not {array.shape}")
+        raise ValueError(f"{wanted}, not {array.shape if array.ndim else describe(value)}")
     if array.dtype.kind not in "fu" or (array.dtype.kind == "u" and array.dtype != np.uint8):
         raise ValueError(f"image must be uint8, or floats from 0 to 1, not {array.dtype}")
     check_range("image", array)
@@ -137,9 +140,12 @@ def check_range(name: str, values: NDArray[Any]) -> None:
         raise ValueError(f"{name} must be from 0 to 1, or a uint8 array from 0 to 255, not {invalid:g}")
 
 
-def as_uint8_or_floats(values: ArrayLike) -> NDArray[Any]:
-    """Return colours as an array. Integers from 0 to 255 become uint8 if at least one of them is above 1."""
-    array = np.asarray(values)
+def as_uint8_or_floats(values: ArrayLike, wanted: str) -> NDArray[Any]:
+    """Return colours as an array; see ``as_array`` for errors.
+
+    Integers from 0 to 255 become uint8 if at least one of them is above 1.
+    """
+    array = as_array(values, wanted)
     is_integer = array.ndim > 0 and array.dtype.kind in "iu" and array.dtype != np.uint8
     return _from_integers(array) if is_integer else array
 
@@ -157,11 +163,11 @@ def _from_integers(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-def _parse_color(text: str) -> tuple[int, ...]:
+def _parse_color(text: str, name: str) -> tuple[int, ...]:
     """Return the channels, 0 to 255, of a CSS name or of hexadecimal digits after ``#``."""
     digits = text[1:] if text.startswith("#") else CSS_COLORS.get(text.lower(), "")
     if len(digits) in (3, 4):
         digits = "".join(2 * digit for digit in digits)
     if len(digits) in (6, 8) and set(digits) <= set(hexdigits):
         return tuple(bytes.fromhex(digits))
-    raise ValueError(f"color {text[:40]!r} is neither a CSS name nor #rgb, #rgba, #rrggbb or #rrggbbaa")
+    raise ValueError(f"{name} {text[:40]!r} is neither a CSS name nor #rgb, #rgba, #rrggbb or #rrggbbaa")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-import reprlib
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Final, Protocol
@@ -18,6 +18,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
+from scenegate.messages.arguments import as_array, describe
 from scenegate.messages.colors import ImageLike, color_rows, image_field, rgba
 from scenegate.messages.request_encoding import empty_with_header
 from scenegate.warning_text import NOTHING_DRAWN
@@ -149,26 +150,11 @@ def _clamp(value: float) -> float:
 def number_list(name: str, values: ArrayLike, *counts: int) -> list[float]:
     """Return a field's values as floats. Raises ValueError if their number is not one of ``counts``."""
     wanted = f"{name} must have {' or '.join(map(str, counts))} numbers"
-    try:
-        array = np.asarray(values, np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{wanted}, not {describe(values)}") from None
+    array = as_array(values, wanted, np.float64)
     if array.ndim != 1 or len(array) not in counts:
         raise ValueError(f"{wanted}, not {f'shape {array.shape}' if array.ndim else describe(values)}")
     result: list[float] = array.tolist()
     return result
-
-
-def describe(value: object) -> str:
-    """Return a short description of any value of a user, about 40 characters, for an error text."""
-    if value is None or isinstance(value, (str, int, float)):
-        text = repr(value)
-    elif isinstance(value, (tuple, list, dict)):
-        text = reprlib.repr(value)
-    else:
-        name = type(value).__name__
-        text = f"{'an' if name[0] in 'AEIOUaeiou' else 'a'} {name}"
-    return text if len(text) <= 40 else f"{text[:40]}…"
 
 
 def number_rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.generic] = np.float32) -> NDArray[Any]:
@@ -177,13 +163,14 @@ def number_rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.gene
     Raises:
         ValueError: the values have another shape, or are not numbers (integers for an integer ``dtype``).
     """
-    array = np.asarray(values)
+    rows = f"{columns[0]} to {columns[-1]}" if len(columns) > 2 else " or ".join(map(str, columns))
+    wanted = f"{name} must have {'numbers' if columns == (1,) else f'rows of {rows}'}"
+    array = as_array(values, wanted)
     if array.size == 0:
         return np.empty((0, columns[0]) if columns[0] > 1 else (0,), dtype)
     width = array.shape[1] if array.ndim == 2 else 1
     if array.ndim != (1 if columns == (1,) else 2) or width not in columns:
-        wanted = "numbers" if columns == (1,) else f"rows of {' or '.join(map(str, columns))}"
-        raise ValueError(f"{name} must have {wanted}, not {f'shape {array.shape}' if array.ndim else describe(values)}")
+        raise ValueError(f"{wanted}, not {f'shape {array.shape}' if array.ndim else describe(values)}")
     needs_integers = dtype in (np.int64, np.uint32)
     if array.dtype.kind not in ("iub" if needs_integers else "fiub"):
         raise ValueError(f"{name} must have {'integers' if needs_integers else 'numbers'}, not {array.dtype}")
@@ -291,7 +278,7 @@ def write_number(name: str, value: float) -> float:
     """Return a field's number as float; raise ValueError if it is none."""
     try:
         return float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} must be a number, not {describe(value)}") from None
 
 
@@ -301,8 +288,14 @@ def _write_text(name: str, value: str) -> str:
     return value
 
 
+def _write_file_name(name: str, value: str | os.PathLike[str]) -> str:
+    if not isinstance(value, (str, os.PathLike)):
+        raise ValueError(f"{name} must be a path, not {describe(value)}")
+    return os.fspath(value)
+
+
 def _write_faces(name: str, value: ArrayLike) -> NDArray[Any]:
-    is_uint32 = np.asarray(value).dtype == np.uint32  # negative indices of other types must not wrap
+    is_uint32 = getattr(value, "dtype", None) == np.uint32  # negative indices of other types must not wrap
     return number_rows(name, value, 3, dtype=np.uint32 if is_uint32 else np.int64)
 
 
@@ -310,14 +303,19 @@ def _write_channels(name: str, value: Mapping[str, ArrayLike]) -> dict[str, NDAr
     if not isinstance(value, Mapping):
         raise ValueError(f"{name} must be a mapping such as {{'height': z}}, not {describe(value)}")
     columns = tuple(range(1, MAX_CHANNEL_COLUMNS + 1))
-    return {key: number_rows(key, each, *((1,) if np.ndim(each) == 1 else columns)) for key, each in value.items()}
+    arrays = {key: as_array(each, f"{name}[{key!r}] must have numbers") for key, each in value.items()}
+    return {
+        key: number_rows(f"{name}[{key!r}]", array, *((1,) if array.ndim == 1 else columns))
+        for key, array in arrays.items()
+    }
 
 
 def _write_heights(name: str, value: ArrayLike) -> NDArray[Any]:
-    shape = np.shape(value)
-    if len(shape) != 2 or min(shape) < 2:
-        raise ValueError(f"{name} must have at least 2 rows of 2 numbers, not shape {shape}")
-    return number_rows(name, value, shape[1])
+    wanted = f"{name} must have at least 2 rows of 2 numbers"
+    array = as_array(value, wanted)
+    if array.ndim != 2 or min(array.shape) < 2:
+        raise ValueError(f"{wanted}, not {f'shape {array.shape}' if array.ndim else describe(value)}")
+    return number_rows(name, array, array.shape[1])
 
 
 def _as_it_is(value: Any, _name: str, _reader: FieldReader) -> Any:
@@ -357,15 +355,15 @@ Ranges = Annotated[ArrayLike, _rows("points", 1)]
 Vertices = Annotated[ArrayLike, _rows("vertices", 3)]
 Heights = Annotated[ArrayLike, FieldKind(lambda value, name, reader: reader.grid(value, name), _write_heights)]
 VertexColors = Annotated[ArrayLike, FieldKind(lambda value, name, reader: reader.colors(value, name), color_rows)]
-Color = Annotated[ArrayLike, FieldKind(read_color, lambda _, value: rgba(value))]
+Color = Annotated[ArrayLike, FieldKind(read_color, lambda name, value: rgba(value, name))]
 Image = Annotated[
     ImageLike, FieldKind(lambda value, name, r: r.image(value, name), lambda _, value: image_field(value))
 ]
 LabelText = Annotated[str, FieldKind(lambda value, name, reader: reader.text(value, name), _write_text)]
-FileName = Annotated[str, FieldKind(_read_name, lambda _, value: str(value))]
+FileName = Annotated[str, FieldKind(_read_name, _write_file_name)]
 UNCONVERTED: Final = FieldKind(_as_it_is, lambda _, value: value)
 """Kind of a field that is read with others of its geometry."""
-ColorOnUse = Annotated[ArrayLike, FieldKind(_as_it_is, lambda _, value: rgba(value))]
+ColorOnUse = Annotated[ArrayLike, FieldKind(_as_it_is, lambda name, value: rgba(value, name))]
 """A colour that is read with other fields of its geometry."""
 Faces = Annotated[ArrayLike, FieldKind(_as_it_is, _write_faces)]
 """Vertex indices, which are checked with the vertices."""

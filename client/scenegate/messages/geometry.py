@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from inspect import cleandoc
 from typing import Any, ClassVar, Final, NamedTuple, get_args
 
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scenegate.messages.arguments import as_array, describe
 from scenegate.messages.colors import WHITE, as_uint8_or_floats, check_color_count, check_range, rgba
 from scenegate.messages.field_kinds import (
     AxisLength,
@@ -36,7 +38,6 @@ from scenegate.messages.field_kinds import (
     TextureCoordinates,
     VertexColors,
     Vertices,
-    describe,
     number_list,
     number_rows,
 )
@@ -44,16 +45,21 @@ from scenegate.transforms import quaternions_of
 
 ROTATION_TOLERANCE: Final = 1e-4
 """Maximum deviation of an element of R R^T from the identity. float32 rounding causes 1e-7, calibration more."""
+_ATTRIBUTES: Final = "\n\nAttributes:\n"
+"""Heading of the fields in docstrings."""
 
 
 @dataclass(frozen=True, slots=True)
 class Transform:
-    """Rigid transform from a child's frame to its parent's: rotation, then translation."""
+    """Rigid transform from a child's frame to its parent's: rotation, then translation.
+
+    Attributes:
+        translation: x, y, z in metres.
+        quaternion: Rotation as w, x, y, z, of any length but 0.
+    """
 
     translation: Sequence[float] = (0.0, 0.0, 0.0)
-    """x, y, z in metres."""
     quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
-    """Rotation as w, x, y, z, of any length but 0."""
 
     @classmethod
     def of(cls, value: Transform | ArrayLike) -> Transform:
@@ -65,10 +71,7 @@ class Transform:
         if isinstance(value, Transform):
             return value
         wanted = "a transform is a Transform, 3 numbers or a 4x4 matrix"
-        try:
-            matrix = np.asarray(value, np.float64)
-        except (TypeError, ValueError):
-            raise ValueError(f"{wanted}, not {describe(value)}") from None
+        matrix = as_array(value, wanted, np.float64)
         if matrix.shape == (3,):
             return cls(tuple(matrix.tolist()))
         if matrix.shape != (4, 4):
@@ -76,6 +79,9 @@ class Transform:
         R = matrix[:3, :3]
         if not np.allclose(R @ R.T, np.eye(3), atol=ROTATION_TOLERANCE) or np.linalg.det(R) < 0:
             raise ValueError("the matrix must be a rotation and a translation, without scale, shear or mirroring")
+        last_row = matrix[3].tolist()
+        if last_row != [0.0, 0.0, 0.0, 1.0]:
+            raise ValueError(f"the last row of the matrix must be 0, 0, 0, 1, not {last_row}; is it transposed?")
         return cls(tuple(matrix[:3, 3].tolist()), tuple(quaternions_of(R[None])[0].tolist()))
 
     def body(self) -> dict[str, Any]:
@@ -102,14 +108,23 @@ class Field(NamedTuple):
 
 
 class Geometry(msgspec.Struct, frozen=True, kw_only=True, gc=False, omit_defaults=True):
-    """Base class of geometries, with the fields that all of them have."""
+    """Base class of geometries, with the fields that all of them have.
+
+    Attributes:
+        color: RGB or RGBA from 0 to 1, a uint8 array (0 to 255), a CSS name (``"orange"``), or ``"#ff8000"``.
+        transform: Transform from the geometry's frame to the frame of its path; None: identity.
+    """
 
     kind: ClassVar[str]
     """``type`` in the protocol."""
     color: ArrayLike = WHITE
-    """RGB or RGBA from 0 to 1, a uint8 array (0 to 255), a CSS name (``"orange"``), or ``"#ff8000"``."""
     transform: Transform | ArrayLike | None = None
-    """Transform from the geometry's frame to the frame of its path; None: identity."""
+
+    def __init_subclass__(cls) -> None:
+        """Add the inherited fields to the docstring: ``help`` and editors show it at the constructor."""
+        doc, _, fields = cleandoc(cls.__doc__ or "").partition(_ATTRIBUTES)
+        _, _, inherited = cleandoc(cls.__base__.__doc__ or "").partition(_ATTRIBUTES)
+        cls.__doc__ = doc + _ATTRIBUTES + "\n".join(filter(None, (fields, inherited)))
 
     def __post_init__(self) -> None:
         """Check the fields, so that an error points at the line that has them.
@@ -186,11 +201,14 @@ class Solid(Geometry, frozen=True):
 
 
 class Box(Solid, frozen=True):
-    """A box centred on the origin."""
+    """A box centred on the origin.
+
+    Attributes:
+        lengths: Edge lengths along x, y, z.
+    """
 
     kind = "box"
     lengths: Lengths
-    """Edge lengths along x, y, z."""
 
 
 class Sphere(Solid, frozen=True):
@@ -201,11 +219,14 @@ class Sphere(Solid, frozen=True):
 
 
 class Ellipsoid(Solid, frozen=True):
-    """An ellipsoid centred on the origin."""
+    """An ellipsoid centred on the origin.
+
+    Attributes:
+        radii: Half axes along x, y, z.
+    """
 
     kind = "ellipsoid"
     radii: Lengths
-    """Half axes along x, y, z."""
 
 
 class Cylinder(Solid, frozen=True):
@@ -225,63 +246,75 @@ class Capsule(Solid, frozen=True):
 
 
 class Triad(Solid, frozen=True):
-    """Coordinate axes: x red, y green, z blue."""
+    """Coordinate axes: x red, y green, z blue.
+
+    Attributes:
+        scale: Length of the axes.
+        tube: True: draw tubes of 2 mm radius in place of hairlines.
+    """
 
     kind = "triad"
     scale: AxisLength = 1.0
-    """Length of the axes."""
     tube: Flag = False
-    """True: draw tubes of 2 mm radius in place of hairlines."""
 
 
 class Line(Geometry, frozen=True):
-    """Straight segments from point to point, with optional arrow heads."""
+    """Straight segments from point to point, with optional arrow heads.
+
+    Attributes:
+        points: (N, 3).
+        radius: Radius of the tube; 0: a hairline; None: 0.01, or 0 if there is a ``line_width``.
+        closed: True: join the last point to the first.
+        start_head: True: draw an arrow head at the first point.
+        end_head: True: draw an arrow head at the last point.
+        head_length: Length of the arrow heads; None: the viewer's default.
+        line_width: Width of a hairline in pixels, 1 to 256; None: 1. Other viewers ignore it.
+    """
 
     kind = "line"
     points: Points
-    """(N, 3)."""
     radius: Number | None = None
-    """Radius of the tube; 0: a hairline; None: 0.01, or 0 if there is a ``line_width``."""
     closed: Flag = False
-    """True: join the last point to the first."""
     start_head: Flag = False
-    """True: draw an arrow head at the first point."""
     end_head: Flag = False
-    """True: draw an arrow head at the last point."""
     head_radius: Size = 0.05
     head_length: Size | None = None
-    """Length of the arrow heads; None: the viewer's default."""
     line_width: Pixels | None = None
-    """Width of a hairline in pixels, 1 to 256; None: 1. Other viewers ignore it."""
 
     def _fields(self) -> dict[str, Any]:
         return {"radius": 0.01 if self.line_width is None else 0.0} | Geometry._fields(self)
 
 
 class PlainMesh(Geometry, frozen=True):
-    """Triangle mesh in one colour, which every viewer shows."""
+    """Triangle mesh in one colour, which every viewer shows.
+
+    Attributes:
+        vertices: Positions, (N, 3).
+        faces: Triangles, (M, 3) indices of vertices.
+    """
 
     kind = "mesh_data"
     vertices: Vertices
-    """Positions, (N, 3)."""
     faces: Faces
-    """Triangles, (M, 3) indices of vertices."""
 
 
 class Mesh(PlainMesh, frozen=True):
     """Triangle mesh, in one colour, with colours of its vertices, or with an image.
 
     A viewer that is not Scenegate refuses meshes with ``colors`` or an ``image``, and shows all others.
+
+    Attributes:
+        colors: Colours of the vertices, (N, 3) or (N, 4): floats from 0 to 1, or integers from 0 to 255. They multiply
+            ``color``.
+        uv: Texture coordinates, (N, 2), ignored without ``image``. (0, 0) is the image's top left corner, (1, 1) its
+            bottom right one; use ``1 - v`` for coordinates from OBJ files.
+        image: Texture, which multiplies ``color``: a PNG or JPEG file as bytes, its path, or pixels as in
+            ``ImagePlane``.
     """
 
     colors: VertexColors | None = None
-    """Colours of the vertices, (N, 3) or (N, 4): floats from 0 to 1, or integers from 0 to 255. They multiply
-    ``color``."""
     uv: TextureCoordinates | None = None
-    """Texture coordinates, (N, 2), ignored without ``image``. (0, 0) is the image's top left corner, (1, 1) its bottom
-    right one; use ``1 - v`` for coordinates from OBJ files."""
     image: Image | None = None
-    """Texture, which multiplies ``color``: a PNG or JPEG file as bytes, its path, or pixels as in ``ImagePlane``."""
 
     def body(self) -> dict[str, Any]:
         body = Geometry.body(self)
@@ -314,12 +347,14 @@ class _Cloud(Geometry, frozen=True):
         for name, columns in (("rgb", (3, 4)), ("intensity", (1,))):
             values = getattr(self, name)
             if values is not None:
-                array = as_uint8_or_floats(values) if name == "rgb" else np.asarray(values)
+                wanted = f"{name} must have {'rows of 3 or 4' if name == 'rgb' else 'numbers'}"
+                array = as_uint8_or_floats(values, wanted) if name == "rgb" else as_array(values, wanted)
                 is_uint8 = array.dtype == np.uint8
                 channels[name] = number_rows(name, array, *columns, dtype=np.uint8 if is_uint8 else np.float32)
         channels |= fields.pop("channels")
         for name, array in channels.items():
             if len(array) != count:
+                name = name if name in ("rgb", "intensity") else f"channels[{name!r}]"
                 raise ValueError(f"{name} has {len(array)} values for {count} points")
             if name in ("rgb", "intensity"):
                 check_range(name, array)
@@ -327,29 +362,37 @@ class _Cloud(Geometry, frozen=True):
 
 
 class PointCloud(_Cloud, frozen=True):
-    """Points with optional colours and other values."""
+    """Points with optional colours and other values.
+
+    Attributes:
+        points: Positions, (N, 3).
+        rgb: Colours, (N, 3) or (N, 4): floats from 0 to 1, or integers from 0 to 255. They take precedence over
+            ``intensity``.
+        intensity: Grey values, (N,): floats from 0 to 1, or uint8.
+        channels: Other values by name, (N,) or (N, k) with k up to 16.
+        point_size: Width of the points in pixels, 1 to 256; None: 2. Other viewers ignore it.
+    """
 
     kind = "pointcloud"
     points: Points
-    """Positions, (N, 3)."""
     rgb: ArrayLike | None = None
-    """Colours, (N, 3) or (N, 4): floats from 0 to 1, or integers from 0 to 255. They take precedence over
-    ``intensity``."""
     intensity: ArrayLike | None = None
-    """Grey values, (N,): floats from 0 to 1, or uint8."""
     channels: Channels = msgspec.field(default_factory=dict)
-    """Other values by name, (N,) or (N, k) with k up to 16."""
     point_size: Pixels | None = None
-    """Width of the points in pixels, 1 to 256; None: 2. Other viewers ignore it."""
 
 
 class PlanarLidar(_Cloud, frozen=True):
     """Scan of a lidar that turns about z. ``rgb``, ``intensity``, ``channels`` and ``point_size`` are as in
-    ``PointCloud``."""
+    ``PointCloud``.
+
+    Attributes:
+        ranges: Distances, (N,). Range i is measured at the angle ``angle_start + i * angle_step``, from x towards y.
+        angle_start: Angle of the first range, radians.
+        angle_step: Angle from a range to the next one, radians.
+    """
 
     kind = "planar_lidar"
     ranges: Ranges
-    """Distances, (N,). Range i is measured at the angle ``angle_start + i * angle_step``, from x towards y."""
     angle_start: Number
     angle_step: Number
     rgb: ArrayLike | None = None

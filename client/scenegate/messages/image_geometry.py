@@ -24,21 +24,25 @@ from scenegate.messages.field_kinds import (
     Pixels,
     Positive,
     VertexColors,
+    write_number,
 )
 from scenegate.messages.geometry import Geometry
 
 
 class ImagePlane(Geometry, frozen=True):
-    """An image on a rectangle that is centred on the origin."""
+    """An image on a rectangle that is centred on the origin.
+
+    Attributes:
+        image: A PNG or JPEG file as bytes, its path, or pixels, top row first: (H, W), (H, W, 3) or (H, W, 4), uint8 or
+            floats from 0 to 1. ``color`` multiplies it.
+        width: Extent along x; None: computed from ``height`` for square pixels.
+        height: Extent along y; None: computed from ``width`` for square pixels.
+    """
 
     kind = "image"
     image: Image
-    """A PNG or JPEG file as bytes, its path, or pixels, top row first: (H, W), (H, W, 3) or (H, W, 4), uint8 or floats
-    from 0 to 1. ``color`` multiplies it."""
     width: Positive | None = None
-    """Extent along x; None: computed from ``height`` for square pixels."""
     height: Positive | None = None
-    """Extent along y; None: computed from ``width`` for square pixels."""
 
     def _fields(self) -> dict[str, Any]:
         if self.width is None and self.height is None:
@@ -47,18 +51,21 @@ class ImagePlane(Geometry, frozen=True):
 
 
 class Heightmap(Geometry, frozen=True):
-    """A surface over a rectangle in x and y that is centred on the origin."""
+    """A surface over a rectangle in x and y that is centred on the origin.
+
+    Attributes:
+        heights: z at each point of a grid, (R, C) with R, C >= 2. x grows with the column and y with the row, as in
+            ``numpy.meshgrid`` by default. NaN makes a hole.
+        lengths: Extents of the rectangle along x and y.
+        colors: A colour for each height, (R, C, 3) or (R, C, 4): floats from 0 to 1, or uint8. They multiply ``color``.
+        image: Texture, as in ``ImagePlane``. Its first row lies along the first row of heights.
+    """
 
     kind = "heightmap"
     heights: Heights
-    """z at each point of a grid, (R, C) with R, C >= 2. x grows with the column and y with the row, as in
-    ``numpy.meshgrid`` by default. NaN makes a hole."""
     lengths: Extents
-    """Extents of the rectangle along x and y."""
     colors: VertexColors | None = None
-    """A colour for each height, (R, C, 3) or (R, C, 4): floats from 0 to 1, or uint8. They multiply ``color``."""
     image: Image | None = None
-    """Texture, as in ``ImagePlane``. Its first row lies along the first row of heights."""
 
     def _fields(self) -> dict[str, Any]:
         fields = Geometry._fields(self)
@@ -71,42 +78,47 @@ class Heightmap(Geometry, frozen=True):
 
 
 class Text(Geometry, frozen=True):
-    """Text on a rectangle that is centred on the origin. Characters that no font of the viewer has appear as boxes."""
+    """Text on a rectangle that is centred on the origin. Characters that no font of the viewer has appear as boxes.
+
+    Attributes:
+        text: Up to 1000 characters. Newlines separate lines.
+        size: Height of a line.
+        background: Colour of the rectangle behind the letters, in any form of ``color``; None: no rectangle.
+    """
 
     kind = "text"
     text: LabelText
-    """Up to 1000 characters. Newlines separate lines."""
     size: Positive = 0.1
-    """Height of a line."""
     background: Color | None = None
-    """Colour of the rectangle behind the letters, in any form of ``color``; None: no rectangle."""
 
 
 class CameraFrustum(Geometry, frozen=True):
     """The edges of a camera's view in its optical frame: +z forward, +x right, +y down.
 
     Image size, focal length and principal point are in pixels, or all in another unit.
+
+    Attributes:
+        width: Width of the image.
+        height: Height of the image.
+        fx: Focal length along x.
+        fy: Focal length along y; None: ``fx``.
+        cx: Principal point from the left edge; None: the centre.
+        cy: Principal point from the top edge; None: the centre.
+        depth: Distance of the image plane from the camera, in metres.
+        image: Image on the image plane, as in ``ImagePlane``; None: only the edges are shown.
+        line_width: Width of the edges in pixels, 1 to 256; None: 1.
     """
 
     kind = "camera_frustum"
     width: Positive
-    """Width of the image."""
     height: Positive
-    """Height of the image."""
     fx: Positive
-    """Focal length along x."""
     fy: Positive | None = None
-    """Focal length along y; None: ``fx``."""
     cx: Number | None = None
-    """Principal point from the left edge; None: the centre."""
     cy: Number | None = None
-    """Principal point from the top edge; None: the centre."""
     depth: Positive = 0.3
-    """Distance of the image plane from the camera, in metres."""
     image: Image | None = None
-    """Image on the image plane, as in ``ImagePlane``; None: only the edges are shown."""
     line_width: Pixels | None = None
-    """Width of the edges in pixels, 1 to 256; None: 1."""
 
     @classmethod
     def from_fov(cls, fovy: float, aspect: float = 4.0 / 3.0, **options: Any) -> CameraFrustum:
@@ -120,6 +132,7 @@ class CameraFrustum(Geometry, frozen=True):
         Raises:
             ValueError: ``fovy`` is not between 0 and pi, such as an angle in degrees.
         """
+        fovy = write_number("fovy", fovy)
         if not 0.0 < fovy < math.pi:
             raise ValueError(f"fovy must be between 0 and pi radians, not {fovy:g}")
         return cls(width=aspect, height=1.0, fx=0.5 / math.tan(0.5 * fovy), **options)

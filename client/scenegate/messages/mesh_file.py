@@ -33,23 +33,26 @@ class MeshFile(Geometry, frozen=True):
     """Mesh in a file that the viewer reads.
 
     ``data`` and the fields after it, which need it, are for Scenegate; other viewers look for ``filename``.
+
+    Attributes:
+        filename: Path on the viewer's machine, below a folder that the viewer's settings allow, or a ``package://``
+            URL.
+        scale: Scale factor, or one each for x, y, z.
+        data: Content of the file, whose format is the suffix of ``filename``; None: the viewer opens the file.
+        files: Content of the files that ``data`` refers to, by name as in ``data``: materials, buffers, images.
+        up: ``z``: coordinates are used as they are in the file; None: as its format and content define the up axis.
+        default_color: Colour of meshes without a material of their own, in any form of ``color``; None: the viewer's.
+        default_texture: PNG or JPEG file for meshes with texture coordinates, but without a material of their own.
     """
 
     kind = "mesh_file"
     filename: FileName
-    """Path on the viewer's machine, below a folder that the viewer's settings allow, or a ``package://`` URL."""
     scale: Scale = 1.0
-    """Scale factor, or one each for x, y, z."""
     data: Annotated[bytes, UNCONVERTED] | None = None
-    """Content of the file, whose format is the suffix of ``filename``; None: the viewer opens the file."""
     files: Annotated[Mapping[str, bytes], UNCONVERTED] = msgspec.field(default_factory=dict)
-    """Content of the files that ``data`` refers to, by name as in ``data``: materials, buffers, images."""
     up: Annotated[Literal["z"], UNCONVERTED] | None = None
-    """``z``: coordinates are used as they are in the file; None: as its format and content define the up axis."""
     default_color: ColorOnUse | None = None
-    """Colour of meshes without a material of their own, in any form of ``color``; None: the viewer's."""
     default_texture: Annotated[bytes, UNCONVERTED] | None = None
-    """PNG or JPEG file for meshes with texture coordinates, but without a material of their own."""
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], **options: Any) -> MeshFile:

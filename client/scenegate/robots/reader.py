@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, Literal, get_args
 
-from scenegate.messages.field_kinds import describe
+from scenegate.messages.arguments import describe
 from scenegate.messages.geometry import Geometry
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.files import RobotFiles
@@ -61,6 +61,8 @@ def read_robot(
     """
     limits = limits or RobotFileLimits()
     warnings: list[str] = []
+    if gltf_up not in ("y", "z"):
+        raise RobotFileError(f"gltf_up must be 'y' or 'z', not {describe(gltf_up)}")
     with errors_of(path):
         files = RobotFiles(Path(path), [Path(root) for root in roots], limits)
         root = parse_xml(files.read_robot_file(), limits.max_elements, warnings)

@@ -10,8 +10,8 @@ from functools import wraps
 from types import TracebackType
 from typing import Any, Concatenate, Final, Generic, ParamSpec, TypeVar
 
+from scenegate.messages.arguments import describe
 from scenegate.messages.changes import Key, Path, path_of
-from scenegate.messages.field_kinds import describe
 from scenegate.tree.callbacks import Callback
 from scenegate.tree.control_panel import ControlHandle, V
 from scenegate.tree.controls import ButtonHandle, ControlFolder, MaybePose, PlotHandle

@@ -23,22 +23,26 @@ class TreeViewerError(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Result of a request."""
+    """Result of a request.
+
+    Attributes:
+        status: Status of the response (``scenegate.messages.wire``), or ``UNSUPPORTED``.
+        deleted: Deleted paths.
+        added: Paths with new geometry.
+        transformed: Paths with a new transform.
+        missing: Paths with a new transform that have no geometry at or below them, and that this client has not
+            published.
+        warnings: One sentence for each irregularity that the viewer tolerated and each geometry that it cannot draw.
+        error: Reason of the first failure; empty if no command failed.
+    """
 
     status: int
-    """Status of the response (``scenegate.messages.wire``), or ``UNSUPPORTED``."""
     deleted: tuple[Path, ...] = ()
-    """Deleted paths."""
     added: tuple[Path, ...] = ()
-    """Paths with new geometry."""
     transformed: tuple[Path, ...] = ()
-    """Paths with a new transform."""
     missing: tuple[Path, ...] = ()
-    """Paths with a new transform that have no geometry at or below them, and that this client has not published."""
     warnings: tuple[str, ...] = ()
-    """One sentence for each irregularity that the viewer tolerated and each geometry that it cannot draw."""
     error: str = ""
-    """Reason of the first failure; empty if no command failed."""
 
 
 def answer_of(response: Response, missing: list[Path]) -> Answer:

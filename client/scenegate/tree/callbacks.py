@@ -13,9 +13,9 @@ from typing import Any, Final
 
 import msgspec
 
+from scenegate.messages.arguments import describe
 from scenegate.messages.changes import Path, is_at_or_below
 from scenegate.messages.clicks import Click
-from scenegate.messages.field_kinds import describe
 
 RESEND_SECONDS: Final = 10.0
 """Interval of repeated subscriptions. A viewer drops the subscription of a client after 30 s without one."""

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from typing import Final
 
 from scenegate.lcm.network import WHOLE_NAME, open_transport, resolve_url
 from scenegate.lcm.transport import LcmMessage, TransportLimits
@@ -12,9 +14,8 @@ from scenegate.lcm.transport import LcmMessage, TransportLimits
 CLOSE_SECONDS = 2.0
 """Maximum time for messages to be sent when the connection is closed."""
 
-
 OnFailure = Callable[[ConnectionError], None]
-_LIMITS = TransportLimits(receive_buffer_bytes=128 << 10)
+_LIMITS: Final = TransportLimits(receive_buffer_bytes=128 << 10)
 """Only responses are received, so that no more than the system's default is needed."""
 
 
@@ -39,6 +40,8 @@ class LcmConnection:
         self._changed = threading.Condition()
         """Notified when the connection is made, lost or closed."""
         self._closed = False
+        self._publishing: asyncio.Task[None] | None = None
+        """Task of ``run_in_turn``."""
         self._loop = asyncio.SelectorEventLoop()  # on Windows, the default one cannot watch UDP sockets
         self._loop.call_soon(self._transport.start, self._on_message, self._on_connect)
         self._thread = threading.Thread(target=self._run, name="treeviewer-receive", daemon=True)
@@ -68,6 +71,21 @@ class LcmConnection:
             if self._closed:
                 raise ConnectionError("this viewer was closed")
             self._loop.call_soon_threadsafe(self._send, channel, message, failed)
+
+    def run_in_turn(self, calls: Iterable[Callable[[], None]]) -> None:
+        """Run calls that publish, each when what was published before is sent. Ends those of an earlier call.
+
+        Must be called by the receiving thread, which runs them. They end when the connection is lost.
+        """
+        if self._publishing is not None:
+            self._publishing.cancel()
+        self._publishing = self._loop.create_task(self._run_in_turn(calls))
+
+    async def _run_in_turn(self, calls: Iterable[Callable[[], None]]) -> None:
+        with contextlib.suppress(OSError):
+            for call in calls:
+                await self._transport.drain(0)
+                call()
 
     def close(self) -> None:
         """Stop the receiving thread. Further calls do nothing."""
@@ -99,6 +117,9 @@ class LcmConnection:
             self._loop.close()
 
     async def _end(self) -> None:
+        if self._publishing is not None:
+            self._publishing.cancel()
+            await asyncio.wait({self._publishing})
         try:
             await asyncio.wait_for(self._transport.drain(0), CLOSE_SECONDS)
         except (OSError, asyncio.TimeoutError):

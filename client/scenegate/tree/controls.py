@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scenegate.messages import controls as messages
+from scenegate.messages.arguments import as_array, describe
 from scenegate.messages.changes import Key, Path, path_of
 from scenegate.messages.colors import rgba
-from scenegate.messages.field_kinds import describe
 from scenegate.transforms import from_pose
 from scenegate.tree.answer import Answer
 from scenegate.tree.callbacks import check_callback
@@ -87,8 +87,15 @@ class PlotHandle(ControlHandle[None]):
             values: (N, number of curves).
         """
         assert isinstance(self.control, messages.Plot)
-        rows = np.column_stack([np.asarray(times, np.float64), np.asarray(values, np.float64)])
-        return self._panel.add_samples(self.path, self.control.checked_samples(rows))
+        seconds = as_array(times, "times must have numbers", np.float64)
+        curves = as_array(values, "values must have numbers", np.float64)
+        count = len(self.control.series)
+        if curves.ndim == count == 1:
+            curves = curves[:, None]
+        if seconds.ndim != 1 or curves.shape != (len(seconds), count):
+            shapes = f"{seconds.shape} and {curves.shape}"
+            raise ValueError(f"times must have shape (N,) and values (N, {count}), not {shapes}")
+        return self._panel.add_samples(self.path, self.control.checked_samples(np.column_stack((seconds, curves))))
 
 
 class ControlFolder:

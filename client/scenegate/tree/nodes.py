@@ -11,8 +11,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from scenegate.messages.arguments import as_array, describe
 from scenegate.messages.changes import Changes, Entry, Key, Path, path_of
-from scenegate.messages.field_kinds import describe, write_number
+from scenegate.messages.field_kinds import write_number
 from scenegate.messages.geometry import Geometry, Transform
 from scenegate.messages.wire import OK
 from scenegate.tree.answer import Answer
@@ -98,11 +99,12 @@ def transforms_of(paths: Iterable[Key], poses: ArrayLike) -> Changes:
             f"paths must be a list of paths, not {describe(paths)}; for one path use set_transforms([path], ...)"
         )
     node_paths = [path_of(path) for path in paths]
-    array = np.asarray(poses, np.float64)
+    wanted = f"poses must have shape ({len(node_paths)}, 7) for {len(node_paths)} paths"
+    array = as_array(poses, wanted, np.float64)
     if not node_paths and array.size == 0:  # [] has the shape (0,)
         array = array.reshape(0, 7)
     if array.shape != (len(node_paths), 7):
-        raise ValueError(f"poses must have shape ({len(node_paths)}, 7) for {len(node_paths)} paths, not {array.shape}")
+        raise ValueError(f"{wanted}, not {array.shape}")
     is_finite, has_rotation = np.isfinite(array).all(axis=1), array[:, 3:].any(axis=1)
     if not is_finite.all():
         raise ValueError(f"pose {is_finite.argmin()} is not finite")

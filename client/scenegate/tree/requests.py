@@ -11,10 +11,14 @@ from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from typing import Any, Final, NamedTuple
 
+from scenegate.lcm.transport import TransportLimits
 from scenegate.messages import wire
+from scenegate.messages.arguments import describe
 from scenegate.messages.request_encoding import Response, decode_response, encode_request
 from scenegate.tree.connection import LcmConnection
 
+MAX_REQUEST_BYTES: Final = TransportLimits().message_bytes
+"""Maximum size of a request. A hub disconnects the sender of a larger one."""
 UNKNOWN_FORMATS: Final = (wire.UNKNOWN_FORMAT, wire.UNKNOWN_FORMAT_VERSION)
 """Status codes of a viewer that does not know the format of a request."""
 
@@ -66,11 +70,12 @@ class Requests:
             encoded: called before a request is sent; not if it cannot be encoded.
 
         Raises:
+            ValueError: it exceeds ``MAX_REQUEST_BYTES``, or has a text that is not Unicode.
             TimeoutError: there was no response in time.
             ConnectionError: the connection is closed, or lost for longer than the timeout.
         """
         if self.message_format is None:  # called before the wait for a viewer
-            encode_request(body, 0, wire.BINARY)
+            _encode(body, 0, wire.BINARY)
             encoded()
         response = self.wait(self.post(body, self._negotiated_format(), encoded))
         refused = response.status in UNKNOWN_FORMATS
@@ -80,11 +85,11 @@ class Requests:
         return response
 
     def send_without_response(self, body: dict[str, Any]) -> None:
-        """Send a request whose response is ignored. Nothing is sent while the connection is lost."""
+        """Send a request whose response is ignored, unless the connection is lost or the request is too large."""
         if self.connection.is_connected:
             try:
                 sent = self.post(body)
-            except ConnectionError:
+            except (ConnectionError, ValueError):
                 return
             self.pending.pop(sent.utime, None)
 
@@ -109,7 +114,7 @@ class Requests:
         self._on_request(body, utime)
         try:
             message_format = message_format or self.message_format or wire.JSON
-            message = encode_request({"timestamp": utime, **body}, utime, message_format)
+            message = _encode({"timestamp": utime, **body}, utime, message_format)
             encoded()
             self.connection.publish(f"{wire.REQUEST}_<{self.client_id}>", message, future.set_exception)
         except BaseException:
@@ -147,3 +152,16 @@ class Requests:
         response = decode_response(message)
         if response is not None:
             self._on_message(response)
+
+
+def _encode(body: dict[str, Any], utime: int, message_format: str) -> bytearray:
+    """Return a request as LCM message; see ``Requests.send`` for errors."""
+    try:
+        message = encode_request(body, utime, message_format)
+    except UnicodeEncodeError as error:
+        raise ValueError(f"{describe(error.object)} is not Unicode text") from None
+    except OverflowError:
+        raise ValueError("the request has an integer of more than 64 bits") from None
+    if len(message) > MAX_REQUEST_BYTES:
+        raise ValueError(f"the request has {len(message)} bytes, the limit is {MAX_REQUEST_BYTES}: send it in parts")
+    return message

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from scenegate.messages.arguments import describe
 from scenegate.messages.changes import Changes, Entry, Path
-from scenegate.messages.field_kinds import describe
 from scenegate.messages.geometry import Geometry
 from scenegate.messages.wire import OK
 from scenegate.transforms import quaternions_of

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from os import PathLike, fspath
 from types import EllipsisType
 from typing import TYPE_CHECKING, Final, Literal
@@ -15,9 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scenegate.closing import Closing
+from scenegate.messages.arguments import describe
 from scenegate.messages.changes import Changes, Key, Path, path_of
 from scenegate.messages.colors import rgba
-from scenegate.messages.field_kinds import describe, number_list
+from scenegate.messages.field_kinds import number_list
 from scenegate.messages.request_encoding import Response
 from scenegate.messages.wire import MISSING_PATHS, OK
 from scenegate.tree.answer import UNSUPPORTED, Answer, TreeViewerError, answer_of
@@ -33,6 +35,8 @@ from scenegate.warning_text import strict_refusal
 if TYPE_CHECKING:
     from scenegate.robots.robot import JointValue
 
+PART_BYTES: Final = 16 << 20
+"""Size of requests that publish again, in bytes of arrays: 8 times as much in JSON, half of what a hub accepts."""
 MAX_LOGGED: Final = 20
 """Maximum number of different warnings of a viewer that are logged."""
 
@@ -124,7 +128,7 @@ class TreeViewer(NotebookViews, Closing):
         """
         changes = Changes()
         if background is not ...:
-            changes.view["background"] = None if background is None else rgba(background)[:3]
+            changes.view["background"] = None if background is None else rgba(background, "background")[:3]
         if grid is not ...:
             if grid is not None and not isinstance(grid, (bool, np.bool_)):
                 raise TypeError(f"grid must be True, False or None, not {grid!r}")
@@ -223,6 +227,8 @@ class TreeViewer(NotebookViews, Closing):
             ImportError: a package that is needed to read the file is not installed.
             TreeViewerError, TimeoutError, ConnectionError: see ``send``.
         """
+        if isinstance(roots, str):
+            raise TypeError(f"roots must be a list of folders, not {describe(roots)}")
         options = {"roots": list(roots), "geometry": geometry, "gltf_up": gltf_up, "strict": strict}
         robot = read_robot_for(self.reads_files, file, options, textures=textures, keyframe=keyframe)
         published = PublishedRobot(self, path_of(path), robot, joints or {})
@@ -266,14 +272,14 @@ class TreeViewer(NotebookViews, Closing):
         """Publish missing paths again. Return the response of a failure, or else ``response``; and the paths that are
         still missing."""
         with self._lock:
-            republished = self._published.missing(missing)
-            if not republished.entries:
-                return response, missing
-            sent = self.requests.post(republished.body())
-        second_response = self.requests.wait(sent)
-        if second_response.status == MISSING_PATHS:
-            return response, _missing_paths(second_response)
-        return second_response if second_response.status < OK else response, []
+            parts = self._published.missing(missing).parts(PART_BYTES)
+            sent = [self.requests.post(part.body()) for part in parts]
+        still_missing = [] if sent else missing
+        for second_response in map(self.requests.wait, sent):
+            if second_response.status < OK:
+                return second_response, []
+            still_missing += _missing_paths(second_response)
+        return response, still_missing
 
     def reads_files(self) -> bool:
         """Return True if the viewer reads the content of mesh files, as Scenegate does; see ``send`` for errors."""
@@ -292,8 +298,16 @@ class TreeViewer(NotebookViews, Closing):
         elif body.get("ready") is True:
             self._threads.resend_now()
             with self._lock:
-                if self._published.entries or self._published.view:
-                    self.requests.send_without_response(self._published.body())
+                parts = [tuple(part.entries) for part in self._published.parts(PART_BYTES)]
+                if self._published.view:
+                    self.requests.send_without_response(Changes(view=self._published.view).body())
+            if parts:
+                self.requests.connection.run_in_turn(partial(self._publish_again, paths) for paths in parts)
+
+    def _publish_again(self, paths: tuple[Path, ...]) -> None:
+        """Publish what is recorded at paths, without waiting for the response."""
+        with self._lock:
+            self.requests.send_without_response(self._published.only(paths).body())
 
 
 def _missing_paths(response: Response) -> list[Path]:
@@ -303,8 +317,8 @@ def _missing_paths(response: Response) -> list[Path]:
 def _home(vectors: Sequence[ArrayLike]) -> dict[str, list[float]]:
     """Return eye, target and, if given, up as the protocol's object."""
     names = ("eye", "target", "up")
-    if len(vectors) not in (2, 3):
-        raise ValueError(f"home must be eye, target and optionally up, not {len(vectors)} vectors")
+    if not hasattr(vectors, "__len__") or len(vectors) not in (2, 3):
+        raise ValueError(f"home must be eye, target and optionally up, not {describe(vectors)}")
     home: dict[str, list[float]] = {}
     for name, vector in zip(names, vectors, strict=False):
         home[name] = number_list(f"{name} of home", vector, 3)
