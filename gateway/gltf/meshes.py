@@ -151,9 +151,6 @@ class Meshes:
                 accessor = self._accessors.get(index, path)
                 if accessor.components not in allowed:
                     raise GltfError(f"{path}: {accessor.name} has {accessor.components} components")
-                if accessor.count < position.count:
-                    counts = f"{accessor.count} values for {position.count} vertices"
-                    raise GltfError(f"{path}: {accessor.name} has {counts}")
                 attributes[attribute] = accessor
         indices = None
         if primitive.indices is not None:
@@ -162,6 +159,11 @@ class Meshes:
                 raise GltfError(f"{name}.indices: {indices.name} is not an accessor of integers")
         if primitive.extensions and DRACO in primitive.extensions:
             attributes, indices, mode = self._decompressed(primitive, attributes, indices, mode, name)
+        count = attributes["POSITION"].count
+        for attribute in [attribute for attribute, accessor in attributes.items() if accessor.count < count]:
+            path, accessor = f"{name}.attributes.{attribute}", attributes.pop(attribute)
+            counts = f"{accessor.count} values for {count} vertices"
+            self._warnings.append(f"{path}: {accessor.name} has {counts}; {path} is ignored")
         deformation = deformation_of(primitive, pose, attributes, self._accessors, name, self._warnings)
         if deformation is not None and deformation.joint_matrices is not None and not deformation.influences:
             self._warnings.append(f"{name}: no JOINTS_0 and WEIGHTS_0 to use, it follows the first joint of its skin")
