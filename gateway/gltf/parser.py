@@ -37,6 +37,7 @@ _SUPPORTED_EXTENSIONS: Final = frozenset(
         "KHR_materials_unlit",
         "KHR_materials_variants",
         "KHR_mesh_quantization",
+        "KHR_meshopt_compression",
         "KHR_node_visibility",
         "KHR_texture_transform",
     }
