@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 from weakref import WeakValueDictionary
 
 import cv2
@@ -29,13 +29,14 @@ takes some 50 ms at 8192 x 8192. Progressive files have about ten scans."""
 _MIN_SCAN_PIXELS: Final = 1 << 12
 """A scan of a smaller image counts as this many pixels."""
 MAX_SEGMENTS: Final = 1024
-"""Maximum number of JPEG segments or PNG chunks before the pixels; real files have tens."""
+"""Maximum number of JPEG segments before the pixels; real files have tens."""
 MAX_UNCHECKED_IDAT: Final = 256 << 10
 """Maximum number of compressed bytes of a PNG that are decoded without a check of their inflated size. They inflate
 to at most 264 MB, which OpenCV reads to the end in some two seconds. The check adds a third to the time of decoding."""
-MAX_IDAT_CHUNKS: Final = 1 << 17
-"""Maximum number of a PNG's chunks with pixels: libpng writes 8 KiB into each, that is 1 GiB."""
+MAX_PNG_CHUNKS: Final = 1 << 17
+"""Maximum number of a PNG's chunks: libpng writes 8 KiB of pixels into each, that is 1 GiB."""
 
+_PNG_SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _PNG_SIZE: Final = struct.Struct(">II")
 _JPEG_MARKER: Final = re.compile(rb"(?:[^\xff]|\xff+\0)*\xff+[^\xff\0]", re.DOTALL)
 """A marker (ITU T.81 B.1.1.2), with preceding noise and fill bytes."""
@@ -85,7 +86,7 @@ def _header(data: bytes | memoryview) -> ImageHeader:
     view = data if isinstance(data, bytes) else memoryview(data).cast("B")
     start = bytes(view[:32])
     try:
-        if start.startswith(b"\x89PNG\r\n\x1a\n"):
+        if start.startswith(_PNG_SIGNATURE):
             if start[12:16] != b"IHDR":
                 raise ImageError("PNG without IHDR")
             width, height = _PNG_SIZE.unpack_from(start, 16)
@@ -197,8 +198,12 @@ def _decode(data: bytes | memoryview, max_pixels: int) -> NDArray[np.uint8]:
         raise ImageError(f"{header.width}x{header.height} pixels are more than the limit of {max_pixels}")
     if header.format == "JPEG":
         _check_scans(data)
+    transparent_level: int | None = None
     if header.format == "PNG":
-        _check_inflated_size(memoryview(data).cast("B"))
+        chunks = _png_chunks(memoryview(data).cast("B"))
+        _check_inflated_size(header, chunks)
+        transparent_level = _transparent_grey(chunks)
+        data = b"".join((_PNG_SIGNATURE, *(part for kind in chunks.values() for chunk in kind for part in chunk)))
     try:
         samples: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -206,8 +211,7 @@ def _decode(data: bytes | memoryview, max_pixels: int) -> NDArray[np.uint8]:
     check_stop()
     if samples is None or samples.shape[:2] != (header.height, header.width):
         raise ImageError(f"broken {header.format} data")
-    grey_png = header.format == "PNG" and samples.ndim == 2
-    return _rgba(samples, _transparent_grey(memoryview(data).cast("B")) if grey_png else None)
+    return _rgba(samples, transparent_level if samples.ndim == 2 else None)
 
 
 def _check_scans(data: bytes | memoryview) -> None:
@@ -227,31 +231,49 @@ def _check_scans(data: bytes | memoryview) -> None:
         raise ImageError(f"a JPEG of {scans} scans, at {width}x{height} pixels at most {limit} are read")
 
 
-def _check_inflated_size(png: memoryview) -> None:
+_PixelChunks: TypeAlias = dict[bytes, list[tuple[memoryview, memoryview, memoryview]]]
+"""Chunks of a PNG by type: length and type, data, checksum. All IDAT, of the others the first one."""
+
+
+def _png_chunks(png: memoryview) -> _PixelChunks:
+    """Return the chunks of a PNG that its pixels depend on, in the order of the PNG specification.
+
+    OpenCV gets no others: libpng writes a warning about each flaw of a colour profile or text to stderr, and colour
+    profiles, orientations and animations are ignored anyway.
+
+    Raises:
+        ImageError: too many chunks; the message has the limit.
+    """
+    chunks: _PixelChunks = {kind: [] for kind in (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")}
+    offset = 8
+    for _ in range(MAX_PNG_CHUNKS + 1):
+        if offset + 12 > len(png):
+            return chunks
+        kind, end = bytes(png[offset + 4 : offset + 8]), offset + 8 + struct.unpack_from(">I", png, offset)[0]
+        if kind == b"IDAT" or chunks.get(kind) == []:
+            chunks[kind].append((png[offset : offset + 8], png[offset + 8 : end], png[end : end + 4]))
+        offset = end + 4
+    raise ImageError(f"a PNG has more than {MAX_PNG_CHUNKS} chunks")
+
+
+def _check_inflated_size(header: ImageHeader, chunks: _PixelChunks) -> None:
     """Reject a PNG whose data inflate to far more than its pixels: OpenCV would inflate all of it, 9 s for each GB.
 
     Raises:
-        ImageError: too many bytes or chunks; the message has the limit.
+        ImageError: too many bytes; the message has the limit.
     """
-    chunks: list[memoryview] = []
-    offset = 8
-    while offset + 12 <= len(png) and len(chunks) <= MAX_IDAT_CHUNKS:
-        size = struct.unpack_from(">I", png, offset)[0]
-        if bytes(png[offset + 4 : offset + 8]) == b"IDAT":
-            chunks.append(png[offset + 8 : offset + 8 + size])
-        offset += 12 + size
-    if len(chunks) > MAX_IDAT_CHUNKS:
-        raise ImageError(f"a PNG has more than {MAX_IDAT_CHUNKS} IDAT chunks")
-    if sum(map(len, chunks)) <= MAX_UNCHECKED_IDAT:
+    compressed = [data for _, data, _ in chunks[b"IDAT"]]
+    if sum(map(len, compressed)) <= MAX_UNCHECKED_IDAT:
         return
-    width, height, bit_depth, color_type = struct.unpack_from(">IIBB", png, 16)
+    width, height = header.width, header.height
+    bit_depth, color_type = chunks[b"IHDR"][0][1][8:10]
     bits = bit_depth * _PNG_CHANNELS.get(color_type, 4)
     limit = 2 * height * (1 + (width * bits + 7) // 8) + (1 << 16)  # interlaced rows have more filter bytes
     inflater = isal_zlib.decompressobj()
     inflated = 0
     try:
-        for chunk in chunks:
-            pending: bytes | memoryview = chunk
+        for data in compressed:
+            pending: bytes | memoryview = data
             while len(pending) and not inflater.eof:
                 inflated += len(inflater.decompress(pending, 1 << 20))
                 if inflated > limit:
@@ -267,24 +289,17 @@ _PNG_CHANNELS: Final = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 """Samples of a pixel by colour type (PNG, table 11.1)."""
 
 
-def _transparent_grey(png: memoryview) -> int | None:
+def _transparent_grey(chunks: _PixelChunks) -> int | None:
     """Return the transparent grey level of a PNG (chunk tRNS, which OpenCV ignores), at OpenCV's bit depth.
 
     Returns:
         None if no level is transparent.
     """
-    bit_depth, offset = png[24], 8
-    for _ in range(MAX_SEGMENTS):
-        if offset + 10 > len(png):
-            break
-        chunk_type = bytes(png[offset + 4 : offset + 8])
-        if chunk_type == b"tRNS":
-            level: int = struct.unpack_from(">H", png, offset + 8)[0]
-            return level * 255 // ((1 << bit_depth) - 1) if bit_depth < 8 else level
-        if chunk_type == b"IDAT":
-            break
-        offset += 12 + struct.unpack_from(">I", png, offset)[0]
-    return None
+    data = b"".join(data for _, data, _ in chunks[b"tRNS"])
+    if len(data) < 2:
+        return None
+    bit_depth, level = chunks[b"IHDR"][0][1][8], int.from_bytes(data[:2], "big")
+    return level * 255 // ((1 << bit_depth) - 1) if bit_depth < 8 else level
 
 
 _RGBA_CONVERSIONS: Final[dict[int, int]] = {1: cv2.COLOR_GRAY2RGBA, 3: cv2.COLOR_BGR2RGBA, 4: cv2.COLOR_BGRA2RGBA}

@@ -74,7 +74,7 @@ class Buffers:
         self.merged_by_drake: Final = document.merged_by_drake
         self._buffers: dict[int, Buffer] = {}
         self._decompressed: dict[int, BufferView] = {}
-        """Buffer views of EXT_meshopt_compression, by index."""
+        """Buffer views of ``meshopt.EXTENSIONS``, by index."""
         self._nbytes = 0
         """Bytes counted towards ``max_buffer_bytes``."""
 
@@ -90,11 +90,12 @@ class Buffers:
         name = f"bufferViews[{index}]"
         # Drake's merge does not adapt the index of the compressed buffer.
         if source.extensions and not self.merged_by_drake:
-            compression = extension(source.extensions, meshopt.EXTENSION, MeshoptCompression, name, self._warnings)
-            if compression is not None:
-                view = self._decompress(compression, f"{name}.extensions.{meshopt.EXTENSION}")
-                self._decompressed[index] = view
-                return view
+            for compressed in meshopt.EXTENSIONS:
+                compression = extension(source.extensions, compressed, MeshoptCompression, name, self._warnings)
+                if compression is not None:
+                    view = self._decompress(compression, f"{name}.extensions.{compressed}")
+                    self._decompressed[index] = view
+                    return view
         return self._uncompressed(source, name)
 
     def _uncompressed(self, source: SourceView | MeshoptCompression, name: str) -> BufferView:

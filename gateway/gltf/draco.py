@@ -45,12 +45,15 @@ class DracoMeshes:
     ) -> tuple[dict[str, Accessor], Accessor]:
         """Return the attributes of a primitive, and its vertex indices: three for each triangle.
 
+        Their counts are those of the compressed mesh, as in other readers: some exporters leave the accessors as they
+        were before the compression, which may add vertices.
+
         Args:
             attributes: The primitive's accessors by attribute. Those of compressed attributes are replaced.
             indices: The primitive's accessor of vertex indices. It is replaced.
 
         Raises:
-            GltfError: The data cannot be decompressed, or does not have what the accessors say.
+            GltfError: The data cannot be decompressed, or has not the attributes of the primitive.
         """
         if self._document.merged_by_drake:
             raise GltfError(f"{name}: Drake's merge does not adapt the index of the buffer view")
@@ -64,19 +67,15 @@ class DracoMeshes:
         mesh = self._decoded[source.buffer_view]
         if isinstance(mesh, str):
             raise GltfError(f"{name}: {mesh}")
-        vertex_count, triangles = attributes["POSITION"].count, np.frombuffer(mesh.triangles, "<u4")
-        if len(triangles) != indices.count:
-            raise GltfError(f"{name}: {len(triangles)} vertex indices, but {indices.name} has {indices.count}")
         decompressed = dict(attributes)
         for attribute, unique_id in (source.attributes or {}).items():
             if attribute in attributes and unique_id is not None:
                 accessor = attributes[attribute]
-                shape = vertex_count, accessor.components
-                values = _attribute_values(mesh, unique_id, shape, f"{name}.attributes.{attribute}")
+                values = _attribute_values(mesh, unique_id, accessor.components, f"{name}.attributes.{attribute}")
                 decompressed[attribute] = _accessor_of(accessor, values.astype(accessor.dtype))
         if decompressed["POSITION"] is attributes["POSITION"]:
             raise GltfError(f"{name}.attributes.POSITION: missing")
-        return decompressed, _accessor_of(indices, triangles.reshape(-1, 1))
+        return decompressed, _accessor_of(indices, np.frombuffer(mesh.triangles, "<u4").reshape(-1, 1))
 
     def _decode_all(self) -> dict[int, DecodedMesh | str]:
         """Decompress all primitives of the document; return the results by the index of their buffer view."""
@@ -110,13 +109,13 @@ def decode_in_child(meshes: list[bytes], limits: GltfLimits) -> list[DecodedMesh
     return _output_decoder.decode(output)
 
 
-def _attribute_values(mesh: DecodedMesh, unique_id: int, shape: tuple[int, int], path: str) -> NDArray[Any]:
-    """Return an attribute of a decoded mesh, an array of ``shape``."""
+def _attribute_values(mesh: DecodedMesh, unique_id: int, components: int, path: str) -> NDArray[Any]:
+    """Return an attribute of a decoded mesh, (number of vertices, ``components``)."""
     for attribute in mesh.attributes:
         if attribute.unique_id == unique_id:
             values: NDArray[Any] = np.frombuffer(attribute.data, attribute.dtype).reshape(-1, attribute.components)
-            if values.shape != shape:
-                raise GltfError(f"{path}: {' x '.join(map(str, values.shape))} values, not {shape[0]} x {shape[1]}")
+            if attribute.components != components:
+                raise GltfError(f"{path}: {attribute.components} components, but its accessor has {components}")
             return values
     raise GltfError(f"{path}: the mesh has no attribute with the id {unique_id}")
 

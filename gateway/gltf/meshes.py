@@ -19,7 +19,7 @@ from gateway.gltf.errors import GltfError, GltfLimitError, as_warning
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension
 from gateway.gltf.schema import DracoCompression, Primitive
-from gateway.gltf.topology import MODE_COUNT, TRIANGLES, element_count, separate_elements
+from gateway.gltf.topology import LINES, MODE_COUNT, POINTS, TRIANGLES, element_count, separate_elements
 from gateway.gltf.vertex_attributes import (
     Floats,
     rgba_colors,
@@ -48,8 +48,6 @@ _CONVERSIONS: Final[dict[str, tuple[str, Callable[[Floats], Floats] | None]]] = 
     "TANGENT": ("tangents", unit_tangents),
 }
 """Field of ``Mesh`` and function that converts finite numbers to the form of that field, by attribute."""
-_RESTART_INDEX: Final = {1: 0xFF, 2: 0xFFFF, 4: 0xFFFFFFFF}
-"""Primitive restart value, which glTF forbids as an index, by the number of bytes of an index."""
 _VERTEX_BYTES: Final = 4 * (3 + 3 + 4 + 2 + 2 + 4)
 """Bytes of a vertex with all attributes."""
 _ELEMENT_BYTES: Final = 12
@@ -153,9 +151,6 @@ class Meshes:
                 accessor = self._accessors.get(index, path)
                 if accessor.components not in allowed:
                     raise GltfError(f"{path}: {accessor.name} has {accessor.components} components")
-                if accessor.count < position.count:
-                    counts = f"{accessor.count} values for {position.count} vertices"
-                    raise GltfError(f"{path}: {accessor.name} has {counts}")
                 attributes[attribute] = accessor
         indices = None
         if primitive.indices is not None:
@@ -164,6 +159,11 @@ class Meshes:
                 raise GltfError(f"{name}.indices: {indices.name} is not an accessor of integers")
         if primitive.extensions and DRACO in primitive.extensions:
             attributes, indices, mode = self._decompressed(primitive, attributes, indices, mode, name)
+        count = attributes["POSITION"].count
+        for attribute in [attribute for attribute, accessor in attributes.items() if accessor.count < count]:
+            path, accessor = f"{name}.attributes.{attribute}", attributes.pop(attribute)
+            counts = f"{accessor.count} values for {count} vertices"
+            self._warnings.append(f"{path}: {accessor.name} has {counts}; {path} is ignored")
         deformation = deformation_of(primitive, pose, attributes, self._accessors, name, self._warnings)
         if deformation is not None and deformation.joint_matrices is not None and not deformation.influences:
             self._warnings.append(f"{name}: no JOINTS_0 and WEIGHTS_0 to use, it follows the first joint of its skin")
@@ -222,12 +222,18 @@ class Meshes:
         else:
             self._count(0, count, checked.name)  # before the time for _index_range is spent
             indices = checked.indices.values()[:, 0]
-            min_index, max_index = _index_range(checked, checked.indices, indices)
+            restart = _restart_index(checked.mode, indices)
+            used = indices if restart is None else indices[indices != restart]
+            if not len(used):
+                return None
+            min_index, max_index = _index_range(checked, checked.indices, used)
             if 2 * (max_index + 1 - min_index) <= end:
                 # Some exporters share one big vertex buffer among primitives: keep only the range in use.
                 begin, end = min_index, max_index + 1
             self._count(end - begin, 0, checked.name)
-            elements = separate_elements(checked.mode, indices)
+            elements = separate_elements(checked.mode, indices, restart)
+            if not len(elements):
+                return None
             if begin:
                 elements -= np.uint32(begin)
         return self._with_attributes(checked, elements, begin, end)
@@ -281,23 +287,30 @@ class Meshes:
         return Mesh(positions, elements, **optional)
 
 
+def _restart_index(mode: int, indices: NDArray[Any]) -> int | None:
+    """Return the index that starts another strip, loop or fan; None if there is none among ``indices``.
+
+    glTF forbids the largest index of a component type, which graphics libraries take for primitive restart, but files
+    such as Cesium's vector tiles have it.
+    """
+    if mode in (POINTS, LINES, TRIANGLES) or indices.dtype.kind != "u":
+        return None
+    restart = int(np.iinfo(indices.dtype).max)
+    return restart if (indices == restart).any() else None
+
+
 def _index_range(checked: _CheckedPrimitive, accessor: Accessor, indices: NDArray[Any]) -> tuple[int, int]:
     """Return the smallest and the largest index.
 
     Args:
-        indices: (N,), N > 0, the values of ``accessor``.
+        indices: (N,), N > 0, values of ``accessor``.
 
     Raises:
-        GltfError: An index is beyond the vertices, or the primitive restart value.
+        GltfError: An index is beyond the vertices.
     """
     min_index, max_index = int(np.minimum.reduce(indices)), int(np.maximum.reduce(indices))
     position = checked.attributes["POSITION"]
     check_stop()
-    if max_index == _RESTART_INDEX[indices.itemsize]:
-        raise GltfError(
-            f"{checked.name}.indices: {accessor.name} has the index {max_index}, the largest of its component "
-            "type, which glTF forbids: graphics libraries take it for the start of another primitive"
-        )
     if min_index < 0 or max_index >= position.count:
         raise GltfError(
             f"{checked.name}.indices: {accessor.name} has the index {min_index if min_index < 0 else max_index}, "

@@ -1,4 +1,4 @@
-"""Decompresses buffer views of EXT_meshopt_compression."""
+"""Decompresses buffer views of KHR_meshopt_compression, and of EXT_meshopt_compression, which is a part of it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from renderers.stop import check_stop
 ElementBytes: TypeAlias = NDArray[np.uint8]
 """(number of elements, bytes of an element) uint8."""
 
-EXTENSION: Final = "EXT_meshopt_compression"
+EXTENSIONS: Final = ("KHR_meshopt_compression", "EXT_meshopt_compression")
 MAX_ELEMENT_BYTES: Final = 256
 _INDEX_DTYPES: Final[dict[int, type[np.uint16] | type[np.uint32]]] = {2: np.uint16, 4: np.uint32}
 _MAX_INT16: Final = 32767
@@ -75,6 +75,8 @@ def _apply_filter(elements: ElementBytes, filter_name: str | None, path: str) ->
         values, decode = elements.view(np.int8 if stride == 4 else np.int16), _decode_octahedral
     elif filter_name == "QUATERNION" and stride == 8:
         values, decode = elements.view(np.int16), _decode_quaternions
+    elif filter_name == "COLOR" and stride in (4, 8):
+        values, decode = elements.view(np.uint8 if stride == 4 else np.uint16), _decode_colors
     elif filter_name == "EXPONENTIAL":  # of any stride: they are multiples of 4
         values, decode = elements.view(np.int32), _decode_exponential
     else:
@@ -133,6 +135,25 @@ def _decode_exponential(values: NDArray[np.int32]) -> NDArray[np.float32]:
     factors, exponents = values << 8 >> 8, values >> 24  # shifts to the right keep the sign
     result: NDArray[np.float32] = np.ldexp(factors.astype(np.float32), exponents)
     return result
+
+
+def _decode_colors(values: NDArray[Any]) -> NDArray[Any]:
+    """Return RGBA from YCoCg and alpha.
+
+    Args:
+        values: (N, 4) uint8 or uint16: Y, signed Co and Cg, and alpha with one bit less. Above its bits, alpha has a
+            bit of 1, which gives the number of bits of all four.
+
+    Returns:
+        (N, 4) of the same dtype, normalized integers.
+    """
+    luma, alpha = values[:, 0].astype(np.int32), values[:, 3].astype(np.int32)
+    orange, green = values[:, 1:3].view(f"i{values.itemsize}").astype(np.int32).T
+    largest = np.maximum((1 << np.frexp(alpha)[1]) - 1, 1)
+    alpha &= largest >> 1
+    rgba = np.stack((luma + orange - green, luma + green, luma - orange - green, alpha << 1 | alpha & 1), axis=1)
+    one = np.iinfo(values.dtype).max
+    return np.clip(_rounded(rgba * (np.float32(one) / largest[:, None])), 0, one).astype(values.dtype)
 
 
 def _rounded(values: NDArray[np.float32]) -> NDArray[np.int32]:

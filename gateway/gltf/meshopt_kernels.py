@@ -1,7 +1,8 @@
-"""Decoders of the three bitstreams of EXT_meshopt_compression; ``meshopt`` calls them.
+"""Decoders of the three bitstreams of KHR_meshopt_compression; ``meshopt`` calls them.
 
-The formats are those of the extension's appendix A. Decoders check every read against the stream's end; decoded vertex
-indices may be any number, and are checked where meshes are read.
+The formats are those of the extension's appendix A. EXT_meshopt_compression has version 0 of the attributes. Decoders
+check every read against the stream's end; decoded vertex indices may be any number, and are checked where meshes are
+read.
 """
 
 from __future__ import annotations
@@ -18,14 +19,22 @@ from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pointers import address_of, advance, stack_array, u8_at, u32_at
 from renderers.stop import current_stop
 
-ATTRIBUTES_HEADER: Final = 0xA0
-TRIANGLES_HEADER: Final = 0xE1
-INDICES_HEADER: Final = 0xD1
+ATTRIBUTES_HEADERS: Final = (0xA0, 0xA1)
+"""First byte of versions 0 and 1."""
+TRIANGLES_HEADERS: Final = (0xE1,)
+INDICES_HEADERS: Final = (0xD1,)
 _GROUP: Final = 16
 """Elements of a group. Bytes of a group are stored with equal numbers of bits."""
 _MAX_BLOCK_BYTES: Final = 8192
 _MAX_BLOCK_ELEMENTS: Final = 256
-_MIN_TAIL_BYTES: Final = 32
+_CHANNEL: Final = 4
+"""Bytes of an element that have one channel mode."""
+_MIN_TAIL_BYTES: Final = (32, 24)
+"""By version of the attributes."""
+_FEW_BITS, _MORE_BITS, _ZEROS, _LITERAL, _VERSION_0 = range(5)
+"""How a byte of the elements in a block is stored: the control modes of version 1, and the way of version 0."""
+_BYTES, _WORDS, _XOR = range(3)
+"""Channel modes: differences of bytes, of 16-bit integers, or of the bits of 32-bit integers."""
 _CODE_TABLE_BYTES: Final = 16
 """Bytes of the table at the end of a stream of triangles."""
 _INDICES_TAIL_BYTES: Final = 4
@@ -35,13 +44,14 @@ _NO_POSITION: Final = -1
 """Position after a part of a stream that is truncated."""
 _NOT_RECENT: Final = -1
 """Vertex in place of one in the FIFO, for digits that never count back."""
-_OK: Final = 0
-_TRUNCATED: Final = 1
-_TRAILING_BYTES: Final = 2
-_ERRORS: Final = {_TRUNCATED: "the stream is truncated", _TRAILING_BYTES: "the stream has bytes after its end"}
+_OK, _TRUNCATED, _TRAILING_BYTES, _UNKNOWN_MODE = range(4)
+_ERRORS: Final = {
+    _TRUNCATED: "the stream is truncated",
+    _TRAILING_BYTES: "the stream has bytes after its end",
+    _UNKNOWN_MODE: "the stream has an unknown channel mode",
+}
 _STEPS_PER_STOP_CHECK: Final = 1 << 16
 """Triangles or indices that a kernel decodes between two checks of the ``StopFlag``."""
-
 
 _fifos: Final = stack_array(types.int64, 3 * _FIFO)
 T = TypeVar("T", bound=np.generic)
@@ -63,26 +73,29 @@ def decode_attributes(stream: NDArray[np.uint8], count: int, size: int) -> NDArr
         (count, size) uint8.
 
     Raises:
-        MeshoptError: The stream has another header, is truncated, or has bytes after its end.
+        MeshoptError: The stream has another header, is truncated, has bytes after its end, or an unknown mode.
     """
-    return _decoded(_decode_attributes, ATTRIBUTES_HEADER, stream, np.empty((count, size), np.uint8), count, size)
+    return _decoded(_decode_attributes, ATTRIBUTES_HEADERS, stream, np.empty((count, size), np.uint8), count, size)
 
 
 def decode_triangles(stream: NDArray[np.uint8], count: int) -> NDArray[np.uint32]:
     """Decode a stream of mode ``TRIANGLES``: ``count`` vertex indices, a multiple of 3; as ``decode_attributes``."""
-    return _decoded(_decode_triangles, TRIANGLES_HEADER, stream, np.empty(count, np.uint32), count // 3)
+    return _decoded(_decode_triangles, TRIANGLES_HEADERS, stream, np.empty(count, np.uint32), count // 3)
 
 
 def decode_indices(stream: NDArray[np.uint8], count: int) -> NDArray[np.uint32]:
     """Decode a stream of mode ``INDICES``: ``count`` vertex indices; as ``decode_attributes``."""
-    return _decoded(_decode_indices, INDICES_HEADER, stream, np.empty(count, np.uint32), count)
+    return _decoded(_decode_indices, INDICES_HEADERS, stream, np.empty(count, np.uint32), count)
 
 
-def _decoded(kernel: Any, header: int, stream: NDArray[np.uint8], result: NDArray[T], *sizes: int) -> NDArray[T]:
+def _decoded(
+    kernel: Any, headers: tuple[int, ...], stream: NDArray[np.uint8], result: NDArray[T], *sizes: int
+) -> NDArray[T]:
     """Return ``result`` after a kernel has decoded a stream into it. ``sizes`` are the kernel's other arguments."""
-    if len(stream) == 0 or stream[0] != header:
+    if len(stream) == 0 or stream[0] not in headers:
         found = f"0x{stream[0]:02x}" if len(stream) else "nothing"
-        raise MeshoptError(f"the stream starts with {found} instead of 0x{header:02x}")
+        expected = " or ".join(f"0x{header:02x}" for header in headers)
+        raise MeshoptError(f"the stream starts with {found} instead of {expected}")
     stop = current_stop()
     addresses = address_of(stream, np.uint8), len(stream), address_of(result, result.dtype)
     status = kernel(*addresses, *sizes, stop.address)
@@ -96,13 +109,16 @@ def _decoded(kernel: Any, header: int, stream: NDArray[np.uint8], result: NDArra
 def _decode_attributes(stream_at, stream_size, elements_at, count, size, stop_at):
     """Write the result of ``decode_attributes``; return ``_OK`` or an error.
 
-    A block of elements has, for each byte of an element: 2 bits per group of 16 elements (0, 2, 4 or 8 bits per byte),
-    and then the groups. Bytes are stored as zigzag-coded differences from the byte of the previous element. The
-    element before the first one is at the end of the stream.
+    A block of elements has, for each byte of an element: 2 bits per group of 16 elements (the number of bits of each
+    value), and then the groups. In version 1, the block begins with 2 bits for each byte of an element, which say how
+    that byte is stored. The values are differences from the previous element. The element before the first one is at
+    the end of the stream; in version 1, a byte for each channel follows it, which says what the differences are.
     """
     stream, elements = u8_at(stream_at), u8_at(elements_at)
-    tail = max(size, _MIN_TAIL_BYTES)
-    end = stream_size - tail
+    version = np.int64(stream[0]) & 1
+    channel_count = size // _CHANNEL
+    modes_at = stream_size - version * channel_count
+    end = min(modes_at - size, stream_size - _MIN_TAIL_BYTES[version])
     if end < 1:
         return _TRUNCATED
     block_size = min(_MAX_BLOCK_BYTES // size // _GROUP * _GROUP, _MAX_BLOCK_ELEMENTS)
@@ -111,30 +127,61 @@ def _decode_attributes(stream_at, stream_size, elements_at, count, size, stop_at
         if is_set(stop_at):
             return _OK
         block_end = min(begin + block_size, count)
+        controls_at = position
+        position += version * channel_count
+        if position > end:
+            return _TRUNCATED
         for byte_index in range(size):
-            last_at = stream_size - size + byte_index
-            previous = np.int64(stream[last_at]) if begin == 0 else elements[(begin - 1) * size + byte_index]
-            position = _decode_block_byte(stream, position, end, previous, elements, begin, block_end, size, byte_index)
+            control = np.int64(_VERSION_0)
+            if version == 1:
+                control = (np.int64(stream[controls_at + byte_index // 4]) >> (byte_index % 4 * 2)) & 3
+            position = _decode_block_byte(stream, position, end, control, elements, begin, block_end, size, byte_index)
             if position == _NO_POSITION:
                 return _TRUNCATED
+        previous = advance(stream, modes_at - size)
+        if begin > 0:
+            previous = advance(elements, (begin - 1) * size)
+        for channel in range(channel_count):
+            mode = np.int64(stream[modes_at + channel]) if version == 1 else _BYTES
+            at = channel * _CHANNEL
+            if mode == _BYTES:
+                for k in range(_CHANNEL):
+                    _add_differences(elements, previous, begin, block_end, size, at + k, 1, 0)
+            elif mode == _WORDS:
+                _add_differences(elements, previous, begin, block_end, size, at, 2, 0)
+                _add_differences(elements, previous, begin, block_end, size, at + 2, 2, 0)
+            elif mode & 15 == _XOR:
+                _add_differences(elements, previous, begin, block_end, size, at, 4, mode >> 4)
+            else:
+                return _UNKNOWN_MODE
     return _OK if position == end else _TRAILING_BYTES
 
 
 @inlined
-def _decode_block_byte(stream, position, end, previous, elements, begin, block_end, size, byte_index):
-    """Decode one byte of each element of a block; return the position after it, or _NO_POSITION if truncated.
+def _decode_block_byte(stream, position, end, control, elements, begin, block_end, size, byte_index):
+    """Decode one byte of the difference of each element of a block; return the position after it, or _NO_POSITION.
 
     Args:
-        previous: this byte of the element before the block.
+        control: how the byte is stored, such as ``_ZEROS``.
         begin, block_end: the block's elements.
     """
+    if control == _ZEROS:
+        for element in range(begin, block_end):
+            elements[element * size + byte_index] = 0
+        return position
+    if control == _LITERAL:
+        if position + block_end - begin > end:
+            return _NO_POSITION
+        for element in range(begin, block_end):
+            elements[element * size + byte_index] = stream[position + element - begin]
+        return position + block_end - begin
     header = position
     group_count = (block_end - begin + _GROUP - 1) // _GROUP
     position += (group_count + 3) // 4
     if position > end:
         return _NO_POSITION
     for group in range(group_count):
-        bits = _bits_of_group(stream, header, group)
+        bits = _bits_of_group(stream, header, group, control)
         packed = position
         position += _GROUP * bits // 8
         if position > end:
@@ -151,23 +198,56 @@ def _decode_block_byte(stream, position, end, previous, elements, begin, block_e
                     value = np.int64(stream[position])
                     position += 1
             if first + in_group < block_end:
-                previous = (previous + ((value >> 1) ^ -(value & 1))) & 0xFF
-                elements[(first + in_group) * size + byte_index] = previous
+                elements[(first + in_group) * size + byte_index] = value
     return position
 
 
 @inlined
-def _bits_of_group(stream, header, group):
-    """Return the number of bits of each value in a group: 0, 2, 4 or 8."""
-    width = (np.int64(stream[header + group // 4]) >> (group % 4 * 2)) & 3
-    return 8 if width == 3 else 2 * width
+def _bits_of_group(stream, header, group, control):
+    """Return the number of bits of each value in a group: 0, 1, 2, 4 or 8."""
+    power = 1 << ((np.int64(stream[header + group // 4]) >> (group % 4 * 2)) & 3)
+    if control == _VERSION_0:
+        return power & ~1  # 0, 2, 4 or 8
+    return power >> 1 if control == _FEW_BITS else power
+
+
+@inlined
+def _add_differences(elements, previous, begin, block_end, size, at, width, rotation):
+    """Replace the differences of an integer in the elements of a block by its values.
+
+    Args:
+        previous: the element before the block.
+        at, width: first byte of the integer in an element, and its number of bytes. If there are 4, the difference is
+            the exclusive or, rotated to the left by ``rotation`` bits; else it is zigzag-coded.
+    """
+    mask = (1 << 8 * width) - 1
+    value = _integer_at(previous, at, width)
+    for element in range(begin, block_end):
+        first = element * size + at
+        difference = _integer_at(elements, first, width)
+        if width == 4:
+            value ^= (difference >> rotation | difference << (32 - rotation)) & mask
+        else:
+            value = (value + ((difference >> 1) ^ -(difference & 1))) & mask
+        for k in range(width):
+            elements[first + k] = (value >> 8 * k) & 0xFF
+
+
+@inlined
+def _integer_at(elements, at, width):
+    """Return the little-endian integer of ``width`` bytes at an index."""
+    value = np.int64(0)
+    for k in range(width):
+        value |= np.int64(elements[at + k]) << 8 * k
+    return value
 
 
 @inlined
 def _packed_value(stream, packed, in_group, bits, mask):
     """Return the value at an index in a group that starts at ``packed``. ``mask`` has ``bits`` ones."""
     bit = in_group * bits
-    return (np.int64(stream[packed + bit // 8]) >> (8 - bits - bit % 8)) & mask
+    shift = bit % 8 if bits == 1 else 8 - bits - bit % 8
+    return (np.int64(stream[packed + bit // 8]) >> shift) & mask
 
 
 @device_function

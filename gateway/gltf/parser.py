@@ -37,6 +37,7 @@ _SUPPORTED_EXTENSIONS: Final = frozenset(
         "KHR_materials_unlit",
         "KHR_materials_variants",
         "KHR_mesh_quantization",
+        "KHR_meshopt_compression",
         "KHR_node_visibility",
         "KHR_texture_transform",
     }
@@ -44,6 +45,26 @@ _SUPPORTED_EXTENSIONS: Final = frozenset(
 _IMAGE_FORMATS: Final = frozenset({"KHR_texture_basisu", "EXT_texture_avif", "MSFT_texture_dds"})
 """Extensions that offer another image for a texture. They give no warning here: the texture's own image (PNG or JPEG)
 is used, and ``textures`` warns about a texture without one."""
+_INVISIBLE_EXTENSIONS: Final = frozenset(
+    {
+        "EXT_instance_features",
+        "EXT_mesh_features",
+        "EXT_mesh_manifold",
+        "EXT_mesh_primitive_restart",  # other index lists of strips that are drawn from their own
+        "EXT_structural_metadata",
+        "GODOT_single_root",
+        "KHR_interactivity",
+        "KHR_node_hoverability",
+        "KHR_node_selectability",
+        "KHR_xmp_json_ld",
+        "OMI_collider",
+        "OMI_physics_body",
+        "OMI_physics_gravity",
+        "OMI_physics_joint",
+        "OMI_physics_shape",
+    }
+)
+"""Extensions that change no image, such as metadata and physics; ignoring them is no loss."""
 _MAX_LISTED_CHARACTERS: Final = 500
 """Maximum number of characters of extension names in a message."""
 _UNPAIRED_SURROGATE: Final = re.compile("[\ud800-\udfff]")
@@ -228,7 +249,7 @@ def check_version(document: Document, warnings: list[str]) -> None:
 def check_extensions(document: Document, warnings: list[str]) -> None:
     """Warn about extensions that are ignored. Required ones are no error, as in other viewers."""
     names = {name for name in (*(document.extensions_required or ()), *(document.extensions_used or ())) if name}
-    ignored = sorted(names - _SUPPORTED_EXTENSIONS - _IMAGE_FORMATS)
+    ignored = sorted(names - _SUPPORTED_EXTENSIONS - _IMAGE_FORMATS - _INVISIBLE_EXTENSIONS)
     if ignored:
         warnings.append(f"extensionsUsed: {', '.join(ignored)[:_MAX_LISTED_CHARACTERS]} ignored")
 

@@ -377,7 +377,7 @@ class DracoCompression(StrictObject):
 
 
 class MeshoptCompression(StrictObject):
-    """EXT_meshopt_compression in a buffer view's extensions."""
+    """KHR_meshopt_compression or EXT_meshopt_compression in a buffer view's extensions."""
 
     buffer: int | None = None
     byte_length: int | None = None

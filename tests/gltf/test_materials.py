@@ -514,6 +514,15 @@ def test_extensions_that_are_not_required_are_ignored() -> None:
     assert b.read().warnings == ("extensionsUsed: ACME_x, KHR_materials_sheen ignored",)
 
 
+def test_extensions_that_change_no_image_give_no_warning() -> None:
+    """Every tile of Cesium has metadata, every scene of Godot its mark; ``--strict`` reads them, too."""
+    b = Builder()
+    b.triangle()
+    names = ["EXT_mesh_features", "EXT_structural_metadata", "GODOT_single_root", "KHR_xmp_json_ld", "OMI_physics_body"]
+    b.json["extensionsUsed"] = b.json["extensionsRequired"] = names
+    assert b.read().warnings == ()
+
+
 def test_required_extensions_are_ignored() -> None:
     """As VTK, three.js and trimesh do."""
     b = Builder()

@@ -40,6 +40,47 @@ def test_element_count_agrees_with_the_elements(mode: int, length: int) -> None:
     assert len(separate_elements(mode, np.arange(length, dtype=np.uint32))) == element_count(mode, length)
 
 
+@pytest.mark.parametrize("mode", [2, 3, 5, 6])
+def test_primitive_restart_begins_another_strip(mode: int) -> None:
+    """As cesium-native, which splits the index lists of vector tiles. Each part has the winding of a strip."""
+    rng = np.random.default_rng(mode)
+    for _ in range(200):
+        strips = [rng.integers(0, 99, rng.integers(0, 7)).astype(np.uint8) for _ in range(rng.integers(1, 5))]
+        joined = np.concatenate([np.append(strip, 255) for strip in strips])[: -1 if rng.integers(2) else None]
+        expected = np.concatenate([separate_elements(mode, strip) for strip in strips])
+        assert separate_elements(mode, joined.astype(np.uint8), 255).tolist() == expected.tolist()
+
+
+@pytest.mark.parametrize(("mode", "count"), [(2, 7), (3, 5), (5, 3), (6, 3)])
+def test_the_largest_index_of_a_type_restarts_strips(mode: int, count: int) -> None:
+    b = Builder()
+    positions = b.accessor(np.random.default_rng(0).random((300, 3)))
+    indices = b.accessor([255, 0, 1, 2, 255, 255, 3, 4, 5, 6], "B")
+    mesh = only_mesh({"attributes": {"POSITION": positions}, "indices": indices, "mode": mode}, b)
+    assert len(mesh.elements) == count
+    assert mesh.elements.max() == 6
+
+
+@pytest.mark.parametrize("mode", [2, 3, 5, 6])
+def test_nothing_but_restarts_draws_nothing(mode: int) -> None:
+    for order in ([255] * 8, [255, 0] * 8):
+        b = Builder()
+        primitive = {"attributes": {"POSITION": b.accessor(SQUARE)}, "indices": b.accessor(order, "B"), "mode": mode}
+        b.node(mesh=b.mesh(primitive))
+        scene = b.read()
+        assert meshes(scene) == []
+        assert scene.warnings == ()
+
+
+@pytest.mark.parametrize(("typecode", "largest"), [("B", 255), ("H", 65535)])
+def test_the_largest_index_of_a_type_is_a_vertex_in_lists(typecode: str, largest: int) -> None:
+    """As in WebGPU; exporters write 16-bit indices for meshes of exactly 65536 vertices."""
+    b = Builder()
+    positions = b.accessor(np.random.default_rng(0).random((largest + 1, 3)))
+    indices = b.accessor([0, 1, largest], typecode)
+    assert len(only_mesh({"attributes": {"POSITION": positions}, "indices": indices}, b).elements) == 1
+
+
 @pytest.mark.parametrize("indexed", [False, True])
 def test_strips_and_fans_cover_the_square_with_one_winding(indexed: bool) -> None:
     for mode, order in ((4, (0, 1, 2, 2, 1, 3)), (5, (0, 1, 2, 3)), (6, (0, 1, 3, 2))):

@@ -1,4 +1,5 @@
-"""EXT_meshopt_compression: streams recorded from meshoptimizer's encoder, files written by glTF-Transform."""
+"""KHR_meshopt_compression and EXT_meshopt_compression: streams recorded from meshoptimizer's encoder, of both versions
+of the attributes; files written by glTF-Transform."""
 
 from __future__ import annotations
 
@@ -55,7 +56,7 @@ def test_damaged_streams_end_with_an_error_or_a_result(k: int) -> None:
         try:
             meshopt.decompress(extension(record), bytes(damaged), "x")
         except GltfError as error:
-            assert re.match("x: the stream (starts with|is truncated|has bytes after)", str(error))
+            assert re.match("x: the stream (starts with|is truncated|has bytes after|has an unknown)", str(error))
 
 
 def packed(elements: np.ndarray[Any, Any], widths: np.ndarray[Any, Any]) -> bytes:
@@ -103,6 +104,15 @@ def test_attributes_of_any_widths(count: int, size: int, seed: int, spread: int)
 def test_no_elements(mode: str) -> None:
     record = {"count": 0, "byteStride": 4, "filter": None, "mode": mode}
     assert bytes(meshopt.decompress(extension(record), b"", "x")) == b""
+
+
+def test_an_unknown_channel_mode() -> None:
+    elements = np.arange(4 * 16, dtype=np.uint8)
+    stream = bytes([0xA1, 0xFF]) + bytes(elements) + bytes(19) + bytes(4)  # literal bytes, baseline 0
+    for mode in (3, 0x10, 0x21):
+        with pytest.raises(MeshoptError, match="unknown channel mode"):
+            decode_attributes(np.frombuffer(stream + bytes([mode]), np.uint8), 16, 4)
+    assert decode_attributes(np.frombuffer(stream + b"\0", np.uint8), 16, 4)[0].tolist() == [0, 8, 16, 24]
 
 
 @pytest.mark.parametrize("decode", [decode_triangles, decode_indices])
@@ -154,20 +164,25 @@ def test_the_limit_counts_decompressed_bytes() -> None:
         read_file("rigid_meshopt_floats", limits=GltfLimits(max_buffer_bytes=7000))
 
 
-def compressed_triangle(**changes: Any) -> Builder:
+def compressed_triangle(name: str = "EXT_meshopt_compression", **changes: Any) -> Builder:
     b = Builder()
     positions = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0)], np.float32)
     stream = packed(positions.view(np.uint8).reshape(3, 12), np.full(100, 3))
     source = {"buffer": b.buffer(stream), "byteLength": len(stream), "byteStride": 12, "count": 3, "mode": "ATTRIBUTES"}
     view = {"buffer": b.add("buffers", {"byteLength": 36}), "byteLength": 36, "byteStride": 12}
-    b.add("bufferViews", view | {"extensions": {"EXT_meshopt_compression": source | changes}})
+    b.add("bufferViews", view | {"extensions": {name: source | changes}})
     p = b.add("accessors", {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"})
     b.node(mesh=b.mesh({"attributes": {"POSITION": p}}))
     return b
 
 
-def test_a_fallback_buffer_without_data_is_not_read() -> None:
-    (mesh,) = meshes(compressed_triangle().read())
+@pytest.mark.parametrize("name", ["KHR_meshopt_compression", "EXT_meshopt_compression"])
+def test_a_fallback_buffer_without_data_is_not_read(name: str) -> None:
+    b = compressed_triangle(name)
+    b.json["extensionsRequired"] = b.json["extensionsUsed"] = [name]
+    scene = b.read()
+    (mesh,) = meshes(scene)
+    assert scene.warnings == ()
     assert (mesh.positions == [(0, 0, 0), (1, 0, 0), (0, 1, 0)]).all()
 
 

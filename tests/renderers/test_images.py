@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from renderers.drawlist import ImageError
 from renderers.images import (
     MAX_PIXELS,
+    MAX_PNG_CHUNKS,
     MAX_SCANNED_PIXELS,
     MAX_UNCHECKED_IDAT,
     ImageFile,
@@ -229,6 +230,29 @@ def test_pixels_in_several_png_chunks() -> None:
     pixels, rest = whole[at + 4 : at + 4 + length], whole[at + 8 + length :]
     pieces = (chunk(b"IDAT", pixels[k : k + 7]) for k in range(0, length, 7))
     assert decode_image(b"".join((whole[: at - 4], *pieces, rest))).tolist() == RGBA.tolist()
+
+
+def with_extra(*chunks: bytes) -> bytes:
+    whole = encoded(RGBA, "PNG")
+    return whole[:33] + b"".join(chunks) + whole[33:]
+
+
+def test_png_chunks_without_pixels_are_not_decoded(capfd: pytest.CaptureFixture[str]) -> None:
+    """libpng writes a line to stderr for each flaw; twenty thousand flaws fit into a small file."""
+    flawed = (
+        chunk(b"eXIf", b"?") * 9,
+        chunk(b"iCCP", b"a\0\0b"),
+        b"\0\0\0\4tEXtabcd\0\0\0\0" * 9,
+        chunk(b"pHYs", b"") * 9,
+    )
+    assert decode_image(with_extra(*flawed)).tolist() == RGBA.tolist()
+    assert capfd.readouterr() == ("", "")
+
+
+def test_too_many_png_chunks_are_refused() -> None:
+    assert decode_image(with_extra(chunk(b"tEXt", b"a\0b") * (MAX_PNG_CHUNKS - 3))).shape == (5, 7, 4)
+    with pytest.raises(ImageError, match=f"tex: a PNG has more than {MAX_PNG_CHUNKS} chunks"):
+        decode_image(with_extra(chunk(b"tEXt", b"a\0b") * MAX_PNG_CHUNKS), name="tex")
 
 
 def test_ignores_false_jpeg_frame_headers_in_noise() -> None:

@@ -110,7 +110,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     (
         "Images",
         "renderers.images",
-        ("MAX_PIXELS", "MAX_SCANNED_PIXELS", "MAX_SEGMENTS", "MAX_UNCHECKED_IDAT", "MAX_IDAT_CHUNKS"),
+        ("MAX_PIXELS", "MAX_SCANNED_PIXELS", "MAX_SEGMENTS", "MAX_UNCHECKED_IDAT", "MAX_PNG_CHUNKS"),
     ),
     ("Datasets: records", "scenegate.datasets.manifest", ("MAX_LINE_BYTES", "MAX_DESCRIPTION_BYTES")),
     ("Datasets: camera files", "gateway.datasets.camera_file", ("MAX_FILE_BYTES",)),
