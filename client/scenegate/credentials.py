@@ -48,7 +48,7 @@ class Credentials:
         return bool(self.tls or self.ca or self.certificate)
 
     def channel(self, target: str, options: Sequence[tuple[str, Any]] = ()) -> grpc.Channel:
-        """Return a gRPC channel. The caller must close it.
+        """Return a gRPC channel, without HTTP proxies of the environment, as all our clients. The caller must close it.
 
         Args:
             target: ``HOST:PORT``.
@@ -59,6 +59,7 @@ class Credentials:
         """
         import grpc  # of the extra ``camera``
 
+        options = [("grpc.enable_http_proxy", 0), *options]
         if not self.is_encrypted:
             return grpc.insecure_channel(target, options)
         ca, key, chain = (read_regular(path) if path else None for path in (self.ca, self.key, self.certificate))

@@ -68,6 +68,7 @@ def run_worker(settings: Settings, folder: Path, listener: socket.socket, connec
     process_tuning.pause_gc()
     process_tuning.end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # until the server handles it; the supervisor sends SIGTERM
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # the supervisor's; a terminal that closes sends it to all processes
     logs.configure(settings.log_format, settings.log_level, worker=os.getpid())
     from gateway.app import create_app
     from gateway.cli.serve_app import serve_app

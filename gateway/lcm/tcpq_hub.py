@@ -93,7 +93,9 @@ class TcpqHub:
             self._server = await loop.create_server(partial(HubConnection, self), host, port, backlog=256)
         except (OSError, OverflowError) as error:
             reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
-            raise LcmUnavailableError(f"the TCPQ hub cannot listen on {host}:{port}: {reason}") from None
+            raise LcmUnavailableError(
+                f"the TCPQ hub cannot listen on {host}:{port}: {reason}; --tcpq-port chooses another"
+            ) from None
         self.is_local = all(_is_loopback(sock.getsockname()[0]) for sock in self._server.sockets)
 
     @property

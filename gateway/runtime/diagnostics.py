@@ -20,6 +20,8 @@ _LCM_ADDRESS = ("239.255.76.67", 7667)
 """LCM's default multicast group."""
 _SUFFICIENT_FILES = 4096
 """File descriptors that suffice for most uses: one per connection."""
+_SUFFICIENT_ADDRESSES = 4 << 30
+"""Bytes of address space that suffice for most uses. Below 1.5 GB, gRPC's library aborts the process."""
 _UDP_BUFFER_BYTES = 4_000_000
 """Receive buffer in bytes for bursts of 1 MB messages; with Linux' default of 212 992 they are lost."""
 
@@ -36,6 +38,7 @@ def findings(host: str, ports: Mapping[str, tuple[str, int]], threads: int) -> I
     yield _check_glib()
     yield Finding("threads", Verdict.OK, f"{threads} threads render")
     yield _check_open_files()
+    yield _check_address_space()
     yield _check_kernels()
     instances: list[RunningInstance] = []
     for flag, (name, port) in ports.items():
@@ -65,18 +68,28 @@ def _check_open_files() -> Finding:
     )
 
 
+def _check_address_space() -> Finding:
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit == resource.RLIM_INFINITY:
+        return Finding("address space", Verdict.OK, "not limited")
+    detail = f"limited to {limit >> 20} MB"
+    if limit >= _SUFFICIENT_ADDRESSES:
+        return Finding("address space", Verdict.OK, detail)
+    meaning = "The libraries reserve 1.5 GB: Scenegate may end without a message, or requests fail for lack of memory."
+    return Finding("address space", Verdict.NOTE, detail, meaning, "ulimit -v unlimited, or systemd's MemoryMax")
+
+
 def _check_kernels() -> Finding:
     folder = cache.configure()
     if not (reason := cache_folder.missing(parts=parts.PARTS)):
         return Finding("kernels", Verdict.OK, f"{cache_folder.count()} compiled, in {folder}")
     detail, duration = f"{reason}, in {folder}", "half a minute on two cores"
-    if not cache_folder.is_writable(folder):  # a folder of NUMBA_CACHE_DIR, which is never replaced by another
-        detail = f"{detail}, which cannot be written"
-        remedy = "NUMBA_CACHE_DIR=FOLDER, one that can be written"
-        return Finding("kernels", Verdict.ERROR, detail, "Nothing is rendered.", remedy)
+    if unusable := cache_folder.unusable(folder):  # of NUMBA_CACHE_DIR, or no temporary folder can replace it
+        remedy = "NUMBA_CACHE_DIR=FOLDER, one that can be written and has room"
+        return Finding("kernels", Verdict.ERROR, f"{detail}, {unusable}", "Nothing is rendered.", remedy)
     if cache_folder.root().name.startswith("scenegate-kernels-"):  # a private folder, which this process removes
-        detail = f"{reason}, and the cache folder cannot be written"
-        remedy = "SCENEGATE_CACHE_DIR=FOLDER, one that can be written"
+        detail = f"{reason}, and the cache folder cannot be written or is full"
+        remedy = "SCENEGATE_CACHE_DIR=FOLDER, one that can be written and has room"
         return Finding("kernels", Verdict.NOTE, detail, f"Each start compiles them: {duration}.", remedy)
     return Finding("kernels", Verdict.NOTE, detail, f"The next start compiles them: {duration}.", "scenegate warmup")
 

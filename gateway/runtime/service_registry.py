@@ -67,13 +67,13 @@ class Entry:
         if self.where:
             described["where"] = self.where
         if self.problem:
-            described["problem"] = self.problem
+            described["problem"] = _printable(self.problem)
         if self.progress is not None and self.state is State.STARTING:
             described.update(self.progress())
         if self.figures is not None and self.state is State.READY:
             described.update(self.figures())
         if self.warnings.sentences:
-            described["warnings"] = [*described.get("warnings", ()), *self.warnings.listed()]
+            described["warnings"] = [*described.get("warnings", ()), *map(_printable, self.warnings.listed())]
         return described
 
 
@@ -137,6 +137,11 @@ class ServiceRegistry:
             "status": self.verdict(),
             "interfaces": {name: entry.describe(details=details) for name, entry in self.entries.items()},
         }
+
+
+def _printable(text: str) -> str:
+    """Return a sentence that UTF-8 can encode: file names in it may have other bytes."""
+    return text.encode("utf-8", "replace").decode()
 
 
 def one_line(error: BaseException) -> str:

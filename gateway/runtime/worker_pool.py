@@ -174,7 +174,8 @@ class WorkerPool:
                 del call  # a traceback must not keep the request alive in a reference cycle
             self._deferred += 1
             try:
-                await until_compiled(part)
+                while is_compiling(part) and not self._closing:  # then ``_submit`` raises PoolClosed  # noqa: ASYNC110
+                    await asyncio.sleep(_POLL_SECONDS)
             finally:
                 self._deferred -= 1
 

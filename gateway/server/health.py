@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import Callable
 from typing import Any, Final
 
 from fastapi import APIRouter, Request, Response
-from fastapi.responses import JSONResponse
 
 from gateway.runtime.metrics_registry import CONTENT_TYPE, Metrics
 from gateway.runtime.service_registry import ServiceRegistry
@@ -61,7 +61,7 @@ def router(
         return described
 
     @routes.get("/healthz", summary="Liveness", responses=json_example({"version": "1.2.3", **_EXAMPLE}))
-    async def healthz(request: Request) -> JSONResponse:
+    async def healthz(request: Request) -> Response:
         """200 while the event loop runs. The body has the state of each interface, its figures and its problems; if the
         gateway has a token, figures and problems need it. ``caches`` has the bytes that each cache holds, and the limit
         of all together. With --workers, the body has the state of each process, too,
@@ -70,10 +70,10 @@ def router(
         if _may_see_details(request):
             bytes_by_cache = {name: cache.nbytes for name, cache in SHARED.figures().items()}
             described["caches"] = {"limit_bytes": SHARED.max_bytes, "bytes": bytes_by_cache}
-        return JSONResponse(described)
+        return _json(described)
 
     @routes.get("/readyz", summary="Readiness", responses=json_example(_EXAMPLE) | _NOT_READY)
-    async def readyz(request: Request) -> JSONResponse:
+    async def readyz(request: Request) -> Response:
         """200 when the kernels are loaded and every interface has started or failed. 503 before, and while stopping. A
         process that only renders also responds with 503 while its queue is full, or while every worker thread has
         used more than half of a render's time limit. With --workers: 503 until each process was ready once; later
@@ -81,7 +81,7 @@ def router(
         health = await describe(request)
         if reports is None:
             health["status"] = own_readiness()
-        return JSONResponse(health, status_code=200 if health["status"] in ("ready", "degraded") else 503)
+        return _json(health, 200 if health["status"] in ("ready", "degraded") else 503)
 
     @routes.get("/metrics", summary="Prometheus metrics", response_class=Response, responses=_METRICS)
     async def prometheus() -> Response:
@@ -92,6 +92,11 @@ def router(
         return Response(text, media_type=CONTENT_TYPE)
 
     return routes
+
+
+def _json(value: dict[str, Any], status_code: int = 200) -> Response:
+    """Return a JSON response in ASCII: names of files may have bytes that are no UTF-8."""
+    return Response(json.dumps(value, separators=(",", ":")), status_code, media_type="application/json")
 
 
 def _may_see_details(request: Request) -> bool:

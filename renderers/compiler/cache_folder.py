@@ -34,6 +34,8 @@ _MANIFEST: Final = "complete.json"
 _PREFIX: Final = "scenegate-"
 _MAX_OTHER_FOLDERS: Final = 4
 """Number of folders of other versions that are kept, the newest ones; each has about 8 MB."""
+_NEEDED_BYTES: Final = 16 << 20
+"""Free space in the folder without which nothing is compiled. The kernels have 5 MB."""
 _DEFINES_KERNELS: Final = re.compile(rb"^from renderers\.compiler\.(jit|device_function) import ", re.MULTILINE)
 _GATEWAY_IMPORT: Final = re.compile(rb"^from (gateway[\w.]*) import ", re.MULTILINE)
 
@@ -43,27 +45,33 @@ def root() -> Path:
     """Return the folder that holds the folders of all versions.
 
     It is NUMBA_CACHE_DIR if that is set, and else below the user's cache folder; or, if the latter cannot be written
-    and has no complete kernels of this version, a private temporary folder.
+    and has no complete kernels of this version, a private temporary folder, if there is a place for one.
     """
     if given := os.environ.get("NUMBA_CACHE_DIR"):
         return Path(given)
     caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - unchanged without a home
     path = Path(os.environ.get(CACHE_ENV) or Path(caches, "scenegate")) / "kernels"
-    if is_writable(path) or not missing(path / folder_name()):
+    if not unusable(path) or not missing(path / folder_name()):
         return path
-    # Not a name that others can guess: Numba executes the files that it finds there.
-    private = Path(tempfile.mkdtemp(prefix="scenegate-kernels-"))
+    try:  # not a name that others can guess: Numba executes the files that it finds there
+        private = Path(tempfile.mkdtemp(prefix="scenegate-kernels-"))
+    except OSError:
+        return path
     atexit.register(shutil.rmtree, private, ignore_errors=True)
     return private
 
 
-def is_writable(path: Path) -> bool:
-    """Create the folder if it does not exist; return whether files can be created in it."""
+def unusable(path: Path) -> str:
+    """Create the folder if it does not exist. Return why kernels cannot be compiled into it, as a clause, or ""."""
     try:
         path.mkdir(parents=True, exist_ok=True)
+        total, _, free = shutil.disk_usage(path)
     except OSError:
-        return False
-    return os.access(path, os.W_OK | os.X_OK)
+        return "which cannot be written"
+    if not os.access(path, os.W_OK | os.X_OK):
+        return "which cannot be written"
+    is_full = total and free < _NEEDED_BYTES  # some file systems of networks have no sizes
+    return f"which has {free >> 20} MB free of the {_NEEDED_BYTES >> 20} MB that are needed" if is_full else ""
 
 
 def folder() -> Path:

@@ -25,9 +25,10 @@ from gateway.settings import Settings
 @pytest.fixture(autouse=True)
 def _process() -> Iterator[None]:
     """Keep signals, the garbage collector and the log as they are."""
-    handler = signal.getsignal(signal.SIGTERM)
+    handlers = {number: signal.getsignal(number) for number in process_tuning.stop_signals()}
     yield
-    signal.signal(signal.SIGTERM, handler)
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
     gc.enable()
     structlog.reset_defaults()
 

@@ -38,6 +38,24 @@ def test_reads_the_first_token_of_a_file(tmp_path: Path) -> None:
         read_token(path)
 
 
+async def test_a_proxy_of_the_environment_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    server = grpc.aio.server()
+    port = server.add_insecure_port("127.0.0.1:0")
+    await server.start()
+    for name in ("grpc_proxy", "http_proxy", "https_proxy"):
+        monkeypatch.setenv(name, "http://127.0.0.1:1")
+    for name in ("no_grpc_proxy", "no_proxy"):
+        monkeypatch.delenv(name, raising=False)
+    try:
+        with Credentials().channel(f"127.0.0.1:{port}") as channel:
+            call = channel.unary_unary("/Nobody/Nothing")
+            with pytest.raises(grpc.RpcError) as caught:
+                await asyncio.to_thread(call, b"", timeout=SECONDS)
+            assert caught.value.code() is grpc.StatusCode.UNIMPLEMENTED, caught.value
+    finally:
+        await server.stop(None)
+
+
 async def test_client_certificate(tmp_path: Path) -> None:
     pem, key = certificate(tmp_path)
     own, own_key = certificate(tmp_path, "client")

@@ -145,9 +145,8 @@ async def test_reports_taken_port() -> None:
         taken.listen()
         port = taken.getsockname()[1]
         config = TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=port))
-        with pytest.raises(
-            ConnectionError, match=f"^the TCPQ hub cannot listen on 127.0.0.1:{port}: Address already in use$"
-        ):
+        reason = "Address already in use; --tcpq-port chooses another"
+        with pytest.raises(ConnectionError, match=f"^the TCPQ hub cannot listen on 127.0.0.1:{port}: {reason}$"):
             async with serving(config):
                 pass
 

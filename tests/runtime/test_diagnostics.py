@@ -59,6 +59,18 @@ def test_few_open_files_are_a_note(monkeypatch: pytest.MonkeyPatch, hard: int, v
 
 
 @pytest.mark.parametrize(
+    ("limit", "verdict"),
+    [((4 << 30) - 1, Verdict.NOTE), (4 << 30, Verdict.OK), (resource.RLIM_INFINITY, Verdict.OK)],
+)
+def test_little_address_space_is_a_note(monkeypatch: pytest.MonkeyPatch, limit: int, verdict: Verdict) -> None:
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (limit, resource.RLIM_INFINITY))
+    row = finding("address space")
+    assert row.verdict is verdict
+    if verdict is Verdict.NOTE:
+        is_note(row, "limited to 4095 MB", "ulimit -v unlimited")
+
+
+@pytest.mark.parametrize(
     ("listed", "verdict", "detail"),
     [
         ((), Verdict.NOTE, "not compiled yet, in "),
@@ -90,7 +102,7 @@ def test_kernels_are_complete_when_every_part_is_listed(
     ("variable", "verdict", "detail"),
     [
         ("NUMBA_CACHE_DIR", Verdict.ERROR, "not compiled yet, in /proc/kernels/"),
-        ("SCENEGATE_CACHE_DIR", Verdict.NOTE, "not compiled yet, and the cache folder cannot be written"),
+        ("SCENEGATE_CACHE_DIR", Verdict.NOTE, "not compiled yet, and the cache folder cannot be written or is full"),
     ],
 )
 def test_a_cache_folder_that_cannot_be_written_is_found(

@@ -239,6 +239,17 @@ async def test_a_call_waits_for_kernels_without_a_thread_and_beyond_its_deadline
     assert await workers.close()
 
 
+async def test_a_call_that_waits_for_kernels_ends_with_the_pool() -> None:
+    workers = WorkerPool(1)
+    with pending.announced({"normals": lambda name: name.startswith("normals.")}):
+        drawing = asyncio.create_task(workers.run(draw_normals))
+        await until(lambda: workers.stats.done == 1)
+        assert await workers.close()
+        with pytest.raises(PoolClosed):
+            await drawing
+        assert pending.is_pending("normals")
+
+
 async def test_calls_that_wait_for_kernels_count_as_waiting() -> None:
     workers = WorkerPool(1, max_waiting=2)
     with pending.announced({"normals": lambda name: name.startswith("normals.")}):

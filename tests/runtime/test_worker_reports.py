@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from gateway.runtime import worker_reports
-from gateway.runtime.worker_reports import WorkerReports, combined_status
+from gateway.runtime.metrics_registry import Metrics
+from gateway.runtime.worker_reports import WorkerReports, combined_status, sum_expositions
 
 COUNTER = "# HELP scenegate_steps_total Steps.\n# TYPE scenegate_steps_total counter\nscenegate_steps_total {}.0\n"
 GAUGE = "# HELP scenegate_level Level.\n# TYPE scenegate_level gauge\nscenegate_level {}.0\n"
@@ -149,3 +150,61 @@ def test_the_number_of_an_ended_process_may_be_that_of_another_users(
 
     monkeypatch.setattr(os, "kill", forbidden)
     assert WorkerReports(tmp_path, 2).describe("ready")[0] == "degraded"
+
+
+def metrics_of_process(renders: int, seconds: float, level: float) -> str:
+    metrics = Metrics()
+    for _ in range(renders):
+        metrics.renders.labels("color", "ok").inc()
+        metrics.stage_seconds.labels("queue").observe(seconds)
+    metrics.watch("scenegate_level", "Level.", lambda: level)
+    metrics.watch("scenegate_interface_ready", "State.", lambda: {"render": min(level, 1.0)}, label="interface")
+    metrics.watch("scenegate_steps_total", "Steps.", lambda: {"up": level}, label="way")
+    return metrics.exposition().decode()
+
+
+def test_counters_histograms_and_gauges_are_added() -> None:
+    text = sum_expositions((metrics_of_process(2, 0.002, 3.0), metrics_of_process(1, 0.2, 4.0))).decode().splitlines()
+    assert 'scenegate_renders_total{outcome="ok",type="color"} 3.0' in text
+    assert 'scenegate_render_stage_duration_seconds_bucket{le="0.001",stage="queue"} 0.0' in text
+    assert 'scenegate_render_stage_duration_seconds_bucket{le="0.0025",stage="queue"} 2.0' in text
+    assert 'scenegate_render_stage_duration_seconds_bucket{le="+Inf",stage="queue"} 3.0' in text
+    assert 'scenegate_render_stage_duration_seconds_count{stage="queue"} 3.0' in text
+    assert 'scenegate_steps_total{way="up"} 7.0' in text
+    assert "scenegate_level 7.0" in text
+    assert "# TYPE scenegate_renders_total counter" in text
+    assert "# TYPE scenegate_level gauge" in text
+    assert text.count("# HELP scenegate_level Level.") == 1
+
+
+def test_constants_and_states_are_the_least() -> None:
+    text = sum_expositions((metrics_of_process(0, 0.0, 0.0), metrics_of_process(0, 0.0, 1.0))).decode()
+    assert 'scenegate_interface_ready{interface="render"} 0.0' in text
+    assert text.count("python_info{") == 1
+    assert text[text.index("python_info{") :].split("\n", 1)[0].endswith(" 1.0")
+
+
+def test_of_ended_processes_only_counters_and_histograms_are_left() -> None:
+    text = sum_expositions((metrics_of_process(1, 0.2, 3.0),), (metrics_of_process(2, 0.2, 4.0),)).decode()
+    assert 'scenegate_renders_total{outcome="ok",type="color"} 3.0' in text
+    assert 'scenegate_render_stage_duration_seconds_count{stage="queue"} 3.0' in text
+    assert "scenegate_level 3.0" in text
+
+
+def test_one_process_is_the_same_as_without_a_sum() -> None:
+    def values(text: str) -> list[str]:
+        return sorted(line for line in text.splitlines() if not line.startswith(("#", "process_")))
+
+    metrics = metrics_of_process(2, 0.5, 1.0)
+    assert values(sum_expositions((metrics,)).decode()) == values(metrics)
+
+
+def test_metrics_of_the_process_are_added() -> None:
+    texts = [metrics_of_process(0, 0.0, 0.0), metrics_of_process(0, 0.0, 0.0)]
+    total = sum_expositions(texts).decode()
+
+    def memory(text: str) -> float:
+        (line,) = (line for line in text.splitlines() if line.startswith("process_resident_memory_bytes "))
+        return float(line.split()[1])
+
+    assert memory(total) == sum(map(memory, texts))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx2
+import msgspec
 import pytest
 from fastapi import FastAPI
 
@@ -41,6 +42,24 @@ def client(*, token: bool) -> httpx2.AsyncClient:
     if token:
         app.add_middleware(Access, tokens=Tokens(TOKEN), open_paths=health.OPEN_PATHS)
     return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here")
+
+
+@pytest.mark.parametrize("path", ["/healthz", "/readyz"])
+async def test_names_of_files_may_have_any_bytes(path: str) -> None:
+    name = os.fsdecode(b"t\xfcr.obj")
+    registry = ServiceRegistry()
+    registry.ready("state", figures=lambda: {"file": name})
+    registry.warn("stereo", name, f"{name} has no triangles")
+    registry.fail("view", f"{name}: Permission denied")
+    app = FastAPI()
+    app.include_router(health.router(registry, Metrics(), "1.2.3"))
+    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here") as http:
+        answer = await http.get(path)
+    interfaces = answer.json()["interfaces"]
+    assert interfaces["state"]["file"] == name
+    assert interfaces["stereo"]["warnings"] == ["t?r.obj has no triangles"]
+    assert interfaces["view"]["problem"] == "t?r.obj: Permission denied"
+    assert msgspec.json.encode([entry.describe().get("warnings", ()) for entry in registry.entries.values()])
 
 
 @pytest.mark.parametrize("path", ["/healthz", "/readyz"])

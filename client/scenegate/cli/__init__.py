@@ -11,6 +11,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Final
 
+from scenegate.cli import standard_streams
 from scenegate.name_hint import name_hint
 
 CLIENT_COMMANDS: Final = {
@@ -37,6 +38,7 @@ INTERRUPTED: Final = 130
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command; the console script calls this."""
+    standard_streams.prepare()
     arguments = sys.argv[1:] if arguments is None else arguments
     name = arguments[0] if arguments else "--help"
     try:
@@ -62,6 +64,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
     except (OSError, ValueError, RuntimeError, ImportError) as error:
+        if isinstance(error, BrokenPipeError) and standard_streams.reader_has_ended():  # as in ``scenegate … | head``
+            sys.exit(1)
         sys.exit(f"scenegate: {_sentence(error)}")
 
 

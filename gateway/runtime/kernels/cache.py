@@ -74,10 +74,10 @@ async def compile_missing(parts: Collection[str], progress: KernelProgress, on_c
         KernelError: the kernels could not be compiled, or the cache cannot be written.
     """
     folder = configure()
-    if not cache_folder.is_writable(folder):
+    if reason := cache_folder.unusable(folder):
         raise KernelError(
-            f"the rendering kernels in {folder} are not complete ({cache_folder.missing()}), and the folder cannot be "
-            "written: NUMBA_CACHE_DIR chooses another one"
+            f"the rendering kernels are not complete ({cache_folder.missing()}) in {folder}, {reason}: "
+            "NUMBA_CACHE_DIR chooses another folder"
         )
     with (folder / "lock").open("wb") as lock:
         # On a file system without locks, two processes compile the same kernels at the same time.

@@ -183,7 +183,8 @@ async def serving(
         port = _bind(server, address, config.tls)
     except RuntimeError as error:
         await server.stop(None)
-        raise OSError(f"the stereo camera cannot listen on {address}: the port is taken or not allowed") from error
+        reason = "the port is taken or not allowed; --grpc-port chooses another"
+        raise OSError(f"the stereo camera cannot listen on {address}: {reason}") from error
     await server.start()
     for name in ("", SERVICE, EVENTS_SERVICE):
         await health_servicer.set(name, health_pb2.HealthCheckResponse.SERVING)

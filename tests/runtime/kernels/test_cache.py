@@ -7,8 +7,10 @@ import fcntl
 import json
 import os
 import pickle
+import shutil
 import stat
 import sys
+import tempfile
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
@@ -206,7 +208,7 @@ def test_a_private_folder_replaces_one_that_cannot_be_written(cache: Path) -> No
 
 def test_a_complete_folder_is_used_although_it_cannot_be_written(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = write_kernel().parent
-    monkeypatch.setattr(cache_folder, "is_writable", lambda path: False)
+    monkeypatch.setattr(cache_folder, "unusable", lambda path: "which cannot be written")
     monkeypatch.setenv("NUMBA_CACHE_DIR", "")
     clear_memory()
     assert kernels.configure() == folder
@@ -215,7 +217,24 @@ def test_a_complete_folder_is_used_although_it_cannot_be_written(cache: Path, mo
 
 async def test_a_chosen_folder_that_cannot_be_written_is_an_error(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/proc/kernels")
-    with pytest.raises(kernels.KernelError, match=r"^the rendering kernels in /proc/kernels/.* cannot be written: "):
+    with pytest.raises(kernels.KernelError, match=r"^the rendering kernels .* in /proc/kernels/.* cannot be written: "):
+        await kernels.compile_missing(["shading"], KernelProgress({"shading": 1}))
+
+
+async def test_without_a_place_for_a_private_folder_the_error_names_the_first(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SCENEGATE_CACHE_DIR", "/proc/none")
+    monkeypatch.setattr(tempfile, "tempdir", "/proc/none")
+    with pytest.raises(kernels.KernelError, match=r" in /proc/none/kernels/.*, which cannot be written: NUMBA_CACHE_"):
+        await kernels.compile_missing(["shading"], KernelProgress({"shading": 1}))
+
+
+async def test_a_full_disk_is_an_error_before_anything_is_compiled(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: (1 << 30, 1 << 30, 1 << 20))
+    with pytest.raises(kernels.KernelError, match=r", which has 1 MB free of the 16 MB that are needed: NUMBA_CACHE_"):
         await kernels.compile_missing(["shading"], KernelProgress({"shading": 1}))
 
 

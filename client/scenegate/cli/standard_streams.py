@@ -1,0 +1,34 @@
+"""Standard streams of a command: closed ones, characters that stdout cannot encode, and readers that have ended."""
+
+from __future__ import annotations
+
+import io
+import os
+import select
+import sys
+
+
+def prepare() -> None:
+    """Open the null device in place of closed streams, and write ``?`` for characters that stdout cannot encode.
+
+    Without the former, the first sockets of the process would be its standard streams.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.open(os.devnull, os.O_RDWR), mode, encoding="utf-8"))  # noqa: PTH123, SIM115
+    out = sys.stdout
+    if isinstance(out, io.TextIOWrapper) and (out.errors == "strict" or out.encoding.lower() not in ("utf-8", "utf8")):
+        out.reconfigure(errors="replace")
+
+
+def reader_has_ended() -> bool:
+    """Return whether stdout is a pipe without a reader. Output that waits is then discarded at exit."""
+    try:
+        descriptor = sys.stdout.fileno()
+    except OSError:  # not a file
+        return False
+    poll = select.poll()
+    poll.register(descriptor, select.POLLOUT)
+    if has_ended := any(events & select.POLLERR for _, events in poll.poll(0)):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
+    return has_ended

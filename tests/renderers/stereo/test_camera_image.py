@@ -1,0 +1,96 @@
+"""Lens, dots, key light and fixed pattern in camera images."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gateway.stereo.device.profile import PROFILE_NAMES, read_profile
+from renderers.stereo.light.key_light import FACTOR_ONE
+from renderers.stereo.model import Intrinsics
+from renderers.stereo.sensor.camera_image import (
+    LENS_BLUR,
+    Lens,
+    NoiseStream,
+    SceneLight,
+    frame_key,
+    image_from_light,
+    light_on_sensor,
+)
+from renderers.stereo.sensor.exposure import LIGHT_WHITE, Exposure
+from renderers.stereo.sensor.fixed_pattern import COLUMN_OFFSET, PIXEL_GAIN, PIXEL_OFFSET, fixed_pattern
+
+MODEL = read_profile("rc_visard_160c").model
+K = MODEL.intrinsics()
+NO_LENS, NO_LIGHT = Lens(), SceneLight()
+
+
+def light_of(
+    image: NDArray[np.uint8], lens: Lens = NO_LENS, k: Intrinsics = K, light: SceneLight = NO_LIGHT
+) -> NDArray[np.float64]:
+    """Return the light of a grey image behind a lens, white is 1."""
+    root = light_on_sensor(image, k, Exposure(), light, lens, color=False)[:, :, 0] / LIGHT_WHITE
+    return root.astype(np.float64) ** 2
+
+
+def test_point_spread_has_the_lens_blur() -> None:
+    image = np.zeros((41, 41, 3), np.uint8)
+    image[20, 20] = 255
+    light = light_of(image, Lens(blur=LENS_BLUR))
+    assert light.sum() == pytest.approx(1.0, abs=0.01)
+    y, x = np.mgrid[-20:21, -20:21]
+    for offset in (x, y):
+        assert (light * offset).sum() == pytest.approx(0.0, abs=0.01)
+        assert np.sqrt((light * offset**2).sum()) == pytest.approx(LENS_BLUR, rel=0.02)
+    image[:] = 90
+    np.testing.assert_allclose(light_of(image, Lens(blur=LENS_BLUR)), light_of(image), rtol=2e-3)  # also at the edges
+
+
+@pytest.mark.parametrize("name", PROFILE_NAMES)
+def test_vignetting_is_the_third_power_of_the_cosine(name: str) -> None:
+    k = read_profile(name).model.intrinsics()
+    grey = np.full((k.height, k.width, 3), 200, np.uint8)
+    ratio = light_of(grey, Lens(vignetting=True), k) / light_of(grey, k=k)
+    x = (np.arange(k.width) + 0.5 - k.cx) / k.focal_length
+    y = (np.arange(k.height) + 0.5 - k.cy) / k.focal_length
+    cosine = 1.0 / np.sqrt(1.0 + x[None] ** 2 + y[:, None] ** 2)
+    np.testing.assert_allclose(ratio, cosine**3, atol=2e-3, rtol=0)
+
+
+def test_dots_and_key_light_multiply_the_light() -> None:
+    grey = np.full((40, 60, 3), 100, np.uint8)
+    dots = np.zeros((40, 60), np.uint16)
+    dots[:, 30:] = 255
+    lit = light_of(grey, light=SceneLight(dots, 2.0)) / light_of(grey)
+    np.testing.assert_allclose(lit[:, :30], 1.0, rtol=1e-6)
+    np.testing.assert_allclose(lit[:, 30:], 3.0, rtol=2e-3)
+    factors = np.full((20, 30), FACTOR_ONE, np.uint8)
+    factors[:, :15] = FACTOR_ONE // 2
+    shaded = light_of(grey, light=SceneLight(factors=factors)) / light_of(grey)
+    np.testing.assert_allclose(shaded[:, :28], 0.5, rtol=2e-3)
+    np.testing.assert_allclose(shaded[:, 32:], 1.0, rtol=2e-3)
+    assert shaded[20, 29:31] == pytest.approx([0.5 + 9 / 64, 1 - 9 / 64], rel=5e-3), "interpolated"
+    background = SceneLight(factors=factors, background=(100, 100, 100))
+    np.testing.assert_allclose(light_of(grey, light=background), light_of(grey), rtol=1e-6)
+
+
+def test_fixed_pattern_grows_with_the_gain() -> None:
+    grey, level = np.full((480, 640, 3), 200, np.uint8), 255 * (200 / 255) ** 2.2
+    pattern = fixed_pattern(0, right=False, height=480, width=640)
+    deviations = []
+    for gain in (0.0, 18.0):
+        exposure = Exposure(0.005 / 10 ** (gain / 20), gain)  # the same brightness
+        light = light_on_sensor(grey, K, exposure, color=False)
+        images = [
+            image_from_light(light, exposure, frame_key(0, number, NoiseStream.LEFT), pattern).image.astype(float)
+            for number in range(16)
+        ]
+        deviations.append(np.corrcoef(np.mean(images[:8], axis=0).ravel(), np.mean(images[8:], axis=0).ravel())[0, 1])
+        fixed = np.mean(images, axis=0).std()
+        expected = np.hypot(np.hypot(PIXEL_OFFSET, COLUMN_OFFSET) * 10 ** (gain / 20), level * PIXEL_GAIN)
+        noise = exposure.noise_sigma(level) / 4
+        # At 0 dB, rounding to whole levels hides a part of both.
+        tolerance = 0.1 if gain else 0.35
+        assert fixed == pytest.approx(np.hypot(expected, np.hypot(noise, 0.29 / 4)), rel=tolerance)
+    assert min(deviations) > 0.4, "the same in every frame"

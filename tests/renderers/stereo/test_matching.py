@@ -1,0 +1,51 @@
+"""Matching of camera images with soft dots."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gateway.stereo.device.profile import read_profile
+from renderers.stereo.depth.depth_images import DepthRange, true_disparity
+from renderers.stereo.depth.image_pair import fine_means
+from renderers.stereo.depth.matching import match_pair
+from renderers.stereo.light.projector import projected_dots
+from renderers.stereo.model import Quality
+from renderers.stereo.sensor.camera_image import (
+    LENS_BLUR,
+    Lens,
+    NoiseStream,
+    SceneLight,
+    frame_key,
+    image_from_light,
+    light_on_sensor,
+)
+from renderers.stereo.sensor.exposure import Exposure
+from renderers.stereo.sensor.fixed_pattern import fixed_pattern
+from tests.stereo.analytic import plane, sphere
+
+MODEL = read_profile("rc_visard_160c").model
+
+
+@pytest.mark.parametrize("quality", [Quality.HIGH, Quality.MEDIUM, Quality.LOW])
+def test_matching_with_soft_dots(quality: Quality) -> None:
+    k = MODEL.intrinsics(quality.divisor)
+    depths, images = [], []
+    for number, x in enumerate((0.0, MODEL.baseline)):
+        z = np.minimum(plane(k, x, 2.0, 0.3, 0.1), sphere(k, x, (0.1, 0.1, 1.2), 0.25))
+        dots = projected_dots(
+            z, k.focal_length, k.cx, k.cy, x - MODEL.baseline / 2, np.full_like(z, np.inf), soft=True, right=number == 1
+        )
+        grey = np.full((*z.shape, 3), 90, np.uint8)
+        light = light_on_sensor(
+            grey, k, Exposure(), SceneLight(dots, 2.0), Lens(LENS_BLUR / quality.divisor), color=False
+        )
+        pattern = fixed_pattern(1, right=number == 1, height=k.height, width=k.width)
+        depths.append(z)
+        images.append(image_from_light(light, Exposure(), frame_key(1, 1, NoiseStream(number + 1)), pattern).image)
+    true = true_disparity(depths[0], depths[1], k.focal_length * MODEL.baseline, DepthRange(0.4, 100))
+    left, right = (fine_means(image, 1, *image.shape) for image in images)
+    measured = match_pair(left, right, MODEL.disparity_count(quality.divisor, 0.1), 0.3)
+    sure = (true > 0) & (measured.confidence >= 128)
+    assert sure.sum() / (true > 0).sum() >= 0.95
+    assert (np.abs(measured.disparity / 16 - true)[sure] > 1).mean() < 0.01
