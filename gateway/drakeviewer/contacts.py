@@ -48,8 +48,8 @@ def read_contacts(contacts: Contacts, warnings: list[str]) -> dict[Path, tuple[P
     A surface without a force or moment to show is left out.
 
     Args:
-        warnings: list to which a sentence is added for arrows that are not finite, and for a contact surface that cannot
-            be shown completely. Its arrows are.
+        warnings: list to which a sentence is added for arrows that are not finite, and for contact surfaces that cannot
+            be shown completely. Their arrows are.
     """
     parts: dict[Path, list[Part]] = {}
     colors = [POINT_COLOR] * len(contacts.points)

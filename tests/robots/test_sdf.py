@@ -345,6 +345,17 @@ def test_an_included_light_gives_no_warning(tmp_path: Path) -> None:
     assert read(tmp_path, model("<include><uri>model://sun</uri></include><link name='a'/>")).warnings == ()
 
 
+@pytest.mark.parametrize("uri", ["model://sun", "https://fuel.gazebosim.org/1.0/OpenRobotics/models/Sun"])
+def test_the_sun_of_gazebo_may_be_missing(tmp_path: Path, uri: str) -> None:
+    assert read(tmp_path, model(f"<include><uri>{uri}</uri></include><link name='a'/>")).warnings == ()
+
+
+def test_models_of_a_world_are_found_in_the_folder_beside_it(tmp_path: Path) -> None:
+    write(tmp_path, model("<link name='a'/>"), "models/hand/model.sdf")
+    world = "<sdf version='1.9'><world name='w'><include><uri>model://hand</uri></include></world></sdf>"
+    assert read_robot(write(tmp_path, world, "worlds/w.world")).links == ("m::a",)
+
+
 def test_the_root_element_before_version_1_3(tmp_path: Path) -> None:
     old = "<gazebo version='1.2'><model name='m'><link name='a'><pose>1 0 0 0 0 0</pose></link></model></gazebo>"
     robot = read(tmp_path, old)

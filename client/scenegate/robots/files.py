@@ -27,8 +27,8 @@ from scenegate.robots.ros_packages import (
     split_url,
 )
 
-_PACKAGE_SCHEMES: Final = ("package", "model")
-"""URL schemes whose first path element is a package. URDF uses Gazebo's ``model://`` like ``package://``."""
+_PACKAGE_SCHEMES: Final = ("package", "model", "models")
+"""URL schemes whose first path element is a package. Gazebo looks for all in the same way, also the misspelt one."""
 _NOT_PACKAGES: Final = ("", ".", "..")
 """First path elements of package URLs that name no package."""
 _MAX_CONFIG_BYTES: Final = 1 << 16
@@ -161,18 +161,21 @@ class RobotFiles:
 
     def _candidates(self, scheme: str, path: str) -> Iterator[Path]:
         """Yield the paths that a file may have, in order of preference."""
-        if scheme in _PACKAGE_SCHEMES:
-            package, path_in_package = _split_package(path)
-            if package not in _NOT_PACKAGES:
-                yield from (folder / path_in_package for folder in self._package_folders(package))
-                # Outside of ROS, the file may lie beside the robot file without its package's folder, as in PyBullet.
-                if path_in_package:
-                    yield from (folder / path_in_package for folder in self.path.parents)
-            return
-        if scheme == "file":
-            yield Path("/" + path.lstrip("/"))
-        if not scheme or not path.startswith("/"):  # some write file://meshes/a.stl
-            yield from (folder / path for folder in (self._folder, *self._roots))
+        if scheme not in _PACKAGE_SCHEMES:
+            is_relative_url = bool(scheme) and not path.startswith("/")
+            if scheme:
+                yield Path("/" + path.lstrip("/"))
+            if is_relative_url or not scheme:  # some write file://meshes/a.stl
+                yield from (folder / path for folder in (self._folder, *self._roots))
+            if not is_relative_url:
+                return
+        # A package; with file://robot/meshes/a.stl, Gazebo looks for one, too.
+        package, path_in_package = _split_package(path)
+        if package not in _NOT_PACKAGES:
+            yield from (folder / path_in_package for folder in self._package_folders(package))
+            # Outside of ROS, the file may lie beside the robot file without its package's folder, as in PyBullet.
+            if path_in_package:
+                yield from (folder / path_in_package for folder in self.path.parents)
 
     def _package_folders(self, package: str) -> Iterator[Path]:
         """Yield folders that may be a package.
@@ -181,7 +184,8 @@ class RobotFiles:
         - Folders with that folder name or package name at or below a root; the folders of ``PATH_VARIABLES`` are roots,
           too, and come last.
         - The package below a prefix of ``AMENT_PREFIX_PATH``.
-        - Folders of that name beside the robot file, or beside a folder that contains it.
+        - Folders of that name beside the robot file, or beside a folder that contains it, also in a folder ``models``
+          there: Gazebo's worlds are in ``worlds``.
         """
         for folder in self.path.parents:
             if folder.name == package or package_name(folder / "package.xml") == package:
@@ -193,7 +197,9 @@ class RobotFiles:
         if (found := self._packages.folder(package)) is not None:
             yield found
         yield from (prefix / "share" / package for prefix in folders_of("AMENT_PREFIX_PATH"))
-        yield from (folder / package for folder in self.path.parents)
+        for folder in self.path.parents:
+            yield folder / package
+            yield folder / "models" / package
 
     def _not_found(self, name: str, scheme: str, missing: list[Path]) -> str:
         """Return the reason why there is no file, with a similar name or the folders that were searched if possible.
