@@ -63,8 +63,7 @@ def read_regular(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES, *, fo
         if not remaining:  # it has grown, or its file system reports no size
             raise _too_large(path, max_bytes)
     if pieces and pieces[0].startswith(_LFS_POINTER):
-        reason = "it is a pointer of Git LFS, the content is not here: `git lfs pull` fetches it"
-        raise OSError(errno.ENODATA, reason, os.fspath(path))
+        raise OSError(errno.ENODATA, "it is a pointer of Git LFS, not the file: run git lfs pull", os.fspath(path))
     return b"".join(pieces)
 
 
