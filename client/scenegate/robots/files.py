@@ -13,8 +13,8 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final
-from urllib.parse import unquote
 
+from scenegate.messages.mesh_file import referenced_path, spellings
 from scenegate.regular_files import read_file_or_pipe, read_regular
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.limits import RobotFileLimits
@@ -90,7 +90,7 @@ class RobotFiles:
         """
         scheme, rest = _split_name(name)
         missing: list[Path] = []
-        for spelling in _spellings(rest):
+        for spelling in spellings(rest):
             for candidate in self._candidates(scheme, spelling):
                 if candidate.is_file():
                     return Path(os.path.realpath(candidate))
@@ -149,15 +149,9 @@ class RobotFiles:
 
         Args:
             mesh: Path of the mesh file.
-            name: URL, or path relative to the mesh file with URL escapes. As in Gazebo, images of a model may also lie
-                in its folder ``materials/textures``, beside the folder of its meshes.
+            name: URL, or a name as for ``referenced_path``.
         """
-        if split_url(name)[0]:
-            return self.read(self.find(name))
-        paths = [mesh.parent / spelling for spelling in _spellings(name)]
-        textures = mesh.parent.parent / "materials" / "textures"
-        paths += [textures / path.name for path in paths]
-        return self.read(next((path for path in paths if path.is_file()), paths[0]))
+        return self.read(self.find(name) if split_url(name)[0] else referenced_path(mesh, name))
 
     def _candidates(self, scheme: str, path: str) -> Iterator[Path]:
         """Yield the paths that a file may have, in order of preference."""
@@ -253,12 +247,6 @@ def _files_of_config(config: Path) -> list[str]:
     except OSError:
         return []
     return [name.strip() for name in _SDF_ELEMENT.findall(text)[::-1]]
-
-
-def _spellings(name: str) -> list[str]:
-    """Return the spellings to try: the name itself, slashes for its backslashes, and its URL escapes decoded, too."""
-    slashes = name.replace("\\", "/")
-    return list(dict.fromkeys((name, slashes, unquote(slashes))))
 
 
 def _other_case(path: Path) -> Path | None:
