@@ -288,6 +288,15 @@ def test_what_cannot_be_used_is_left_out_with_a_warning(tmp_path: Path, content:
     assert np.isfinite(robot.link_poses({})).all()
 
 
+def test_links_of_one_name_are_renamed(tmp_path: Path) -> None:
+    shape = '<visual name="v"><geometry><sphere><radius>1</radius></sphere></geometry></visual>'
+    robot = read(tmp_path, model(f'<link name="a"/><link name="a"><pose>1 0 0 0 0 0</pose>{shape}</link>'))
+    assert robot.links == ("a", "a_1")
+    assert robot.warnings == ("a second link is called 'a', it is called 'a_1'",)
+    assert len(robot.parts[1]) == 1
+    assert robot.link_poses({})[:, 0, 3].tolist() == [0, 1]
+
+
 def test_models_of_one_name_are_renamed(tmp_path: Path) -> None:
     one = '<model name="m"><link name="a"/></model>'
     robot = read(tmp_path, f'<sdf version="1.9"><world name="w">{one}{one}</world></sdf>')
@@ -299,7 +308,6 @@ def test_models_of_one_name_are_renamed(tmp_path: Path) -> None:
     ("content", "message"),
     [
         ('<sdf version="1.9"/>', "it has no links"),
-        (model('<link name="a"/><link name="a"/>'), "two links are called 'a'"),
         ("<model name='m'>" * 30, "nested more than 20 deep"),
     ],
 )

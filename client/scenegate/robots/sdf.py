@@ -76,7 +76,7 @@ def parse_sdf(
         use: Geometry to return; the other one is not read.
 
     Raises:
-        RobotFileError: There are no links, two links have the same name, or a limit is exceeded.
+        RobotFileError: There are no links, or a limit is exceeded.
     """
     return _SdfReader(files, use, limits, warnings).read(root)
 
@@ -191,7 +191,11 @@ class _SdfReader:
             return
         full_name = scope.full_name(name)
         if full_name in self._links:
-            raise RobotFileError(f"two links are called {full_name!r}")
+            unique = f"{full_name}_{len(self._links)}"
+            while unique in self._frames:
+                unique += "_"
+            self._warnings.append(f"a second link is called {full_name!r}, it is called {unique!r}")
+            full_name = unique
         check_count(len(self._links) + 1, self._limits.max_links, "links")
         X, relative_to = read_pose(link, f"link {full_name!r}", self._warnings)
         self._frames.add(full_name, Frame(X, scope.frame(relative_to), full_name))
