@@ -20,6 +20,8 @@ MAX_BYTES: Final = 1 << 30
 """Maximum size of a file that is read into memory, where the caller has no lower limit."""
 _PIECE_BYTES: Final = 1 << 20
 """Bytes that are read between two calls of ``check``."""
+_LFS_POINTER: Final = b"version https://git-lfs.github.com/spec/"
+"""Start of the file that a clone has in place of a large one, if Git LFS is not installed."""
 _POLL_MILLISECONDS: Final = 50
 """Time between two calls of ``check`` while a pipe has no data."""
 
@@ -48,7 +50,7 @@ def read_regular(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES, *, fo
     """Return the bytes of a regular file.
 
     Raises:
-        OSError: it cannot be read, is not a regular file, or has more than ``max_bytes``.
+        OSError: it cannot be read, is not a regular file, has more than ``max_bytes``, or is a pointer of Git LFS.
     """
     with open_regular(path, follow_links=follow_links) as file:
         if os.fstat(file.fileno()).st_size > max_bytes:
@@ -60,6 +62,8 @@ def read_regular(path: str | os.PathLike[str], max_bytes: int = MAX_BYTES, *, fo
             remaining -= len(piece)
         if not remaining:  # it has grown, or its file system reports no size
             raise _too_large(path, max_bytes)
+    if pieces and pieces[0].startswith(_LFS_POINTER):
+        raise OSError(errno.ENODATA, "it is a pointer of Git LFS, not the file: run git lfs pull", os.fspath(path))
     return b"".join(pieces)
 
 

@@ -171,7 +171,7 @@ class MeshFiles:
         for path in self._named_paths(filename):
             if self._is_allowed(path) and _is_file(path):
                 try:
-                    return _FileReader(path, self._is_allowed, self._limits).read(path)
+                    return _FileReader(path, self._is_allowed, self._limits).read(path, filename)
                 except OSError as error:
                     raise MeshFileError(f"{quoted(filename)} cannot be read: {error.strerror}") from error
         raise MeshFileError(f"{quoted(filename)}: there is no such file", missing=True)
@@ -247,7 +247,7 @@ class MeshFiles:
         reader = _FileReader(path, self._is_allowed, self._limits)
         warnings: list[str] = []
         try:
-            data = reader.read(path)
+            data = reader.read(path, filename)
             parts = self._parsed(data, path.suffix[1:].lower(), reader.resolve, filename, warnings)
         except OSError as error:
             raise MeshFileError(f"{quoted(filename)} cannot be read: {error.strerror}") from error
@@ -291,13 +291,14 @@ class _FileReader:
         path = Path(os.path.realpath(self._folder / unquote(name).replace("\\", "/")))
         if not self._is_allowed(path):
             raise MeshFileError(f"{quoted(name)} lies outside of the folders or formats that are open to clients")
-        return self.read(path)
+        return self.read(path, name)
 
-    def read(self, path: Path) -> bytes:
+    def read(self, path: Path, name: str) -> bytes:
         """Return the bytes of a regular file.
 
         Args:
             path: Path with symbolic links resolved.
+            name: Name for messages.
         """
         stamp = _stamp(str(path))
         limit = min(self._limits.max_bytes, self._remaining_bytes)
@@ -305,9 +306,7 @@ class _FileReader:
             data = read_regular(path, limit, follow_links=False)
         except OSError as error:
             if error.errno == errno.EFBIG:
-                raise MeshFileError(
-                    f"{quoted(path.name)} is larger than the {limit} bytes that are left to it"
-                ) from None
+                raise MeshFileError(f"{quoted(name)} is larger than the {limit} bytes that are left to it") from None
             raise
         self._remaining_bytes -= len(data)
         if stamp is not None:

@@ -48,11 +48,12 @@ def read_contacts(contacts: Contacts, warnings: list[str]) -> dict[Path, tuple[P
     A surface without a force or moment to show is left out.
 
     Args:
-        warnings: list to which the reason is added if a contact surface cannot be shown completely. Its arrows are.
+        warnings: list to which a sentence is added for arrows that are not finite, and for contact surfaces that cannot
+            be shown completely. Their arrows are.
     """
     parts: dict[Path, list[Part]] = {}
     colors = [POINT_COLOR] * len(contacts.points)
-    point_arrows = _arrows(contacts.points, contacts.forces, NEWTONS_PER_METRE, colors, centred=True)
+    point_arrows = _arrows(contacts.points, contacts.forces, NEWTONS_PER_METRE, colors, warnings, centred=True)
     for bodies, arrow in zip(contacts.point_bodies, point_arrows, strict=True):
         if arrow:
             parts.setdefault((ROOT, CONTACTS, "point", "+".join(bodies)), []).extend(arrow)
@@ -62,7 +63,7 @@ def read_contacts(contacts: Contacts, warnings: list[str]) -> dict[Path, tuple[P
     vectors = [surface.force for surface in surfaces] + [surface.moment for surface in surfaces]
     per_metre = np.repeat((NEWTONS_PER_METRE, NEWTON_METRES_PER_METRE), count)
     colors = [FORCE_COLOR] * count + [MOMENT_COLOR] * count
-    surface_arrows = _arrows(centroids, np.array(vectors).reshape(-1, 3), per_metre, colors, centred=False)
+    surface_arrows = _arrows(centroids, np.array(vectors).reshape(-1, 3), per_metre, colors, warnings, centred=False)
     force_arrows, moment_arrows = surface_arrows[:count], surface_arrows[count:]
     for surface, force_arrow, moment_arrow in zip(surfaces, force_arrows, moment_arrows, strict=True):
         if force_arrow or moment_arrow:
@@ -80,6 +81,7 @@ def _arrows(
     vectors: NDArray[np.float64],
     per_metre: NDArray[np.float64] | float,
     colors: Sequence[Color],
+    warnings: list[str],
     *,
     centred: bool,
 ) -> list[tuple[Part, ...]]:
@@ -89,14 +91,19 @@ def _arrows(
         origins, vectors: (N, 3).
         per_metre: norm of a vector for an arrow of 1 m, (N,) or one for all.
         colors: N colours.
+        warnings: list to which the number of arrows that are not finite is added.
     """
     parts_by_arrow: list[tuple[Part, ...]] = [()] * len(vectors)
     if not parts_by_arrow:
         return parts_by_arrow
     with np.errstate(over="ignore", invalid="ignore"):
         norms = np.sqrt((vectors * vectors).sum(axis=1))  # np.linalg.norm takes three times as long for few vectors
-        shown = np.flatnonzero((norms >= MIN_FORCE) & (norms < np.inf) & np.isfinite(origins).all(axis=1))
+        finite = (norms < np.inf) & np.isfinite(origins).all(axis=1)
+        shown = np.flatnonzero(finite & (norms >= MIN_FORCE))
         lengths = np.minimum(norms / per_metre, MAX_LENGTH)[shown]
+    if not finite.all():
+        kind = "point contacts" if centred else "forces and moments of contact surfaces"
+        warnings.append(f"{np.count_nonzero(~finite)} of {len(finite)} {kind} are not finite; they have no arrow")
     if len(shown):
         indices = shown.tolist()
         shown_colors = [colors[index] for index in indices]

@@ -103,6 +103,17 @@ def triangles_of_polygons(
     return np.column_stack((indices[first], indices[second], indices[second + 1]))
 
 
+def triangles_of_strip(strip: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the (M, 3) triangles of (N,) indices. -1 starts the next strip, as in scans of Stanford."""
+    place = np.arange(len(strip))
+    in_strip = place - np.maximum.accumulate(np.where(strip == -1, place + 1, 0))
+    triangles = np.column_stack((strip[:-2], strip[1:-1], strip[2:]))
+    is_odd = in_strip[:-2] % 2 == 1
+    triangles[is_odd] = triangles[is_odd][:, ::-1]
+    whole: NDArray[np.int64] = triangles[(triangles != -1).all(axis=1)]
+    return whole
+
+
 def shape_of(
     positions: ArrayLike,
     triangles: NDArray[np.int64] | None,

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.parsers.mesh_data import triangles_of_polygons
+from gateway.parsers.mesh_data import triangles_of_polygons, triangles_of_strip
 
 _CODES: Final = {
     "char": "b",
@@ -111,7 +111,7 @@ def with_triangles(data: bytes) -> bytes:
     if drawn.name == "face":
         triangles = triangles_of_polygons(indices, np.cumsum(lengths) - lengths, lengths)
     else:
-        triangles = _triangles_of_strip(np.insert(indices, np.cumsum(lengths), -1))
+        triangles = triangles_of_strip(np.insert(indices, np.cumsum(lengths), -1))
     if not len(triangles):
         raise ValueError(f"its {drawn.count} elements {drawn.name!r} have no triangles")
     code, type_name = ("i4", "int") if index.kind == "i" else ("u4", "uint")
@@ -223,15 +223,4 @@ def triangles_of_strips(metadata: dict[str, Any]) -> NDArray[np.int64] | None:
     lists = next((element[name] for name in _INDEX_NAMES if name in element), None)
     if lists is None:
         raise ValueError("its element 'tristrips' has no list 'vertex_indices'")
-    return _triangles_of_strip(np.concatenate([np.append(np.asarray(each, np.int64), -1) for each in lists]))
-
-
-def _triangles_of_strip(strip: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the (M, 3) triangles of (N,) indices. -1 starts the next strip, as in scans of Stanford."""
-    place = np.arange(len(strip))
-    in_strip = place - np.maximum.accumulate(np.where(strip == -1, place + 1, 0))
-    triangles = np.column_stack((strip[:-2], strip[1:-1], strip[2:]))
-    is_odd = in_strip[:-2] % 2 == 1
-    triangles[is_odd] = triangles[is_odd][:, ::-1]
-    whole: NDArray[np.int64] = triangles[(triangles != -1).all(axis=1)]
-    return whole
+    return triangles_of_strip(np.concatenate([np.append(np.asarray(each, np.int64), -1) for each in lists]))

@@ -64,6 +64,14 @@ class TextureFiles:
             raise OSError(warning) from error
 
 
+def read_texture(read_file: ReadFile, data: bytes) -> bytes | None:
+    """Return an image file as ``TextureFiles.encoded`` does; None if it holds no image."""
+    try:
+        return TextureFiles(read_file, MeshData()).encoded("", data)
+    except OSError:
+        return None
+
+
 def _png(image: Image.Image) -> bytes:
     file = io.BytesIO()
     image.convert("RGBA").save(file, "PNG", compress_level=1)

@@ -1,4 +1,4 @@
-"""Reads legacy VTK files (.vtk): surfaces of polygons, and boundaries of tetrahedral volumes.
+"""Reads legacy VTK files (.vtk): surfaces of polygons, and boundaries of volumes.
 
 Source: "VTK File Formats", section "Simple Legacy Formats". Versions 2 to 4 (CELLS as counts and indices) and version 5
 (OFFSETS and CONNECTIVITY) are read. Drake's hydroelastic meshes are UNSTRUCTURED_GRID files of tetrahedra.
@@ -12,10 +12,27 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.parsers.mesh_data import MeshFaultError, triangles_of_polygons
+from gateway.parsers.mesh_data import MeshFaultError, triangles_of_polygons, triangles_of_strip
 
-TRIANGLE, QUAD, TETRAHEDRON = 5, 9, 10
-"""VTK cell types that are read; others are left out."""
+_STRIP, _POLYGON, _PIXEL, _QUAD = 6, 7, 8, 9
+_TETRAHEDRON, _VOXEL, _HEXAHEDRON, _WEDGE, _PYRAMID = range(10, 15)
+"""VTK's numbers of cell types."""
+_FACES: Final = {
+    _TETRAHEDRON: ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)),
+    _VOXEL: ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)),
+    _HEXAHEDRON: ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
+    _WEDGE: ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
+    _PYRAMID: ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+}
+"""Corners of each face of a volume, counter-clockwise from outside."""
+_CORNERS: Final = {5: 3, _PIXEL: 4, _QUAD: 4, _TETRAHEDRON: 4, _VOXEL: 8, _HEXAHEDRON: 8, _WEDGE: 6, _PYRAMID: 5}
+"""Number of corners by cell type, where it is the same for all cells."""
+_LINEAR: Final = {22: 5, 23: _QUAD, 24: _TETRAHEDRON, 25: _HEXAHEDRON, 26: _WEDGE, 27: _PYRAMID}
+"""Cell type with the same corners for each quadratic type. The points between the corners come after them."""
+_WITHOUT_SURFACE: Final = (0, 1, 2, 3, 4, 21)
+"""Cell types that are points or lines."""
+_POLYGON_SECTIONS: Final = {b"polygons": _POLYGON, b"triangle_strips": _STRIP}
+"""Cell types by the keyword of a section of POLYDATA."""
 _TYPES: Final = {
     b"float": ">f4",
     b"double": ">f8",
@@ -25,8 +42,6 @@ _TYPES: Final = {
     b"vtkidtype": ">i4",
 }
 """NumPy types by the names in a file. Binary files are big-endian."""
-_FACES: Final = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
-"""Vertices of each face of a tetrahedron, counter-clockwise from outside."""
 _WORD: Final = re.compile(rb"\S+")
 _MAX_WORD: Final = 64
 """Maximum length of a word in bytes: keywords and counts are shorter."""
@@ -112,12 +127,15 @@ class _Parser:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def read_vtk(data: bytes, max_vertices: int, max_triangles: int) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return the surface in a file.
+def read_vtk(
+    data: bytes, max_vertices: int, max_triangles: int, warnings: list[str]
+) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Return the surface in a file. Points and lines are left out.
 
     Args:
         max_vertices: Maximum number of points.
         max_triangles: Maximum number of cells, and of triangles.
+        warnings: A sentence is appended if cells of other types are left out.
 
     Returns:
         Positions (N, 3) float32, in the file's unit, and triangles (M, 3) int64.
@@ -127,22 +145,24 @@ def read_vtk(data: bytes, max_vertices: int, max_triangles: int) -> tuple[NDArra
     """
     parser = _Parser(data)
     positions: NDArray[np.float32] | None = None
-    cells: _Cells | None = None
-    types: NDArray[np.int64] | None = None
+    cells: list[_Cells] = []
+    types: list[NDArray[np.int64]] = []
     while word := parser.word():
         if word == b"points":
             count = parser.count(max_vertices)
             positions = parser.numbers(parser.word(), 3 * count).reshape(count, 3).astype(np.float32)
-        elif word in (b"cells", b"polygons"):
-            cells = _cells(parser, max_triangles)
-        elif word == b"cell_types":
-            types = parser.numbers(b"int", parser.count(max_triangles)).astype(np.int64)
+        elif word == b"cells" or word in _POLYGON_SECTIONS:
+            cells.append(_cells(parser, max_triangles))
+            types.append(np.full(len(cells[-1].sizes), _POLYGON_SECTIONS.get(word, _POLYGON), np.int64))
+        elif word == b"cell_types" and cells:
+            types[-1] = parser.numbers(b"int", parser.count(max_triangles)).astype(np.int64)
             break
         elif word in (b"point_data", b"cell_data"):
             break
-    if positions is None or cells is None or not len(cells.sizes):
+    if positions is None or not any(len(each.sizes) for each in cells):
         raise MeshFaultError("it has no points or no cells")
-    triangles = _triangles(cells, types, max_triangles)
+    found = [_triangles(*each, max_triangles, warnings) for each in zip(cells, types, strict=True)]
+    triangles = np.concatenate(found)
     if triangles.size and not (triangles.min() >= 0 and triangles.max() < len(positions)):
         worst = int(triangles.min()) if triangles.min() < 0 else int(triangles.max())
         raise MeshFaultError(f"a cell refers to point {worst} of {len(positions)}")
@@ -173,34 +193,59 @@ def _cells(parser: _Parser, limit: int) -> _Cells:
     return _Cells(numbers, starts, sizes)
 
 
-def _triangles(cells: _Cells, types: NDArray[np.int64] | None, limit: int) -> NDArray[np.int64]:
-    """Return the triangles of cells, (M, 3): polygons as fans, then the boundary of the tetrahedra.
+def _triangles(cells: _Cells, types: NDArray[np.int64], limit: int, warnings: list[str]) -> NDArray[np.int64]:
+    """Return the triangles of cells, (M, 3): polygons as fans, then strips, then the boundary of the volumes.
 
     Args:
-        types: Type of each cell; None: they are convex polygons.
+        types: Type of each cell.
         limit: Maximum number of triangles.
+        warnings: A sentence is appended if cells are left out.
     """
     points, starts, sizes = cells
-    is_polygon = sizes >= 3
-    tetrahedra = np.zeros((0, 4), np.int64)
-    if types is not None:
-        if len(types) != len(sizes):
-            raise MeshFaultError(f"it has {len(types)} types for {len(sizes)} cells")
-        is_polygon &= np.isin(types, (TRIANGLE, QUAD))
-        tetrahedra = points[starts[(types == TETRAHEDRON) & (sizes == 4)][:, None] + np.arange(4)]
-    total = int((sizes[is_polygon] - 2).sum())
+    if len(types) != len(sizes):
+        raise MeshFaultError(f"it has {len(types)} types for {len(sizes)} cells")
+    for quadratic, linear in _LINEAR.items():
+        types[types == quadratic] = linear
+    known = np.isin(types, (_STRIP, _POLYGON)) & (sizes >= 3)
+    for kind, count in _CORNERS.items():
+        has_corners = (types == kind) & (sizes >= count)
+        sizes[has_corners] = count
+        known |= has_corners
+    left_out = ~known & ~np.isin(types, _WITHOUT_SURFACE)
+    if left_out.any():
+        kinds = ", ".join(map(str, np.unique(types[left_out])[:5]))
+        warnings.append(f"{np.count_nonzero(left_out)} of {len(types)} cells are left out, of VTK's types {kinds}")
+    third = starts[known & (types == _PIXEL)] + 2
+    points[np.stack((third, third + 1))] = points[np.stack((third + 1, third))]  # their corners are in rows
+    is_strip = known & (types == _STRIP)
+    is_polygon = known & (types < _TETRAHEDRON) & ~is_strip
+    total = int((sizes[is_polygon | is_strip] - 2).sum())
     if total > limit:
         raise MeshFaultError(f"it has {total} triangles, the limit is {limit}")
     polygons = triangles_of_polygons(points, starts[is_polygon], sizes[is_polygon])
-    found = np.concatenate((polygons, _boundary(tetrahedra)))
+    ends = starts[is_strip] + sizes[is_strip]
+    strips = [np.append(points[start:end], -1) for start, end in zip(starts[is_strip], ends, strict=True)]
+    boundary = _boundary(
+        {kind: points[starts[known & (types == kind)][:, None] + np.arange(_CORNERS[kind])] for kind in _FACES}
+    )
+    found = np.concatenate((polygons, triangles_of_strip(np.concatenate([[-1], *strips])), boundary))
     if len(found) > limit:
         raise MeshFaultError(f"it has {len(found)} triangles, the limit is {limit}")
     return found
 
 
-def _boundary(tetrahedra: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the faces that belong to only one tetrahedron, (M, 3), in the order of the tetrahedra."""
-    faces = tetrahedra[:, _FACES].reshape(-1, 3)
+def _boundary(volumes: dict[int, NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Return the triangles of the faces that belong to only one volume, (M, 3).
+
+    Args:
+        volumes: (N, number of corners) points of the volumes, by cell type.
+    """
+    faces = np.concatenate([
+        np.pad(corners[:, face], ((0, 0), (0, 4 - len(face))), constant_values=-1)
+        for kind, corners in volumes.items()
+        for face in _FACES[kind]
+    ])  # fmt: skip
     _, first, counts = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    boundary: NDArray[np.int64] = faces[np.sort(first[counts == 1])]
-    return boundary
+    boundary = faces[np.sort(first[counts == 1])]
+    quads = boundary[boundary[:, 3] >= 0]
+    return np.concatenate((boundary[:, :3], quads[:, [0, 2, 3]]))

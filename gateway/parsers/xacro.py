@@ -39,5 +39,7 @@ def expand_file(read_file: Callable[[str], bytes], path: str) -> tuple[str, str,
     try:
         document, problem = xacro.process_file(path).toxml(), ""
     except Exception as error:  # noqa: BLE001 - expressions of the file can raise anything
-        document, problem = "", " ".join(f"{error}".split()) or type(error).__name__
+        cause = getattr(error, "exc", None)
+        reason = cause if isinstance(cause, OSError) else error  # xacro repeats the text of its cause
+        document, problem = "", " ".join(f"{reason}".split()) or type(error).__name__
     return document, problem, list(dict.fromkeys(xacro.all_includes))

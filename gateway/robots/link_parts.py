@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gateway.assets.mesh_formats import MeshFormatError, diffuse_material, parse_mesh, with_default_materials
 from gateway.assets.scene_file import Up
+from gateway.assets.texture_formats import decodable_texture
 from gateway.gltf import GltfError
 from gateway.robots.limits import RobotLimits
 from gateway.scene.geometry import Part, Surface
@@ -94,7 +95,7 @@ class LinkParts:
 
     def _read_image(self, path: Path, data: bytes) -> tuple[Image, tuple[float, float, float]]:
         """Return an image and its mean colour."""
-        image = image_from_bytes(data, max_pixels=self._limits.mesh.max_image_pixels)
+        image = image_from_bytes(decodable_texture(data), max_pixels=self._limits.mesh.max_image_pixels)
         image.decode()
         return image, mean_color(image)
 

@@ -14,6 +14,7 @@ from renderers.stop import check_stop
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.link_kinematics import LinkKinematics
+from scenegate.robots.link_model import LinkShape, MeshReference
 from scenegate.robots.reader import errors_of, parse_links
 from scenegate.robots.robot import GeometryUse
 from scenegate.robots.xml_text import parse_xml, uses_xacro
@@ -77,14 +78,21 @@ def _read(files: RobotFiles, geometry: GeometryUse, keyframe: str, gltf_up: Robo
     joints, kinematics = model.moving_joints(warnings), LinkKinematics(model)
     parts = LinkParts(files, limits, warnings, "z" if gltf_up == "z" else "y").of_links(model.links)
     notes: tuple[str, ...] = ()
-    if gltf_up == "auto":  # either axis gives the same warnings: those of the Y axis are kept
-        z_up = LinkParts(files, limits, [], "z").of_links(model.links)
+    digests = files.digests
+    if gltf_up != "z" and any(_is_gltf(part.shape) for link in model.links for part in link.geometries):
+        digests = dict(digests)  # without those of the collision geometry, which may only be compared
+        z_up = LinkParts(files, limits, [], "z").of_links(model.links)  # either axis gives the same warnings
         collision_links = parse_links(root, files, "collision", limits, []).links
         up = nearest_up_axis(parts, z_up, LinkParts(files, limits, [], "y").of_links(collision_links))
-        parts = z_up if up == "z" else parts
-        reason = "their bounds are nearer to those of the collision geometry"
-        notes = (f"glTF meshes are taken as {up.upper()} up: {reason}",)
+        reason = "bounds are nearer to those of the collision geometry"
+        if gltf_up == "auto":
+            parts, digests = z_up if up == "z" else parts, files.digests
+            notes = (f"glTF meshes are taken as {up.upper()} up: their {reason}",)
+        elif up == "z":
+            notes = (f"glTF meshes are taken as Y up; with --robot-gltf-up z, their {reason}",)
     name = model.name or files.path.stem
-    return Robot(
-        name, model.link_names, joints, parts, kinematics, tuple(dict.fromkeys(warnings)), notes, files.digests
-    )
+    return Robot(name, model.link_names, joints, parts, kinematics, tuple(dict.fromkeys(warnings)), notes, digests)
+
+
+def _is_gltf(shape: LinkShape) -> bool:
+    return isinstance(shape, MeshReference) and shape.filename.lower().endswith((".gltf", ".glb"))

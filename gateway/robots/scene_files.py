@@ -7,14 +7,16 @@ from pathlib import Path
 from typing import Final
 
 from gateway.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, parse_mesh
-from gateway.assets.scene_file import FolderFiles, SceneFile, SceneFileError, Up, read_scene_file
+from gateway.assets.scene_file import SceneFile, SceneFileError, Up, read_scene_file
 from gateway.gltf import AnimationTime, GltfError
 from gateway.robots.gltf_up import RobotGltfUp
 from gateway.robots.reader import read_robot
 from gateway.scene.tree import Node
-from scenegate.regular_files import errors_as
+from scenegate.regular_files import MAX_BYTES, errors_as
 from scenegate.robots.errors import RobotFileError
+from scenegate.robots.files import RobotFiles
 from scenegate.robots.joint_text import parse_joints
+from scenegate.robots.limits import RobotFileLimits
 from scenegate.robots.reader import SUFFIXES as ROBOT_SUFFIXES
 from scenegate.warning_text import strict_refusal
 
@@ -24,6 +26,7 @@ SCENE_SUFFIXES: Final = (*GLTF_SUFFIXES, *_OTHER_MESH_SUFFIXES, *ROBOT_SUFFIXES)
 """Suffixes of scene files."""
 AMBIGUOUS_SUFFIXES: Final = (".xml", ".world", ".xacro")
 """Suffixes of robots, but also of files that are none, or only a part of one."""
+_MESH_FILE_LIMITS: Final = RobotFileLimits(max_mesh_bytes=MAX_BYTES, max_total_bytes=2 * MAX_BYTES)
 FOLDER_SUFFIXES: Final = tuple(suffix for suffix in SCENE_SUFFIXES if suffix not in AMBIGUOUS_SUFFIXES)
 """Suffixes of the scene files in a folder. One with an ambiguous suffix is read only if it is named itself."""
 
@@ -87,9 +90,11 @@ def _read_robot(path: Path, options: SceneOptions) -> SceneFile:
 
 
 def _read_mesh(path: Path, suffix: str) -> SceneFile:
-    files = FolderFiles(path)
+    """Read a mesh file, which may refer to files in any folder, as in a robot file."""
+    files, mesh = RobotFiles(path, (), _MESH_FILE_LIMITS), path.resolve()
     warnings: list[str] = []
-    with errors_as(SceneFileError, path, MeshFormatError, GltfError):
-        parts = parse_mesh(files.read_scene(), suffix[1:], files.resolve, MESH_LIMITS, warnings)
+    with errors_as(SceneFileError, path, MeshFormatError, GltfError, RobotFileError):
+        data = files.read(mesh)
+        parts = parse_mesh(data, suffix[1:], lambda name: files.read_beside(mesh, name), MESH_LIMITS, warnings)
     root = Node(None, children={path.stem: Node(parts)})
     return SceneFile(root, warnings=tuple(warnings), digests=files.digests)

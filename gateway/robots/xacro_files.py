@@ -47,4 +47,6 @@ def expand_xacro(files: RobotFiles, limits: RobotLimits) -> bytes:
             files.read(files.path.parent / include)
     if problem:
         raise RobotFileError(f"xacro cannot expand it: {problem}")
+    if "<robot" in document and "<link" not in document:
+        raise RobotFileError("it has no links, perhaps only macros: name the file that uses them")
     return document.encode()

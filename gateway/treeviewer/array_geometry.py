@@ -45,7 +45,9 @@ def line(
 
     A ``line_width`` without a ``radius`` makes it a hairline, otherwise it is a tube.
     """
-    drawable_points, _ = _drop_undrawable(points)
+    drawable_points, drawable = _drop_undrawable(points)
+    if drawable is not None:
+        context.warnings.append(f"{int((~drawable).sum())} points are not finite; the line has none there")
     if len(drawable_points) < 2:
         return ()
     if radius is None:

@@ -17,6 +17,7 @@ from gateway.assets.mesh_formats import (
     parse_mesh,
     with_default_materials,
 )
+from gateway.assets.texture_formats import decodable_texture
 from gateway.gltf import GltfError
 from gateway.scene.geometry import Part
 from gateway.scene.materials import WHITE, Color, tinted
@@ -105,7 +106,8 @@ def _parts_of_sent(
         texture = None
         if default_texture is not None:
             try:
-                image = check_image(file_content(default_texture, "default_texture"), context.limits.image_pixels).image
+                content = decodable_texture(file_content(default_texture, "default_texture"))
+                image = check_image(content, context.limits.image_pixels).image
                 texture = Texture(image, name="default_texture")
             except ImageError as error:
                 context.warnings.append(f"default_texture cannot be decoded: {error}; it is not shown")

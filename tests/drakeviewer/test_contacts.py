@@ -66,10 +66,24 @@ def test_contacts_that_end_disappear(viewer: Viewer) -> None:
     assert viewer.live.snapshot is before
 
 
-@pytest.mark.parametrize("force", [(0, 0, 0.009), (np.nan, 0, 0), (np.inf, 0, 0)])
-def test_forces_that_are_not_shown(viewer: Viewer, force: tuple[float, float, float]) -> None:
-    viewer.handle(CHANNEL, contacts([point_contact("a", "b", (0, 0, 0), force)]))
+def test_small_forces_are_not_shown(viewer: Viewer) -> None:
+    viewer.handle(CHANNEL, contacts([point_contact("a", "b", (0, 0, 0), (0, 0, 0.009))]))
     assert viewer.paths() == []
+
+
+@pytest.mark.parametrize("x", [np.nan, np.inf])
+def test_contacts_that_are_not_finite(viewer: Viewer, x: float) -> None:
+    points = [
+        point_contact("a", "b", point, force) for point, force in (((0, 0, 0), (x, 0, 0)), ((x, 0, 0), (1, 0, 0)))
+    ]
+    points.append(point_contact("a", "c", (0, 0, 0), (1, 0, 0)))
+    problem = viewer.problem(CHANNEL, contacts(points))
+    assert problem == "2 of 3 point contacts are not finite; they have no arrow"
+    assert viewer.paths() == [("drake", "contacts", "point", "a+c")]
+    problem = viewer.problem(CHANNEL, contacts(surfaces=[surface_contact(force=(x, 0, 0), moment=(0, 1, 0))]))
+    assert problem == "1 of 2 forces and moments of contact surfaces are not finite; they have no arrow"
+    parts = viewer.node("contacts", "hydroelastic", "body1+body2").parts or ()
+    assert [part.kind for part in parts] == ["arrow", "arrow", "contact_surface"]
 
 
 def test_length_of_arrows_is_limited(viewer: Viewer) -> None:

@@ -23,7 +23,7 @@ VERSION_5 = (
 
 
 def parse(text: str | bytes) -> tuple[np.ndarray, np.ndarray]:
-    return read_vtk(text if isinstance(text, bytes) else text.encode(), 1000, 1000)
+    return read_vtk(text if isinstance(text, bytes) else text.encode(), 1000, 1000, [])
 
 
 def binary() -> bytes:
@@ -58,7 +58,56 @@ def test_polygons() -> None:
     assert parse(text)[1].tolist() == [[0, 1, 4], [0, 4, 2], [0, 1, 3]]
 
 
-def test_other_cells_draw_nothing() -> None:
+CUBE = "POINTS 8 float\n0 0 0 1 0 0 1 1 0 0 1 0\n0 0 1 1 0 1 1 1 1 0 1 1\n"
+"""Unit cube, its corners in the order of a hexahedron."""
+
+
+def grid(*cells: tuple[int, ...]) -> str:
+    """Return a file of cells on the corners of the cube: type, then points."""
+    rows = "".join(f"{len(points)} {' '.join(map(str, points))}\n" for _, *points in cells)
+    count, numbers = len(cells), sum(map(len, cells))
+    return (
+        f"{HEAD}{CUBE}CELLS {count} {numbers}\n{rows}CELL_TYPES {count}\n{' '.join(str(each[0]) for each in cells)}\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("cells", "volume", "triangle_count"),
+    [
+        ([(12, 0, 1, 2, 3, 4, 5, 6, 7)], 1.0, 12),
+        ([(11, 0, 1, 3, 2, 4, 5, 7, 6)], 1.0, 12),
+        ([(25, *range(8), *[0] * 12)], 1.0, 12),
+        ([(13, 0, 3, 1, 4, 7, 5), (13, 1, 3, 2, 5, 7, 6)], 1.0, 12),
+        ([(14, 0, 1, 2, 3, 4)], 1 / 3, 6),
+        ([(14, 0, 1, 2, 3, 4), (14, 4, 5, 1, 0, 2)], 2 / 3, 12),
+        ([(14, 0, 1, 2, 3, 6), (10, 0, 1, 6, 5)], 1 / 2, 8),
+    ],
+    ids=["hexahedron", "voxel", "quadratic", "two wedges", "pyramid", "two pyramids", "pyramid and tetrahedron"],
+)
+def test_boundary_of_volumes(cells: list[tuple[int, ...]], volume: float, triangle_count: int) -> None:
+    positions, triangles = parse(grid(*cells))
+    corners = positions[triangles]
+    assert np.linalg.det(corners).sum() / 6 == pytest.approx(volume), "triangles face outwards"
+    assert len(triangles) == triangle_count
+
+
+def test_polygons_pixels_and_strips() -> None:
+    _, triangles = parse(grid((7, 0, 1, 2, 3, 7), (8, 0, 1, 3, 2), (6, 0, 1, 3, 2)))
+    assert triangles.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 7], [0, 1, 2], [0, 2, 3], [0, 1, 3], [2, 3, 1]]
+    strips = (
+        HEAD.replace("UNSTRUCTURED_GRID", "POLYDATA") + CUBE + "POLYGONS 1 4\n3 0 1 2\nTRIANGLE_STRIPS 1 5\n4 0 1 3 2\n"
+    )
+    assert parse(strips)[1].tolist() == [[0, 1, 2], [0, 1, 3], [2, 3, 1]]
+
+
+def test_cells_of_other_types_are_a_warning() -> None:
+    warnings: list[str] = []
+    prism = (15, *range(8), 0, 1)
+    read_vtk(grid((5, 0, 1, 2), (3, 0, 1), prism).encode(), 1000, 1000, warnings)
+    assert warnings == ["1 of 3 cells are left out, of VTK's types 15"]
+
+
+def test_points_and_lines_draw_nothing() -> None:
     mixed = f"{HEAD}{POINTS}CELLS 3 10\n3 0 1 2\n2 0 1\n2 1 2\nCELL_TYPES 3\n5 3 3\n"
     assert parse(mixed)[1].tolist() == [[0, 1, 2]]
 

@@ -35,9 +35,11 @@ def package(folder: Path, name: str) -> Path:
         ("package://pkg/meshes/m.obj", "meshes/m.obj"),
         ("package:///pkg/meshes/m.obj", "meshes/m.obj"),
         ("model://pkg/meshes/m.obj", "meshes/m.obj"),
+        ("models://pkg/meshes/m.obj", "meshes/m.obj"),
         ("Package://pkg/meshes/m.obj", "meshes/m.obj"),
         ("package://pkg//meshes//m.obj", "meshes/m.obj"),
         ("file://../meshes/m.obj", "meshes/m.obj"),
+        ("file://pkg/meshes/m.obj", "meshes/m.obj"),
     ],
 )
 def test_files_around_the_robot_are_found(tmp_path: Path, name: str, mesh_file: str) -> None:

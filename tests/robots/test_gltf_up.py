@@ -44,5 +44,14 @@ def test_up_axis(tmp_path: Path, gltf_up: Literal["y", "z", "auto"], collision: 
     assert np.ptp(vertices[:, 2]) == pytest.approx(height)
     if gltf_up == "auto":
         assert robot.notes[0].startswith(f"glTF meshes are taken as {'Z' if height == 3.0 else 'Y'} up: their bounds")
+    elif gltf_up == "y":
+        assert robot.notes[0].startswith(
+            "glTF meshes are taken as Y up; with --robot-gltf-up z, their bounds are nearer"
+        )
+        assert list(robot.digests) == ["robot.urdf", "m.gltf"]
     else:
         assert robot.notes == ()
+
+
+def test_without_a_doubt_about_the_up_axis_there_is_no_note(tmp_path: Path) -> None:
+    assert read_robot(robot_with(tmp_path, '<box size="0.1 6 0.1"/>')).notes == ()

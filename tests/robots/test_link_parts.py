@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from gateway.robots.reader import read_robot
 from gateway.scene.geometry import Part, Surface
@@ -140,6 +141,17 @@ def test_the_texture_of_a_material(tmp_path: Path) -> None:
     robot = read_robot(tmp_path / "robot.urdf")
     assert "the texture t.png of its material is not shown: " in robot.warnings[0]
     assert part_of(tmp_path, with_uv, "m.obj", material=RED).material.base_color == (1, 0, 0, 1)
+
+
+@pytest.mark.parametrize("suffix", ["bmp", "tga", "dds", "gif"])
+def test_a_texture_in_an_older_format(tmp_path: Path, suffix: str) -> None:
+    image = Image.new("RGB", (4, 4), (0, 0, 255))
+    image.save(tmp_path / f"t.{suffix}")
+    texture = f'<material name="t"><texture filename="t.{suffix}"/></material>'
+    robot = read_robot(write(tmp_path, visual('<box size="1 1 1"/>', texture)))
+    assert robot.warnings == ()
+    ((part,),) = robot.parts
+    np.testing.assert_allclose(part.material.base_color, (0, 0, 1, 1), atol=0.01)
 
 
 def test_a_texture_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,8 @@ from gateway.assets.scene_file import SceneFileError
 from gateway.robots.reader import read_robot
 from gateway.robots.scene_files import SceneOptions, read_scene
 from gateway.scene.geometry import Surface
+from renderers.encode import png_rgb
+from scenegate import MeshFile
 from scenegate.robots.errors import RobotFileError
 from tests.robots.files import ARM, TRIANGLE, link, write
 from tests.support import forms
@@ -43,6 +45,23 @@ def test_a_mesh_is_one_node(tmp_path: Path) -> None:
     (part,) = scene.root.children["m"].parts or ()
     assert isinstance(part.shape, Surface)
     assert list(scene.digests) == ["m.OBJ"]
+
+
+@pytest.mark.parametrize(
+    ("name", "image"),
+    [("../textures/t.png", "textures/t.png"), ("t.png", "materials/textures/t.png"), ("..\\tex%20t.png", "tex t.png")],
+)
+def test_textures_of_a_mesh_are_found_as_those_of_robots(tmp_path: Path, name: str, image: str) -> None:
+    (tmp_path / image).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / image).write_bytes(png_rgb(np.zeros((2, 2, 3), np.uint8)))
+    write(tmp_path, f"newmtl a\nmap_Kd {name}\n", "meshes/m.mtl")
+    text = "mtllib m.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n"
+    path = write(tmp_path, text, "meshes/m.obj")
+    scene = read_scene(path, SceneOptions(strict=True))
+    (part,) = scene.root.children["m"].parts or ()
+    assert part.material.base_color_texture is not None
+    assert list(scene.digests) == ["m.obj", "m.mtl", f"../{image}"]
+    assert MeshFile.read(path).files[name] == (tmp_path / image).read_bytes()
 
 
 def test_gltf_files_have_an_up_axis(tmp_path: Path) -> None:

@@ -288,6 +288,15 @@ def test_what_cannot_be_used_is_left_out_with_a_warning(tmp_path: Path, content:
     assert np.isfinite(robot.link_poses({})).all()
 
 
+def test_links_of_one_name_are_renamed(tmp_path: Path) -> None:
+    shape = '<visual name="v"><geometry><sphere><radius>1</radius></sphere></geometry></visual>'
+    robot = read(tmp_path, model(f'<link name="a"/><link name="a"><pose>1 0 0 0 0 0</pose>{shape}</link>'))
+    assert robot.links == ("a", "a_1")
+    assert robot.warnings == ("a second link is called 'a', it is called 'a_1'",)
+    assert len(robot.parts[1]) == 1
+    assert robot.link_poses({})[:, 0, 3].tolist() == [0, 1]
+
+
 def test_models_of_one_name_are_renamed(tmp_path: Path) -> None:
     one = '<model name="m"><link name="a"/></model>'
     robot = read(tmp_path, f'<sdf version="1.9"><world name="w">{one}{one}</world></sdf>')
@@ -299,7 +308,6 @@ def test_models_of_one_name_are_renamed(tmp_path: Path) -> None:
     ("content", "message"),
     [
         ('<sdf version="1.9"/>', "it has no links"),
-        (model('<link name="a"/><link name="a"/>'), "two links are called 'a'"),
         ("<model name='m'>" * 30, "nested more than 20 deep"),
     ],
 )
@@ -343,6 +351,17 @@ def test_an_included_model_that_is_missing_is_a_warning(tmp_path: Path, uri: str
 def test_an_included_light_gives_no_warning(tmp_path: Path) -> None:
     write(tmp_path, "<sdf version='1.9'><light name='sun'/></sdf>", "sun/model.sdf")
     assert read(tmp_path, model("<include><uri>model://sun</uri></include><link name='a'/>")).warnings == ()
+
+
+@pytest.mark.parametrize("uri", ["model://sun", "https://fuel.gazebosim.org/1.0/OpenRobotics/models/Sun"])
+def test_the_sun_of_gazebo_may_be_missing(tmp_path: Path, uri: str) -> None:
+    assert read(tmp_path, model(f"<include><uri>{uri}</uri></include><link name='a'/>")).warnings == ()
+
+
+def test_models_of_a_world_are_found_in_the_folder_beside_it(tmp_path: Path) -> None:
+    write(tmp_path, model("<link name='a'/>"), "models/hand/model.sdf")
+    world = "<sdf version='1.9'><world name='w'><include><uri>model://hand</uri></include></world></sdf>"
+    assert read_robot(write(tmp_path, world, "worlds/w.world")).links == ("m::a",)
 
 
 def test_the_root_element_before_version_1_3(tmp_path: Path) -> None:

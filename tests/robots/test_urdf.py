@@ -94,6 +94,20 @@ def test_a_material_may_be_defined_in_another_link(tmp_path: Path) -> None:
         assert part.material.base_color == (0, 1, 0, 1)
 
 
+def test_the_second_link_of_a_name_is_left_out(tmp_path: Path) -> None:
+    robot = read(tmp_path, '<robot><link name="a"/><link name="b"/><link name="a"/></robot>')
+    assert robot.links == ("a", "b")
+    assert robot.warnings == ("a second link is called 'a', it is left out",)
+
+
+@pytest.mark.parametrize("content", [joint("spherical"), joint("ball").replace("joint", "drake:joint")])
+def test_ball_joints_of_pybullet_and_drake(tmp_path: Path, content: str) -> None:
+    robot = read(tmp_path, content)
+    assert robot.joints["j"].kind == "ball"
+    X_world_b = robot.link_poses({"j": (0.0, 1.0, 0.0, 0.0)})[1]
+    np.testing.assert_allclose(X_world_b, np.diag((1, -1, -1, 1)), atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -103,7 +117,6 @@ def test_a_material_may_be_defined_in_another_link(tmp_path: Path) -> None:
         ("<a/>", "its first element is <a>; URDF starts with <robot>, SDF with <sdf>, MJCF with <mujoco>"),
         ("<robot/>", "it has no links"),
         ("<robot><link/></robot>", "it has no links: "),
-        ('<robot><link name="a"/><link name="a"/></robot>', "two links are called 'a'"),
         (joint("fixed", ends='<parent link="a"/><child link="a"/>'), "the joints j form a circle"),
     ],
 )
@@ -198,7 +211,7 @@ def test_colours_that_are_mended_have_a_warning(
     ("content", "message"),
     [
         (joint("screw"), "joint 'j': type='screw' is not one of revolute, continuous, prismatic, planar, floating,"),
-        (joint("ball").replace("joint", "drake:joint"), "joint 'j': type='ball' is not one of "),
+        (joint("universal").replace("joint", "drake:joint"), "joint 'j': type='universal' is not one of "),
         (joint("revolute", '<axis xyz="0 0 0"/>'), "joint 'j': its axis is zero; the joint stays at rest"),
         (joint("revolute", '<axis xyz="1.7e308 1.7e308 0"/>'), "joint 'j': its axis is too long"),
         (joint("fixed", ends='<parent link="a"/>'), "joint 'j': it has no <child link>; the joint is left out"),

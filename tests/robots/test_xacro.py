@@ -53,8 +53,9 @@ def test_pipes_are_refused(tmp_path: Path) -> None:
     [
         (
             '<xacro:include filename="$(find none)/a.xacro"/>',
-            "xacro cannot expand it: .*the package 'none' is not found",
+            "xacro cannot expand it: the package 'none' is not found; name a folder that contains it with --root$",
         ),
+        (BALL, "it has no links, perhaps only macros: name the file that uses them"),
         ("<xacro:none/>", "xacro cannot expand it: unknown macro name: xacro:none"),
         ('<link name="${none}"/>', "xacro cannot expand it: .*'none' is not defined"),
     ],

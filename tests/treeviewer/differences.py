@@ -115,7 +115,10 @@ GEOMS: dict[int, Difference] = {
     29: Difference(-3, "lies outside", "only files below the folders that the operator opened are looked at"),
 }
 
-NAN = {5: Difference(0, "transform is not finite", "a warning tells why nothing is drawn", [["cam"]])}
+NAN = {
+    3: Difference(0, "1 points are not finite", "a warning tells which points a line lacks", [["cam", "line"]]),
+    5: Difference(0, "transform is not finite", "a warning tells why nothing is drawn", [["cam"]]),
+}
 
 DIFFERENCES: dict[str, dict[int, Difference]] = {"bad": BAD, "cpp_wrapper": CPP_WRAPPER, "geoms": GEOMS, "nan": NAN}
 

@@ -239,6 +239,14 @@ def test_a_line_takes_all_fields(viewer: Viewer) -> None:
     assert (line.head_radius, line.head_length) == (0.2, 0.2), "head_length defaults to head_radius"
 
 
+def test_a_line_warns_of_points_that_are_not_finite(viewer: Viewer) -> None:
+    answer = viewer.publish({"type": "line", "points": [[0, 0, 0], [NAN, 0, 0], [1, 0, 0]]})
+    assert "1 points are not finite; the line has none there" in answer["warnings"][0]
+    line = viewer.parts()[0].shape
+    assert isinstance(line, Line)
+    assert line.points.tolist() == [[0, 0, 0], [1, 0, 0]]
+
+
 @pytest.mark.parametrize("points", [[], [[0, 0, 0]], [[0, 0, 0], [NAN, 0, 0]]])
 def test_a_line_without_a_segment_draws_nothing(viewer: Viewer, points: list[Any]) -> None:
     assert viewer.publish({"type": "line", "points": points})["status"] == 0

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
+from PIL import Image
 
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.live import LiveTree
@@ -63,6 +66,17 @@ class Files:
         if filename == "broken.obj":
             raise ValueError("broken.obj is \ud800 broken")
         return (Part(Sphere(1), Material(base_color=(1, 0, 0, 0.5)), scaling(*scale)), Part(Sphere(2), Material()))
+
+
+def test_the_texture_of_a_robots_material_may_be_tga(viewer: Viewer) -> None:
+    file = io.BytesIO()
+    Image.new("RGB", (2, 2), (255, 0, 0)).save(file, "TGA")
+    triangle = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n"
+    sent = {"data": base64.b64encode(triangle).decode(), "default_texture": base64.b64encode(file.getvalue()).decode()}
+    assert "warnings" not in viewer.publish({"type": "mesh_file", "filename": "a.obj", **sent})
+    texture = viewer.parts()[0].material.base_color_texture
+    assert texture is not None
+    assert texture.image.decode()[0, 0].tolist() == [255, 0, 0, 255]
 
 
 @pytest.mark.parametrize(

@@ -71,8 +71,7 @@ class MeshFile(Geometry, frozen=True):
         if suffix not in MESH_SUFFIXES:
             raise ValueError(f"{path} is not a mesh file of a known format ({', '.join(MESH_SUFFIXES)})")
         data = read_regular(source)
-        # Names are percent-encoded as in URIs; exporters encode those in OBJ and COLLADA files, too.
-        files = referenced_files(data, suffix, lambda name: read_regular(source.parent / unquote(name)))
+        files = referenced_files(data, suffix, lambda name: read_regular(referenced_path(source, name)))
         return cls(source.name, data=data, files=files, **options)
 
     def _fields(self) -> dict[str, Any]:
@@ -83,6 +82,26 @@ class MeshFile(Geometry, frozen=True):
                 raise ValueError("up, default_color and default_texture need data, the content of the mesh file")
             return {name: fields[name] for name in ("filename", "scale")}
         return fields | {"files": dict(self.files)}
+
+
+def spellings(name: str) -> list[str]:
+    """Return the names that a file may have: the name itself, slashes for its backslashes, its URL escapes decoded."""
+    slashes = name.replace("\\", "/")
+    return list(dict.fromkeys((name, slashes, unquote(slashes))))
+
+
+def referenced_path(mesh: Path, name: str) -> Path:
+    """Return the path of a file that a mesh file refers to, which need not exist.
+
+    Args:
+        mesh: Path of the mesh file.
+        name: Path relative to it, in any of ``spellings``. As in Gazebo, images of a model may also lie in its folder
+            ``materials/textures``, beside the folder of its meshes.
+    """
+    paths = [mesh.parent / spelling for spelling in spellings(name)]
+    textures = mesh.parent.parent / "materials" / "textures"
+    paths += [textures / path.name for path in paths]
+    return next((path for path in paths if path.is_file()), paths[0])
 
 
 def referenced_files(data: bytes, suffix: str, read: Callable[[str], bytes]) -> dict[str, bytes]:

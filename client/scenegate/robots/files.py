@@ -13,8 +13,8 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final
-from urllib.parse import unquote
 
+from scenegate.messages.mesh_file import referenced_path, spellings
 from scenegate.regular_files import read_file_or_pipe, read_regular
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.limits import RobotFileLimits
@@ -27,8 +27,8 @@ from scenegate.robots.ros_packages import (
     split_url,
 )
 
-_PACKAGE_SCHEMES: Final = ("package", "model")
-"""URL schemes whose first path element is a package. URDF uses Gazebo's ``model://`` like ``package://``."""
+_PACKAGE_SCHEMES: Final = ("package", "model", "models")
+"""URL schemes whose first path element is a package. Gazebo looks for all in the same way, also the misspelt one."""
 _NOT_PACKAGES: Final = ("", ".", "..")
 """First path elements of package URLs that name no package."""
 _MAX_CONFIG_BYTES: Final = 1 << 16
@@ -90,7 +90,7 @@ class RobotFiles:
         """
         scheme, rest = _split_name(name)
         missing: list[Path] = []
-        for spelling in _spellings(rest):
+        for spelling in spellings(rest):
             for candidate in self._candidates(scheme, spelling):
                 if candidate.is_file():
                     return Path(os.path.realpath(candidate))
@@ -149,30 +149,27 @@ class RobotFiles:
 
         Args:
             mesh: Path of the mesh file.
-            name: URL, or path relative to the mesh file with URL escapes. As in Gazebo, images of a model may also lie
-                in its folder ``materials/textures``, beside the folder of its meshes.
+            name: URL, or a name as for ``referenced_path``.
         """
-        if split_url(name)[0]:
-            return self.read(self.find(name))
-        paths = [mesh.parent / spelling for spelling in _spellings(name)]
-        textures = mesh.parent.parent / "materials" / "textures"
-        paths += [textures / path.name for path in paths]
-        return self.read(next((path for path in paths if path.is_file()), paths[0]))
+        return self.read(self.find(name) if split_url(name)[0] else referenced_path(mesh, name))
 
     def _candidates(self, scheme: str, path: str) -> Iterator[Path]:
         """Yield the paths that a file may have, in order of preference."""
-        if scheme in _PACKAGE_SCHEMES:
-            package, path_in_package = _split_package(path)
-            if package not in _NOT_PACKAGES:
-                yield from (folder / path_in_package for folder in self._package_folders(package))
-                # Outside of ROS, the file may lie beside the robot file without its package's folder, as in PyBullet.
-                if path_in_package:
-                    yield from (folder / path_in_package for folder in self.path.parents)
-            return
-        if scheme == "file":
-            yield Path("/" + path.lstrip("/"))
-        if not scheme or not path.startswith("/"):  # some write file://meshes/a.stl
-            yield from (folder / path for folder in (self._folder, *self._roots))
+        if scheme not in _PACKAGE_SCHEMES:
+            is_relative_url = bool(scheme) and not path.startswith("/")
+            if scheme:
+                yield Path("/" + path.lstrip("/"))
+            if is_relative_url or not scheme:  # some write file://meshes/a.stl
+                yield from (folder / path for folder in (self._folder, *self._roots))
+            if not is_relative_url:
+                return
+        # A package; with file://robot/meshes/a.stl, Gazebo looks for one, too.
+        package, path_in_package = _split_package(path)
+        if package not in _NOT_PACKAGES:
+            yield from (folder / path_in_package for folder in self._package_folders(package))
+            # Outside of ROS, the file may lie beside the robot file without its package's folder, as in PyBullet.
+            if path_in_package:
+                yield from (folder / path_in_package for folder in self.path.parents)
 
     def _package_folders(self, package: str) -> Iterator[Path]:
         """Yield folders that may be a package.
@@ -181,7 +178,8 @@ class RobotFiles:
         - Folders with that folder name or package name at or below a root; the folders of ``PATH_VARIABLES`` are roots,
           too, and come last.
         - The package below a prefix of ``AMENT_PREFIX_PATH``.
-        - Folders of that name beside the robot file, or beside a folder that contains it.
+        - Folders of that name beside the robot file, or beside a folder that contains it, also in a folder ``models``
+          there: Gazebo's worlds are in ``worlds``.
         """
         for folder in self.path.parents:
             if folder.name == package or package_name(folder / "package.xml") == package:
@@ -193,7 +191,9 @@ class RobotFiles:
         if (found := self._packages.folder(package)) is not None:
             yield found
         yield from (prefix / "share" / package for prefix in folders_of("AMENT_PREFIX_PATH"))
-        yield from (folder / package for folder in self.path.parents)
+        for folder in self.path.parents:
+            yield folder / package
+            yield folder / "models" / package
 
     def _not_found(self, name: str, scheme: str, missing: list[Path]) -> str:
         """Return the reason why there is no file, with a similar name or the folders that were searched if possible.
@@ -247,12 +247,6 @@ def _files_of_config(config: Path) -> list[str]:
     except OSError:
         return []
     return [name.strip() for name in _SDF_ELEMENT.findall(text)[::-1]]
-
-
-def _spellings(name: str) -> list[str]:
-    """Return the spellings to try: the name itself, slashes for its backslashes, and its URL escapes decoded, too."""
-    slashes = name.replace("\\", "/")
-    return list(dict.fromkeys((name, slashes, unquote(slashes))))
 
 
 def _other_case(path: Path) -> Path | None:

@@ -16,8 +16,6 @@ Content = TypeVar("Content")
 
 DEFAULT_RGBA: Final = (0.9, 0.9, 0.9, 1.0)
 """Colour of geometry without a material, as in Drake."""
-_LFS_POINTER: Final = b"version https://git-lfs"
-"""Start of the file that stands for another one until ``git lfs pull``."""
 
 
 class LinkFiles:
@@ -58,8 +56,6 @@ class LinkFiles:
             try:
                 path = self._files.find(key[0])
                 data = self._files.read(path)
-                if data.startswith(_LFS_POINTER):
-                    raise RobotFileError("it is a pointer of Git LFS, not the file: run git lfs pull")
                 self._contents[key] = parse(path, data)
             except self._errors as error:
                 self._contents[key] = reason_of(error)

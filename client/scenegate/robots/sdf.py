@@ -76,7 +76,7 @@ def parse_sdf(
         use: Geometry to return; the other one is not read.
 
     Raises:
-        RobotFileError: There are no links, two links have the same name, or a limit is exceeded.
+        RobotFileError: There are no links, or a limit is exceeded.
     """
     return _SdfReader(files, use, limits, warnings).read(root)
 
@@ -170,11 +170,13 @@ class _SdfReader:
             path = self._files.find_model(uri, scope.folder)
             root = parse_xml(self._files.read(path), self._limits.max_elements, self._warnings)
         except (OSError, RobotFileError) as error:
+            if uri.rsplit("/", 1)[-1].lower() == "sun":  # Gazebo's own, a light alone: those are not used anywhere
+                return
             self._warnings.append(f"the included model {uri[:200]} is not shown: {reason_of(error)}")
             return
         model = root if root.tag == "model" else root.find("model")
         if model is None:
-            if root.find("light") is None:  # lights, such as Gazebo's sun, are not used anywhere
+            if root.find("light") is None:
                 self._warnings.append(f"the included file {uri[:200]} has no <model>, it is not shown")
             return
         name = (include.findtext("name") or attribute(model, "name")).strip()
@@ -189,7 +191,11 @@ class _SdfReader:
             return
         full_name = scope.full_name(name)
         if full_name in self._links:
-            raise RobotFileError(f"two links are called {full_name!r}")
+            unique = f"{full_name}_{len(self._links)}"
+            while unique in self._frames:
+                unique += "_"
+            self._warnings.append(f"a second link is called {full_name!r}, it is called {unique!r}")
+            full_name = unique
         check_count(len(self._links) + 1, self._limits.max_links, "links")
         X, relative_to = read_pose(link, f"link {full_name!r}", self._warnings)
         self._frames.add(full_name, Frame(X, scope.frame(relative_to), full_name))

@@ -31,9 +31,11 @@ _KINDS: Final[dict[str, JointKind | None]] = {
     "prismatic": "prismatic",
     "planar": "planar",
     "floating": "floating",
+    "ball": "ball",
+    "spherical": "ball",
     "fixed": None,
 }
-"""Kind of a joint, by the attribute ``type``; None: it does not move."""
+"""Kind of a joint, by the attribute ``type``; None: it does not move. ``ball`` is Drake's, ``spherical`` PyBullet's."""
 
 
 def parse_urdf(root: Element, use: GeometryUse, limits: RobotFileLimits, warnings: list[str]) -> LinkModel:
@@ -43,7 +45,7 @@ def parse_urdf(root: Element, use: GeometryUse, limits: RobotFileLimits, warning
         use: Geometry to return; the other one is not read.
 
     Raises:
-        RobotFileError: There are no links, two links have the same name, or a limit is exceeded.
+        RobotFileError: There are no links, or a limit is exceeded.
     """
     for element in root.iter():
         for name, text in element.items():
@@ -76,7 +78,8 @@ class _UrdfReader:
                 self._warnings.append("a <link> has no name, it is left out")
                 continue
             if name in self._links:
-                raise RobotFileError(f"two links are called {name!r}")
+                self._warnings.append(f"a second link is called {name!r}, it is left out")
+                continue
             self._links[name] = Link(name, tuple(self._geometries(element, name)))
         if not self._links:
             raise no_links(self._warnings)
