@@ -15,6 +15,7 @@ ALLOWED = {
     "runtime/worker_reports.py": "files of our own processes",
     "cli/serve_workers.py": "the folder that it locks",
     "runtime/diagnostics.py": "/proc",
+    "runtime/scheduling.py": "/proc and /sys",
     "lcm/udpm_socket.py": "/proc",
     "lcm/liblcm_transport.py": "/dev/null",
     "state/database.py": "checks by itself that the file is regular, since it writes it",

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 NOT_STARTED: Final = 3
 """Exit code of a process that could not start, as uvicorn's own."""
+RESPONSE_SECONDS: Final = 1.0
+"""Time after ``--shutdown-seconds`` for the responses to requests that have ended with it, before uvicorn closes their
+connections."""
 
 
 def serve_app(app: FastAPI, listener: socket.socket) -> int:
@@ -32,7 +35,7 @@ def serve_app(app: FastAPI, listener: socket.socket) -> int:
         log.info("Scenegate stops; requests that it has accepted may finish", seconds=seconds)
         context.begin_shutdown()
 
-    config = http_server.server_config(app, seconds, lifespan=True, tls=context.security.tls)
+    config = http_server.server_config(app, seconds + RESPONSE_SECONDS, lifespan=True, tls=context.security.tls)
     server = http_server.MainServer(config, begin_shutdown)
     fatal = False
 

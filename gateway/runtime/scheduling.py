@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 import os
 import platform
 import struct
 import sys
 import threading
+from pathlib import Path
 from typing import Final
 
 BACKGROUND_NICENESS: Final = 10
@@ -23,6 +25,9 @@ _SCHED_SETATTR: Final = {"x86_64": 314, "aarch64": 274}
 """System call numbers by machine; C libraries have a wrapper since 2024 only."""
 _SCHED_ATTR: Final = struct.Struct("=IIQiIQQQ")
 """``struct sched_attr``: size, policy, flags, niceness, priority, runtime, deadline, period."""
+_CONTROL_GROUPS: Final = Path("/sys/fs/cgroup")
+_OWN_GROUPS: Final = Path("/proc/self/cgroup")
+"""File with the paths of this process's control groups; a line for each hierarchy, ``0::PATH`` for version 2."""
 
 
 def prefer_this_thread() -> None:
@@ -66,5 +71,18 @@ def _set_slice(nanoseconds: int) -> None:
 
 
 def usable_cpus() -> int:
-    """Return the number of CPUs that this process may run on, within a container's CPU set."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Return the number of CPUs that this process may use, within the CPU set and quota of its container."""
+    cpus = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, math.ceil(min(cpus, _cpu_quota())))
+
+
+def _cpu_quota() -> float:
+    """Return the smallest quota of this process's control groups (version 2), CPUs; infinite if there is none."""
+    quotas = [math.inf]
+    with contextlib.suppress(OSError):
+        own = _CONTROL_GROUPS / _OWN_GROUPS.read_text().rpartition("0::/")[2].strip()
+        for group in (own, *own.parents):
+            with contextlib.suppress(OSError, ValueError):  # ValueError: "max", no limit
+                quota, period = (group / "cpu.max").read_text().split()
+                quotas.append(int(quota) / int(period))
+    return min(quotas)

@@ -27,8 +27,9 @@ BEAT_SECONDS: Final = 0.5
 """Interval between two heartbeats of a process, and between two attempts to start one."""
 READY_SECONDS: Final = 60.0
 """Maximum time for the start of a process. After SIGHUP, the old processes stay if a new one takes longer."""
-KILL_SECONDS: Final = 1.0
-"""Time from the end of ``stop_seconds`` until a process that still runs is killed."""
+KILL_SECONDS: Final = 4.0
+"""Time from the end of ``stop_seconds`` until a process that still runs is killed. Under load its last responses take
+some seconds."""
 _POLL_SECONDS: Final = 0.1
 """Time in which the supervisor notices a signal."""
 

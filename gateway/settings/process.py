@@ -162,7 +162,7 @@ class ProcessSettings(BaseSettings):
     shutdown_seconds: float = limit(
         10.0,
         "Time for accepted requests to finish after SIGTERM. Streams end at once, and new requests are rejected. The "
-        "process ends at most two seconds later.",
+        "process ends at most four seconds later.",
         ge=0,
         le=3600,
     )

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import platform
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
-from gateway.runtime.scheduling import _SCHED_ATTR, _SCHED_SETATTR, prefer_this_thread, yield_to_event_loop
+from gateway.runtime import scheduling
+from gateway.runtime.scheduling import (
+    _SCHED_ATTR,
+    _SCHED_SETATTR,
+    prefer_this_thread,
+    usable_cpus,
+    yield_to_event_loop,
+)
 
 
 def turn() -> int:
@@ -48,3 +57,31 @@ def test_event_loop_has_shorter_slices_than_workers() -> None:
     loop.join()
     mine, inherited, computing = seen
     assert mine == inherited < computing
+
+
+@pytest.mark.parametrize(
+    ("own", "outer", "inner", "expected"),
+    [
+        ("0::/", "max 100000", "", 16),  # no limit
+        ("0::/", "150000 100000", "", 2),  # docker run --cpus 1.5
+        ("4:memory:/x\n0::/pod/box", "max 100000", "300000 100000", 3),
+        ("0::/pod/box", "100000 100000", "300000 100000", 1),  # the outer group limits, too
+        ("0::/pod/box", "max 100000", "5000 100000", 1),  # at least one
+        ("0::/pod/box", "max 100000", "3200000 100000", 16),  # more than there are
+        ("0::/", "", "", 16),  # not mounted
+        ("1:cpu:/x", "junk", "junk", 16),  # version 1 only
+    ],
+)
+def test_usable_cpus_within_the_quota_of_a_container(
+    own: str, outer: str, inner: str, expected: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(16)), raising=False)
+    monkeypatch.setattr(scheduling, "_CONTROL_GROUPS", tmp_path)
+    monkeypatch.setattr(scheduling, "_OWN_GROUPS", tmp_path / "own")
+    box = tmp_path / "pod" / "box"
+    box.mkdir(parents=True)
+    (tmp_path / "own").write_text(own + "\n")
+    for group, quota in ((tmp_path, outer), (box, inner)):
+        if quota:
+            (group / "cpu.max").write_text(quota + "\n")
+    assert usable_cpus() == expected
