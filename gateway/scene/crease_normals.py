@@ -60,7 +60,7 @@ def _corners_by_vertex(faces, vertex_count):
     A counting sort: ``corners[starts[v] : starts[v + 1]]`` are the corners of vertex v.
     """
     vertices = faces.reshape(-1)
-    starts, corners = np.zeros(vertex_count + 2, np.int64), np.empty(len(vertices), np.int64)
+    starts, corners = np.zeros(vertex_count + 2, np.uint32), np.empty(len(vertices), np.uint32)
     # The count of vertex v is kept at starts[v + 2]. The sums below turn starts[v + 1] into the start of vertex v, and
     # writing its corners increments starts[v + 1] to their end, which is the start of vertex v + 1.
     for corner in range(len(vertices)):

@@ -2,19 +2,20 @@
 
 By default Numba names a cache folder by the absolute path of the source file, so that another clone or virtual
 environment compiles everything again. Numba's setting CACHE_LOCATOR_CLASSES lists the classes that choose the folder
-(docs/decisions/0001-kernel-cache.md). Every use of Numba's private API for the cache is in this file;
+(docs/decisions/0001-kernel-cache.md). Every use of Numba's private API for the cache and its events is in this file;
 tests/renderers/compiler/test_cache_locator.py fails when Numba changes it.
 """
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
 from numba import njit
-from numba.core import caching, config
+from numba.core import caching, config, event
 
 from renderers.compiler import cache_folder
 
@@ -23,6 +24,7 @@ CACHED_KERNELS: Final[list[Any]] = []
 _jit: Final[Any] = njit  # its stubs lack some of the options
 _caching: Final[Any] = caching  # without stubs
 _config: Final[Any] = config  # without stubs
+_event: Final[Any] = event  # without stubs
 
 
 class KernelCacheLocator(_caching.UserProvidedCacheLocator):  # type: ignore[misc]  # Numba has no stubs for it
@@ -78,3 +80,28 @@ def cached_njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 def folder_of(dispatcher: Any) -> Path:
     """Return the folder of a function made by ``cached_njit``."""
     return Path(dispatcher.stats.cache_path)
+
+
+@contextmanager
+def watch_compiler(on_compile: Callable[[str, int], object]) -> Iterator[None]:
+    """Call ``on_compile`` before this process compiles a function inside the block, with its full name and its depth.
+
+    The depth of a kernel is 1. A function that is compiled for another one is one deeper.
+    """
+    depth = threading.local()
+
+    class Watch(_event.Listener):  # type: ignore[misc]  # Numba has no stubs for it
+        def on_start(self, event: Any) -> None:
+            depth.value = getattr(depth, "value", 0) + 1
+            function = event.data["dispatcher"].py_func
+            on_compile(f"{function.__module__}.{function.__qualname__}", depth.value)
+
+        def on_end(self, event: Any) -> None:
+            depth.value = getattr(depth, "value", 1) - 1
+
+    watch = Watch()
+    _event.register("numba:compile", watch)
+    try:
+        yield
+    finally:
+        _event.unregister("numba:compile", watch)

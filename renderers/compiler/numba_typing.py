@@ -1,7 +1,9 @@
 """Operators, fields and signatures of our own Numba types: all of Numba's private typing API that Scenegate uses.
 
-``device_function`` has its compiler passes, ``cache_locator`` its cache; the rest of the package uses public names of
-``numba`` and ``llvmlite`` only. ``tests/renderers/compiler/test_numba_typing.py`` fails when Numba changes it.
+The public ``numba.extending`` does not replace it: ``overload`` compiles a function for each use, and the functions of
+``type_callable`` are tried after Numba's own. ``device_function`` has the compiler passes, ``cache_locator`` the cache
+and events; the rest of the package uses public names of ``numba`` and ``llvmlite`` only.
+``tests/renderers/compiler/test_numba_typing.py`` fails when Numba changes it.
 """
 
 from __future__ import annotations

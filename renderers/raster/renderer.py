@@ -248,7 +248,6 @@ class CpuRenderer:
             X_camera_mesh=job.poses_address,
             stride=job.stride,
             color=call.addresses[0],
-            keep=(job, call.frame),
         )
         if look.samples == 1:
             self._threads.share(job.task(shading_job.address))

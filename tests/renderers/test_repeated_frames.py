@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Instance, Material
-from renderers.interface import Frame, Look, Output
+from renderers.interface import Frame, Look, LookName, Output, SampleCount
 from renderers.raster import CpuRenderer
 from tests.renderers.scenes import pose, sphere
 from tests.renderers.shading.test_pixels import random_scene
@@ -80,6 +80,28 @@ def test_a_frame_keeps_no_scene_alive(renderer: CpuRenderer) -> None:
     del drawn
     gc.collect()
     assert mesh() is None
+
+
+@pytest.mark.parametrize("samples", [1, 4, 8])
+@pytest.mark.parametrize("name", ["phong", "gltf", "studio"])
+@pytest.mark.parametrize("opacity", [1.0, 0.5])
+def test_memory_of_a_frame_does_not_wait_for_the_garbage_collector(
+    renderer: CpuRenderer, name: LookName, samples: SampleCount, opacity: float
+) -> None:
+    """Freed at once, it is in use again for the next frame; otherwise each frame takes new pages from the system."""
+    drawn = DrawList((Instance(sphere(24, 12), Material((0.4, 0.5, 0.6, opacity)), pose(np.random.default_rng(4))),))
+    gc.collect()
+    gc.disable()
+    gc.set_debug(gc.DEBUG_SAVEALL)
+    try:
+        renderer.render(drawn, CAMERA, ALL, Look(name, samples=samples))
+        gc.collect()
+        in_cycles = [type(each).__name__ for each in gc.garbage if type(each).__module__.startswith("renderers.")]
+    finally:
+        gc.set_debug(0)
+        gc.garbage.clear()
+        gc.enable()
+    assert in_cycles == []
 
 
 @pytest.mark.parametrize("triangles", [(200, 150), (24, 12)], ids=["tiny", "small"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import platform
 import resource
 import signal
 import socket
@@ -91,6 +92,31 @@ def test_switch_interval_is_a_millisecond() -> None:
         assert sys.getswitchinterval() <= 0.0011
     finally:
         sys.setswitchinterval(before)
+
+
+REUSE = """
+import resource
+import threading
+from gateway.runtime import process_tuning
+
+def fill() -> None:
+    for _ in range(3):
+        before = resource.getrusage(resource.RUSAGE_THREAD).ru_minflt
+        bytearray(b"x") * (100 << 20)
+    print(resource.getrusage(resource.RUSAGE_THREAD).ru_minflt - before)
+
+process_tuning.tune()
+thread = threading.Thread(target=fill)
+thread.start()
+thread.join()
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="the allocator of glibc")
+def test_large_freed_memory_is_used_again_by_other_threads_than_the_main_one() -> None:
+    program = [sys.executable, "-c", REUSE]
+    new_pages = int(subprocess.run(program, check=True, capture_output=True, text=True, timeout=SECONDS).stdout)
+    assert new_pages < 1000  # of 25,600
 
 
 def test_the_garbage_collector_works_again_after_the_start() -> None:

@@ -12,11 +12,9 @@ import json
 import os
 import signal
 import sys
-import threading
 from collections.abc import Awaitable, Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from gateway.runtime.file_lock import Lock, try_lock
 from gateway.runtime.kernels.progress import KernelProgress
@@ -194,6 +192,7 @@ def forbid_compiling() -> Iterator[None]:
 
     The manifest of the cache is wrong then. It is removed, so that the next start compiles the kernels.
     """
+    from renderers.compiler.cache_locator import watch_compiler
 
     def refuse(kernel: str, depth: int) -> None:
         if depth > 1:
@@ -207,30 +206,3 @@ def forbid_compiling() -> Iterator[None]:
 
     with watch_compiler(refuse):
         yield
-
-
-@contextmanager
-def watch_compiler(on_compile: Callable[[str, int], object]) -> Iterator[None]:
-    """Call ``on_compile`` before this process compiles a function inside the block, with its full name and its depth.
-
-    The depth of a kernel is 1. A function that is compiled for another one is one deeper.
-    """
-    from numba.core import event
-
-    depth = threading.local()
-
-    class Watch(event.Listener):
-        def on_start(self, event: Any) -> None:
-            depth.value = getattr(depth, "value", 0) + 1
-            function = event.data["dispatcher"].py_func
-            on_compile(f"{function.__module__}.{function.__qualname__}", depth.value)
-
-        def on_end(self, event: Any) -> None:
-            depth.value = getattr(depth, "value", 1) - 1
-
-    watch = Watch()
-    event.register("numba:compile", watch)
-    try:
-        yield
-    finally:
-        event.unregister("numba:compile", watch)

@@ -30,10 +30,12 @@ def compile_parts(parts_fd: int, names: tuple[str, ...]) -> None:
     if set(names) <= set(BACKGROUND):
         os.nice(10)  # the server already runs
     process_tuning.pause_gc()  # compiling makes millions of objects that live until the end
+    from renderers.compiler.cache_locator import watch_compiler
+
     reported_ids: set[int] = set()
     while index := os.read(parts_fd, 1):
         part = names[index[0]]
-        with cache.watch_compiler(lambda *_, part=part: _report(part=part)):
+        with watch_compiler(lambda *_, part=part: _report(part=part)):
             PARTS[part].compile_or_load()
         _report(part=part, kernels=_take_new_folders(reported_ids))
 

@@ -109,7 +109,9 @@ class KernelLoader:
         begin = time.perf_counter()
         await asyncio.to_thread(parts.load_needed)
         _log.info("The rendering kernels are loaded", seconds=round(time.perf_counter() - begin, 1))
-        self._exit_stack.enter_context(cache.watch_compiler(_log_compiled_kernel))
+        from renderers.compiler.cache_locator import watch_compiler
+
+        self._exit_stack.enter_context(watch_compiler(_log_compiled_kernel))
         self._registry.ready(KERNELS)
 
     async def _compile_needed(self) -> None:

@@ -82,7 +82,7 @@ def solid_pixels(
 
 
 class HeadlightJob:
-    """The HEADLIGHT_JOB of an image or layer, and the memory that it points into. Immutable, thread-safe."""
+    """The HEADLIGHT_JOB of an image or layer. Immutable, thread-safe. The addresses given to it must outlive it."""
 
     def __init__(
         self,
@@ -96,7 +96,6 @@ class HeadlightJob:
         color: int,
         mode: int = DIRECT,
         gathered: int = 0,
-        keep: object = None,
     ) -> None:
         """
         Args:
@@ -104,7 +103,6 @@ class HeadlightJob:
             stride: number of values from one row of primitive ids to the next.
             color: address of the image, (H, W, 3) uint8.
             mode, gathered: as in HEADLIGHT_JOB.
-            keep: objects that the addresses point into.
         """
         if shading.look != look.name:
             raise ValueError(f"the scene was prepared for the look {shading.look!r}, not {look.name!r}")
@@ -125,7 +123,7 @@ class HeadlightJob:
         )
         self.address = address_of(job, HEADLIGHT_JOB.dtype)
         """Valid while this object is alive."""
-        self._keep = (shading_job, job, keep)
+        self._keep = (shading_job, job)
 
 
 def _shade(

@@ -13,7 +13,7 @@ from llvmlite import ir
 from numba import extending, njit, types
 from numba.core.errors import TypingError
 
-from gateway.runtime.kernels.cache import watch_compiler
+from renderers.compiler.cache_locator import watch_compiler
 from renderers.compiler.numba_typing import argument_types, define_fields, define_operator, intrinsic
 
 _extending: Any = extending

@@ -22,6 +22,7 @@ from gateway.runtime.kernels import cache as kernels
 from gateway.runtime.kernels import parts
 from gateway.runtime.kernels.progress import KernelProgress
 from renderers.compiler import cache_folder
+from renderers.compiler.cache_locator import watch_compiler
 from renderers.compiler.jit import KERNELS
 from tests.support.locks import refuse_locks
 from tests.support.waiting import until
@@ -395,7 +396,7 @@ def test_compiling_is_refused_while_kernels_are_loaded(cache: Path) -> None:
 
 def test_compiling_is_reported_with_the_called_function(cache: Path) -> None:
     compiled: list[str] = []
-    with kernels.watch_compiler(lambda name, depth: compiled.append(f"{name.rsplit('.', 1)[1]} {depth}")):
+    with watch_compiler(lambda name, depth: compiled.append(f"{name.rsplit('.', 1)[1]} {depth}")):
         assert _fresh()(1) == 2
     assert _fresh()(1) == 2
     assert compiled == ["fresh 1", "add_one 2"]
