@@ -303,11 +303,12 @@ def _write_channels(name: str, value: Mapping[str, ArrayLike]) -> dict[str, NDAr
     if not isinstance(value, Mapping):
         raise ValueError(f"{name} must be a mapping such as {{'height': z}}, not {describe(value)}")
     columns = tuple(range(1, MAX_CHANNEL_COLUMNS + 1))
-    arrays = {key: as_array(each, f"{name}[{key!r}] must have numbers") for key, each in value.items()}
-    return {
-        key: number_rows(f"{name}[{key!r}]", array, *((1,) if array.ndim == 1 else columns))
-        for key, array in arrays.items()
-    }
+    channels = {}
+    for key, values in value.items():
+        channel = f"{name}[{key!r}]"
+        array = as_array(values, f"{channel} must have numbers")
+        channels[key] = number_rows(channel, array, *((1,) if array.ndim == 1 else columns))
+    return channels
 
 
 def _write_heights(name: str, value: ArrayLike) -> NDArray[Any]:

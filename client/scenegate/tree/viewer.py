@@ -227,7 +227,7 @@ class TreeViewer(NotebookViews, Closing):
             ImportError: a package that is needed to read the file is not installed.
             TreeViewerError, TimeoutError, ConnectionError: see ``send``.
         """
-        if isinstance(roots, str):
+        if isinstance(roots, (str, PathLike)):
             raise TypeError(f"roots must be a list of folders, not {describe(roots)}")
         options = {"roots": list(roots), "geometry": geometry, "gltf_up": gltf_up, "strict": strict}
         robot = read_robot_for(self.reads_files, file, options, textures=textures, keyframe=keyframe)
