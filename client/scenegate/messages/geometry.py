@@ -75,7 +75,7 @@ class Transform:
         if matrix.shape == (3,):
             return cls(tuple(matrix.tolist()))
         if matrix.shape != (4, 4):
-            raise ValueError(f"{wanted}, not {f'of shape {matrix.shape}' if matrix.shape else describe(value)}")
+            raise ValueError(f"{wanted}, not {describe(np.asarray(value))}")
         R = matrix[:3, :3]
         if not np.allclose(R @ R.T, np.eye(3), atol=ROTATION_TOLERANCE) or np.linalg.det(R) < 0:
             raise ValueError("the matrix must be a rotation and a translation, without scale, shear or mirroring")
