@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from operator import index
 from typing import Any, Final
@@ -110,10 +110,6 @@ class Changes:
         entries = sorted(changes.entries.items(), key=lambda item: item[1].geometries is None)
         changes.entries = dict(entries) if entries and entries[0][1].geometries is not None else {}
         return changes
-
-    def only(self, paths: Iterable[Path]) -> Changes:
-        """Return the entries at those of ``paths`` that have one. The result shares them, as that of ``missing``."""
-        return Changes(entries={path: self.entries[path] for path in paths if path in self.entries})
 
     def parts(self, max_bytes: int) -> Iterator[Changes]:
         """Yield the entries in groups of at most ``max_bytes``, or of a single one. They are shared."""
