@@ -47,7 +47,10 @@ def line(
     """
     drawable_points, drawable = _drop_undrawable(points)
     if drawable is not None:
-        context.warnings.append(f"{int((~drawable).sum())} points are not finite; the line has none there")
+        count = len(points) - len(drawable_points)
+        context.warnings.append(
+            f"{count} of {len(points)} points are NaN, infinite or too far; the line joins the others"
+        )
     if len(drawable_points) < 2:
         return ()
     if radius is None:

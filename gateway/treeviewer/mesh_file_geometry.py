@@ -84,7 +84,7 @@ def _parts_of_sent(
         for spelling in (name, unquote(name), unquote(name).replace("\\", "/")):
             if spelling in file_by_name:
                 return file_content(file_by_name[spelling], "files")
-        raise FileNotFoundError(2, "it was not sent", name)
+        raise FileNotFoundError(2, "it was not sent; clients leave out what they cannot read", name)
 
     warnings: list[str] = []
     try:

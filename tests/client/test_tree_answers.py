@@ -251,7 +251,7 @@ def test_paths(value: Any, path: tuple[str | int, ...]) -> None:
     assert path_of(value) == path
 
 
-@pytest.mark.parametrize("value", [["a", "b"], 1.5, None, b"a", slice(1, 2)])
+@pytest.mark.parametrize("value", [["a", "b"], 1.5, None, b"a", slice(1, 2), np.array([1, 2])])
 def test_what_is_no_path(viewer: TreeViewer, value: Any) -> None:
     with pytest.raises(ValueError, match=r"^a path must be a text, an integer or a tuple of them, not "):
         viewer[value]
@@ -297,7 +297,7 @@ def test_missing_geometry_comes_with_the_transforms_of_its_parents() -> None:
     changes.set_entry(("d",), Entry(transform={"x": 2}))
     tree.add(changes)
     again = tree.missing([("a", "b")])
-    assert list(again.entries) == [("a",), ("a", "b")]
+    assert list(again.entries) == [("a", "b"), ("a",)], "a part with the transform only would have a missing path"
     assert (again.entries["a",].geometries, again.entries["a",].transform) == (None, {"x": 1})
     assert tree.missing([("d",)]).entries == {}, "no geometry was published there"
     update = Changes()

@@ -190,7 +190,7 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
 @pytest.mark.parametrize(
     ("construct", "reason"),
     [
-        (lambda: Box((1, 2)), r"lengths must have 3 numbers, not shape \(2,\)"),
+        (lambda: Box((1, 2)), r"lengths must have 3 numbers, not an array of shape \(2,\)"),
         (lambda: Box(("a", "b", "c")), r"lengths must have 3 numbers, not \('a', 'b', 'c'\)"),  # type: ignore[arg-type]
         (lambda: Text(5), "text must be a string, not 5"),  # type: ignore[arg-type]
         (lambda: Text(NOTHING), "text must be a string, not None"),
@@ -200,7 +200,7 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: Box(WORD), "lengths must have 3 numbers, not 'abc'"),
         (lambda: Box(NOTHING), "lengths must have 3 numbers, not None"),
         (lambda: Sphere(WORD), "radius must be a number, not 'abc'"),
-        (lambda: Box((1, 2, 3), color=(1, 1)), "color must have 3 or 4 numbers"),
+        (lambda: Box((1, 2, 3), color=(1, 1)), r"color must be 3 or 4 numbers, .* not an array of shape \(2,\)"),
         (lambda: Sphere(1, color=(255.0, 0, 0)), "color must be from 0 to 1, or a uint8 array from 0 to 255, not 255"),
         (lambda: Sphere(1, color=(256, 0, 0)), "color must be from 0 to 1, or a uint8 array from 0 to 255, not 256"),
         (lambda: Sphere(1, color=(255, -1, 0)), "color must be from 0 to 1, .* not 255"),
@@ -219,7 +219,7 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: PointCloud(POINTS, rgb=[[float("nan"), -1, 0]] * 4), "rgb must be from 0 to 1, .* not -1"),
         (lambda: PointCloud(POINTS, intensity=[0, 1, 2, 40]), "intensity must be from 0 to 1, .* not 40"),
         (lambda: MeshFile("/a.obj", up="z"), "up, default_color and default_texture need data"),
-        (lambda: PointCloud(POINTS.T), r"points must have rows of 3, not shape \(3, 4\)"),
+        (lambda: PointCloud(POINTS.T), r"points must have rows of 3, not an array of shape \(3, 4\)"),
         (lambda: PointCloud(POINTS, rgb=POINTS[:2]), "rgb has 2 values for 4 points"),
         (lambda: PointCloud(POINTS, rgb=POINTS[:, :2]), "rgb must have rows of 3 or 4"),
         (lambda: PointCloud(np.full((4, 3), "x")), "points must have numbers, not <U1"),
@@ -236,12 +236,18 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: ImagePlane(PIXELS[0, 0], width=1), r"image must have shape \(H, W\), .* not \(3,\)"),
         (lambda: ImagePlane(PIXELS.astype(int), width=1), "image must be uint8, or floats from 0 to 1, not int64"),
         (lambda: ImagePlane(PIXELS * 1.0, width=1), "image must be from 0 to 1"),
-        (lambda: Heightmap([1, 2], (1, 1)), r"heights must have at least 2 rows of 2 numbers, not shape \(2,\)"),
+        (
+            lambda: Heightmap([1, 2], (1, 1)),
+            r"heights must have at least 2 rows of 2 numbers, not an array of shape \(2,\)",
+        ),
         (
             lambda: Heightmap(POINTS, (1, 1), colors=PIXELS),
             r"colors have shape \(5, 7, 3\) for heights of shape \(4, 3\)",
         ),
-        (lambda: Sphere(1, transform=np.eye(3)), "a transform is a Transform, 3 numbers or a 4x4 matrix, not of shape"),
+        (
+            lambda: Sphere(1, transform=np.eye(3)),
+            "a transform is a Transform, 3 numbers or a 4x4 matrix, not an array of",
+        ),
         (lambda: Sphere(1, transform=WORD), "a transform is a Transform, 3 numbers or a 4x4 matrix, not 'abc'"),
         (lambda: Sphere(1, transform=Transform((0, 0, 0), (0, 0, 0, 0))), "quaternion has only zeros"),
         (lambda: Sphere(1, transform=2 * np.eye(4)), "without scale, shear or mirroring"),
@@ -280,7 +286,7 @@ def test_rejects_invalid_fields_where_they_are_written(construct: Callable[[], G
 @given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.01))
 def test_matrix_to_quaternion(q: list[float]) -> None:
     X = from_pose((1.0, -2.0, 3.0), (q[0], q[1], q[2], q[3]))
-    made = Transform.of(X).body()
+    made = Transform.of(np.linalg.pinv(np.linalg.pinv(X))).body()  # whose last row has rounding errors
     t, r = made["translation"], made["quaternion"]
     np.testing.assert_allclose(from_pose((t[0], t[1], t[2]), (r[0], r[1], r[2], r[3])), X, atol=1e-9)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from pathlib import Path
 
@@ -62,6 +63,16 @@ def test_textures_of_a_mesh_are_found_as_those_of_robots(tmp_path: Path, name: s
     assert part.material.base_color_texture is not None
     assert list(scene.digests) == ["m.obj", "m.mtl", f"../{image}"]
     assert MeshFile.read(path).files[name] == (tmp_path / image).read_bytes()
+
+
+@pytest.mark.parametrize("folder", [".", "meshes", "meshes/parts"])
+def test_textures_are_found_from_a_relative_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: str) -> None:
+    (tmp_path / "meshes/parts").mkdir(parents=True)
+    (tmp_path / "materials/textures").mkdir(parents=True)
+    (tmp_path / "materials/textures/t.png").write_bytes(b"image")
+    write(tmp_path, "<init_from>t.png</init_from>", "meshes/m.dae")
+    monkeypatch.chdir(tmp_path / folder)
+    assert MeshFile.read(os.path.relpath(tmp_path / "meshes/m.dae")).files == {"t.png": b"image"}
 
 
 def test_gltf_files_have_an_up_axis(tmp_path: Path) -> None:

@@ -116,7 +116,9 @@ GEOMS: dict[int, Difference] = {
 }
 
 NAN = {
-    3: Difference(0, "1 points are not finite", "a warning tells which points a line lacks", [["cam", "line"]]),
+    3: Difference(
+        0, "points are NaN, infinite or too far", "a warning tells which points a line lacks", [["cam", "line"]]
+    ),
     5: Difference(0, "transform is not finite", "a warning tells why nothing is drawn", [["cam"]]),
 }
 

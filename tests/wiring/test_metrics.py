@@ -111,19 +111,6 @@ def test_alerts_use_existing_metrics(figures: dict[str, float]) -> None:
     assert asked <= there
 
 
-def test_the_page_lists_every_metric_with_its_labels(figures: dict[str, float]) -> None:
-    there: dict[str, set[str]] = {}
-    for sample in figures:
-        name, _, labels = sample.partition("{")
-        if name.startswith("scenegate_") and not name.endswith(("_sum", "_count")):
-            there.setdefault(name.removesuffix("_bucket"), set()).update(re.findall(r'(\w+)="', labels))
-    page = (ALERTS.parents[1] / "docs" / "deployment.md").read_text("utf-8")
-    told: dict[str, set[str]] = {}
-    for names, labels in re.findall(r"^\| (`scenegate_[^|]*)\|([^|]*)\|", page, re.MULTILINE):
-        told |= {name: set(re.findall(r"\w+", labels)) for name in re.findall(r"\w+", names)}
-    assert told == {name: labels - {"le"} for name, labels in there.items()}
-
-
 def test_each_alert_has_a_test() -> None:
     alerts = re.findall(r"alert: (\w+)", (ALERTS / "alerts.yml").read_text())
     tested = re.findall(r'alertname="(\w+)"', (ALERTS / "alerts_test.yml").read_text())

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from operator import index
 from typing import Any, Final
 
 from scenegate.messages.arguments import describe
@@ -22,9 +23,10 @@ def path_of(value: Key) -> Path:
         return tuple(name for name in value.split("/") if name)
     if isinstance(value, tuple):
         return value
-    if not hasattr(value, "__index__"):  # NumPy's integers have it
-        raise ValueError(f"a path must be a text, an integer or a tuple of them, not {describe(value)}")
-    return (value,)
+    try:
+        return (index(value),)  # of NumPy's integers, too
+    except TypeError:
+        raise ValueError(f"a path must be a text, an integer or a tuple of them, not {describe(value)}") from None
 
 
 def is_at_or_below(path: Path, top: Path) -> bool:
@@ -104,13 +106,10 @@ class Changes:
                 changes.entries[path] = entry
             elif any(is_at_or_below(top, path) for top in paths):
                 changes.entries[path] = replace(entry, geometries=None)
-        if all(entry.geometries is None for entry in changes.entries.values()):
-            changes.entries.clear()
+        # Geometries first: in the part before its geometry, a transform would have a missing path.
+        entries = sorted(changes.entries.items(), key=lambda item: item[1].geometries is None)
+        changes.entries = dict(entries) if entries and entries[0][1].geometries is not None else {}
         return changes
-
-    def only(self, paths: Iterable[Path]) -> Changes:
-        """Return the entries at those of ``paths`` that have one. The result shares them, as that of ``missing``."""
-        return Changes(entries={path: self.entries[path] for path in paths if path in self.entries})
 
     def parts(self, max_bytes: int) -> Iterator[Changes]:
         """Yield the entries in groups of at most ``max_bytes``, or of a single one. They are shared."""

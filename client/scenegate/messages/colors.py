@@ -50,10 +50,8 @@ def rgba(value: ArrayLike, name: str = "color") -> list[float]:
     if array.dtype.kind in "iu" and array.dtype != np.uint8:
         array = _from_integers(array)
     numbers = array / 255.0 if array.dtype == np.uint8 else as_array(value, wanted, np.float64)
-    if numbers.ndim == 0:
-        raise ValueError(f"{wanted}, not {describe(value)}")
     if numbers.shape not in ((3,), (4,)):
-        raise ValueError(f"{name} must have 3 or 4 numbers, not shape {numbers.shape}")
+        raise ValueError(f"{wanted}, not {describe(np.asarray(value))}")
     if np.isnan(numbers).any():
         raise ValueError(f"{name} must have numbers, not nan")
     check_range(name, numbers)
@@ -74,7 +72,7 @@ def color_rows(name: str, values: ArrayLike) -> NDArray[Any]:
     wanted = f"{name} must have 3 or 4 numbers for each vertex"
     array = as_uint8_or_floats(values, wanted)
     if array.ndim < 2 or array.shape[-1] not in (3, 4):
-        raise ValueError(f"{wanted}, not {f'shape {array.shape}' if array.ndim else describe(values)}")
+        raise ValueError(f"{wanted}, not {describe(array)}")
     rows = array.reshape(-1, array.shape[-1])
     copy = empty_with_header(rows.shape, np.uint8 if array.dtype == np.uint8 else np.float32)
     copy[...] = rows

@@ -152,7 +152,7 @@ def number_list(name: str, values: ArrayLike, *counts: int) -> list[float]:
     wanted = f"{name} must have {' or '.join(map(str, counts))} numbers"
     array = as_array(values, wanted, np.float64)
     if array.ndim != 1 or len(array) not in counts:
-        raise ValueError(f"{wanted}, not {f'shape {array.shape}' if array.ndim else describe(values)}")
+        raise ValueError(f"{wanted}, not {describe(np.asarray(values))}")
     result: list[float] = array.tolist()
     return result
 
@@ -170,7 +170,7 @@ def number_rows(name: str, values: ArrayLike, *columns: int, dtype: type[np.gene
         return np.empty((0, columns[0]) if columns[0] > 1 else (0,), dtype)
     width = array.shape[1] if array.ndim == 2 else 1
     if array.ndim != (1 if columns == (1,) else 2) or width not in columns:
-        raise ValueError(f"{wanted}, not {f'shape {array.shape}' if array.ndim else describe(values)}")
+        raise ValueError(f"{wanted}, not {describe(array)}")
     needs_integers = dtype in (np.int64, np.uint32)
     if array.dtype.kind not in ("iub" if needs_integers else "fiub"):
         raise ValueError(f"{name} must have {'integers' if needs_integers else 'numbers'}, not {array.dtype}")
@@ -303,18 +303,19 @@ def _write_channels(name: str, value: Mapping[str, ArrayLike]) -> dict[str, NDAr
     if not isinstance(value, Mapping):
         raise ValueError(f"{name} must be a mapping such as {{'height': z}}, not {describe(value)}")
     columns = tuple(range(1, MAX_CHANNEL_COLUMNS + 1))
-    arrays = {key: as_array(each, f"{name}[{key!r}] must have numbers") for key, each in value.items()}
-    return {
-        key: number_rows(f"{name}[{key!r}]", array, *((1,) if array.ndim == 1 else columns))
-        for key, array in arrays.items()
-    }
+    channels = {}
+    for key, values in value.items():
+        channel = f"{name}[{key!r}]"
+        array = as_array(values, f"{channel} must have numbers")
+        channels[key] = number_rows(channel, array, *((1,) if array.ndim == 1 else columns))
+    return channels
 
 
 def _write_heights(name: str, value: ArrayLike) -> NDArray[Any]:
     wanted = f"{name} must have at least 2 rows of 2 numbers"
     array = as_array(value, wanted)
     if array.ndim != 2 or min(array.shape) < 2:
-        raise ValueError(f"{wanted}, not {f'shape {array.shape}' if array.ndim else describe(value)}")
+        raise ValueError(f"{wanted}, not {describe(array)}")
     return number_rows(name, array, array.shape[1])
 
 

@@ -44,7 +44,7 @@ from scenegate.messages.field_kinds import (
 from scenegate.transforms import quaternions_of
 
 ROTATION_TOLERANCE: Final = 1e-4
-"""Maximum deviation of an element of R R^T from the identity. float32 rounding causes 1e-7, calibration more."""
+"""Maximum deviation of an element of R R^T or of the last row. float32 rounding causes 1e-7, calibration more."""
 _ATTRIBUTES: Final = "\n\nAttributes:\n"
 """Heading of the fields in docstrings."""
 
@@ -75,13 +75,13 @@ class Transform:
         if matrix.shape == (3,):
             return cls(tuple(matrix.tolist()))
         if matrix.shape != (4, 4):
-            raise ValueError(f"{wanted}, not {f'of shape {matrix.shape}' if matrix.shape else describe(value)}")
+            raise ValueError(f"{wanted}, not {describe(np.asarray(value))}")
         R = matrix[:3, :3]
         if not np.allclose(R @ R.T, np.eye(3), atol=ROTATION_TOLERANCE) or np.linalg.det(R) < 0:
             raise ValueError("the matrix must be a rotation and a translation, without scale, shear or mirroring")
-        last_row = matrix[3].tolist()
-        if last_row != [0.0, 0.0, 0.0, 1.0]:
-            raise ValueError(f"the last row of the matrix must be 0, 0, 0, 1, not {last_row}; is it transposed?")
+        if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=ROTATION_TOLERANCE):
+            row = matrix[3].tolist()
+            raise ValueError(f"the last row of the matrix must be 0, 0, 0, 1, not {row}; is it transposed?")
         return cls(tuple(matrix[:3, 3].tolist()), tuple(quaternions_of(R[None])[0].tolist()))
 
     def body(self) -> dict[str, Any]:

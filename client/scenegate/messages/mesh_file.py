@@ -99,7 +99,7 @@ def referenced_path(mesh: Path, name: str) -> Path:
             ``materials/textures``, beside the folder of its meshes.
     """
     paths = [mesh.parent / spelling for spelling in spellings(name)]
-    textures = mesh.parent.parent / "materials" / "textures"
+    textures = mesh.parent / ".." / "materials" / "textures"
     paths += [textures / path.name for path in paths]
     return next((path for path in paths if path.is_file()), paths[0])
 

@@ -227,7 +227,7 @@ class TreeViewer(NotebookViews, Closing):
             ImportError: a package that is needed to read the file is not installed.
             TreeViewerError, TimeoutError, ConnectionError: see ``send``.
         """
-        if isinstance(roots, str):
+        if isinstance(roots, (str, PathLike)):
             raise TypeError(f"roots must be a list of folders, not {describe(roots)}")
         options = {"roots": list(roots), "geometry": geometry, "gltf_up": gltf_up, "strict": strict}
         robot = read_robot_for(self.reads_files, file, options, textures=textures, keyframe=keyframe)
@@ -305,9 +305,11 @@ class TreeViewer(NotebookViews, Closing):
                 self.requests.connection.run_in_turn(partial(self._publish_again, paths) for paths in parts)
 
     def _publish_again(self, paths: tuple[Path, ...]) -> None:
-        """Publish what is recorded at paths, without waiting for the response."""
+        """Publish what is still recorded at paths, without waiting for the response."""
         with self._lock:
-            self.requests.send_without_response(self._published.only(paths).body())
+            recorded = self._published.entries
+            entries = {path: recorded[path] for path in paths if path in recorded}
+            self.requests.send_without_response(Changes(entries=entries).body())
 
 
 def _missing_paths(response: Response) -> list[Path]:

@@ -1,4 +1,4 @@
-"""Parameters of the node; docs/ros2.md explains them."""
+"""Parameters of the node; config/scenegate.yaml explains them."""
 
 from __future__ import annotations
 
