@@ -37,7 +37,8 @@ MAX_PNG_CHUNKS: Final = 1 << 17
 """Maximum number of a PNG's chunks: libpng writes 8 KiB of pixels into each, that is 1 GiB."""
 
 _PNG_SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
-_PNG_SIZE: Final = struct.Struct(">II")
+_PNG_IHDR: Final = struct.Struct(">8xIIBB")
+"""Chunk IHDR of a PNG: width, height, bits of a sample, colour type."""
 _JPEG_MARKER: Final = re.compile(rb"(?:[^\xff]|\xff+\0)*\xff+[^\xff\0]", re.DOTALL)
 """A marker (ITU T.81 B.1.1.2), with preceding noise and fill bytes."""
 _UNSUPPORTED_FORMATS: Final = {
@@ -87,9 +88,9 @@ def _header(data: bytes | memoryview) -> ImageHeader:
     start = bytes(view[:32])
     try:
         if start.startswith(_PNG_SIGNATURE):
-            if start[12:16] != b"IHDR":
+            if start[8:16] != b"\0\0\0\x0dIHDR":
                 raise ImageError("PNG without IHDR")
-            width, height = _PNG_SIZE.unpack_from(start, 16)
+            width, height, _, _ = _PNG_IHDR.unpack_from(start, 8)
             return ImageHeader("PNG", width, height)
         if start.startswith(b"\xff\xd8\xff"):
             return ImageHeader("JPEG", *_jpeg_frame_header(view)[:2])
@@ -201,9 +202,9 @@ def _decode(data: bytes | memoryview, max_pixels: int) -> NDArray[np.uint8]:
     transparent_level: int | None = None
     if header.format == "PNG":
         chunks = _png_chunks(memoryview(data).cast("B"))
-        _check_inflated_size(header, chunks)
+        _check_inflated_size(chunks)
         transparent_level = _transparent_grey(chunks)
-        data = b"".join((_PNG_SIGNATURE, *(part for kind in chunks.values() for chunk in kind for part in chunk)))
+        data = b"".join((_PNG_SIGNATURE, *(chunk for same_type in chunks.values() for chunk in same_type)))
     try:
         samples: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -231,42 +232,46 @@ def _check_scans(data: bytes | memoryview) -> None:
         raise ImageError(f"a JPEG of {scans} scans, at {width}x{height} pixels at most {limit} are read")
 
 
-_PixelChunks: TypeAlias = dict[bytes, list[tuple[memoryview, memoryview, memoryview]]]
-"""Chunks of a PNG by type: length and type, data, checksum. All IDAT, of the others the first one."""
+_PngChunks: TypeAlias = dict[bytes, list[memoryview]]
+"""Chunks of a PNG by type, each from its length to its checksum."""
 
 
-def _png_chunks(png: memoryview) -> _PixelChunks:
+def _png_chunks(png: memoryview) -> _PngChunks:
     """Return the chunks of a PNG that its pixels depend on, in the order of the PNG specification.
 
     OpenCV gets no others: libpng writes a warning about each flaw of a colour profile or text to stderr, and colour
-    profiles, orientations and animations are ignored anyway.
+    profiles, orientations and animations are ignored anyway. It gets no incomplete one either: it allocates up to 4 GB,
+    the length that a chunk states, before it reads the chunk.
+
+    Returns:
+        All IDAT; of the others the first one.
 
     Raises:
         ImageError: too many chunks; the message has the limit.
     """
-    chunks: _PixelChunks = {kind: [] for kind in (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")}
-    offset = 8
+    chunks: _PngChunks = {kind: [] for kind in (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")}
+    offset = len(_PNG_SIGNATURE)
     for _ in range(MAX_PNG_CHUNKS + 1):
-        if offset + 12 > len(png):
+        end = offset + 12 + int.from_bytes(png[offset : offset + 4], "big")
+        if end > len(png):
             return chunks
-        kind, end = bytes(png[offset + 4 : offset + 8]), offset + 8 + struct.unpack_from(">I", png, offset)[0]
+        kind = bytes(png[offset + 4 : offset + 8])
         if kind == b"IDAT" or chunks.get(kind) == []:
-            chunks[kind].append((png[offset : offset + 8], png[offset + 8 : end], png[end : end + 4]))
-        offset = end + 4
+            chunks[kind].append(png[offset:end])
+        offset = end
     raise ImageError(f"a PNG has more than {MAX_PNG_CHUNKS} chunks")
 
 
-def _check_inflated_size(header: ImageHeader, chunks: _PixelChunks) -> None:
+def _check_inflated_size(chunks: _PngChunks) -> None:
     """Reject a PNG whose data inflate to far more than its pixels: OpenCV would inflate all of it, 9 s for each GB.
 
     Raises:
         ImageError: too many bytes; the message has the limit.
     """
-    compressed = [data for _, data, _ in chunks[b"IDAT"]]
+    compressed = [chunk[8:-4] for chunk in chunks[b"IDAT"]]
     if sum(map(len, compressed)) <= MAX_UNCHECKED_IDAT:
         return
-    width, height = header.width, header.height
-    bit_depth, color_type = chunks[b"IHDR"][0][1][8:10]
+    width, height, bit_depth, color_type = _PNG_IHDR.unpack_from(chunks[b"IHDR"][0])
     bits = bit_depth * _PNG_CHANNELS.get(color_type, 4)
     limit = 2 * height * (1 + (width * bits + 7) // 8) + (1 << 16)  # interlaced rows have more filter bytes
     inflater = isal_zlib.decompressobj()
@@ -289,16 +294,17 @@ _PNG_CHANNELS: Final = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 """Samples of a pixel by colour type (PNG, table 11.1)."""
 
 
-def _transparent_grey(chunks: _PixelChunks) -> int | None:
+def _transparent_grey(chunks: _PngChunks) -> int | None:
     """Return the transparent grey level of a PNG (chunk tRNS, which OpenCV ignores), at OpenCV's bit depth.
 
     Returns:
         None if no level is transparent.
     """
-    data = b"".join(data for _, data, _ in chunks[b"tRNS"])
+    data = b"".join(chunk[8:-4] for chunk in chunks[b"tRNS"])
     if len(data) < 2:
         return None
-    bit_depth, level = chunks[b"IHDR"][0][1][8], int.from_bytes(data[:2], "big")
+    _, _, bit_depth, _ = _PNG_IHDR.unpack_from(chunks[b"IHDR"][0])
+    level = int.from_bytes(data[:2], "big")
     return level * 255 // ((1 << bit_depth) - 1) if bit_depth < 8 else level
 
 

@@ -19,7 +19,7 @@ from gateway.gltf.errors import GltfError, GltfLimitError, as_warning
 from gateway.gltf.limits import GltfLimits
 from gateway.gltf.parser import extension
 from gateway.gltf.schema import DracoCompression, Primitive
-from gateway.gltf.topology import LINES, MODE_COUNT, POINTS, TRIANGLES, element_count, separate_elements
+from gateway.gltf.topology import MODE_COUNT, TRIANGLES, element_count, restart_index, separate_elements
 from gateway.gltf.vertex_attributes import (
     Floats,
     rgba_colors,
@@ -160,10 +160,11 @@ class Meshes:
         if primitive.extensions and DRACO in primitive.extensions:
             attributes, indices, mode = self._decompressed(primitive, attributes, indices, mode, name)
         count = attributes["POSITION"].count
-        for attribute in [attribute for attribute, accessor in attributes.items() if accessor.count < count]:
-            path, accessor = f"{name}.attributes.{attribute}", attributes.pop(attribute)
-            counts = f"{accessor.count} values for {count} vertices"
-            self._warnings.append(f"{path}: {accessor.name} has {counts}; {path} is ignored")
+        for attribute, accessor in tuple(attributes.items()):
+            if accessor.count < count:
+                del attributes[attribute]
+                path, counts = f"{name}.attributes.{attribute}", f"{accessor.count} values for {count} vertices"
+                self._warnings.append(f"{path}: {accessor.name} has {counts}; {path} is ignored")
         deformation = deformation_of(primitive, pose, attributes, self._accessors, name, self._warnings)
         if deformation is not None and deformation.joint_matrices is not None and not deformation.influences:
             self._warnings.append(f"{name}: no JOINTS_0 and WEIGHTS_0 to use, it follows the first joint of its skin")
@@ -222,7 +223,7 @@ class Meshes:
         else:
             self._count(0, count, checked.name)  # before the time for _index_range is spent
             indices = checked.indices.values()[:, 0]
-            restart = _restart_index(checked.mode, indices)
+            restart = restart_index(checked.mode, indices)
             used = indices if restart is None else indices[indices != restart]
             if not len(used):
                 return None
@@ -285,18 +286,6 @@ class Meshes:
                 values = optional[name] = convert(values) if convert else values
                 values.setflags(write=False)
         return Mesh(positions, elements, **optional)
-
-
-def _restart_index(mode: int, indices: NDArray[Any]) -> int | None:
-    """Return the index that starts another strip, loop or fan; None if there is none among ``indices``.
-
-    glTF forbids the largest index of a component type, which graphics libraries take for primitive restart, but files
-    such as Cesium's vector tiles have it.
-    """
-    if mode in (POINTS, LINES, TRIANGLES) or indices.dtype.kind != "u":
-        return None
-    restart = int(np.iinfo(indices.dtype).max)
-    return restart if (indices == restart).any() else None
 
 
 def _index_range(checked: _CheckedPrimitive, accessor: Accessor, indices: NDArray[Any]) -> tuple[int, int]:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import gc
 import io
 import struct
+import time
 import weakref
 import zlib
 from collections.abc import Callable
@@ -183,6 +184,7 @@ def test_rejects_bombs_by_their_header() -> None:
         (b"GIF89a", "tex: GIF images are not supported"),
         (b"<svg", r"tex: an image that starts with b'<svg' is not supported"),
         (b"\x89PNG\r\n\x1a\n", "tex: PNG without IHDR"),
+        (b"\x89PNG\r\n\x1a\n\0\0\0\0IHDR" + bytes(30), "tex: PNG without IHDR"),
         (b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR\0", r"tex: its header is cut off \(17 bytes\)"),
         (b"\xff\xd8\xff\xe0\0\x10JFIF", r"tex: its header is cut off \(10 bytes\)"),
         (b"RIFF\0\0\0\0WEBPVP8 ", r"tex: its header is cut off"),
@@ -247,6 +249,16 @@ def test_png_chunks_without_pixels_are_not_decoded(capfd: pytest.CaptureFixture[
     )
     assert decode_image(with_extra(*flawed)).tolist() == RGBA.tolist()
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("kind", [b"IDAT", b"tRNS"])
+def test_memory_for_an_incomplete_png_chunk_is_that_of_the_file(kind: bytes) -> None:
+    """OpenCV would allocate and clear 4 GB for it."""
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", 2, 1, 8, 0, 0, 0, 0))
+    begin = time.process_time()
+    with pytest.raises(ImageError, match="broken PNG data"):
+        decode_image(b"\x89PNG\r\n\x1a\n" + header + b"\xff\xff\xff\0" + kind + bytes(8))
+    assert time.process_time() - begin < 0.5
 
 
 def test_too_many_png_chunks_are_refused() -> None:
