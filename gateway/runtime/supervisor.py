@@ -52,12 +52,8 @@ async def send_heartbeats(connection: Connection, is_ready: Callable[[], bool]) 
 
 
 def _is_terminal_open() -> bool:
-    """Return whether this process has a terminal that controls it."""
-    try:
-        os.close(os.open("/dev/tty", os.O_RDWR))
-    except OSError:
-        return False
-    return True
+    """Return whether a standard stream is a terminal that was not closed."""
+    return any(os.isatty(descriptor) for descriptor in range(3))
 
 
 class _Child:
