@@ -62,7 +62,7 @@ async def test_a_call_without_enough_memory_may_be_tried_again() -> None:
         raise MemoryError("Unable to allocate 9 GiB")
 
     workers = WorkerPool(1)
-    with capture_logs() as log, pytest.raises(QueueFull, match="^the memory is full; try again in 5 s$"):
+    with capture_logs() as log, pytest.raises(QueueFull, match=r"^the memory is full; try again in 5 s$"):
         await workers.run(allocate)
     assert log[0]["reason"] == "Unable to allocate 9 GiB"
     assert await workers.run(lambda: 7) == 7
