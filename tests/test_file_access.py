@@ -14,7 +14,6 @@ ALLOWED = {
     "runtime/kernels/cache.py": "the kernel cache's own lock",
     "runtime/worker_reports.py": "files of our own processes",
     "cli/serve_workers.py": "the folder that it locks",
-    "runtime/diagnostics.py": "/proc",
     "runtime/scheduling.py": "/proc and /sys",
     "lcm/udpm_socket.py": "/proc",
     "lcm/liblcm_transport.py": "/dev/null",

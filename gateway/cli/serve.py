@@ -88,10 +88,9 @@ def _flag(name: str, field: FieldInfo) -> Any:
 
 def run(settings: Settings) -> int:
     """Serve until a signal; return the exit code. Imports are late, so that ``--help`` is fast."""
+    signal.signal(signal.SIGTERM, _exit)  # until the server handles it
     from gateway.runtime import logs, process_tuning
 
-    for number in process_tuning.stop_signals():  # until the server handles them
-        signal.signal(number, _exit)
     process_tuning.pause_gc()
     logs.configure(settings.log_format, settings.log_level)
     import structlog

@@ -20,7 +20,7 @@ import structlog
 
 from gateway.runtime import logs, process_tuning
 from gateway.runtime.file_lock import Lock, try_lock
-from gateway.runtime.supervisor import START_FAILED, Supervisor
+from gateway.runtime.supervisor import START_FAILED, TERMINAL_SIGNALS, Supervisor
 from gateway.runtime.worker_reports import WorkerReports
 from gateway.settings import Settings, SettingsError
 
@@ -67,8 +67,9 @@ def run_worker(settings: Settings, folder: Path, listener: socket.socket, connec
     """
     process_tuning.pause_gc()
     process_tuning.end_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # until the server handles it; the supervisor sends SIGTERM
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # the supervisor's; a terminal that closes sends it to all processes
+    for number in TERMINAL_SIGNALS:  # the supervisor handles them, and sends SIGTERM; the server also handles SIGINT
+        signal.signal(number, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, TERMINAL_SIGNALS)
     logs.configure(settings.log_format, settings.log_level, worker=os.getpid())
     from gateway.app import create_app
     from gateway.cli.serve_app import serve_app

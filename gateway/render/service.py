@@ -23,15 +23,13 @@ from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.pool_errors import DeadlineExceeded, QueueFull, UnavailableErrors
 from gateway.runtime.render_record import RenderRecord
 from gateway.runtime.warning_list import WarningList
-from gateway.runtime.worker_pool import WorkerPool
+from gateway.runtime.worker_pool import MEMORY_RETRY_SECONDS, WorkerPool
 from gateway.server.disconnect import CLIENT_GONE, while_connected
 from gateway.server.plain_error_route import retry_after, unavailable_message
 from renderers.interface import Renderer
 
 _log = structlog.get_logger("gateway.render")
 
-_MEMORY_RETRY_SECONDS: Final = 5
-"""Retry-After in seconds if ``max_inflight_bytes`` is reached."""
 _Outcome = Literal["ok", "rejected", "busy", "slow", "gone", "failed"]
 """Outcome of a request, for metrics."""
 _STORED_OUTCOMES: Final = frozenset({"rejected", "slow", "failed"})
@@ -156,7 +154,7 @@ class RenderService:
                         raise QueueFull(
                             f"the requests in progress hold {self.inflight_bytes} bytes, "
                             f"the limit is {config.max_inflight_bytes} (max_inflight_bytes)",
-                            _MEMORY_RETRY_SECONDS,
+                            MEMORY_RETRY_SECONDS,
                         )
                     self.inflight_bytes += len(piece)
                     call.received_bytes += len(piece)

@@ -8,13 +8,14 @@ import platform
 import resource
 import socket
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
 from gateway.runtime import process_tuning
 from gateway.runtime.installation import Finding, Verdict
 from gateway.runtime.instance_probe import RunningInstance, probe_instance
 from gateway.runtime.kernels import cache, parts
 from renderers.compiler import cache_folder
+from scenegate.lcm import udpm_socket
+from scenegate.lcm.transport import TransportLimits
 
 _LCM_ADDRESS = ("239.255.76.67", 7667)
 """LCM's default multicast group."""
@@ -22,8 +23,6 @@ _SUFFICIENT_FILES = 4096
 """File descriptors that suffice for most uses: one per connection."""
 _SUFFICIENT_ADDRESSES = 4 << 30
 """Bytes of address space that suffice for most uses. Below 1.5 GB, gRPC's library aborts the process."""
-_UDP_BUFFER_BYTES = 4_000_000
-"""Receive buffer in bytes for bursts of 1 MB messages; with Linux' default of 212 992 they are lost."""
 
 
 def findings(host: str, ports: Mapping[str, tuple[str, int]], threads: int) -> Iterator[Finding]:
@@ -131,12 +130,11 @@ def _check_multicast() -> Finding:
 
 
 def _check_receive_buffer() -> Finding:
+    wanted = TransportLimits().receive_buffer_bytes
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        granted = udpm_socket.raise_receive_buffer(sock, wanted)
+    detail = f"up to {granted} bytes"
+    if granted >= wanted:
+        return Finding("receive buffer", Verdict.OK, detail)
     meaning = "Large LCM messages over UDP get lost; TCPQ loses none."
-    remedy = f"sudo sysctl -w net.core.rmem_max={_UDP_BUFFER_BYTES}"
-    try:
-        limit = int(Path("/proc/sys/net/core/rmem_max").read_text())
-    except (OSError, ValueError):
-        return Finding("receive buffer", Verdict.NOTE, "the system's limit is not known", meaning, remedy)
-    if limit >= _UDP_BUFFER_BYTES:
-        return Finding("receive buffer", Verdict.OK, f"up to {limit} bytes")
-    return Finding("receive buffer", Verdict.NOTE, f"up to {limit} bytes", meaning, remedy)
+    return Finding("receive buffer", Verdict.NOTE, detail, meaning, f"sudo sysctl -w net.core.rmem_max={wanted}")

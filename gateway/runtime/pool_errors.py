@@ -8,7 +8,7 @@ from renderers.compiler.pending import KernelsDelayed
 
 
 class QueueFull(Exception):  # noqa: N818 - an expected outcome, not a fault
-    """The queue is full."""
+    """The queue or the memory is full."""
 
     def __init__(self, reason: str, retry_after: int) -> None:
         super().__init__(f"{reason}; try again in {retry_after} s")

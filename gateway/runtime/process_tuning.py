@@ -58,12 +58,6 @@ def tune() -> None:
             resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard))
 
 
-def stop_signals() -> list[signal.Signals]:
-    """Return the signals that end a server: SIGTERM, SIGINT, and SIGHUP unless it is ignored, as under nohup."""
-    is_ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-    return [signal.SIGTERM, signal.SIGINT, *([] if is_ignored else [signal.SIGHUP])]
-
-
 def end_with_parent() -> None:
     """Send this process SIGTERM when its parent ends, even by SIGKILL (Linux only), or at once if it has ended.
 

@@ -80,7 +80,7 @@ def _cpu_quota() -> float:
     """Return the smallest quota of this process's control groups (version 2), CPUs; infinite if there is none."""
     quotas = [math.inf]
     with contextlib.suppress(OSError):
-        own = _CONTROL_GROUPS / _OWN_GROUPS.read_text().rpartition("0::/")[2].strip()
+        own = _CONTROL_GROUPS / os.fsdecode(_OWN_GROUPS.read_bytes()).rpartition("0::/")[2].strip()
         for group in (own, *own.parents):
             with contextlib.suppress(OSError, ValueError):  # ValueError: "max", no limit
                 quota, period = (group / "cpu.max").read_text().split()

@@ -72,8 +72,8 @@ class Entry:
             described.update(self.progress())
         if self.figures is not None and self.state is State.READY:
             described.update(self.figures())
-        if self.warnings.sentences:
-            described["warnings"] = [*described.get("warnings", ()), *map(_printable, self.warnings.listed())]
+        if warnings := [*described.get("warnings", ()), *self.warnings.listed()]:
+            described["warnings"] = [_printable(warning) for warning in warnings]
         return described
 
 

@@ -1,7 +1,7 @@
 """Supervisor of several processes of one program: replaces those that end or hang, and ends all at a signal.
 
-Its loop checks signals and all processes in turn, and never waits for one of them alone. SIGTERM and SIGINT end all
-processes; SIGHUP replaces them, one after the other.
+Its loop checks signals and all processes in turn, and never waits for one of them alone. SIGTERM, SIGINT and the end of
+the terminal end all processes; any other SIGHUP replaces them, one after the other.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import os
 import signal
 import time
 from collections.abc import Callable
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Final
 
@@ -32,6 +33,8 @@ KILL_SECONDS: Final = 4.0
 some seconds."""
 _POLL_SECONDS: Final = 0.1
 """Time in which the supervisor notices a signal."""
+TERMINAL_SIGNALS: Final = (signal.SIGINT, signal.SIGHUP)
+"""Signals that a terminal sends to all processes. They are blocked in a new one until it unblocks them."""
 
 
 async def send_heartbeats(connection: Connection, is_ready: Callable[[], bool]) -> None:
@@ -48,6 +51,11 @@ async def send_heartbeats(connection: Connection, is_ready: Callable[[], bool]) 
         await asyncio.sleep(BEAT_SECONDS)
 
 
+def _is_terminal_open() -> bool:
+    """Return whether a standard stream is a terminal that was not closed."""
+    return any(os.isatty(descriptor) for descriptor in range(3))
+
+
 class _Child:
     """The supervisor's side of a process."""
 
@@ -60,11 +68,15 @@ class _Child:
         self.connection, connection = multiprocessing.Pipe(duplex=False)
         try:
             self.process = multiprocessing.get_context("spawn").Process(target=target, args=(connection,))
+            signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL_SIGNALS)
+            resource_tracker.ensure_running()  # which the first process would start, and SIGINT is unblocked then
+            signal.pthread_sigmask(signal.SIG_BLOCK, TERMINAL_SIGNALS)
             self.process.start()
         except OSError:
             self.connection.close()
             raise
         finally:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, TERMINAL_SIGNALS)
             connection.close()
         self.started = time.monotonic()
         self.last_beat = self.started + READY_SECONDS
@@ -127,12 +139,15 @@ class Supervisor:
         self._cannot_start = False
 
     def run(self) -> bool:
-        """Run until SIGTERM or SIGINT, or until no process can start; return False in the latter case."""
+        """Run until a signal ends all processes, or no process can start; return False in the latter case."""
         pending_signals: set[int] = set()
+        has_terminal = signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN and _is_terminal_open()  # ignored by nohup
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, lambda number, _: pending_signals.add(number))
         while pending_signals <= {signal.SIGHUP} and not self._cannot_start:
             if signal.SIGHUP in pending_signals:
+                if has_terminal and not _is_terminal_open():
+                    break
                 pending_signals.discard(signal.SIGHUP)
                 _log.info("All processes are replaced")
                 for child in self._serving():

@@ -24,6 +24,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, ParamSpec, TypeVar
 
+import structlog
 from opentelemetry import trace
 
 from gateway.runtime import tracing
@@ -32,11 +33,15 @@ from gateway.runtime.scheduling import CAMERA_FIRST_NICENESS, raise_niceness, us
 from renderers.compiler.pending import KernelsPending, is_compiling
 from renderers.stop import StopFlag
 
+_log = structlog.get_logger("gateway")
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
 MAX_RETRY_AFTER: Final = 60
 """Maximum Retry-After in seconds; longer estimates are not reliable."""
+MEMORY_RETRY_SECONDS: Final = 5
+"""Retry-After in seconds where memory is short."""
 STOPPING_SECONDS: Final = 0.5
 """Time in which a call whose stop flag was set ends."""
 _POLL_SECONDS: Final = 0.1
@@ -151,7 +156,7 @@ class WorkerPool:
             nbytes: memory that the call keeps in use while it waits.
 
         Raises:
-            QueueFull: too many calls are waiting.
+            QueueFull: too many calls are waiting, or memory was short.
             PoolClosed: ``close`` was called.
             DeadlineExceeded: ``fn`` checked its stop flag (``renderers.stop``) after its time was over.
             Exception: raised by ``fn``.
@@ -337,6 +342,9 @@ class WorkerPool:
                 result = call.context.run(call.stop.run, call.function)
             except StopIteration as raised:  # a future cannot carry it
                 error = RuntimeError(f"StopIteration escaped: {raised}")
+            except MemoryError as raised:
+                error = QueueFull("the memory is full", MEMORY_RETRY_SECONDS)
+                _log.warning("A call ran out of memory", reason=str(raised))
             except BaseException as raised:  # noqa: BLE001 - the caller gets it
                 error = raised
                 traceback.clear_frames(raised.__traceback__)  # their arrays would live as long as the exception

@@ -51,7 +51,7 @@ def server_config(
 
 
 class MainServer(uvicorn.Server):
-    """Server that returns after one of ``stop_signals``; uvicorn's own raises the signal again."""
+    """Server that returns after SIGTERM or SIGINT; uvicorn's own raises the signal again."""
 
     def __init__(self, config: uvicorn.Config, on_shutdown: Callable[[], None] = lambda: None) -> None:
         """
@@ -69,7 +69,7 @@ class MainServer(uvicorn.Server):
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
         previous_handlers = {
-            number: signal.signal(number, self.handle_exit) for number in process_tuning.stop_signals()
+            number: signal.signal(number, self.handle_exit) for number in (signal.SIGINT, signal.SIGTERM)
         }
         try:
             yield

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import subprocess
+import sys
 from importlib.metadata import entry_points
 from typing import NoReturn
 
@@ -39,6 +41,24 @@ def test_an_interrupt_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(play, "run", interrupt)
     ran = scenegate("play", __file__)
     assert (ran.exit_code, ran.stderr) == (130, "")
+
+
+HANGUP = """
+import os
+import signal
+import sys
+from scenegate.cli import main, play
+signal.signal(signal.SIGHUP, getattr(signal, sys.argv[1]))
+signal.signal(signal.SIGTERM, lambda *_: print("SIGTERM"))
+play.run = lambda options: signal.raise_signal(signal.SIGHUP)
+main(["play", os.devnull])
+"""
+
+
+@pytest.mark.parametrize(("handler", "output"), [("SIG_DFL", "SIGTERM\n"), ("SIG_IGN", "")])
+def test_a_terminal_that_closes_ends_a_command_as_sigterm_does_except_under_nohup(handler: str, output: str) -> None:
+    ran = subprocess.run([sys.executable, "-c", HANGUP, handler], capture_output=True, text=True)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (0, output, "")
 
 
 def test_other_errors_keep_their_traceback(monkeypatch: pytest.MonkeyPatch) -> None:

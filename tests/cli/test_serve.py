@@ -25,10 +25,9 @@ from gateway.settings import Settings
 @pytest.fixture(autouse=True)
 def _process() -> Iterator[None]:
     """Keep signals, the garbage collector and the log as they are."""
-    handlers = {number: signal.getsignal(number) for number in process_tuning.stop_signals()}
+    handler = signal.getsignal(signal.SIGTERM)
     yield
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
+    signal.signal(signal.SIGTERM, handler)
     gc.enable()
     structlog.reset_defaults()
 

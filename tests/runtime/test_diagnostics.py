@@ -16,6 +16,7 @@ from gateway.runtime import diagnostics, process_tuning
 from gateway.runtime.diagnostics import findings
 from gateway.runtime.installation import Finding, Verdict
 from renderers.compiler import cache_folder
+from scenegate.lcm import udpm_socket
 
 PARTS = ("needed", "background")
 
@@ -140,17 +141,13 @@ def test_no_route_for_multicast_is_a_note(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.parametrize(
-    ("limit", "verdict"), [("3999999\n", Verdict.NOTE), ("4000000\n", Verdict.OK), ("?", Verdict.NOTE)]
+    ("granted", "verdict"), [((64 << 20) - 1, Verdict.NOTE), (64 << 20, Verdict.OK), (1 << 30, Verdict.OK)]
 )
-def test_a_small_receive_buffer_is_a_note(monkeypatch: pytest.MonkeyPatch, limit: str, verdict: Verdict) -> None:
-    monkeypatch.setattr(Path, "read_text", lambda path: limit)
-    row = diagnostics._check_receive_buffer()  # noqa: SLF001 - other rows read files, too
-    assert row.verdict is verdict
-    expected = {
-        "?": "the system's limit is not known",
-        "4000000\n": "up to 4000000 bytes",
-        "3999999\n": "up to 3999999 bytes",
-    }
-    assert row.detail == expected[limit]
+def test_a_receive_buffer_that_the_server_warns_about_is_a_note(
+    monkeypatch: pytest.MonkeyPatch, granted: int, verdict: Verdict
+) -> None:
+    monkeypatch.setattr(udpm_socket, "receive_buffer", lambda sock: granted)
+    row = finding("receive buffer")
+    assert (row.verdict, row.detail) == (verdict, f"up to {granted} bytes")
     if verdict is Verdict.NOTE:
-        is_note(row, expected[limit], "sudo sysctl -w net.core.rmem_max=4000000")
+        is_note(row, row.detail, "sudo sysctl -w net.core.rmem_max=67108864")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import platform
 import resource
-import signal
 import socket
 import subprocess
 import sys
@@ -150,12 +149,3 @@ os._exit(0)
 """
     output = subprocess.run([sys.executable, "-c", program], stdout=subprocess.PIPE, timeout=SECONDS).stdout
     assert output == b"started\n"
-
-
-@pytest.mark.parametrize("ignored", [True, False])
-def test_sighup_ends_a_server_unless_it_is_ignored(ignored: bool) -> None:
-    previous = signal.signal(signal.SIGHUP, signal.SIG_IGN if ignored else signal.SIG_DFL)
-    try:
-        assert (signal.SIGHUP in process_tuning.stop_signals()) is not ignored
-    finally:
-        signal.signal(signal.SIGHUP, previous)

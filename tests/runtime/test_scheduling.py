@@ -68,6 +68,7 @@ def test_event_loop_has_shorter_slices_than_workers() -> None:
         ("0::/pod/box", "100000 100000", "300000 100000", 1),  # the outer group limits, too
         ("0::/pod/box", "max 100000", "5000 100000", 1),  # at least one
         ("0::/pod/box", "max 100000", "3200000 100000", 16),  # more than there are
+        ("0::/p\udcfcd", "200000 100000", "", 2),  # no UTF-8
         ("0::/", "", "", 16),  # not mounted
         ("1:cpu:/x", "junk", "junk", 16),  # version 1 only
     ],
@@ -80,7 +81,7 @@ def test_usable_cpus_within_the_quota_of_a_container(
     monkeypatch.setattr(scheduling, "_OWN_GROUPS", tmp_path / "own")
     box = tmp_path / "pod" / "box"
     box.mkdir(parents=True)
-    (tmp_path / "own").write_text(own + "\n")
+    (tmp_path / "own").write_bytes(os.fsencode(own + "\n"))
     for group, quota in ((tmp_path, outer), (box, inner)):
         if quota:
             (group / "cpu.max").write_text(quota + "\n")

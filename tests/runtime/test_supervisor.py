@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from functools import partial
 from multiprocessing import Pipe
@@ -230,6 +231,25 @@ def test_sighup_replaces_processes_one_after_the_other(machine: Machine) -> None
     works, events = machine.supervise(story)
     assert works
     assert events == ["All processes are replaced"]
+
+
+@pytest.mark.parametrize("handler", [signal.SIG_IGN, signal.SIG_DFL])
+def test_the_end_of_the_terminal_ends_all_except_under_nohup(
+    machine: Machine, monkeypatch: pytest.MonkeyPatch, handler: signal.Handlers
+) -> None:
+    has_ended = threading.Event()
+    monkeypatch.setattr(supervisor, "_is_terminal_open", lambda: not has_ended.is_set())
+    signal.signal(signal.SIGHUP, handler)
+
+    def story() -> Story:
+        yield from machine.all_ready()
+        has_ended.set()
+        signal.raise_signal(signal.SIGHUP)
+        yield from machine.after(1.0)
+
+    works, events = machine.supervise(story)
+    assert works
+    assert events == (["All processes are replaced"] if handler is signal.SIG_IGN else [])
 
 
 @pytest.mark.parametrize("ends", [True, False])

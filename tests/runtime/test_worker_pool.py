@@ -12,6 +12,7 @@ import weakref
 from functools import partial
 
 import pytest
+from structlog.testing import capture_logs
 
 from gateway.runtime.pool_errors import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.runtime.scheduling import CAMERA_FIRST_NICENESS
@@ -54,6 +55,17 @@ async def test_results_errors_keywords_and_context() -> None:
         await workers.run(lambda: next(iter(())))
     assert await workers.close()
     assert workers.stats.done == 3
+
+
+async def test_a_call_without_enough_memory_may_be_tried_again() -> None:
+    def allocate() -> None:
+        raise MemoryError("Unable to allocate 9 GiB")
+
+    workers = WorkerPool(1)
+    with capture_logs() as log, pytest.raises(QueueFull, match=r"^the memory is full; try again in 5 s$"):
+        await workers.run(allocate)
+    assert log[0]["reason"] == "Unable to allocate 9 GiB"
+    assert await workers.run(lambda: 7) == 7
 
 
 async def test_first_come_first_served_with_limited_threads() -> None:

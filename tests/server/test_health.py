@@ -48,7 +48,7 @@ def client(*, token: bool) -> httpx2.AsyncClient:
 async def test_names_of_files_may_have_any_bytes(path: str) -> None:
     name = os.fsdecode(b"t\xfcr.obj")
     registry = ServiceRegistry()
-    registry.ready("state", figures=lambda: {"file": name})
+    registry.ready("state", figures=lambda: {"file": name, "warnings": [f"{name} is full"]})
     registry.warn("stereo", name, f"{name} has no triangles")
     registry.fail("view", f"{name}: Permission denied")
     app = FastAPI()
@@ -56,7 +56,7 @@ async def test_names_of_files_may_have_any_bytes(path: str) -> None:
     async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here") as http:
         answer = await http.get(path)
     interfaces = answer.json()["interfaces"]
-    assert interfaces["state"]["file"] == name
+    assert interfaces["state"] == {"state": "ready", "file": name, "warnings": ["t?r.obj is full"]}
     assert interfaces["stereo"]["warnings"] == ["t?r.obj has no triangles"]
     assert interfaces["view"]["problem"] == "t?r.obj: Permission denied"
     assert msgspec.json.encode([entry.describe().get("warnings", ()) for entry in registry.entries.values()])

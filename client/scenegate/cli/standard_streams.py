@@ -15,7 +15,8 @@ def prepare() -> None:
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
-            setattr(sys, name, open(os.open(os.devnull, os.O_RDWR), mode, encoding="utf-8"))  # noqa: PTH123, SIM115
+            stream = open(os.open(os.devnull, os.O_RDWR), mode, encoding="utf-8", errors="replace")  # noqa: PTH123, SIM115
+            setattr(sys, name, stream)
     out = sys.stdout
     if isinstance(out, io.TextIOWrapper) and (out.errors == "strict" or out.encoding.lower() not in ("utf-8", "utf8")):
         out.reconfigure(errors="replace")
@@ -25,10 +26,11 @@ def reader_has_ended() -> bool:
     """Return whether stdout is a pipe without a reader. Output that waits is then discarded at exit."""
     try:
         descriptor = sys.stdout.fileno()
-    except OSError:  # not a file
+        poll = select.poll()
+    except (OSError, AttributeError):  # not a file; Windows, which reports another error for pipes
         return False
-    poll = select.poll()
     poll.register(descriptor, select.POLLOUT)
-    if has_ended := any(events & select.POLLERR for _, events in poll.poll(0)):
+    has_ended = any(events & (select.POLLERR | select.POLLHUP) for _, events in poll.poll(0))  # HUP: macOS
+    if has_ended:
         os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
     return has_ended

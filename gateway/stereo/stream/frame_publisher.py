@@ -52,7 +52,7 @@ class FrameCounts:
 class FramesInFlight:
     """Camera or depth frames that are being made."""
 
-    tasks: set[asyncio.Task[None]] = field(default_factory=set)
+    tasks: set[asyncio.Task[Any]] = field(default_factory=set)
     """One task per frame."""
     last: FrameImages | None = None
     """Newest frame, finished or not."""
@@ -88,7 +88,7 @@ class FramePublisher:
         self._config = config
 
     def spawn(
-        self, frames: FramesInFlight, make_frame: Coroutine[Any, Any, None], newest: FrameImages | None = None
+        self, frames: FramesInFlight, make_frame: Coroutine[Any, Any, object], newest: FrameImages | None = None
     ) -> None:
         """Run ``make_frame`` in a task that is one of ``frames``; ``newest``: the newest of them from now on."""
         frames.last = newest or frames.last
@@ -101,15 +101,11 @@ class FramePublisher:
         """Return the timestamp that clients get for a true one, nanoseconds; an injected fault may falsify it."""
         return timestamp if self._injector is None else self._injector.timestamp(timestamp)
 
-    async def publish_again(self, frame: FrameImages, kind: SetKind) -> None:
-        """Publish a set of a frame for new clients. It does not count as another frame."""
-        await self._publish(frame, kind)
-
     async def publish_sets(self, frame: FrameImages, kinds: Collection[SetKind]) -> None:
         """Make and publish the sets of a frame."""
         start = asyncio.get_running_loop().time()
         with tracing.span("stereo frame", attributes={"stereo.frame": frame.record.number}):
-            published = await asyncio.gather(*[self._publish(frame, kind) for kind in kinds])
+            published = await asyncio.gather(*[self.publish_set(frame, kind) for kind in kinds])
         if all(published):
             self.counts.problem = ""
         seconds = asyncio.get_running_loop().time() - start
@@ -141,8 +137,8 @@ class FramePublisher:
         self.counts.problem = message
         self.hub.end_streams(kind, message)
 
-    async def _publish(self, frame: FrameImages, kind: SetKind) -> bool:
-        """Make and publish one set of a frame; return True if it was made."""
+    async def publish_set(self, frame: FrameImages, kind: SetKind) -> bool:
+        """Make and publish one set of a frame; return True if it was made. The frame is not counted."""
         number = frame.record.number
         try:
             with tracing.span("stereo set", attributes={"stereo.set": kind.title}):
@@ -160,7 +156,7 @@ class FramePublisher:
             return True
         return False
 
-    def _on_task_done(self, task: asyncio.Task[None]) -> None:
+    def _on_task_done(self, task: asyncio.Task[Any]) -> None:
         """Report an unexpected error, and let the scheduler look for frames that may start now."""
         if not task.cancelled() and (error := task.exception()) is not None:
             self.counts.problem = str(error)

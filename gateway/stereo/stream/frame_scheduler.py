@@ -388,7 +388,7 @@ class FrameScheduler:
         rate = settings.depth_rate if kind.has_depth else settings.camera_rate
         now = publisher.sent_timestamp(self._clock.current_timestamp())
         if now - frame.record.depth_capture.timestamp < NANOSECONDS_PER_SECOND / rate:
-            publisher.spawn(self._camera_frames, publisher.publish_again(frame, kind))
+            publisher.spawn(self._camera_frames, publisher.publish_set(frame, kind))
 
 
 async def _wait(event: asyncio.Event, seconds: float) -> None:
