@@ -37,6 +37,8 @@ MAX_PNG_CHUNKS: Final = 1 << 17
 """Maximum number of a PNG's chunks: libpng writes 8 KiB of pixels into each, that is 1 GiB."""
 
 _PNG_SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
+_PNG_HEADER_START: Final = b"\0\0\0\x0dIHDR"
+"""Length and type of the first chunk."""
 _PNG_SIZE: Final = struct.Struct(">II")
 _JPEG_MARKER: Final = re.compile(rb"(?:[^\xff]|\xff+\0)*\xff+[^\xff\0]", re.DOTALL)
 """A marker (ITU T.81 B.1.1.2), with preceding noise and fill bytes."""
@@ -87,7 +89,7 @@ def _header(data: bytes | memoryview) -> ImageHeader:
     start = bytes(view[:32])
     try:
         if start.startswith(_PNG_SIGNATURE):
-            if start[12:16] != b"IHDR":
+            if start[8:16] != _PNG_HEADER_START:
                 raise ImageError("PNG without IHDR")
             width, height = _PNG_SIZE.unpack_from(start, 16)
             return ImageHeader("PNG", width, height)
