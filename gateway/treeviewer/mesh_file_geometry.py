@@ -13,11 +13,11 @@ from gateway.assets.mesh_formats import (
     FORMATS,
     MESH_LIMITS,
     MeshFormatError,
+    decodable_texture,
     diffuse_material,
     parse_mesh,
     with_default_materials,
 )
-from gateway.assets.texture_formats import decodable_texture
 from gateway.gltf import GltfError
 from gateway.scene.geometry import Part
 from gateway.scene.materials import WHITE, Color, tinted
