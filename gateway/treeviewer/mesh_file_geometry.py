@@ -23,6 +23,7 @@ from gateway.scene.geometry import Part
 from gateway.scene.materials import WHITE, Color, tinted
 from gateway.scene.transforms import scaling
 from gateway.treeviewer.context import ReadContext
+from gateway.treeviewer.fields import is_unicode
 from gateway.treeviewer.images import check_image, file_content
 from renderers.drawlist import ImageError, Texture
 from scenegate.messages.field_kinds import CommandError, NothingToDraw, read_color, show
@@ -35,6 +36,8 @@ def mesh_file(
 ) -> tuple[Part, ...]:
     """Return the parts of a mesh file with the command's colour."""
     context.require_thread()
+    if not is_unicode(filename):  # it becomes the part's source, which pages and state files contain
+        raise CommandError(f"filename is not Unicode text: {show(filename)}")
     xyz = (scale,) * 3 if isinstance(scale, float) else scale
     parts = (
         _parts_of_opened(filename, xyz, context)
