@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import PurePosixPath
 from typing import Any
-from urllib.parse import unquote
 
 import msgspec
 import numpy as np
@@ -27,7 +26,7 @@ from gateway.treeviewer.fields import is_unicode
 from gateway.treeviewer.images import check_image, file_content
 from renderers.drawlist import ImageError, Texture
 from scenegate.messages.field_kinds import CommandError, NothingToDraw, read_color, show
-from scenegate.messages.mesh_file import MAX_FILES
+from scenegate.messages.mesh_file import MAX_FILES, spellings
 from scenegate.warning_text import NOTHING_DRAWN
 
 
@@ -84,7 +83,7 @@ def _parts_of_sent(
         raise CommandError(f"up must be 'z' or missing, not {show(up)}")
 
     def resolve(name: str) -> bytes:
-        for spelling in (name, unquote(name), unquote(name).replace("\\", "/")):
+        for spelling in spellings(name):
             if spelling in file_by_name:
                 return file_content(file_by_name[spelling], "files")
         raise FileNotFoundError(2, "it was not sent", name)
