@@ -21,8 +21,8 @@ from gateway.scene.materials import POINT_SIZE
 from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix
 from gateway.scene.tree import Node
 from renderers.color import linear_colors_from_srgb, linear_from_srgb
-from renderers.drawlist import AlphaMode, Material, Mesh, Texture
-from renderers.images import image_from_bytes
+from renderers.drawlist import AlphaMode, ImageError, Material, Mesh, Texture
+from renderers.images import image_from_bytes, image_header
 from renderers.stop import check_stop
 
 _GLTF_FORMATS: Final = frozenset({"gltf", "glb"})
@@ -60,6 +60,7 @@ PARSER_LIMITS: Final = ParserLimits()
 PLAIN_MATERIAL: Final = Material(metallic=0.0, roughness=1.0, double_sided=True, point_size=POINT_SIZE)
 """White, diffuse and double-sided, as Director draws meshes and points without a material."""
 _result_decoder: Final = msgspec.msgpack.Decoder(MeshData | str)
+_texture_decoder: Final = msgspec.msgpack.Decoder(bytes)
 
 
 class MeshFormatError(ValueError):
@@ -151,6 +152,24 @@ def _parts_of_gltf(
         parts.extend(Part(part.shape, part.material, X_root_node @ part.X_node_part) for part in node.parts or ())
         stack.extend((child, X_root_node) for child in reversed(node.children.values()))
     return tuple(parts)
+
+
+def decodable_texture(data: bytes) -> bytes:
+    """Return the PNG file of an image in a format that mesh files may use, such as TGA; other data as they are.
+
+    Raises:
+        Exception: The current ``StopFlag`` was set, with its error.
+    """
+    try:
+        image_header(data)
+        return data
+    except ImageError:
+        pass
+    limits = PARSER_LIMITS.for_size(len(data))
+    try:
+        return _texture_decoder.decode(call_limited("gateway.parsers.texture_files:read_texture", (data,), limits))
+    except ProcessFailed:
+        return data
 
 
 def _with_warnings(resolve: ReadReferencedFile, warnings: list[str]) -> ReadReferencedFile:

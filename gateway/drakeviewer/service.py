@@ -221,10 +221,10 @@ class DrakeViewerService:
 
     def _forget_cleared(self) -> None:
         """Forget the channels that a new simulation has cleared, and the warnings of the earlier one."""
-        for numbers in (self._message_counts, self._shown_bytes):
-            for channel in [each for each in numbers if not each.has_fixed_name]:
-                if channel not in self.viewer.state.newest_numbers:
-                    del numbers[channel]
+        cleared = {channel for channel in self._message_counts if not channel.has_fixed_name}
+        for channel in cleared - self.viewer.state.newest_numbers.keys():
+            del self._message_counts[channel]
+            self._shown_bytes.pop(channel, None)
         self._warnings.remove(lambda channel: channel.kind is not Kind.LOAD)
 
     def _report_error(self, channel: Channel, error: Exception) -> None:

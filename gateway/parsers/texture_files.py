@@ -64,12 +64,12 @@ class TextureFiles:
             raise OSError(warning) from error
 
 
-def read_texture(read_file: ReadFile, data: bytes) -> bytes | None:
-    """Return an image file as ``TextureFiles.encoded`` does; None if it holds no image."""
+def read_texture(read_file: ReadFile, data: bytes) -> bytes:
+    """Return an image file as ``TextureFiles.encoded`` does, and other data as they are."""
     try:
         return TextureFiles(read_file, MeshData()).encoded("", data)
     except OSError:
-        return None
+        return data
 
 
 def _png(image: Image.Image) -> bytes:

@@ -7,7 +7,7 @@ Source: "VTK File Formats", section "Simple Legacy Formats". Versions 2 to 4 (CE
 from __future__ import annotations
 
 import re
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +27,16 @@ _FACES: Final = {
 """Corners of each face of a volume, counter-clockwise from outside."""
 _CORNERS: Final = {5: 3, _PIXEL: 4, _QUAD: 4, _TETRAHEDRON: 4, _VOXEL: 8, _HEXAHEDRON: 8, _WEDGE: 6, _PYRAMID: 5}
 """Number of corners by cell type, where it is the same for all cells."""
-_LINEAR: Final = {22: 5, 23: _QUAD, 24: _TETRAHEDRON, 25: _HEXAHEDRON, 26: _WEDGE, 27: _PYRAMID}
-"""Cell type with the same corners for each quadratic type. The points between the corners come after them."""
-_WITHOUT_SURFACE: Final = (0, 1, 2, 3, 4, 21)
+_LINEAR: Final = {
+    5: (22, 34),
+    _QUAD: (23, 28, 30),
+    _TETRAHEDRON: (24,),
+    _HEXAHEDRON: (25, 29, 33),
+    _WEDGE: (26, 31, 32),
+    _PYRAMID: (27, 37),
+}
+"""Quadratic types by the linear type with the same corners. Their points between the corners come after those."""
+_WITHOUT_SURFACE: Final = (0, 1, 2, 3, 4, 21, 35)
 """Cell types that are points or lines."""
 _POLYGON_SECTIONS: Final = {b"polygons": _POLYGON, b"triangle_strips": _STRIP}
 """Cell types by the keyword of a section of POLYDATA."""
@@ -45,17 +52,6 @@ _TYPES: Final = {
 _WORD: Final = re.compile(rb"\S+")
 _MAX_WORD: Final = 64
 """Maximum length of a word in bytes: keywords and counts are shorter."""
-
-
-class _Cells(NamedTuple):
-    """Cells with any number of points."""
-
-    points: NDArray[np.int64]
-    """Points of all cells."""
-    starts: NDArray[np.int64]
-    """Index of each cell's first point in ``points``, (N,)."""
-    sizes: NDArray[np.int64]
-    """Number of points of each cell, (N,)."""
 
 
 class _Parser:
@@ -145,32 +141,35 @@ def read_vtk(
     """
     parser = _Parser(data)
     positions: NDArray[np.float32] | None = None
-    cells: list[_Cells] = []
+    points: list[NDArray[np.int64]] = []
+    sizes: list[NDArray[np.int64]] = []
     types: list[NDArray[np.int64]] = []
     while word := parser.word():
         if word == b"points":
             count = parser.count(max_vertices)
             positions = parser.numbers(parser.word(), 3 * count).reshape(count, 3).astype(np.float32)
         elif word == b"cells" or word in _POLYGON_SECTIONS:
-            cells.append(_cells(parser, max_triangles))
-            types.append(np.full(len(cells[-1].sizes), _POLYGON_SECTIONS.get(word, _POLYGON), np.int64))
-        elif word == b"cell_types" and cells:
+            points_of_section, sizes_of_section = _cells(parser, max_triangles)
+            points.append(points_of_section)
+            sizes.append(sizes_of_section)
+            types.append(np.full(len(sizes_of_section), _POLYGON_SECTIONS.get(word, _POLYGON)))
+        elif word == b"cell_types" and types:
             types[-1] = parser.numbers(b"int", parser.count(max_triangles)).astype(np.int64)
             break
         elif word in (b"point_data", b"cell_data"):
             break
-    if positions is None or not any(len(each.sizes) for each in cells):
+    if positions is None or not any(map(len, sizes)):
         raise MeshFaultError("it has no points or no cells")
-    found = [_triangles(*each, max_triangles, warnings) for each in zip(cells, types, strict=True)]
-    triangles = np.concatenate(found)
+    cells = np.concatenate(points), np.concatenate(sizes), np.concatenate(types)
+    triangles = _triangles(*cells, max_triangles, warnings)
     if triangles.size and not (triangles.min() >= 0 and triangles.max() < len(positions)):
         worst = int(triangles.min()) if triangles.min() < 0 else int(triangles.max())
         raise MeshFaultError(f"a cell refers to point {worst} of {len(positions)}")
     return positions, triangles
 
 
-def _cells(parser: _Parser, limit: int) -> _Cells:
-    """Return at most ``limit`` cells."""
+def _cells(parser: _Parser, limit: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the points of all cells, and the number of points of each cell, (N,); N is at most ``limit``."""
     first, size = parser.count(limit), parser.count(16 * limit)
     # Version 5 states the numbers of offsets and of indices; older versions, of cells and of integers in the list.
     if parser.next_is(b"offsets"):
@@ -180,32 +179,35 @@ def _cells(parser: _Parser, limit: int) -> _Cells:
         connectivity = parser.numbers(parser.word(), size).astype(np.int64)
         if len(offsets) and not ((np.diff(offsets) >= 0).all() and offsets[0] >= 0 and offsets[-1] <= size):
             raise MeshFaultError("the offsets of its cells are not in order")
-        return _Cells(connectivity, offsets[:-1], np.diff(offsets))
+        return connectivity[offsets[0] : offsets[-1]] if first else connectivity[:0], np.diff(offsets)
     numbers = parser.numbers(b"int", size).astype(np.int64)
-    starts, sizes = np.empty(first, np.int64), np.empty(first, np.int64)
-    start = 0
+    places = np.empty(first, np.int64)  # of the cells' sizes, each before its points
+    place = 0
     for cell in range(first):
-        count = int(numbers[start]) if start < size else -1
-        if not 0 <= count < size - start:
+        count = int(numbers[place]) if place < size else -1
+        if not 0 <= count < size - place:
             raise MeshFaultError("a cell is cut off")
-        starts[cell], sizes[cell] = start + 1, count
-        start += 1 + count
-    return _Cells(numbers, starts, sizes)
+        places[cell] = place
+        place += 1 + count
+    return np.delete(numbers[:place], places), numbers[places]
 
 
-def _triangles(cells: _Cells, types: NDArray[np.int64], limit: int, warnings: list[str]) -> NDArray[np.int64]:
+def _triangles(
+    points: NDArray[np.int64], sizes: NDArray[np.int64], types: NDArray[np.int64], limit: int, warnings: list[str]
+) -> NDArray[np.int64]:
     """Return the triangles of cells, (M, 3): polygons as fans, then strips, then the boundary of the volumes.
 
     Args:
-        types: Type of each cell.
+        points: Points of all cells.
+        sizes, types: Number of points and type of each cell, (N,).
         limit: Maximum number of triangles.
         warnings: A sentence is appended if cells are left out.
     """
-    points, starts, sizes = cells
     if len(types) != len(sizes):
         raise MeshFaultError(f"it has {len(types)} types for {len(sizes)} cells")
-    for quadratic, linear in _LINEAR.items():
-        types[types == quadratic] = linear
+    starts = np.cumsum(sizes) - sizes
+    for linear, quadratic in _LINEAR.items():
+        types[np.isin(types, quadratic)] = linear
     known = np.isin(types, (_STRIP, _POLYGON)) & (sizes >= 3)
     for kind, count in _CORNERS.items():
         has_corners = (types == kind) & (sizes >= count)

@@ -11,9 +11,14 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.assets.mesh_formats import MeshFormatError, diffuse_material, parse_mesh, with_default_materials
+from gateway.assets.mesh_formats import (
+    MeshFormatError,
+    decodable_texture,
+    diffuse_material,
+    parse_mesh,
+    with_default_materials,
+)
 from gateway.assets.scene_file import Up
-from gateway.assets.texture_formats import decodable_texture
 from gateway.gltf import GltfError
 from gateway.robots.limits import RobotLimits
 from gateway.scene.geometry import Part, Surface

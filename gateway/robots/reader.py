@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Final
 
 from gateway.robots.gltf_up import RobotGltfUp, nearest_up_axis
 from gateway.robots.limits import RobotLimits
@@ -14,11 +15,15 @@ from renderers.stop import check_stop
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.link_kinematics import LinkKinematics
-from scenegate.robots.link_model import LinkShape, MeshReference
+from scenegate.robots.link_model import Link, MeshReference
 from scenegate.robots.reader import errors_of, parse_links
 from scenegate.robots.robot import GeometryUse
 from scenegate.robots.xml_text import parse_xml, uses_xacro
 from scenegate.warning_text import strict_refusal
+
+MAX_LINKS_FOR_NOTE: Final = 8
+"""Maximum number of links whose collision geometry is read for the note about Y up: all of a robot's take 10 times as
+long as its glTF meshes."""
 
 
 def read_robot(
@@ -78,15 +83,21 @@ def _read(files: RobotFiles, geometry: GeometryUse, keyframe: str, gltf_up: Robo
     joints, kinematics = model.moving_joints(warnings), LinkKinematics(model)
     parts = LinkParts(files, limits, warnings, "z" if gltf_up == "z" else "y").of_links(model.links)
     notes: tuple[str, ...] = ()
-    digests = files.digests
-    if gltf_up != "z" and any(_is_gltf(part.shape) for link in model.links for part in link.geometries):
-        digests = dict(digests)  # without those of the collision geometry, which may only be compared
-        z_up = LinkParts(files, limits, [], "z").of_links(model.links)  # either axis gives the same warnings
-        collision_links = parse_links(root, files, "collision", limits, []).links
-        up = nearest_up_axis(parts, z_up, LinkParts(files, limits, [], "y").of_links(collision_links))
+    digests = dict(files.digests)  # without those of the collision geometry, unless it decides what is drawn
+    with_gltf = [index for index, link in enumerate(model.links) if _has_gltf(link)]
+    if gltf_up != "z" and with_gltf:
+        collision = parse_links(root, files, "collision", limits, []).links
+        compared = [index for index in with_gltf if collision[index].geometries]
+        if gltf_up == "y":
+            compared = compared[:MAX_LINKS_FOR_NOTE]
+        z_up = LinkParts(files, limits, [], "z").of_links(model.links[index] for index in compared)
+        expected = LinkParts(files, limits, [], "y").of_links(collision[index] for index in compared)
+        up = nearest_up_axis([parts[index] for index in compared], z_up, expected)
         reason = "bounds are nearer to those of the collision geometry"
         if gltf_up == "auto":
-            parts, digests = z_up if up == "z" else parts, files.digests
+            if up == "z":
+                parts = LinkParts(files, limits, [], "z").of_links(model.links)
+            digests = files.digests
             notes = (f"glTF meshes are taken as {up.upper()} up: their {reason}",)
         elif up == "z":
             notes = (f"glTF meshes are taken as Y up; with --robot-gltf-up z, their {reason}",)
@@ -94,5 +105,6 @@ def _read(files: RobotFiles, geometry: GeometryUse, keyframe: str, gltf_up: Robo
     return Robot(name, model.link_names, joints, parts, kinematics, tuple(dict.fromkeys(warnings)), notes, digests)
 
 
-def _is_gltf(shape: LinkShape) -> bool:
-    return isinstance(shape, MeshReference) and shape.filename.lower().endswith((".gltf", ".glb"))
+def _has_gltf(link: Link) -> bool:
+    shapes = [geometry.shape for geometry in link.geometries]
+    return any(isinstance(each, MeshReference) and each.filename.lower().endswith((".gltf", ".glb")) for each in shapes)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import PurePosixPath
 from typing import Any
-from urllib.parse import unquote
 
 import msgspec
 import numpy as np
@@ -13,20 +12,21 @@ from gateway.assets.mesh_formats import (
     FORMATS,
     MESH_LIMITS,
     MeshFormatError,
+    decodable_texture,
     diffuse_material,
     parse_mesh,
     with_default_materials,
 )
-from gateway.assets.texture_formats import decodable_texture
 from gateway.gltf import GltfError
 from gateway.scene.geometry import Part
 from gateway.scene.materials import WHITE, Color, tinted
 from gateway.scene.transforms import scaling
 from gateway.treeviewer.context import ReadContext
+from gateway.treeviewer.fields import is_unicode
 from gateway.treeviewer.images import check_image, file_content
 from renderers.drawlist import ImageError, Texture
 from scenegate.messages.field_kinds import CommandError, NothingToDraw, read_color, show
-from scenegate.messages.mesh_file import MAX_FILES
+from scenegate.messages.mesh_file import MAX_FILES, spellings
 from scenegate.warning_text import NOTHING_DRAWN
 
 
@@ -35,6 +35,8 @@ def mesh_file(
 ) -> tuple[Part, ...]:
     """Return the parts of a mesh file with the command's colour."""
     context.require_thread()
+    if not is_unicode(filename):  # it becomes the part's source, which pages and state files contain
+        raise CommandError(f"filename is not Unicode text: {show(filename)}")
     xyz = (scale,) * 3 if isinstance(scale, float) else scale
     parts = (
         _parts_of_opened(filename, xyz, context)
@@ -81,7 +83,7 @@ def _parts_of_sent(
         raise CommandError(f"up must be 'z' or missing, not {show(up)}")
 
     def resolve(name: str) -> bytes:
-        for spelling in (name, unquote(name), unquote(name).replace("\\", "/")):
+        for spelling in spellings(name):
             if spelling in file_by_name:
                 return file_content(file_by_name[spelling], "files")
         raise FileNotFoundError(2, "it was not sent; clients leave out what they cannot read", name)

@@ -77,12 +77,22 @@ def grid(*cells: tuple[int, ...]) -> str:
         ([(12, 0, 1, 2, 3, 4, 5, 6, 7)], 1.0, 12),
         ([(11, 0, 1, 3, 2, 4, 5, 7, 6)], 1.0, 12),
         ([(25, *range(8), *[0] * 12)], 1.0, 12),
+        ([(29, *range(8), *[0] * 19)], 1.0, 12),
         ([(13, 0, 3, 1, 4, 7, 5), (13, 1, 3, 2, 5, 7, 6)], 1.0, 12),
         ([(14, 0, 1, 2, 3, 4)], 1 / 3, 6),
         ([(14, 0, 1, 2, 3, 4), (14, 4, 5, 1, 0, 2)], 2 / 3, 12),
         ([(14, 0, 1, 2, 3, 6), (10, 0, 1, 6, 5)], 1 / 2, 8),
     ],
-    ids=["hexahedron", "voxel", "quadratic", "two wedges", "pyramid", "two pyramids", "pyramid and tetrahedron"],
+    ids=[
+        "hexahedron",
+        "voxel",
+        "quadratic",
+        "triquadratic",
+        "two wedges",
+        "pyramid",
+        "two pyramids",
+        "pyramid and tetrahedron",
+    ],
 )
 def test_boundary_of_volumes(cells: list[tuple[int, ...]], volume: float, triangle_count: int) -> None:
     positions, triangles = parse(grid(*cells))
@@ -98,6 +108,12 @@ def test_polygons_pixels_and_strips() -> None:
         HEAD.replace("UNSTRUCTURED_GRID", "POLYDATA") + CUBE + "POLYGONS 1 4\n3 0 1 2\nTRIANGLE_STRIPS 1 5\n4 0 1 3 2\n"
     )
     assert parse(strips)[1].tolist() == [[0, 1, 2], [0, 1, 3], [2, 3, 1]]
+
+
+def test_the_limit_holds_for_all_sections_together() -> None:
+    section = "POLYGONS 1 4\n3 0 1 2\n"
+    with pytest.raises(MeshFaultError, match="it has 6 triangles, the limit is 5"):
+        read_vtk((HEAD + CUBE + 6 * section).encode(), 1000, 5, [])
 
 
 def test_cells_of_other_types_are_a_warning() -> None:

@@ -185,6 +185,7 @@ def test_rejects_bombs_by_their_header() -> None:
         (b"<svg", r"tex: an image that starts with b'<svg' is not supported"),
         (b"\x89PNG\r\n\x1a\n", "tex: PNG without IHDR"),
         (b"\x89PNG\r\n\x1a\n\0\0\0\0IHDR" + bytes(30), "tex: PNG without IHDR"),
+        (b"\x89PNG\r\n\x1a\n\0\0\0\0IHDR\0\0\0\4\0\0\0\4tRNS" + bytes(8), "tex: PNG without IHDR"),
         (b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR\0", r"tex: its header is cut off \(17 bytes\)"),
         (b"\xff\xd8\xff\xe0\0\x10JFIF", r"tex: its header is cut off \(10 bytes\)"),
         (b"RIFF\0\0\0\0WEBPVP8 ", r"tex: its header is cut off"),

@@ -8,8 +8,9 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from gateway.robots.reader import read_robot
+from gateway.robots.reader import MAX_LINKS_FOR_NOTE, read_robot
 from gateway.scene.geometry import Surface
+from scenegate.robots.files import RobotFiles
 from tests.gltf.builder import Builder
 from tests.robots.files import link, write
 
@@ -55,3 +56,22 @@ def test_up_axis(tmp_path: Path, gltf_up: Literal["y", "z", "auto"], collision: 
 
 def test_without_a_doubt_about_the_up_axis_there_is_no_note(tmp_path: Path) -> None:
     assert read_robot(robot_with(tmp_path, '<box size="0.1 6 0.1"/>')).notes == ()
+
+
+def test_the_note_needs_the_collision_meshes_of_a_few_links(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names: list[str] = []
+    find = RobotFiles.find
+
+    def find_and_note(files: RobotFiles, name: str) -> Path:
+        names.append(name)
+        return find(files, name)
+
+    monkeypatch.setattr(RobotFiles, "find", find_and_note)
+    robot_with(tmp_path, "")
+    geometry = "<{0}><geometry><mesh filename='{1}'/></geometry></{0}>"
+    links = (
+        f"<link name='{i}'>{geometry.format('visual', 'm.gltf')}{geometry.format('collision', f'{i}.stl')}</link>"
+        for i in range(2 * MAX_LINKS_FOR_NOTE)
+    )
+    read_robot(write(tmp_path, f"<robot>{''.join(links)}</robot>"))
+    assert [name for name in names if name != "m.gltf"] == [f"{i}.stl" for i in range(MAX_LINKS_FOR_NOTE)]

@@ -353,7 +353,9 @@ def test_an_included_light_gives_no_warning(tmp_path: Path) -> None:
     assert read(tmp_path, model("<include><uri>model://sun</uri></include><link name='a'/>")).warnings == ()
 
 
-@pytest.mark.parametrize("uri", ["model://sun", "https://fuel.gazebosim.org/1.0/OpenRobotics/models/Sun"])
+@pytest.mark.parametrize(
+    "uri", ["model://sun", "model://sun/", "https://fuel.gazebosim.org/1.0/OpenRobotics/models/Sun/2"]
+)
 def test_the_sun_of_gazebo_may_be_missing(tmp_path: Path, uri: str) -> None:
     assert read(tmp_path, model(f"<include><uri>{uri}</uri></include><link name='a'/>")).warnings == ()
 

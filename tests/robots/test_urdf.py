@@ -346,7 +346,7 @@ def test_only_mjcf_files_have_keyframes(tmp_path: Path) -> None:
 
 
 def test_missing_files(tmp_path: Path) -> None:
-    with pytest.raises(RobotFileError, match=r"none.urdf cannot be read: No such file"):
+    with pytest.raises(RobotFileError, match=r"none.urdf: No such file"):
         read_robot(tmp_path / "none.urdf")
 
 

@@ -79,6 +79,11 @@ def test_the_texture_of_a_robots_material_may_be_tga(viewer: Viewer) -> None:
     assert texture.image.decode()[0, 0].tolist() == [255, 0, 0, 255]
 
 
+def test_a_file_name_that_cannot_be_encoded_is_an_error(viewer: Viewer) -> None:
+    answer = viewer.publish({"type": "mesh_file", "filename": "a\ud800.obj", "data": "djAK"})
+    assert "filename is not Unicode text: <str>" in answer["error"]
+
+
 @pytest.mark.parametrize(
     ("scale", "asked"), [(None, (1, 1, 1)), (2, (2, 2, 2)), ([2], (2, 2, 2)), ([1, 2, 3], (1, 2, 3)), (True, (1, 1, 1))]
 )

@@ -155,17 +155,14 @@ class RobotFiles:
 
     def _candidates(self, scheme: str, path: str) -> Iterator[Path]:
         """Yield the paths that a file may have, in order of preference."""
-        if scheme not in _PACKAGE_SCHEMES:
-            is_relative_url = bool(scheme) and not path.startswith("/")
-            if scheme:
-                yield Path("/" + path.lstrip("/"))
-            if is_relative_url or not scheme:  # some write file://meshes/a.stl
-                yield from (folder / path for folder in (self._folder, *self._roots))
-            if not is_relative_url:
-                return
-        # A package; with file://robot/meshes/a.stl, Gazebo looks for one, too.
+        is_relative_url = scheme == "file" and not path.startswith("/")  # some write file://meshes/a.stl
+        if scheme == "file":
+            yield Path("/" + path.lstrip("/"))
+        if not scheme or is_relative_url:
+            yield from (folder / path for folder in (self._folder, *self._roots))
         package, path_in_package = _split_package(path)
-        if package not in _NOT_PACKAGES:
+        # With file://robot/meshes/a.stl, Gazebo looks for a package, too.
+        if (scheme in _PACKAGE_SCHEMES or is_relative_url) and package not in _NOT_PACKAGES:
             yield from (folder / path_in_package for folder in self._package_folders(package))
             # Outside of ROS, the file may lie beside the robot file without its package's folder, as in PyBullet.
             if path_in_package:

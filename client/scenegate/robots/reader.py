@@ -13,6 +13,7 @@ from typing import Final, Literal, get_args
 
 from scenegate.messages.arguments import describe
 from scenegate.messages.geometry import Geometry
+from scenegate.regular_files import reason_of
 from scenegate.robots.errors import RobotFileError
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.limits import RobotFileLimits
@@ -100,7 +101,6 @@ def errors_of(path: str | Path) -> Iterator[None]:
     """Add the file's name to errors inside the context, and raise RobotFileError in place of OSError."""
     try:
         yield
-    except RobotFileError as error:
-        raise type(error)(f"{os.fspath(path)}: {error}") from None
-    except OSError as error:
-        raise RobotFileError(f"{os.fspath(path)} cannot be read: {error.strerror}") from None
+    except (RobotFileError, OSError) as error:
+        kind = type(error) if isinstance(error, RobotFileError) else RobotFileError
+        raise kind(f"{os.fspath(path)}: {reason_of(error)}") from None

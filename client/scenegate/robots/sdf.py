@@ -170,13 +170,12 @@ class _SdfReader:
             path = self._files.find_model(uri, scope.folder)
             root = parse_xml(self._files.read(path), self._limits.max_elements, self._warnings)
         except (OSError, RobotFileError) as error:
-            if uri.rsplit("/", 1)[-1].lower() == "sun":  # Gazebo's own, a light alone: those are not used anywhere
-                return
-            self._warnings.append(f"the included model {uri[:200]} is not shown: {reason_of(error)}")
+            if "sun" not in uri.lower().split("/")[-2:]:  # Gazebo's, also with a version, is a light and no more
+                self._warnings.append(f"the included model {uri[:200]} is not shown: {reason_of(error)}")
             return
         model = root if root.tag == "model" else root.find("model")
         if model is None:
-            if root.find("light") is None:
+            if root.find("light") is None:  # lights are not used anywhere
                 self._warnings.append(f"the included file {uri[:200]} has no <model>, it is not shown")
             return
         name = (include.findtext("name") or attribute(model, "name")).strip()
