@@ -21,6 +21,8 @@ MAX_PIPELINED: Final = 64
 SLICE_BYTES: Final = 16 << 10
 """Bytes of heads and chunked bodies, which the parser reads byte by byte, per iteration of the event loop: a chunk may
 have 6 bytes and takes a microsecond."""
+FIRST_REQUEST_SECONDS: Final = 0.5
+"""Time at shutdown for the first request of a connection: its client may have sent it already."""
 HEAD_SECONDS: Final = 30.0
 """Time for a head to arrive, from the connection or from its first byte."""
 BODY_SECONDS: Final = 90.0
@@ -137,6 +139,13 @@ class BoundedHttpProtocol(SlicedReads, HttpToolsProtocol):
         if self._timer is not None:
             self._timer.cancel()
         super().connection_lost(exc)
+
+    def shutdown(self) -> None:
+        """Finish the request, or close the connection. The head of a first request may be on its way."""
+        if self.state is State.HEAD:
+            self.loop.call_later(FIRST_REQUEST_SECONDS, super().shutdown)
+        else:
+            super().shutdown()
 
     def reading_paused(self) -> bool:
         """Return whether a request waits for its predecessor, or the application is slower than the client."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 
 import pytest
 from fastapi import FastAPI, Request, Response
 
 from gateway.server import http_protocol
+from gateway.server.http_protocol import BoundedHttpProtocol
 from gateway.server.middleware import EarlyResponse
 from tests.server.listening import listening
 from tests.support.waiting import SECONDS
@@ -47,6 +48,27 @@ async def serving(held: asyncio.Event | None = None) -> AsyncIterator[int]:
     app.add_middleware(EarlyResponse)
     async with listening(app) as port:
         yield port
+
+
+async def test_shutdown_responds_to_the_first_request_of_a_new_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http_protocol, "FIRST_REQUEST_SECONDS", SECONDS)
+    begun = asyncio.Event()
+    end = BoundedHttpProtocol.shutdown
+
+    def begin(connection: BoundedHttpProtocol) -> None:
+        end(connection)
+        begun.set()
+
+    monkeypatch.setattr(BoundedHttpProtocol, "shutdown", begin)
+    async with AsyncExitStack() as server:
+        port = await server.enter_async_context(serving())
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        ending = asyncio.create_task(server.aclose())
+        await begun.wait()
+        writer.write(b"GET /hello HTTP/1.1\r\nhost: here\r\n\r\n")
+        assert (await reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 200 OK")
+        writer.close()
+        await ending
 
 
 async def test_head_limit_is_per_request() -> None:
