@@ -61,6 +61,22 @@ def test_a_terminal_that_closes_ends_a_command_as_sigterm_does_except_under_nohu
     assert (ran.returncode, ran.stdout, ran.stderr) == (0, output, "")
 
 
+IN_A_THREAD = """
+import os
+from threading import Thread
+from scenegate.cli import main, play
+play.run = lambda options: print("ran")
+thread = Thread(target=main, args=(["play", os.devnull],))
+thread.start()
+thread.join()
+"""
+
+
+def test_commands_run_in_any_thread() -> None:
+    ran = subprocess.run([sys.executable, "-c", IN_A_THREAD], capture_output=True, text=True)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (0, "ran\n", "")
+
+
 def test_other_errors_keep_their_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(options: object) -> NoReturn:
         raise KeyError("a fault")
