@@ -30,7 +30,7 @@ _MAX_BLOCK_ELEMENTS: Final = 256
 _CHANNEL: Final = 4
 """Bytes of an element that have one channel mode."""
 _MIN_TAIL_BYTES: Final = (32, 24)
-"""By version of the attributes."""
+"""Bytes that a stream of attributes ends with, at least, by its version."""
 _FEW_BITS, _MORE_BITS, _ZEROS, _LITERAL, _VERSION_0 = range(5)
 """How a byte of the elements in a block is stored: the control modes of version 1, and the way of version 0."""
 _BYTES, _WORDS, _XOR = range(3)

@@ -48,7 +48,7 @@ async def test_a_proxy_of_the_environment_is_not_used(monkeypatch: pytest.Monkey
         monkeypatch.delenv(name, raising=False)
     try:
         with Credentials().channel(f"127.0.0.1:{port}") as channel:
-            call = channel.unary_unary("/Nobody/Nothing")
+            call = channel.unary_unary("/Unknown/Method")
             with pytest.raises(grpc.RpcError) as caught:
                 await asyncio.to_thread(call, b"", timeout=SECONDS)
             assert caught.value.code() is grpc.StatusCode.UNIMPLEMENTED, caught.value
@@ -69,7 +69,7 @@ async def test_client_certificate(tmp_path: Path) -> None:
             (Credentials(ca=pem), False),
         ):
             with credentials.channel(f"127.0.0.1:{port}") as channel:
-                call = channel.unary_unary("/Nobody/Nothing")
+                call = channel.unary_unary("/Unknown/Method")
                 with pytest.raises(grpc.RpcError) as caught:
                     await asyncio.to_thread(call, b"", timeout=SECONDS, metadata=credentials.metadata)
                 is_there = caught.value.code() is grpc.StatusCode.UNIMPLEMENTED

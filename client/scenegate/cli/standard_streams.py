@@ -15,6 +15,7 @@ def prepare() -> None:
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
+            # The lowest free descriptor is that of the closed stream; it stays open until the process ends.
             stream = open(os.open(os.devnull, os.O_RDWR), mode, encoding="utf-8", errors="replace")  # noqa: PTH123, SIM115
             setattr(sys, name, stream)
     out = sys.stdout
