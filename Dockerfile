@@ -52,6 +52,6 @@ RUN scenegate warmup
 EXPOSE 8000 7700 50051
 STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=10s --timeout=3s --start-period=120s --retries=3 \
-    CMD ["python", "-m", "gateway.server.healthcheck"]
+    CMD ["python", "-m", "gateway.runtime.http.healthcheck"]
 ENTRYPOINT ["scenegate"]
 CMD ["serve"]

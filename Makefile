@@ -21,7 +21,7 @@ IMAGE ?= scenegate
 TAG ?= latest
 
 # Sources of the browser view; they are checked where node is 20 or newer.
-WEB := gateway/viewer/web
+WEB := gateway/adapters/viewer/web
 NODE := $(shell command -v npm >/dev/null && node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
 BIN := $(VENV)/bin
@@ -138,7 +138,7 @@ generate: $(VENV)/.tools ## write the protobuf classes from protos/ (needs Pytho
 		python protos/generate.py $(ARGS)
 
 # The types of messages, in one definition with the server's. The build removes types, so it does not need them.
-$(WEB)/src/protocol.ts: tools/page_types.py gateway/viewer/messages.py client/scenegate/messages/controls.py | $(VENV)/.installed-dev
+$(WEB)/src/protocol.ts: tools/page_types.py gateway/adapters/viewer/messages.py client/scenegate/messages/controls.py | $(VENV)/.installed-dev
 	$(BIN)/python -m tools.page_types $@
 
 check-web: $(WEB)/node_modules/.package-lock.json $(WEB)/src/protocol.ts ## lint, format, types and unit tests of the page (needs node 20)

@@ -21,13 +21,13 @@ from PIL import Image
 from bench import gltf, render_requests
 from bench.table import Row, at_least, geometric_mean, heading, show
 from bench.turns import in_turns, median, timed
-from gateway.render.config import RenderConfig
-from gateway.render.form import FormReader
-from gateway.render.pipeline import camera_of, posted_document
-from gateway.render.scenes import SceneStore
+from gateway.adapters.render.config import RenderConfig
+from gateway.adapters.render.form import FormReader
+from gateway.adapters.render.pipeline import camera_of, posted_document
+from gateway.adapters.render.scenes import SceneStore
 from gateway.runtime.kernels import parts
 from gateway.runtime.kernels.loading import ensure_compiled
-from gateway.runtime.process_tuning import freeze_gc, tune
+from gateway.runtime.workers.process_tuning import freeze_gc, tune
 from renderers.depth_range import depth_in_millimetres
 from renderers.encode import png_gray16, png_rgb, tiff_float32
 from renderers.interface import Look, Output

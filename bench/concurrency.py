@@ -26,8 +26,8 @@ from bench.raster import scenes, view
 from bench.table import Row, at_least, at_most, heading, show
 from gateway.runtime.kernels import parts
 from gateway.runtime.kernels.loading import ensure_compiled
-from gateway.runtime.process_tuning import freeze_gc, tune
-from gateway.runtime.worker_pool import WorkerPool
+from gateway.runtime.workers.process_tuning import freeze_gc, tune
+from gateway.runtime.workers.worker_pool import WorkerPool
 from renderers.drawlist import DrawList
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer

@@ -24,7 +24,7 @@ import trimesh as typed_trimesh
 from PIL import Image
 
 from bench.table import heading
-from gateway.runtime.scheduling import usable_cpus
+from gateway.runtime.workers.scheduling import usable_cpus
 
 trimesh: Any = typed_trimesh  # typed in parts
 SCENES = 10

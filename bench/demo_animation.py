@@ -19,8 +19,8 @@ from PIL import Image
 from bench.gallery import camera, stereo_tiles
 from gateway.demo import Demo
 from gateway.demo.motion import PERIOD
-from gateway.scene.flatten import flatten
-from gateway.scene.live import LiveTree
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.tree.live import LiveTree
 from renderers.drawlist import DrawList
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer, warmup

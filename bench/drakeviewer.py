@@ -25,11 +25,11 @@ import numpy as np
 
 from bench.drakeviewer_peer import play, read_log
 from bench.table import Row, at_least, show, skipped
-from gateway.assets.mesh_files import MeshFiles
-from gateway.drakeviewer.viewer import DrakeViewer
-from gateway.scene.live import LiveTree
+from gateway.adapters.drakeviewer.viewer import DrakeViewer
+from gateway.files.assets.mesh_files import MeshFiles
+from gateway.scene.tree.live import LiveTree
 from scenegate.lcm.event_log import pack_event
-from tests.drakeviewer import encoding
+from tests.adapters.drakeviewer import encoding
 
 LINKS = 100
 STEPS = 16

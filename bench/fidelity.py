@@ -32,9 +32,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gateway.assets.scene_file import SceneFileError, read_scene_file
-from gateway.scene.flatten import flatten
-from gateway.scene.transforms import Y_UP_TO_Z_UP
+from gateway.files.assets.scene_file import SceneFileError, read_scene_file
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.tree.transforms import Y_UP_TO_Z_UP
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 from renderers.color import linear_from_srgb
 from renderers.drawlist import LABEL_NONE, AlphaMode

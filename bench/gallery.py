@@ -19,14 +19,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.adapters.stereo.device.profile import read_profile
 from gateway.demo import Demo
-from gateway.scene.cameras import parse_camera
-from gateway.scene.flatten import flatten
-from gateway.scene.labels import LabelTable
-from gateway.scene.live import LiveTree
-from gateway.scene.tree import Node
-from gateway.scene.viewpoints import resolve_camera
-from gateway.stereo.device.profile import read_profile
+from gateway.scene.draw.cameras import parse_camera
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.draw.viewpoints import resolve_camera
+from gateway.scene.tree.labels import LabelTable
+from gateway.scene.tree.live import LiveTree
+from gateway.scene.tree.nodes import Node
 from renderers.camera import Camera
 from renderers.drawlist import (
     AlphaMode,

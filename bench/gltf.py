@@ -45,8 +45,8 @@ from bench import gltf_files
 from bench.render_requests import scene_of
 from bench.table import Row, at_least, geometric_mean, heading, show
 from bench.turns import TURN, in_turns, timed
-from gateway.gltf import GltfCache, read_gltf
-from gateway.runtime.process_tuning import freeze_gc, tune
+from gateway.files.gltf import GltfCache, read_gltf
+from gateway.runtime.workers.process_tuning import freeze_gc, tune
 from renderers.compiler.jit import compile_all
 
 RUNS = 4 * TURN

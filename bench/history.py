@@ -17,9 +17,9 @@ from typing import Final
 
 import numpy as np
 
-from gateway.scene.history import TreeHistory
-from gateway.scene.live import LiveTree
-from gateway.settings import MIB, Settings
+from gateway.runtime.settings import MIB, Settings
+from gateway.scene.tree.history import TreeHistory
+from gateway.scene.tree.live import LiveTree
 
 SEEKS: Final = 200
 NANOSECONDS: Final = 1_000_000_000

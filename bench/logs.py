@@ -27,12 +27,12 @@ from pathlib import Path
 
 import numpy as np
 
-from gateway.lcmlog.timeline import LogTimeline, open_log
+from gateway.replay.timeline import LogTimeline, open_log
 from gateway.runtime.kernels.cache import configure
-from gateway.runtime.process_tuning import return_memory, tune
+from gateway.runtime.workers.process_tuning import return_memory, tune
 from scenegate.lcm.event_log import pack_event, read_events
-from tests.drakeviewer.encoding import cloud
-from tests.treeviewer.conversation import BOX, message
+from tests.adapters.drakeviewer.encoding import cloud
+from tests.adapters.treeviewer.conversation import BOX, message
 
 REQUEST = "DIRECTOR_TREE_VIEWER_REQUEST_<bench>"
 FIELDS = [("x", 0, 7, 1), ("y", 4, 7, 1), ("z", 8, 7, 1), ("rgb", 12, 6, 1)]

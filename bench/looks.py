@@ -17,10 +17,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.render.config import RenderConfig
-from gateway.render.form import read_fields
-from gateway.render.pipeline import Pipeline
-from gateway.scene.style import Style
+from gateway.adapters.render.config import RenderConfig
+from gateway.adapters.render.form import read_fields
+from gateway.adapters.render.pipeline import Pipeline
+from gateway.scene.draw.style import Style
 from renderers.raster import CpuRenderer
 
 SCENES: Final = (

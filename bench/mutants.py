@@ -31,36 +31,36 @@ from cosmic_ray.plugins import get_operator, operator_names
 
 ROOT = Path(__file__).parents[1]
 ROOMS = {
-    "assets": ("tests/assets", "tests/treeviewer"),
+    "assets": ("tests/files/assets", "tests/adapters/treeviewer"),
     "cli": ("tests/cli", "tests/e2e"),
     "client": ("tests/client", "tests/datasets"),
     "datasets": ("tests/datasets",),
     "demo": ("tests/demo",),
-    "gltf": ("tests/gltf", "tests/render"),
-    "lcm": ("tests/lcm", "tests/treeviewer"),
-    "render": ("tests/render",),
-    "runtime": ("tests/runtime", "tests/server"),
-    "scene": ("tests/scene", "tests/sceneapi", "tests/treeviewer"),
-    "sceneapi": ("tests/sceneapi",),
-    "server": ("tests/server", "tests/security"),
-    "settings": ("tests/settings",),
-    "state": ("tests/state",),
-    "stereo": ("tests/renderers/stereo", "tests/stereo"),
-    "treeviewer": ("tests/treeviewer", "tests/lcm"),
-    "viewer": ("tests/viewer", "tests/sceneapi"),
+    "gltf": ("tests/files/gltf", "tests/adapters/render"),
+    "lcm": ("tests/runtime/lcm", "tests/adapters/treeviewer"),
+    "render": ("tests/adapters/render",),
+    "runtime": ("tests/runtime", "tests/runtime/http"),
+    "scene": ("tests/scene", "tests/adapters/sceneapi", "tests/adapters/treeviewer"),
+    "sceneapi": ("tests/adapters/sceneapi",),
+    "server": ("tests/runtime/http", "tests/security"),
+    "settings": ("tests/runtime/settings",),
+    "state": ("tests/runtime/state",),
+    "stereo": ("tests/renderers/stereo", "tests/adapters/stereo"),
+    "treeviewer": ("tests/adapters/treeviewer", "tests/runtime/lcm"),
+    "viewer": ("tests/adapters/viewer", "tests/adapters/sceneapi"),
     "wiring": ("tests/wiring", "tests/test_app.py", "tests/e2e"),
 }
 """Rooms of ``gateway`` and the tests that mirror them, nearest first."""
 KERNEL_ROOMS = {
     "compiler": ("tests/renderers/compiler", "tests/renderers"),
     "encode": ("tests/renderers",),
-    "gltf": ("tests/gltf",),
+    "gltf": ("tests/files/gltf",),
     "raster": ("tests/renderers/raster", "tests/renderers"),
     "renderers": ("tests/renderers",),
     "scene": ("tests/scene",),
     "shading": ("tests/renderers/shading", "tests/renderers"),
-    "stereo": ("tests/renderers/stereo", "tests/stereo"),
-    "treeviewer": ("tests/treeviewer",),
+    "stereo": ("tests/renderers/stereo", "tests/adapters/stereo"),
+    "treeviewer": ("tests/adapters/treeviewer",),
 }
 """Rooms with kernels, of ``renderers`` and of ``gateway``; "renderers" is what lies in no room."""
 EQUIVALENT = ("_Eq_Is", "_NotEq_IsNot", "_Is_Eq", "_IsNot_NotEq")

@@ -25,7 +25,7 @@ import numpy as np
 
 from bench.table import Row, at_least, at_most, geometric_mean, show, skipped
 from bench.turns import Time, in_turns, median, timed
-from gateway.runtime.process_tuning import tune
+from gateway.runtime.workers.process_tuning import tune
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Sampler, Texture
 from renderers.interface import Look, Output

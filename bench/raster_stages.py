@@ -16,7 +16,7 @@ from unittest.mock import patch
 
 from bench.frame_task import read_frame
 from bench.raster import EVERYTHING, SIZES, scenes, view
-from gateway.runtime.process_tuning import tune
+from gateway.runtime.workers.process_tuning import tune
 from renderers.interface import Look
 from renderers.raster import CpuRenderer, frame, warmup
 from renderers.raster.coverage import draw_band

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.transforms import look_at
+from gateway.scene.tree.transforms import look_at
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Instance, Material
 from renderers.interface import Look, Output

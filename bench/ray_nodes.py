@@ -48,7 +48,7 @@ def job_of(scenes: Path, out: Path, orbit: int, settings: Settings) -> Job:
     from gateway.datasets.job import make_job
     from gateway.datasets.sources import find_sources
     from gateway.datasets.views import View
-    from gateway.scene.cameras import OrbitCamera
+    from gateway.scene.draw.cameras import OrbitCamera
 
     views = tuple(View(f"orbit-{index}", OrbitCamera(index, orbit, 30.0)) for index in range(orbit))
     return make_job(find_sources([scenes]), views, CameraFile(), settings, out)

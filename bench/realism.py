@@ -17,17 +17,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.adapters.stereo.device.camera_config import StereoConfig
+from gateway.adapters.stereo.device.parameters import Parameters
+from gateway.adapters.stereo.device.stream_settings import read_settings
+from gateway.adapters.stereo.imaging.rendered_images import ImageRequest, Imaging
+from gateway.adapters.stereo.imaging.scene_view import Capture, SceneState
 from gateway.demo import Demo
-from gateway.scene.flatten import Flattener
-from gateway.scene.labels import LabelTable
-from gateway.scene.live import LiveTree
-from gateway.scene.mount import parse_mount_pose
-from gateway.settings import Settings
-from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.device.parameters import Parameters
-from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging
-from gateway.stereo.imaging.scene_view import Capture, SceneState
+from gateway.runtime.settings import Settings
+from gateway.scene.draw.flatten import Flattener
+from gateway.scene.draw.mount import parse_mount_pose
+from gateway.scene.tree.labels import LabelTable
+from gateway.scene.tree.live import LiveTree
 from renderers.raster import CpuRenderer
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
 from renderers.stereo.sensor.camera_image import NoiseStream

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from gateway.robots.reader import read_robot
+from gateway.files.robots.reader import read_robot
 from scenegate.robots.errors import RobotFileError
 
 PATTERNS: Final = ("*.urdf", "*.sdf")

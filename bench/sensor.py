@@ -23,8 +23,8 @@ from bench.sensor_images import Sample, demo_samples, renderer, samples
 from bench.sensor_materials import report_materials, report_reach, report_response
 from bench.sensor_plot import write_plot
 from bench.sensor_time import report_over_time
-from gateway.stereo.imaging.matched_depth import matched_depth
-from gateway.stereo.imaging.rendered_images import rendered_depth
+from gateway.adapters.stereo.imaging.matched_depth import matched_depth
+from gateway.adapters.stereo.imaging.rendered_images import rendered_depth
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.filters import Filters
 from renderers.stereo.depth.image_pair import grey_levels

@@ -16,12 +16,12 @@ import cv2
 from bench.sensor import MODES
 from bench.sensor_images import Sample, demo_samples, make_sample, renderer
 from bench.sensor_scenes import POSE, make_scene, mixed_room, plain_room
-from gateway.runtime.process_tuning import tune
-from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.device.parameters import Parameters
-from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging
-from gateway.stereo.imaging.scene_view import Capture
+from gateway.adapters.stereo.device.camera_config import StereoConfig
+from gateway.adapters.stereo.device.parameters import Parameters
+from gateway.adapters.stereo.device.stream_settings import read_settings
+from gateway.adapters.stereo.imaging.rendered_images import ImageRequest, Imaging
+from gateway.adapters.stereo.imaging.scene_view import Capture
+from gateway.runtime.workers.process_tuning import tune
 from renderers.interface import Output
 from renderers.stereo.sensor.camera_image import NoiseStream
 

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging
-from gateway.stereo.imaging.scene_view import Capture
+from gateway.adapters.stereo.device.camera_config import StereoConfig
+from gateway.adapters.stereo.imaging.rendered_images import ImageRequest, Imaging
+from gateway.adapters.stereo.imaging.scene_view import Capture
 from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.raster import CpuRenderer
 from renderers.stereo.realism import RealismPart

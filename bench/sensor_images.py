@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.sensor_scenes import POSE, SCENES, Scene, make_scene
+from gateway.adapters.stereo.device.camera_config import StereoConfig
+from gateway.adapters.stereo.device.parameters import Parameters
+from gateway.adapters.stereo.device.stream_settings import StreamSettings, read_settings
+from gateway.adapters.stereo.imaging.rendered_images import ImageRequest, Imaging
+from gateway.adapters.stereo.imaging.scene_view import Capture
 from gateway.demo import Demo
-from gateway.scene.flatten import flatten
-from gateway.scene.live import LiveTree
-from gateway.scene.mount import parse_mount_pose
-from gateway.settings import Settings
-from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.device.parameters import Parameters
-from gateway.stereo.device.stream_settings import StreamSettings, read_settings
-from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging
-from gateway.stereo.imaging.scene_view import Capture
+from gateway.runtime.settings import Settings
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.draw.mount import parse_mount_pose
+from gateway.scene.tree.live import LiveTree
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
 from renderers.stereo.depth.depth_images import true_disparity

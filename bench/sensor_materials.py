@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from bench.sensor_images import Sample, make_sample, renderer
 from bench.sensor_scenes import textured
 from bench.sensor_time import Measure, slanted, wall
+from gateway.adapters.stereo.device.camera_config import StereoConfig
+from gateway.adapters.stereo.device.parameters import Parameters
+from gateway.adapters.stereo.device.stream_settings import read_settings
+from gateway.adapters.stereo.imaging.rendered_images import ImageRequest, Imaging
+from gateway.adapters.stereo.imaging.scene_view import Capture
 from gateway.demo.meshes import tile
-from gateway.gltf import read_gltf
-from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Part, Surface
-from gateway.scene.transforms import translation
-from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.device.parameters import Parameters
-from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.rendered_images import ImageRequest, Imaging
-from gateway.stereo.imaging.scene_view import Capture
+from gateway.files.gltf import read_gltf
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.tree.geometry import Part, Surface
+from gateway.scene.tree.transforms import translation
 from renderers.drawlist import DrawList, Material
 from renderers.interface import Output
 from renderers.stereo.depth.depth_images import DepthImages

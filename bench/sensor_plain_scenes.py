@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.sensor_scenes import Scene, at, box, image_of, plain, room, textured
-from gateway.scene.geometry import Part
+from gateway.scene.tree.geometry import Part
 from renderers.drawlist import Material, Texture
 from scenegate.messages.geometry import Cylinder, Sphere
 

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.demo.meshes import textured_box, tile
-from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Part, Shape, Surface
-from gateway.scene.transforms import Matrix, look_at, translation
-from gateway.scene.tree import Node, TreeEdit
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.tree.geometry import Part, Shape, Surface
+from gateway.scene.tree.nodes import Node, TreeEdit
+from gateway.scene.tree.transforms import Matrix, look_at, translation
 from renderers.drawlist import AlphaMode, DrawList, Image, Material, Texture
 from scenegate.messages.geometry import Box, Cylinder, Sphere
 

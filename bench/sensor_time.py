@@ -18,17 +18,17 @@ from numpy.typing import NDArray
 
 from bench.sensor_images import Sample, make_sample, renderer
 from bench.sensor_scenes import plain, textured
+from gateway.adapters.stereo.device.camera_config import StereoConfig
+from gateway.adapters.stereo.device.parameters import Parameters
+from gateway.adapters.stereo.device.stream_settings import read_settings
+from gateway.adapters.stereo.imaging.rendered_images import Imaging
+from gateway.adapters.stereo.imaging.scene_view import Capture
 from gateway.demo.meshes import tile
-from gateway.gltf import read_gltf
-from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Part, Surface
-from gateway.scene.transforms import Matrix, translation
-from gateway.scene.tree import Node, TreeEdit
-from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.device.parameters import Parameters
-from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.rendered_images import Imaging
-from gateway.stereo.imaging.scene_view import Capture
+from gateway.files.gltf import read_gltf
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.tree.geometry import Part, Surface
+from gateway.scene.tree.nodes import Node, TreeEdit
+from gateway.scene.tree.transforms import Matrix, translation
 from renderers.drawlist import DrawList, Instance
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.filters import Filters

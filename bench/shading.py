@@ -35,7 +35,7 @@ from bench.raster import SIZES, Process, scenes, view, write
 from bench.raster_stages import laps
 from bench.table import Row, at_least, show, skipped
 from bench.turns import WARM, Time, in_turns, median, timed
-from gateway.runtime.process_tuning import tune
+from gateway.runtime.workers.process_tuning import tune
 from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Material, Sampler, Texture
 from renderers.interface import Look, Output

@@ -35,7 +35,7 @@ from bench.soak_clients import BEHAVIOURS, KINDS, Ports
 from bench.soak_overload import overload
 from bench.soak_plot import plot
 from bench.soak_turns import turns
-from gateway.runtime.process_tuning import tune
+from gateway.runtime.workers.process_tuning import tune
 
 QUEUE = 32
 THREADS = 2

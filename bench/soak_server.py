@@ -18,10 +18,11 @@ from typing import Any
 
 import uvloop
 
-from gateway import settings as options
 from gateway.app import create_app
-from gateway.runtime import logs, process_tuning
-from gateway.server import http_server
+from gateway.runtime import settings as options
+from gateway.runtime.http import http_server
+from gateway.runtime.logs import log_setup
+from gateway.runtime.workers import process_tuning
 
 TICK = 0.001
 """Seconds between two looks of the ticker whose delays are the loop's stalls."""
@@ -66,7 +67,7 @@ async def tell() -> None:
 async def serve(flags: dict[str, Any]) -> None:
     """Until SIGTERM."""
     settings = options.load(flags)
-    logs.configure("json", "error")
+    log_setup.configure("json", "error")
     app = create_app(settings)
     listener = process_tuning.listen(settings.host, settings.http_port)
     server = http_server.MainServer(http_server.server_config(app, settings.shutdown_seconds, lifespan=True))

@@ -23,16 +23,16 @@ import uvloop
 
 from bench.treeviewer_clients import Client, Figures, measure, process, started
 from bench.treeviewer_requests import boxes, cloud, transforms
-from gateway.lcm.config import LcmConfig
-from gateway.runtime.process_tuning import tune
-from gateway.scene.live import LiveTree
-from gateway.state.config import StateConfig
-from gateway.state.database import Database
-from gateway.state.service import PersistentState
-from gateway.state.tree_store import TreeStore
-from gateway.treeviewer.config import TreeViewerConfig
-from gateway.treeviewer.protocol import TreeViewerProtocol
-from gateway.treeviewer.service import TreeViewerService
+from gateway.adapters.treeviewer.config import TreeViewerConfig
+from gateway.adapters.treeviewer.protocol import TreeViewerProtocol
+from gateway.adapters.treeviewer.service import TreeViewerService
+from gateway.runtime.lcm.config import LcmConfig
+from gateway.runtime.state.config import StateConfig
+from gateway.runtime.state.database import Database
+from gateway.runtime.state.service import PersistentState
+from gateway.runtime.state.tree_store import TreeStore
+from gateway.runtime.workers.process_tuning import tune
+from gateway.scene.tree.live import LiveTree
 
 JOBS = {
     "1 transform": lambda: transforms(1),

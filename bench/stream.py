@@ -35,8 +35,8 @@ from typing import Any
 import numpy as np
 
 from bench.stream_servers import payload
-from gateway.runtime.process_tuning import tune
-from gateway.stereo.stream import image_messages as messages
+from gateway.adapters.stereo.stream import image_messages as messages
+from gateway.runtime.workers.process_tuning import tune
 
 ROW = "{:<30}{:>8}{:>9}{:>8}{:>9}{:>9}{:>9}{:>11}{:>11}{:>8}{:>8}"
 HEAD = ROW.format(

@@ -20,17 +20,17 @@ import grpc
 import numpy as np
 import uvloop
 
-from gateway.runtime.process_tuning import tune
-from gateway.runtime.worker_pool import WorkerPool
-from gateway.stereo.device.camera_config import Rate, StereoConfig
-from gateway.stereo.device.profile import read_profile
-from gateway.stereo.imaging.scene_view import SceneSource, SceneState
-from gateway.stereo.service import StereoService
-from gateway.stereo.stream import image_messages as messages
-from gateway.stereo.stream.client_queues import MessageHub
-from gateway.stereo.stream.grpc_server import serving
-from gateway.stereo.stream.image_messages import ImageMetadata
-from gateway.stereo.stream.subscriptions import ImageSetHub, MailboxState
+from gateway.adapters.stereo.device.camera_config import Rate, StereoConfig
+from gateway.adapters.stereo.device.profile import read_profile
+from gateway.adapters.stereo.imaging.scene_view import SceneSource, SceneState
+from gateway.adapters.stereo.service import StereoService
+from gateway.adapters.stereo.stream import image_messages as messages
+from gateway.adapters.stereo.stream.client_queues import MessageHub
+from gateway.adapters.stereo.stream.grpc_server import serving
+from gateway.adapters.stereo.stream.image_messages import ImageMetadata
+from gateway.adapters.stereo.stream.subscriptions import ImageSetHub, MailboxState
+from gateway.runtime.workers.process_tuning import tune
+from gateway.runtime.workers.worker_pool import WorkerPool
 from renderers.interface import LookName
 from renderers.stereo.realism import parse_realism
 from renderers.stereo.sensor.exposure import Exposure
@@ -160,7 +160,7 @@ async def live(rate: Rate, look: LookName, quality: str, scene: str, realism: st
 
 def _table() -> tuple[SceneSource, None]:
     """Six solids that stand still."""
-    from tests.stereo.scenes import pose, table
+    from tests.adapters.stereo.scenes import pose, table
 
     state = SceneState(0, table(), pose(), 1)
     return lambda timestamp: state, None
@@ -168,12 +168,12 @@ def _table() -> tuple[SceneSource, None]:
 
 def _demo() -> tuple[SceneSource, Any]:
     """Return the moving scene of ``serve --demo``, seen by its camera, and the task that moves it."""
-    from gateway.scene.flatten import Flattener
-    from gateway.scene.labels import LabelTable
-    from gateway.scene.live import LiveTree
-    from gateway.scene.mount import Mount, parse_mount_pose
-    from gateway.settings import Settings
-    from gateway.stereo.imaging.scene_view import SceneView
+    from gateway.adapters.stereo.imaging.scene_view import SceneView
+    from gateway.runtime.settings import Settings
+    from gateway.scene.draw.flatten import Flattener
+    from gateway.scene.draw.mount import Mount, parse_mount_pose
+    from gateway.scene.tree.labels import LabelTable
+    from gateway.scene.tree.live import LiveTree
     from gateway.wiring.demo import DemoService
 
     tree = LiveTree()
@@ -196,7 +196,7 @@ def watch_steps() -> dict[str, list[float]]:
         file = code.co_filename if code is not None else ""
         before = time.thread_time()
         run(handle)
-        if "gateway/stereo" in file:
+        if "gateway/adapters/stereo" in file:
             seen["ours"].append(time.thread_time() - before)
         elif "grpc" in file:
             seen["writer"].append(time.thread_time() - before)

@@ -23,9 +23,9 @@ import time
 from bench.treeviewer_clients import Client, Figures, measure, percentile, process, started
 from bench.treeviewer_requests import JOBS, transforms
 from bench.treeviewer_servers import json_reader
-from gateway.scene.live import LiveTree
-from gateway.treeviewer import responses
-from gateway.treeviewer.protocol import TreeViewerProtocol
+from gateway.adapters.treeviewer import responses
+from gateway.adapters.treeviewer.protocol import TreeViewerProtocol
+from gateway.scene.tree.live import LiveTree
 
 FLOOD = 3000
 

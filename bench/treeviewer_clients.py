@@ -26,7 +26,7 @@ import lcm
 from bench.running import end
 from bench.treeviewer_requests import cloud, mesh, transforms
 from bench.treeviewer_servers import with_large_buffer
-from gateway.treeviewer.protocol import REQUEST, RESPONSE
+from gateway.adapters.treeviewer.protocol import REQUEST, RESPONSE
 
 ANSWER_SECONDS = 10.0
 BIG_SECONDS = 0.1

@@ -22,13 +22,13 @@ import lcm
 import msgspec
 import uvloop
 
-from gateway.lcm.config import LcmConfig
-from gateway.runtime.process_tuning import tune
-from gateway.scene.live import LiveTree
-from gateway.treeviewer import responses
-from gateway.treeviewer.config import TreeViewerConfig
-from gateway.treeviewer.protocol import REQUEST, response_channel
-from gateway.treeviewer.service import TreeViewerService
+from gateway.adapters.treeviewer import responses
+from gateway.adapters.treeviewer.config import TreeViewerConfig
+from gateway.adapters.treeviewer.protocol import REQUEST, response_channel
+from gateway.adapters.treeviewer.service import TreeViewerService
+from gateway.runtime.lcm.config import LcmConfig
+from gateway.runtime.workers.process_tuning import tune
+from gateway.scene.tree.live import LiveTree
 from scenegate.lcm.udpm_socket import raise_receive_buffer
 from scenegate.messages import wire
 

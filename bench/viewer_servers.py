@@ -68,13 +68,13 @@ def ours(counter: Counter) -> None:
     import uvloop
     from fastapi import FastAPI
 
-    from gateway.runtime import process_tuning
-    from gateway.scene.geometry import Part, PointCloud
-    from gateway.scene.live import LiveTree
-    from gateway.server import http_server
-    from gateway.viewer.config import ViewerConfig
-    from gateway.viewer.hub import ViewHub
-    from gateway.viewer.routes import router
+    from gateway.adapters.viewer.config import ViewerConfig
+    from gateway.adapters.viewer.hub import ViewHub
+    from gateway.adapters.viewer.routes import router
+    from gateway.runtime.http import http_server
+    from gateway.runtime.workers import process_tuning
+    from gateway.scene.tree.geometry import Part, PointCloud
+    from gateway.scene.tree.live import LiveTree
     from gateway.wiring.telemetry import NO_TELEMETRY
     from renderers.drawlist import Material
     from scenegate.messages.geometry import Box

@@ -32,7 +32,7 @@ from bench.concurrency import percentile
 from bench.gateways import Gateway, gateway
 from bench.load_clients import LoadResult, run_clients
 from bench.table import heading
-from gateway.runtime.scheduling import usable_cpus
+from gateway.runtime.workers.scheduling import usable_cpus
 
 SIZE = (640, 480)
 """Width and height of the images, pixels."""

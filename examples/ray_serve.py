@@ -29,7 +29,7 @@ def gateway():
 
     cache.configure()  # before anything is imported that is compiled
     from gateway.app import create_app
-    from gateway.settings import Settings
+    from gateway.runtime.settings import Settings
 
     # The queue is short: Ray gives a replica at most max_ongoing_requests, and holds back the others itself.
     return create_app(Settings(only=("render",), threads=1, queue=16))

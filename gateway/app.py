@@ -19,23 +19,24 @@ from fastapi_offline import FastAPIOffline
 from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 
 from gateway import __version__
-from gateway import settings as settings_module
-from gateway.runtime import logs, process_tuning
+from gateway.adapters.viewer.sources import IMAGE_NAMES
+from gateway.runtime import settings as settings_module
+from gateway.runtime.http import error_handlers, health, openapi
+from gateway.runtime.http.interface_names import NAMES, documentation_of, documentation_url
+from gateway.runtime.http.middleware import EarlyResponse, HeadAsGet, RequestContext
+from gateway.runtime.http.pages import docs_page, index_page
+from gateway.runtime.http.path_prefix import PathPrefix
+from gateway.runtime.http.security import Security
+from gateway.runtime.http.start_gate import StartGate
 from gateway.runtime.kernels.loading import KERNELS
-from gateway.runtime.metrics_registry import Metrics
-from gateway.runtime.scheduling import usable_cpus
+from gateway.runtime.logs import log_setup
+from gateway.runtime.logs.metrics_registry import Metrics
 from gateway.runtime.service_registry import ServiceRegistry
-from gateway.runtime.worker_pool import WorkerPool
-from gateway.scene.live import LiveTree
-from gateway.server import error_handlers, health, openapi
-from gateway.server.interface_names import NAMES, documentation_of, documentation_url
-from gateway.server.middleware import EarlyResponse, HeadAsGet, RequestContext
-from gateway.server.pages import docs_page, index_page
-from gateway.server.path_prefix import PathPrefix
-from gateway.server.security import Security
-from gateway.server.start_gate import StartGate
-from gateway.settings import MIB, Settings
-from gateway.viewer.sources import IMAGE_NAMES
+from gateway.runtime.settings import MIB, Settings
+from gateway.runtime.workers import process_tuning
+from gateway.runtime.workers.scheduling import usable_cpus
+from gateway.runtime.workers.worker_pool import WorkerPool
+from gateway.scene.tree.live import LiveTree
 from gateway.wiring import metrics, telemetry
 from gateway.wiring.context import Context
 from gateway.wiring.interfaces import enabled_interfaces
@@ -45,8 +46,8 @@ from gateway.wiring.worker_processes import write_worker_reports
 from renderers.cache import SHARED
 
 if TYPE_CHECKING:
-    from gateway.runtime.worker_reports import WorkerReports
-    from gateway.state.service import PersistentState
+    from gateway.runtime.state.service import PersistentState
+    from gateway.runtime.workers.worker_reports import WorkerReports
     from gateway.wiring.log import LogService
 
 DESCRIPTION = "Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene."
@@ -196,7 +197,7 @@ def __getattr__(name: str) -> Any:
     settings = settings_module.load()
     if settings.processes > 1:
         raise settings_module.SettingsError("SCENEGATE_WORKERS is for `scenegate serve` only; here it must be 1.")
-    logs.configure(settings.log_format, settings.log_level, log_uvicorn=True)
+    log_setup.configure(settings.log_format, settings.log_level, log_uvicorn=True)
     application = create_app(settings)
     application.state.context.on_fatal = partial(signal.raise_signal, signal.SIGTERM)  # uvicorn shuts down
     return application

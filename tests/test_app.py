@@ -19,10 +19,10 @@ from fastapi import FastAPI
 import gateway.app
 import gateway.wiring.render
 import gateway.wiring.stereo
-from gateway.runtime import logs
 from gateway.runtime.kernels import cache, loading, parts
 from gateway.runtime.kernels.progress import KernelProgress
-from gateway.settings import Settings
+from gateway.runtime.logs import log_setup
+from gateway.runtime.settings import Settings
 from gateway.wiring import interfaces, startup
 from gateway.wiring.context import Context
 from renderers.compiler import pending
@@ -361,7 +361,7 @@ async def test_a_render_only_gateway_is_not_ready_while_its_queue_is_full(
 
 
 def test_the_module_level_app_is_made_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(logs, "configure", lambda *_, **__: None)
+    monkeypatch.setattr(log_setup, "configure", lambda *_, **__: None)
     assert gateway.app.app.title == "Scenegate"
     with pytest.raises(AttributeError):
         _ = gateway.app.nothing

@@ -1,6 +1,6 @@
-"""Write the page's types of messages, ``gateway/viewer/web/src/protocol.ts``, from ``gateway.viewer.messages``.
+"""Write the page's types of messages, ``web/src/protocol.ts``, from ``gateway.adapters.viewer.messages``.
 
-    python -m tools.page_types gateway/viewer/web/src/protocol.ts
+    python -m tools.page_types gateway/adapters/viewer/web/src/protocol.ts
 
 A struct becomes an interface; a field with a default is optional, because messages leave it out.
 """
@@ -14,11 +14,11 @@ from typing import Any, get_args
 from msgspec import inspect
 from msgspec.inspect import StructType
 
-from gateway.scene.tree import Path as NodePath
-from gateway.viewer import messages
+from gateway.adapters.viewer import messages
+from gateway.scene.tree.nodes import Path as NodePath
 from scenegate.messages import controls
 
-HEAD = "// Written by `make check-web` from gateway/viewer/messages.py, which describes the fields.\n"
+HEAD = "// Written by `make check-web` from gateway/adapters/viewer/messages.py, which describes the fields.\n"
 ALIASES = {"Vector": messages.Vector, "Path": NodePath, "ControlValue": controls.Value}
 PRIMITIVES: dict[type, str] = {
     inspect.IntType: "number",

@@ -24,7 +24,7 @@ def convert(
     from scenegate.cli.record_mcap import check_packages
 
     check_packages()
-    from gateway.recording.log_to_mcap import convert_log
+    from gateway.replay.log_to_mcap import convert_log
     from gateway.runtime.kernels.loading import ensure_compiled
     from scenegate.cli.progress_bar import progress_bar
 

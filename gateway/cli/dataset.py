@@ -34,7 +34,7 @@ def track(
     """Write the poses of a node in an LCM log as a track for scenarios (pose_track)."""
     from gateway.datasets.log_track import track_csv_of_log
     from gateway.runtime.kernels.loading import ensure_compiled
-    from gateway.scene.mount import parse_mount_path
+    from gateway.scene.draw.mount import parse_mount_path
 
     path = parse_mount_path(node)
     ensure_compiled(show=True)
@@ -50,7 +50,7 @@ def check(
 ) -> None:
     """Verify a dataset: manifest, hashes, sizes and types of the images, cameras, labels."""
     from gateway.datasets.check import check_dataset
-    from gateway.runtime.scheduling import usable_cpus
+    from gateway.runtime.workers.scheduling import usable_cpus
     from scenegate.cli.progress_bar import progress_bar
 
     with progress_bar("Checking", "samples") as bar:  # the total is known at the first report

@@ -48,9 +48,9 @@ def all_findings() -> Iterator[Finding]:
 
 def _settings_and_machine() -> Iterator[Finding]:
     from gateway.runtime.diagnostics import findings
-    from gateway.runtime.scheduling import usable_cpus
-    from gateway.settings import Settings, SettingsError, load, unknown_environment
-    from gateway.settings.option import flag_of
+    from gateway.runtime.settings import Settings, SettingsError, load, unknown_environment
+    from gateway.runtime.settings.option import flag_of
+    from gateway.runtime.workers.scheduling import usable_cpus
 
     for sentence in unknown_environment():
         yield Finding("environment", Verdict.NOTE, sentence, "It changes nothing.", "correct the name, or unset it")

@@ -77,10 +77,10 @@ async def _export_log(
     log: Path, start: float, duration: float | None, rate: float, mesh_root: str, *, is_gltf: bool
 ) -> bytes:
     """Return the file of a section of a log. What the file does not have is named on stderr."""
-    from gateway.gltf.export import MotionWriter
-    from gateway.scene.live_page import LivePage
-    from gateway.scene.sampling import write_section
-    from gateway.viewer.scene_file import SceneFileWriter
+    from gateway.adapters.viewer.scene_file import SceneFileWriter
+    from gateway.files.gltf.export import MotionWriter
+    from gateway.scene.page.live_page import LivePage
+    from gateway.scene.tree.sampling import write_section
     from scenegate.cli.progress_bar import progress_bar
 
     writer = MotionWriter() if is_gltf else SceneFileWriter(LivePage())

@@ -1,7 +1,7 @@
 """The first line of ``scenegate serve``, written before any library is imported.
 
 On a slow disk and a busy machine, imports take ten seconds. This module imports only small modules of the standard
-library, so it parses two settings itself, the log's level and format; ``gateway.settings`` checks them later.
+library, so it parses two settings itself, the log's level and format; ``gateway.runtime.settings`` checks them later.
 """
 
 from __future__ import annotations

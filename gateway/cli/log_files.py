@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import typer
 
 if TYPE_CHECKING:
-    from gateway.lcmlog.timeline import LogTimeline
-    from gateway.settings import Settings
+    from gateway.replay.timeline import LogTimeline
+    from gateway.runtime.settings import Settings
 
 MeshRoot: TypeAlias = Annotated[
     str,
@@ -33,8 +33,8 @@ def open_log_file(path: Path, mesh_root: str) -> LogTimeline:
         LogError: the file is not an LCM log, or none of its messages can be shown.
         OSError: the log cannot be read.
     """
-    from gateway.assets.mesh_files import MeshFiles
-    from gateway.lcmlog.timeline import open_log
+    from gateway.files.assets.mesh_files import MeshFiles
+    from gateway.replay.timeline import open_log
     from scenegate.cli.progress_bar import progress_bar
 
     settings = load_settings({"host": "127.0.0.1", "mesh_root": mesh_root})
@@ -50,7 +50,7 @@ def open_log_file(path: Path, mesh_root: str) -> LogTimeline:
 
 def load_settings(values: dict[str, Any]) -> Settings:
     """Return settings with these values; raises ``typer.BadParameter`` if one or an environment variable is invalid."""
-    from gateway.settings import SettingsError, load
+    from gateway.runtime.settings import SettingsError, load
 
     try:
         return load(values)

@@ -59,8 +59,8 @@ def run(options: RenderOptions) -> None:
     # The following imports load compiled kernels.
     from gateway.cli.render_image import render_image
     from gateway.datasets.views import View
-    from gateway.runtime.scheduling import usable_cpus
-    from gateway.scene.cameras import OrbitCamera
+    from gateway.runtime.workers.scheduling import usable_cpus
+    from gateway.scene.draw.cameras import OrbitCamera
 
     settings = _settings(options, image_types, background)
     views = (
@@ -133,7 +133,7 @@ def _check_options(options: RenderOptions, types: tuple[ImageType, ...], *, is_i
 
 def _settings(options: RenderOptions, types: tuple[ImageType, ...], background: tuple[int, int, int]) -> Settings:
     """Return the settings in the options. Most options have the names of the settings."""
-    from gateway.assets.light_rig_file import rig_digest
+    from gateway.files.assets.light_rig_file import rig_digest
     from scenegate.datasets.manifest import Settings
 
     shared_names = {each.name for each in fields(options)} & {*Settings.__struct_fields__}
@@ -185,7 +185,7 @@ def _with_profile(settings: Settings, name: str) -> Settings:
 
     from msgspec.json import encode
 
-    from gateway.stereo.device.profile import read_profile
+    from gateway.adapters.stereo.device.profile import read_profile
 
     profile = read_profile(name)
     width, height = profile.stereo.size

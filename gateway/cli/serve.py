@@ -13,8 +13,8 @@ from pydantic.fields import FieldInfo
 from rich.markup import escape
 
 from gateway.cli import first_line
-from gateway.settings import Settings, SettingsError, load, unknown_environment
-from gateway.settings.option import default_of, flag_of, group_of, metavar_of, second_flag_of
+from gateway.runtime.settings import Settings, SettingsError, load, unknown_environment
+from gateway.runtime.settings.option import default_of, flag_of, group_of, metavar_of, second_flag_of
 
 HELP = """Serve all protocols until SIGTERM or Ctrl+C.
 
@@ -89,17 +89,18 @@ def _flag(name: str, field: FieldInfo) -> Any:
 def run(settings: Settings) -> int:
     """Serve until a signal; return the exit code. Imports are late, so that ``--help`` is fast."""
     signal.signal(signal.SIGTERM, _exit)  # until the server handles it
-    from gateway.runtime import logs, process_tuning
+    from gateway.runtime.logs import log_setup
+    from gateway.runtime.workers import process_tuning
 
     process_tuning.pause_gc()
-    logs.configure(settings.log_format, settings.log_level)
+    log_setup.configure(settings.log_format, settings.log_level)
     import structlog
 
     log = structlog.get_logger("gateway")
     for warning in unknown_environment():
         log.warning(warning)
-    from gateway.server.security import Security
-    from gateway.state.database import StateError
+    from gateway.runtime.http.security import Security
+    from gateway.runtime.state.database import StateError
     from gateway.wiring.state import open_state
 
     try:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final
 import structlog
 import uvloop
 
-from gateway.runtime import process_tuning
-from gateway.server import http_server
+from gateway.runtime.http import http_server
+from gateway.runtime.workers import process_tuning
 
 if TYPE_CHECKING:
     from fastapi import FastAPI

@@ -18,11 +18,12 @@ from typing import Final
 
 import structlog
 
-from gateway.runtime import logs, process_tuning
 from gateway.runtime.file_lock import Lock, try_lock
-from gateway.runtime.supervisor import START_FAILED, TERMINAL_SIGNALS, Supervisor
-from gateway.runtime.worker_reports import WorkerReports
-from gateway.settings import Settings, SettingsError
+from gateway.runtime.logs import log_setup
+from gateway.runtime.settings import Settings, SettingsError
+from gateway.runtime.workers import process_tuning
+from gateway.runtime.workers.supervisor import START_FAILED, TERMINAL_SIGNALS, Supervisor
+from gateway.runtime.workers.worker_reports import WorkerReports
 
 RETRY_SECONDS: Final = 5.0
 """Delay before a process that cannot start ends, so that it is not restarted at once."""
@@ -70,7 +71,7 @@ def run_worker(settings: Settings, folder: Path, listener: socket.socket, connec
     for number in TERMINAL_SIGNALS:  # the supervisor handles them, and sends SIGTERM; the server also handles SIGINT
         signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, TERMINAL_SIGNALS)
-    logs.configure(settings.log_format, settings.log_level, worker=os.getpid())
+    log_setup.configure(settings.log_format, settings.log_level, worker=os.getpid())
     from gateway.app import create_app
     from gateway.cli.serve_app import serve_app
 

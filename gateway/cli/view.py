@@ -23,8 +23,9 @@ def view(
     """Show an LCM log in the browser, at any time of it: tree viewer clients, Drake's simulations."""
     from gateway.app import create_app
     from gateway.cli.serve_app import serve_app
-    from gateway.runtime import logs, process_tuning
     from gateway.runtime.kernels.loading import ensure_compiled
+    from gateway.runtime.logs import log_setup
+    from gateway.runtime.workers import process_tuning
     from gateway.wiring.log import LogService
     from scenegate.cli.progress_bar import progress_bar
 
@@ -32,7 +33,7 @@ def view(
     fixed = {"only": "view,scene", "host": HOST, "workers": 1, "state": None, "demo": False, "history_seconds": 0.0}
     without_tls = {"http_certificate": None, "http_key": None}
     settings = load_settings({**fixed, **without_tls, "http_port": http_port, "mesh_root": mesh_root})
-    logs.configure("human" if sys.stderr.isatty() else settings.log_format, "warning")
+    log_setup.configure("human" if sys.stderr.isatty() else settings.log_format, "warning")
     try:
         listener = process_tuning.listen(HOST, http_port)
     except OSError as error:

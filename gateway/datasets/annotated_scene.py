@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from gateway.datasets.classes import ClassTable
 from gateway.datasets.objects import ObjectFrame, joined_objects, object_frame, own_subtree, owner_numbers
 from gateway.datasets.scenes import LoadedScene, SceneError, utf8_path
-from gateway.scene.flatten import flatten, images_of
-from gateway.scene.transforms import Matrix
-from gateway.scene.tree import Path as TreePath
+from gateway.scene.draw.flatten import flatten, images_of
+from gateway.scene.tree.nodes import Path as TreePath
+from gateway.scene.tree.transforms import Matrix
 from renderers.drawlist import DrawList, Instance, Topology, used_vertices
 from renderers.stop import check_stop
 from scenegate.datasets.manifest import MODELS_FOLDER, ModelRecord

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from gateway.datasets.views import Intrinsics, View
-from gateway.scene.cameras import CameraError
+from gateway.scene.draw.cameras import CameraError
 from renderers.camera import OPENGL_FROM_OPTICAL
 from scenegate.datasets.manifest import Pose, pose_rows
 from scenegate.regular_files import errors_as, read_regular

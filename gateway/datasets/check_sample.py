@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST_VIEW_NAME, check_pose
-from gateway.scene.cameras import CameraError
-from gateway.scene.transforms import is_rotation
+from gateway.scene.draw.cameras import CameraError
+from gateway.scene.tree.transforms import is_rotation
 from renderers.stop import check_stop
 from scenegate.datasets import NO_LABEL, Sample, manifest
 from scenegate.datasets.boxes import box_of

@@ -30,7 +30,7 @@ from typing import Annotated, Final
 import msgspec
 
 from gateway.datasets.errors import DatasetError
-from gateway.scene.tree import Path as TreePath
+from gateway.scene.tree.nodes import Path as TreePath
 from scenegate.regular_files import errors_as, read_regular
 
 MAX_CLASSES: Final = 65_535

@@ -10,14 +10,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.adapters.stereo.device.camera_config import StereoConfig
+from gateway.adapters.stereo.device.parameters import Parameters
+from gateway.adapters.stereo.device.profile import Profile, read_profile
+from gateway.adapters.stereo.device.stream_settings import read_settings
+from gateway.adapters.stereo.imaging.rendered_images import GREY, ImageRequest, Imaging
+from gateway.adapters.stereo.imaging.scene_view import Capture
 from gateway.datasets.views import Intrinsics
-from gateway.scene.cameras import CameraError
-from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.device.parameters import Parameters
-from gateway.stereo.device.profile import Profile, read_profile
-from gateway.stereo.device.stream_settings import read_settings
-from gateway.stereo.imaging.rendered_images import GREY, ImageRequest, Imaging
-from gateway.stereo.imaging.scene_view import Capture
+from gateway.scene.draw.cameras import CameraError
 from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Material
 from renderers.interface import VTK_LOOKS, Look, Renderer

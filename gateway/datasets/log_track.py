@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from gateway.assets.mesh_files import MeshFiles
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.scenario.tracks import POSE_COLUMNS
-from gateway.lcmlog.replay import LogReplay, is_shown
-from gateway.scene.transforms import Matrix, quaternions_of
-from gateway.scene.tree import Path as TreePath
+from gateway.files.assets.mesh_files import MeshFiles
+from gateway.replay.replay import LogReplay, is_shown
+from gateway.scene.tree.nodes import Path as TreePath
+from gateway.scene.tree.transforms import Matrix, quaternions_of
 
 
 def track_csv_of_log(log: Path, node: TreePath) -> str:

@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.flatten import flatten
-from gateway.scene.transforms import IDENTITY, Matrix
-from gateway.scene.tree import Node
-from gateway.scene.tree import Path as TreePath
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.tree.nodes import Node
+from gateway.scene.tree.nodes import Path as TreePath
+from gateway.scene.tree.transforms import IDENTITY, Matrix
 
 _MAX_SHEAR: Final = 1e-6
 """Largest cosine between two axes of a frame that counts as not sheared."""

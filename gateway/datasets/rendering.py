@@ -15,7 +15,10 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from gateway.assets.light_rig_file import NO_LIGHT, cached_rig
+from gateway.adapters.render.config import RenderConfig
+from gateway.adapters.render.pipeline import Pipeline, camera_of, posted_document
+from gateway.adapters.render.request import RenderRequest
+from gateway.adapters.stereo.device.profile import Profile
 from gateway.datasets.annotated_scene import AnnotatedScene
 from gateway.datasets.annotations import ANNOTATION_OUTPUTS, annotate
 from gateway.datasets.derived_images import (
@@ -28,11 +31,8 @@ from gateway.datasets.derived_images import (
     unlit,
 )
 from gateway.datasets.scenes import LoadedScene
-from gateway.render.config import RenderConfig
-from gateway.render.pipeline import Pipeline, camera_of, posted_document
-from gateway.render.request import RenderRequest
-from gateway.scene.style import STUDIO_SAMPLES, Style
-from gateway.stereo.device.profile import Profile
+from gateway.files.assets.light_rig_file import NO_LIGHT, cached_rig
+from gateway.scene.draw.style import STUDIO_SAMPLES, Style
 from renderers.camera import Camera
 from renderers.depth_range import depth_in_millimetres
 from renderers.drawlist import Topology

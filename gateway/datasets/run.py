@@ -16,7 +16,7 @@ from gateway.datasets.errors import DatasetError
 from gateway.datasets.files import locked, remove_temporary_files, temporary_name, write_atomically
 from gateway.datasets.job import Job, Result, Task
 from gateway.datasets.resume import ends_in_partial_line, existing_dataset, valid_samples
-from gateway.runtime.scheduling import usable_cpus
+from gateway.runtime.workers.scheduling import usable_cpus
 from renderers.compiler import cache_folder
 from scenegate.datasets import manifest
 from scenegate.datasets.manifest import FailureRecord, SampleRecord

@@ -11,34 +11,34 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
-from gateway.assets.mesh_formats import MESH_LIMITS, parse_mesh
-from gateway.assets.scene_file import FolderFiles, SceneFileError
+from gateway.adapters.render.config import RenderConfig
+from gateway.adapters.render.errors import RequestError
+from gateway.adapters.render.form import FormReader
+from gateway.adapters.render.labels import labels_of
+from gateway.adapters.render.request import RenderRequest
+from gateway.adapters.treeviewer.apply import RequestApplier
+from gateway.adapters.treeviewer.config import Limits
+from gateway.adapters.treeviewer.context import ReadContext
+from gateway.adapters.treeviewer.quota import TreeQuota
+from gateway.adapters.treeviewer.request_reader import JsonReader
 from gateway.datasets.objects import SceneObject, objects_of
 from gateway.datasets.scenario.catalogue import Catalogue, read_catalogue
 from gateway.datasets.scenario.choices import SceneChoices
 from gateway.datasets.scenario.tables import ScenarioError
 from gateway.datasets.sources import Source, SourceKind
 from gateway.datasets.views import SceneCamera, View, scene_views, usable_camera
-from gateway.gltf import GltfCamera, read_mesh_names
-from gateway.render.config import RenderConfig
-from gateway.render.errors import RequestError
-from gateway.render.form import FormReader
-from gateway.render.labels import labels_of
-from gateway.render.request import RenderRequest
-from gateway.robots.scene_files import DEFAULT_OPTIONS, GLTF_SUFFIXES, SceneOptions, read_scene
-from gateway.runtime.warning_list import WarningList
-from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Part
-from gateway.scene.labels import LabelTable
-from gateway.scene.live import LiveTree
-from gateway.scene.transforms import scaling
-from gateway.scene.tree import Node
-from gateway.scene.tree import Path as TreePath
-from gateway.treeviewer.apply import RequestApplier
-from gateway.treeviewer.config import Limits
-from gateway.treeviewer.context import ReadContext
-from gateway.treeviewer.quota import TreeQuota
-from gateway.treeviewer.request_reader import JsonReader
+from gateway.files.assets.mesh_formats import MESH_LIMITS, parse_mesh
+from gateway.files.assets.scene_file import FolderFiles, SceneFileError
+from gateway.files.gltf import GltfCamera, read_mesh_names
+from gateway.files.robots.scene_files import DEFAULT_OPTIONS, GLTF_SUFFIXES, SceneOptions, read_scene
+from gateway.runtime.logs.warning_list import WarningList
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.tree.geometry import Part
+from gateway.scene.tree.labels import LabelTable
+from gateway.scene.tree.live import LiveTree
+from gateway.scene.tree.nodes import Node
+from gateway.scene.tree.nodes import Path as TreePath
+from gateway.scene.tree.transforms import scaling
 from renderers.drawlist import DrawList, Light
 from renderers.interface import LookName
 from scenegate.datasets import manifest

@@ -13,7 +13,7 @@ from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.scenario.catalogue import read_catalogue
 from gateway.datasets.views import View, scene_views
-from gateway.robots.scene_files import AMBIGUOUS_SUFFIXES, FOLDER_SUFFIXES
+from gateway.files.robots.scene_files import AMBIGUOUS_SUFFIXES, FOLDER_SUFFIXES
 from scenegate.datasets import manifest
 
 

@@ -15,10 +15,10 @@ from typing import Annotated, Final
 import msgspec
 import numpy as np
 
-from gateway.gltf import GltfCamera
-from gateway.render.errors import RequestError
-from gateway.render.pipeline import rigid_pose
-from gateway.scene.cameras import (
+from gateway.adapters.render.errors import RequestError
+from gateway.adapters.render.pipeline import rigid_pose
+from gateway.files.gltf import GltfCamera
+from gateway.scene.draw.cameras import (
     CameraError,
     CameraSpec,
     OrbitCamera,
@@ -26,9 +26,9 @@ from gateway.scene.cameras import (
     StereoCamera,
     parse_camera,
 )
-from gateway.scene.transforms import is_rotation
-from gateway.scene.tree import Node
-from gateway.scene.viewpoints import orthographic_camera, resolve_camera
+from gateway.scene.draw.viewpoints import orthographic_camera, resolve_camera
+from gateway.scene.tree.nodes import Node
+from gateway.scene.tree.transforms import is_rotation
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
 from scenegate.datasets.manifest import CameraRecord, Pose, pose_rows

@@ -16,6 +16,7 @@ from typing import Final, TypeVar
 
 import msgspec
 
+from gateway.adapters.render.errors import RequestError
 from gateway.datasets.annotated_scene import AnnotatedScene, annotate_scene
 from gateway.datasets.classes import ClassTable
 from gateway.datasets.derived_images import cached_profile, intrinsics_of
@@ -33,10 +34,9 @@ from gateway.datasets.scenario.tables import ScenarioError
 from gateway.datasets.scenes import LoadedScene, SceneError, load_options, load_scene
 from gateway.datasets.sources import Source
 from gateway.datasets.views import Intrinsics, View, camera_of, record_of
-from gateway.render.errors import RequestError
-from gateway.robots.scene_files import SceneOptions
-from gateway.runtime import process_tuning
-from gateway.scene.cameras import CameraError
+from gateway.files.robots.scene_files import SceneOptions
+from gateway.runtime.workers import process_tuning
+from gateway.scene.draw.cameras import CameraError
 from renderers.camera import Camera
 from renderers.compiler import cache_folder
 from renderers.drawlist import ImageError

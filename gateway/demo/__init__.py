@@ -9,8 +9,8 @@ from typing import Final
 
 from gateway.demo.motion import PERIOD, poses
 from gateway.demo.objects import scene_parts
-from gateway.scene.live import LiveTree
-from gateway.scene.tree import TreeEdit
+from gateway.scene.tree.live import LiveTree
+from gateway.scene.tree.nodes import TreeEdit
 
 __all__ = ["PERIOD", "RATE", "ROOT", "Demo", "poses", "scene_parts"]
 

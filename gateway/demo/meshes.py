@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.image_meshes import rectangle
+from gateway.scene.draw.image_meshes import rectangle
 from renderers import primitives
 from renderers.drawlist import Mesh
 from renderers.tubes import tube

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from gateway.scene.tree import Path, Pose
+from gateway.scene.tree.nodes import Path, Pose
 
 PERIOD: Final = 24.0
 """Period of the whole scene, seconds: a recording of this length can be looped."""

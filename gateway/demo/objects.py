@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from gateway.demo.meshes import globe, knot, relief, ring, textured_box, tile, wall
 from gateway.demo.motion import CRYSTAL_BALL, ORBIT_RADIUS
-from gateway.scene.geometry import Line, Part, PointCloud, Shape, Surface
-from gateway.scene.transforms import Matrix, from_pose, translation
-from gateway.scene.tree import Path
+from gateway.scene.tree.geometry import Line, Part, PointCloud, Shape, Surface
+from gateway.scene.tree.nodes import Path
+from gateway.scene.tree.transforms import Matrix, from_pose, translation
 from renderers.drawlist import AlphaMode, Image, Material, Texture
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere, Triad
 

@@ -9,10 +9,10 @@ import resource
 import socket
 from collections.abc import Iterator, Mapping
 
-from gateway.runtime import process_tuning
 from gateway.runtime.installation import Finding, Verdict
 from gateway.runtime.instance_probe import RunningInstance, probe_instance
 from gateway.runtime.kernels import cache, parts
+from gateway.runtime.workers import process_tuning
 from renderers.compiler import cache_folder
 from scenegate.lcm import udpm_socket
 from scenegate.lcm.transport import TransportLimits

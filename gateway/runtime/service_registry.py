@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Protocol
 
-from gateway.runtime.warning_list import WarningList
+from gateway.runtime.logs.warning_list import WarningList
 
 
 class Service(Protocol):

@@ -12,34 +12,34 @@ from typing import TYPE_CHECKING, Any, Final
 import structlog
 from fastapi import FastAPI
 
-from gateway.lcm.listener import ChannelListener
-from gateway.runtime import process_tuning
+from gateway.runtime.http.interface_names import title_of
+from gateway.runtime.http.security import Security
 from gateway.runtime.kernels.loading import KernelLoader
-from gateway.runtime.metrics_registry import Metrics
+from gateway.runtime.lcm.listener import ChannelListener
+from gateway.runtime.logs.metrics_registry import Metrics
 from gateway.runtime.service_registry import Service, ServiceRegistry, one_line
-from gateway.runtime.worker_pool import WorkerPool
-from gateway.scene.flatten import Flattener
-from gateway.scene.history import TreeHistory
-from gateway.scene.labels import LabelTable
-from gateway.scene.live import LiveTree, Snapshot
-from gateway.scene.live_page import LivePage
-from gateway.scene.live_scene import LiveScene
-from gateway.server.interface_names import title_of
-from gateway.server.security import Security
-from gateway.settings import MIB, Settings
+from gateway.runtime.settings import MIB, Settings
+from gateway.runtime.workers import process_tuning
+from gateway.runtime.workers.worker_pool import WorkerPool
+from gateway.scene.draw.flatten import Flattener
+from gateway.scene.draw.live_scene import LiveScene
+from gateway.scene.page.live_page import LivePage
+from gateway.scene.tree.history import TreeHistory
+from gateway.scene.tree.labels import LabelTable
+from gateway.scene.tree.live import LiveTree, Snapshot
 from renderers.camera import Camera
 from renderers.interface import Renderer
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
-    from gateway.assets.mesh_files import MeshFiles
-    from gateway.runtime.render_record import RenderRecord
-    from gateway.runtime.worker_reports import WorkerReports
-    from gateway.scene.timeline import Timeline
-    from gateway.state.service import PersistentState
-    from gateway.stereo.service import StereoService
-    from gateway.viewer.sources import StereoSource
+    from gateway.adapters.stereo.service import StereoService
+    from gateway.adapters.viewer.sources import StereoSource
+    from gateway.files.assets.mesh_files import MeshFiles
+    from gateway.runtime.logs.render_record import RenderRecord
+    from gateway.runtime.state.service import PersistentState
+    from gateway.runtime.workers.worker_reports import WorkerReports
+    from gateway.scene.tree.timeline import Timeline
     from gateway.wiring.log import LogService
 
 _log = structlog.get_logger("gateway")
@@ -130,7 +130,7 @@ class Context:
     @cached_property
     def mesh_files(self) -> MeshFiles:
         """Mesh files that all clients may name (``--mesh-root``). The first use imports compiled kernels."""
-        from gateway.assets.mesh_files import MeshFiles
+        from gateway.files.assets.mesh_files import MeshFiles
 
         return MeshFiles(self.settings.mesh_folders)
 
@@ -139,7 +139,7 @@ class Context:
         """Mesh files that programs on this machine may name; with ``--mesh-root auto``, those in all folders."""
         if not self.settings.local_clients_read_all_folders:
             return self.mesh_files
-        from gateway.assets.mesh_files import MeshFiles
+        from gateway.files.assets.mesh_files import MeshFiles
 
         return MeshFiles(self.settings.mesh_folders, any_folder=True)
 

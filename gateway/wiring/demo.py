@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from gateway.demo import RATE, Demo
-from gateway.scene.live import LiveTree
+from gateway.scene.tree.live import LiveTree
 from gateway.wiring.context import Context
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from gateway.drakeviewer.channels import PREFIXES
-from gateway.drakeviewer.config import DrakeViewerConfig
-from gateway.drakeviewer.service import DrakeViewerService
-from gateway.lcm.listener import ChannelListener
+from gateway.adapters.drakeviewer.channels import PREFIXES
+from gateway.adapters.drakeviewer.config import DrakeViewerConfig
+from gateway.adapters.drakeviewer.service import DrakeViewerService
+from gateway.runtime.lcm.listener import ChannelListener
 from gateway.wiring.context import Context
 
 

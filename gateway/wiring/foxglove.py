@@ -8,7 +8,7 @@ from gateway.wiring.context import Context
 async def setup(context: Context) -> None:
     """Serve Foxglove's protocol on ``--foxglove-port``."""
     try:
-        from gateway.foxglove.service import FoxgloveService
+        from gateway.adapters.foxglove.service import FoxgloveService
     except ImportError as error:
         raise ImportError(f"{error}; --foxglove-port needs pip install 'scenegate[foxglove]'") from None
 

@@ -7,7 +7,7 @@ from functools import partial
 from importlib import import_module
 from typing import Final
 
-from gateway.settings import Settings
+from gateway.runtime.settings import Settings
 from gateway.wiring.context import Context
 
 Setup = Callable[[Context], Awaitable[None]]

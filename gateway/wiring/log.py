@@ -6,8 +6,8 @@ import asyncio
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from gateway.lcmlog.timeline import LogTimeline
-from gateway.scene.live import LiveTree
+from gateway.replay.timeline import LogTimeline
+from gateway.scene.tree.live import LiveTree
 
 SHOW_SECONDS: Final = 1.0
 """Time between two states in the live tree while the log is indexed."""

@@ -1,6 +1,6 @@
 """The metrics that Prometheus reads from each interface. Names and units: docs/deployment.md.
 
-A function for each source of figures. The metrics of single requests are in ``gateway.runtime.metrics_registry``.
+A function for each source of figures. The metrics of single requests are in ``gateway.runtime.logs.metrics_registry``.
 """
 
 from __future__ import annotations
@@ -9,18 +9,18 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
 from gateway import __version__
-from gateway.runtime.metrics_registry import Metrics
+from gateway.runtime.logs.metrics_registry import Metrics
 from gateway.runtime.service_registry import ServiceRegistry, State
-from gateway.runtime.worker_pool import WorkerPool
-from gateway.scene.history import TreeHistory
-from gateway.scene.live import LiveTree
+from gateway.runtime.workers.worker_pool import WorkerPool
+from gateway.scene.tree.history import TreeHistory
+from gateway.scene.tree.live import LiveTree
 from renderers.cache import CacheBudget
 
 if TYPE_CHECKING:
-    from gateway.render.service import RenderService
-    from gateway.stereo.service import StereoService
-    from gateway.treeviewer.service import TreeViewerService
-    from gateway.viewer.hub import ViewHub
+    from gateway.adapters.render.service import RenderService
+    from gateway.adapters.stereo.service import StereoService
+    from gateway.adapters.treeviewer.service import TreeViewerService
+    from gateway.adapters.viewer.hub import ViewHub
 
 _CALL_ENDS: Final = ("done", "rejected", "abandoned", "timed_out")
 _MESSAGE_OUTCOMES: Final = ("received", "answered", "missing", "failed", "unanswerable", "internal_errors")

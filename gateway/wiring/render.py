@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from gateway.gltf import GltfLimits
-from gateway.render.config import RenderConfig
-from gateway.render.routes import render_router
-from gateway.render.service import RenderService
-from gateway.scene.tree import Node
-from gateway.settings import MIB, Settings
+from gateway.adapters.render.config import RenderConfig
+from gateway.adapters.render.routes import render_router
+from gateway.adapters.render.service import RenderService
+from gateway.files.gltf import GltfLimits
+from gateway.runtime.settings import MIB, Settings
+from gateway.scene.tree.nodes import Node
 from gateway.wiring import metrics
 from gateway.wiring.context import Context
 from gateway.wiring.scene_setting import read_scene_setting

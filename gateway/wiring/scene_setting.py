@@ -8,10 +8,10 @@ from typing import Final
 
 import structlog
 
-from gateway.assets.scene_file import SceneFile
-from gateway.robots.scene_files import SceneOptions, read_scene
-from gateway.runtime.pool_errors import CallerCancelled
-from gateway.settings import Settings
+from gateway.files.assets.scene_file import SceneFile
+from gateway.files.robots.scene_files import SceneOptions, read_scene
+from gateway.runtime.settings import Settings
+from gateway.runtime.workers.pool_errors import CallerCancelled
 from renderers.stop import StopFlag
 
 _log = structlog.get_logger("gateway")

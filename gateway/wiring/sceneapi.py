@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gateway.sceneapi.config import SceneApiConfig
-from gateway.sceneapi.motion import motion_router
-from gateway.sceneapi.routes import router
-from gateway.sceneapi.service import SceneApi
+from gateway.adapters.sceneapi.config import SceneApiConfig
+from gateway.adapters.sceneapi.motion import motion_router
+from gateway.adapters.sceneapi.routes import router
+from gateway.adapters.sceneapi.service import SceneApi
 from gateway.wiring.context import Context
 from gateway.wiring.style import style_of
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Final
 
-from gateway.settings import Settings
+from gateway.runtime.settings import Settings
 from gateway.wiring.context import Context
 
 if TYPE_CHECKING:
-    from gateway.state.service import PersistentState
+    from gateway.runtime.state.service import PersistentState
 
 STATE: Final = "state"
 
@@ -22,8 +22,8 @@ def open_state(settings: Settings) -> PersistentState | None:
     """
     if settings.state is None:
         return None
-    from gateway.state.config import StateConfig
-    from gateway.state.service import PersistentState
+    from gateway.runtime.state.config import StateConfig
+    from gateway.runtime.state.service import PersistentState
 
     return PersistentState(StateConfig(settings.state))
 
@@ -37,8 +37,8 @@ async def restore_state(context: Context) -> None:
     state = context.state
     if state is None:
         return
+    from gateway.adapters.drakeviewer.robots import ROOT as DRAKE_ROOT
     from gateway.demo import ROOT as DEMO_ROOT
-    from gateway.drakeviewer.robots import ROOT as DRAKE_ROOT
 
     excluded = list(DEMO_ROOT) if context.settings.demo else []  # the demo is created at every start
     if context.settings.drake_viewer:  # what ended meanwhile would stay: no later message deletes it

@@ -10,33 +10,33 @@ import numpy as np
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 
-from gateway.scene.flatten import Flattener
-from gateway.scene.labels import LabelTable
-from gateway.scene.live import LiveTree, Snapshot
-from gateway.scene.mount import Mount, MountedCamera, parse_mount_path, parse_mount_pose, parse_mounted_camera
-from gateway.scene.timeline import state_at
-from gateway.server.error_handlers import invalid_parameters
-from gateway.server.http_server import PortService
-from gateway.server.middleware import EarlyResponse, HeadAsGet
-from gateway.settings import Settings
-from gateway.stereo.device.camera_config import StereoConfig, Tls
-from gateway.stereo.device.parameter_specs import NODES
-from gateway.stereo.device.profile import read_profile
-from gateway.stereo.device.stream_settings import StreamSettings
-from gateway.stereo.imaging.pair_files import find_pairs, read_geometry
-from gateway.stereo.imaging.recorded_pairs import pair_imaging
-from gateway.stereo.imaging.scene_view import OtherProjector, ProjectorSource, SceneState, SceneView
-from gateway.stereo.imu.imu_service import PoseLog
-from gateway.stereo.routes.camera_routes import camera_router
-from gateway.stereo.routes.fault_routes import fault_router
-from gateway.stereo.routes.imu_routes import imu_router
-from gateway.stereo.routes.node_routes import node_router
-from gateway.stereo.routes.system_routes import system_router
-from gateway.stereo.routes.truth_routes import truth_router
-from gateway.stereo.routes.upload_routes import upload_router
-from gateway.stereo.service import StereoService
-from gateway.stereo.stream.set_kind import SetKind
-from gateway.viewer.sources import ImageName, StereoImages, StereoRig
+from gateway.adapters.stereo.device.camera_config import StereoConfig, Tls
+from gateway.adapters.stereo.device.parameter_specs import NODES
+from gateway.adapters.stereo.device.profile import read_profile
+from gateway.adapters.stereo.device.stream_settings import StreamSettings
+from gateway.adapters.stereo.imaging.pair_files import find_pairs, read_geometry
+from gateway.adapters.stereo.imaging.recorded_pairs import pair_imaging
+from gateway.adapters.stereo.imaging.scene_view import OtherProjector, ProjectorSource, SceneState, SceneView
+from gateway.adapters.stereo.imu.imu_service import PoseLog
+from gateway.adapters.stereo.routes.camera_routes import camera_router
+from gateway.adapters.stereo.routes.fault_routes import fault_router
+from gateway.adapters.stereo.routes.imu_routes import imu_router
+from gateway.adapters.stereo.routes.node_routes import node_router
+from gateway.adapters.stereo.routes.system_routes import system_router
+from gateway.adapters.stereo.routes.truth_routes import truth_router
+from gateway.adapters.stereo.routes.upload_routes import upload_router
+from gateway.adapters.stereo.service import StereoService
+from gateway.adapters.stereo.stream.set_kind import SetKind
+from gateway.adapters.viewer.sources import ImageName, StereoImages, StereoRig
+from gateway.runtime.http.error_handlers import invalid_parameters
+from gateway.runtime.http.http_server import PortService
+from gateway.runtime.http.middleware import EarlyResponse, HeadAsGet
+from gateway.runtime.settings import Settings
+from gateway.scene.draw.flatten import Flattener
+from gateway.scene.draw.mount import Mount, MountedCamera, parse_mount_path, parse_mount_pose, parse_mounted_camera
+from gateway.scene.tree.labels import LabelTable
+from gateway.scene.tree.live import LiveTree, Snapshot
+from gateway.scene.tree.timeline import state_at
 from gateway.wiring import metrics
 from gateway.wiring.context import Context
 from gateway.wiring.scene_setting import read_scene_setting

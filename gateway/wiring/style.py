@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from gateway.assets.light_rig_file import rig_of
-from gateway.scene.style import Style
-from gateway.settings import Settings
+from gateway.files.assets.light_rig_file import rig_of
+from gateway.runtime.settings import Settings
+from gateway.scene.draw.style import Style
 
 
 def style_of(settings: Settings) -> Style:

@@ -13,9 +13,9 @@ from fastapi.telemetry import TelemetryConfig
 from opentelemetry import trace
 
 from gateway import __version__
-from gateway.runtime import tracing
-from gateway.server.access import TOKEN_PARAMETER
-from gateway.server.health import MONITORING_PATHS
+from gateway.runtime.http.access import TOKEN_PARAMETER
+from gateway.runtime.http.health import MONITORING_PATHS
+from gateway.runtime.logs import tracing
 
 if TYPE_CHECKING:
     from opentelemetry.sdk.trace import TracerProvider

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from gateway.lcm.config import LcmConfig
-from gateway.treeviewer.config import TreeViewerConfig
-from gateway.treeviewer.service import TreeViewerService
+from gateway.adapters.treeviewer.config import TreeViewerConfig
+from gateway.adapters.treeviewer.service import TreeViewerService
+from gateway.runtime.lcm.config import LcmConfig
 from gateway.wiring import metrics
 from gateway.wiring.context import Context
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gateway.viewer.config import ViewerConfig
-from gateway.viewer.gateway_status import gateway_status
-from gateway.viewer.hub import ViewHub
-from gateway.viewer.image_routes import image_router
-from gateway.viewer.routes import router
-from gateway.viewer.scene_images import SceneImages
-from gateway.viewer.sensor_images import SensorImages
-from gateway.viewer.share_routes import share_router
+from gateway.adapters.viewer.config import ViewerConfig
+from gateway.adapters.viewer.gateway_status import gateway_status
+from gateway.adapters.viewer.hub import ViewHub
+from gateway.adapters.viewer.image_routes import image_router
+from gateway.adapters.viewer.routes import router
+from gateway.adapters.viewer.scene_images import SceneImages
+from gateway.adapters.viewer.sensor_images import SensorImages
+from gateway.adapters.viewer.share_routes import share_router
 from gateway.wiring import metrics
 from gateway.wiring.context import Context
 from gateway.wiring.style import style_of

@@ -8,8 +8,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Final
 
-from gateway.runtime.supervisor import send_heartbeats
-from gateway.runtime.worker_reports import INTERVAL_SECONDS
+from gateway.runtime.workers.supervisor import send_heartbeats
+from gateway.runtime.workers.worker_reports import INTERVAL_SECONDS
 from gateway.wiring.context import Context
 
 _POLL_SECONDS: Final = 0.1

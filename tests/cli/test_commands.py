@@ -16,8 +16,8 @@ from gateway import __version__
 from gateway.cli import dataset, doctor, render_dataset
 from gateway.cli.commands import app
 from gateway.datasets import check as dataset_check
-from gateway.runtime import logs
 from gateway.runtime.kernels import cache
+from gateway.runtime.logs import log_setup
 from scenegate.cli import SERVER_COMMANDS
 from scenegate.cli.play import STATE_CHANNELS
 from scenegate.datasets.manifest import FailureRecord
@@ -29,7 +29,7 @@ from tests.support.waiting import SECONDS
 
 @pytest.fixture(autouse=True)
 def _process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(logs, "configure", lambda *_: None)
+    monkeypatch.setattr(log_setup, "configure", lambda *_: None)
     monkeypatch.setattr(cache, "configure", lambda: Path("kernels"))
     monkeypatch.setattr("signal.signal", lambda *_: None)
 
@@ -135,7 +135,7 @@ def test_a_checked_dataset(
         )
 
     monkeypatch.setattr(dataset_check, "check_dataset", check_dataset)
-    monkeypatch.setattr("gateway.runtime.scheduling.usable_cpus", lambda: 7)
+    monkeypatch.setattr("gateway.runtime.workers.scheduling.usable_cpus", lambda: 7)
     result = invoke("dataset", "check", str(tmp_path))
     assert result.exit_code == code
     assert result.stdout == f"{tmp_path}: 4 samples of 2 scenes, 8 images, 1.2 MB, {problems} problems\n"

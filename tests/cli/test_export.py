@@ -12,14 +12,14 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from gateway.cli.commands import app
-from gateway.gltf import AnimationTime, read_gltf
-from gateway.gltf.export import MotionWriter
-from gateway.scene.live import Snapshot
-from gateway.scene.tree import Node
+from gateway.files.gltf import AnimationTime, read_gltf
+from gateway.files.gltf.export import MotionWriter
+from gateway.scene.tree.live import Snapshot
+from gateway.scene.tree.nodes import Node
 from scenegate.lcm.event_log import pack_event
-from tests.treeviewer.conversation import BOX, message
-from tests.viewer.recordings import headers_of
-from tests.viewer.test_scene_file import recording_of
+from tests.adapters.treeviewer.conversation import BOX, message
+from tests.adapters.viewer.recordings import headers_of
+from tests.adapters.viewer.test_scene_file import recording_of
 
 REQUEST = "DIRECTOR_TREE_VIEWER_REQUEST_<a>"
 CYLINDER = {"type": "cylinder", "radius": 1, "length": 1}

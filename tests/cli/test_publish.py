@@ -12,24 +12,24 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.robots.published import MAX_IMAGE_SIDE, PartImages, geometries_of
-from gateway.scene.geometry import Part, Shape, Surface
-from gateway.scene.geometry import PointCloud as Points
-from gateway.scene.meshing import meshes_of
-from gateway.scene.transforms import from_pose, scaling, translation
+from gateway.files.robots.published import MAX_IMAGE_SIDE, PartImages, geometries_of
+from gateway.scene.draw.meshing import meshes_of
+from gateway.scene.tree.geometry import Part, Shape, Surface
+from gateway.scene.tree.geometry import PointCloud as Points
+from gateway.scene.tree.transforms import from_pose, scaling, translation
 from renderers.drawlist import AlphaMode, Image, ImageError, Material, Mesh, Texture
 from renderers.images import decode_image
 from scenegate.cli.publish import _read_request
 from scenegate.messages.changes import Changes, Entry
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, PointCloud, Sphere, Transform
 from scenegate.messages.geometry import Mesh as Triangles
-from tests.robots.files import ARM, TRIANGLE, write
+from tests.adapters.treeviewer.conversation import BOX
+from tests.files.robots.files import ARM, TRIANGLE, write
 from tests.support import clients
 from tests.support.command import scenegate
 from tests.support.gateway_process import gateway_process
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS
-from tests.treeviewer.conversation import BOX
 
 NOT_DRAWN = """<robot name="arm">
 <link name="a"><visual><geometry><mesh filename="missing.stl"/></geometry></visual></link>

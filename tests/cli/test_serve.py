@@ -17,9 +17,10 @@ from typer.testing import CliRunner
 
 from gateway.cli import serve
 from gateway.cli.commands import app
-from gateway.runtime import logs, process_tuning
-from gateway.server import http_server
-from gateway.settings import Settings
+from gateway.runtime.http import http_server
+from gateway.runtime.logs import log_setup
+from gateway.runtime.settings import Settings
+from gateway.runtime.workers import process_tuning
 
 
 @pytest.fixture(autouse=True)
@@ -110,7 +111,7 @@ class FakeServer:
 def server(monkeypatch: pytest.MonkeyPatch) -> type[FakeServer]:
     fake = type("Server", (FakeServer,), {})
     monkeypatch.setattr(http_server, "MainServer", fake)
-    monkeypatch.setattr(logs, "configure", lambda *_, **__: None)
+    monkeypatch.setattr(log_setup, "configure", lambda *_, **__: None)
     monkeypatch.setattr(process_tuning, "pause_gc", lambda: None)
     return fake
 

@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 from fastapi import FastAPI
 
-from gateway.server.http_server import PortService
-from gateway.stereo.routes.imu_routes import imu_router
-from gateway.stereo.service import StereoService
+from gateway.adapters.stereo.routes.imu_routes import imu_router
+from gateway.adapters.stereo.service import StereoService
+from gateway.runtime.http.http_server import PortService
 from scenegate.camera.imu import ImuRecorder
 from scenegate.camera.stream import StreamOptions, receive_all
 from scenegate.credentials import Credentials
 from scenegate.gateway_http import GatewayError
-from tests.stereo.conftest import Start, renderer, start
+from tests.adapters.stereo.conftest import Start, renderer, start
 from tests.support.waiting import SECONDS, until
 
 __all__ = ["renderer", "start"]

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.scene.live import LiveTree
-from gateway.treeviewer.service import TreeViewerService
+from gateway.adapters.treeviewer.service import TreeViewerService
+from gateway.scene.tree.live import LiveTree
 from scenegate import AsyncTreeViewer, TreeViewer
+from tests.adapters.treeviewer.transports import serving
 from tests.client.test_tree_controls import change, shown
 from tests.client.test_tree_viewer import hub_of, in_thread
-from tests.robots.files import ARM, write
+from tests.files.robots.files import ARM, write
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS, until
-from tests.treeviewer.transports import serving
 
 pytestmark = pytest.mark.lcm
 

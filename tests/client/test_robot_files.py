@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.robots.reader import read_robot
-from gateway.scene.bounds import instance_bounds
-from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Part
-from gateway.scene.live import LiveTree
-from gateway.scene.tree import Node
+from gateway.files.robots.reader import read_robot
+from gateway.scene.draw.bounds import instance_bounds
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.tree.geometry import Part
+from gateway.scene.tree.live import LiveTree
+from gateway.scene.tree.nodes import Node
 from renderers.encode import png_rgb
 from scenegate import TreeViewer
-from tests.robots.files import write
+from tests.adapters.treeviewer.transports import serving
+from tests.files.robots.files import write
 from tests.support.waiting import SECONDS
-from tests.treeviewer.transports import serving
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
 PLAIN, TEXTURED = QUAD + "f 1 2 3\n", QUAD + "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"

@@ -14,15 +14,15 @@ import pytest
 from fastapi import FastAPI
 from numpy.typing import NDArray
 
-from gateway.server.http_server import PortService
-from gateway.stereo.device.profile import read_profile
-from gateway.stereo.imaging.pair_files import read_geometry
-from gateway.stereo.routes.truth_routes import truth_router
+from gateway.adapters.stereo.device.profile import read_profile
+from gateway.adapters.stereo.imaging.pair_files import read_geometry
+from gateway.adapters.stereo.routes.truth_routes import truth_router
+from gateway.runtime.http.http_server import PortService
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.camera.files import BadImageError, depth, intrinsics, nanoseconds, pixels, preview
 from scenegate.camera.stream import Progress, StreamFailure, StreamOptions, receive, receive_all
 from scenegate.gateway_http import GatewayError
-from tests.stereo.conftest import Start, renderer, start
+from tests.adapters.stereo.conftest import Start, renderer, start
 from tests.support.command import scenegate
 from tests.support.waiting import SECONDS, until
 

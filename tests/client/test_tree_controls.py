@@ -9,22 +9,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.lcm.config import LcmConfig
-from gateway.scene.controls import ControlStore
-from gateway.scene.live import LiveTree
-from gateway.treeviewer import request_reader
-from gateway.treeviewer.config import TreeViewerConfig
-from gateway.treeviewer.protocol import RESPONSE
-from gateway.treeviewer.responses import ReadyMessage, encode
-from gateway.treeviewer.service import TreeViewerService
+from gateway.adapters.treeviewer import request_reader
+from gateway.adapters.treeviewer.config import TreeViewerConfig
+from gateway.adapters.treeviewer.protocol import RESPONSE
+from gateway.adapters.treeviewer.responses import ReadyMessage, encode
+from gateway.adapters.treeviewer.service import TreeViewerService
+from gateway.runtime.lcm.config import LcmConfig
+from gateway.scene.page.controls import ControlStore
+from gateway.scene.tree.live import LiveTree
 from scenegate import AsyncTreeViewer, Box, TreeViewer, TreeViewerError
 from scenegate.messages.controls import Pose
 from scenegate.tree import callbacks
+from tests.adapters.treeviewer.transports import serving
 from tests.client.test_tree_viewer import hub_of, in_thread
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS, until
-from tests.treeviewer.transports import serving
 
 pytestmark = pytest.mark.lcm
 

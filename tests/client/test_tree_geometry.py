@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.scene.materials import material
-from gateway.scene.transforms import from_pose
-from gateway.treeviewer.packed_arrays import unpack
+from gateway.adapters.treeviewer.packed_arrays import unpack
+from gateway.scene.tree.materials import material
+from gateway.scene.tree.transforms import from_pose
 from scenegate import (
     Box,
     CameraFrustum,
@@ -33,8 +33,8 @@ from scenegate import (
 from scenegate.messages import wire
 from scenegate.messages.geometry import fields_of
 from scenegate.messages.request_encoding import decode_response, empty_with_header, encode_request, pack
+from tests.adapters.treeviewer.conversation import Viewer
 from tests.support.solids import TYPES, example
-from tests.treeviewer.conversation import Viewer
 
 POINTS = np.arange(12, dtype=np.float64).reshape(4, 3)
 PIXELS = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)

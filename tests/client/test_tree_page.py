@@ -9,21 +9,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.lcm.config import LcmConfig
-from gateway.scene import clicks
-from gateway.scene.cameras import LookAtCamera
-from gateway.scene.live import LiveTree
-from gateway.scene.live_page import PageView
-from gateway.scene.tree import Node
-from gateway.treeviewer import request_reader
-from gateway.treeviewer.config import TreeViewerConfig
+from gateway.adapters.treeviewer import request_reader
+from gateway.adapters.treeviewer.config import TreeViewerConfig
+from gateway.runtime.lcm.config import LcmConfig
+from gateway.scene.draw.cameras import LookAtCamera
+from gateway.scene.page import clicks
+from gateway.scene.page.live_page import PageView
+from gateway.scene.tree.live import LiveTree
+from gateway.scene.tree.nodes import Node
 from scenegate import AsyncTreeViewer, Box, Click, TreeViewer, TreeViewerError
 from scenegate.tree import callbacks
+from tests.adapters.treeviewer.transports import free_url, join, serving
 from tests.client.test_tree_viewer import hub_of, in_thread
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS, until
-from tests.treeviewer.transports import free_url, join, serving
 
 pytestmark = pytest.mark.lcm
 

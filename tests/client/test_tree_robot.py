@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.scene.live import LiveTree
-from gateway.scene.transforms import from_pose
+from gateway.scene.tree.live import LiveTree
+from gateway.scene.tree.transforms import from_pose
 from scenegate import AsyncTreeViewer, TreeViewer
 from scenegate.messages.changes import Changes
 from scenegate.robots import read_robot
 from scenegate.tree.answer import Answer
 from scenegate.tree.robot import PublishedRobot
-from tests.robots.files import ARM, write
+from tests.adapters.treeviewer.transports import serving
+from tests.files.robots.files import ARM, write
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS
-from tests.treeviewer.transports import serving
 
 
 class Sent:

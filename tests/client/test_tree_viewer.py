@@ -15,10 +15,10 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from gateway.lcm.config import LcmConfig
-from gateway.scene.live import LiveTree
-from gateway.treeviewer.config import TreeViewerConfig
-from gateway.treeviewer.service import TreeViewerService
+from gateway.adapters.treeviewer.config import TreeViewerConfig
+from gateway.adapters.treeviewer.service import TreeViewerService
+from gateway.runtime.lcm.config import LcmConfig
+from gateway.scene.tree.live import LiveTree
 from scenegate import (
     AsyncTreeViewer,
     Box,
@@ -35,10 +35,10 @@ from scenegate.messages import wire
 from scenegate.messages.request_encoding import encode_request
 from scenegate.messages.wire import UNKNOWN_FORMAT
 from scenegate.tree import viewer
+from tests.adapters.treeviewer.transports import free_url, join, serving
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS, until
-from tests.treeviewer.transports import free_url, join, serving
 
 pytestmark = pytest.mark.lcm
 

@@ -96,7 +96,7 @@ def test_the_gateway_is_soon_ready(engine: Engine, tell: Callable[[str], None]) 
         wait_for("readiness", lambda: ready(project))
         tell(f"ready {time.monotonic() - began:.1f} s after `up -d` began, which took {returned:.1f} s of them")
         (container,) = project.containers("gateway")
-        probe = engine.run("exec", container, "python", "-m", "gateway.server.healthcheck")
+        probe = engine.run("exec", container, "python", "-m", "gateway.runtime.http.healthcheck")
         who = engine.run("exec", container, "id", "-u").strip()
         tell(f"user {who}; the health check's command: {probe.strip() or 'ready'}")
         assert who == "10001"

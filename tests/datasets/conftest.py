@@ -16,7 +16,7 @@ from gateway.datasets.scenes import model_names
 from gateway.datasets.sources import find_sources
 from gateway.datasets.views import View
 from gateway.datasets.worker import run_task
-from gateway.scene.cameras import OrbitCamera
+from gateway.scene.draw.cameras import OrbitCamera
 from scenegate.datasets.manifest import ANNOTATED_TYPES, Settings
 from tests.support import forms
 

@@ -20,12 +20,12 @@ from gateway.datasets.classes import ClassTable, classes_of_models
 from gateway.datasets.rendering import SampleInputs, render_sample
 from gateway.datasets.scenes import LoadedScene, load_scene
 from gateway.datasets.sources import find_sources
-from gateway.robots.scene_files import SceneOptions
-from gateway.scene.style import Style
+from gateway.files.robots.scene_files import SceneOptions
+from gateway.scene.draw.style import Style
 from renderers.camera import Camera
 from renderers.raster import CpuRenderer
 from scenegate.datasets.manifest import ImageType, Masks, ObjectRecord
-from tests.gltf.builder import Builder, data_uri
+from tests.files.gltf.builder import Builder, data_uri
 
 WIDTH, HEIGHT, FOCAL = 64, 48, 40.0
 FORMATS: dict[ImageType, str] = {"depth": "tiff", "instance": "png", "class": "png", "amodal": "json"}

@@ -13,7 +13,7 @@ from gateway.datasets import annotated_scene
 from gateway.datasets.annotated_scene import annotate_scene
 from gateway.datasets.classes import classes_of_models
 from gateway.datasets.scenes import SceneError
-from gateway.scene.style import Style
+from gateway.scene.draw.style import Style
 from renderers.raster import CpuRenderer
 from tests.datasets.plates import HEIGHT, WIDTH, Plate, load, plate_camera, see, write_plates
 

@@ -17,9 +17,9 @@ from gateway.datasets.job import make_job
 from gateway.datasets.scenes import load_scene
 from gateway.datasets.sources import find_sources
 from gateway.datasets.views import Intrinsics, View, camera_of, record_of, usable_camera
-from gateway.gltf import GltfCamera
-from gateway.scene.cameras import CameraError, OrbitCamera
-from gateway.scene.tree import Node
+from gateway.files.gltf import GltfCamera
+from gateway.scene.draw.cameras import CameraError, OrbitCamera
+from gateway.scene.tree.nodes import Node
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
 from scenegate.datasets.manifest import pose_rows

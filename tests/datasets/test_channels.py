@@ -14,8 +14,8 @@ from gateway.datasets.derived_images import cached_profile, flow_between, flow_f
 from gateway.datasets.rendering import SampleInputs, render_sample
 from gateway.datasets.scenes import LoadedScene
 from gateway.datasets.views import Intrinsics
-from gateway.scene.cameras import CameraError
-from gateway.scene.style import Style
+from gateway.scene.draw.cameras import CameraError
+from gateway.scene.draw.style import Style
 from renderers.camera import Camera
 from renderers.light_rig import Rig
 from renderers.raster import CpuRenderer

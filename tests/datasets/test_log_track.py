@@ -12,10 +12,10 @@ from gateway.cli.commands import app
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.log_track import track_csv_of_log
 from gateway.datasets.scenario.tracks import read_track
-from gateway.scene.transforms import from_pose
+from gateway.scene.tree.transforms import from_pose
 from scenegate.lcm.event_log import EventLogError, pack_event
+from tests.adapters.treeviewer.conversation import BOX, message
 from tests.support.corpus import corpus_dir
-from tests.treeviewer.conversation import BOX, message
 
 HALF = 0.5**0.5
 

@@ -14,15 +14,15 @@ from gateway.datasets.classes import classes_of_models, read_classes
 from gateway.datasets.objects import SceneObject, joined_objects, object_frame, objects_of, owner_numbers
 from gateway.datasets.scenes import LoadedScene, load_scene, model_names
 from gateway.datasets.sources import find_sources
-from gateway.robots.scene_files import SceneOptions
-from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Part
-from gateway.scene.transforms import IDENTITY, scaling, translation
-from gateway.scene.tree import Node
+from gateway.files.robots.scene_files import SceneOptions
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.tree.geometry import Part
+from gateway.scene.tree.nodes import Node
+from gateway.scene.tree.transforms import IDENTITY, scaling, translation
 from renderers.drawlist import Material
 from scenegate.messages.geometry import Box
 from tests.datasets.plates import Plate, load, write_plates
-from tests.gltf.builder import Builder
+from tests.files.gltf.builder import Builder
 
 LINK = '<link name="{}"><visual><geometry><box size="1 1 1"/></geometry></visual></link>'
 JOINT = '<joint name="to {}" type="fixed"><parent link="base"/><child link="{}"/></joint>'

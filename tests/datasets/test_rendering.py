@@ -15,13 +15,13 @@ from gateway.datasets.rendering import render_images, render_request, style_of
 from gateway.datasets.scenes import LoadedScene, load_scene
 from gateway.datasets.sources import find_sources
 from gateway.datasets.views import View, camera_of
-from gateway.scene.style import Style
+from gateway.scene.draw.style import Style
 from renderers.camera import Camera
 from renderers.light_rig import STUDIO
 from renderers.raster import CpuRenderer
 from scenegate.datasets.manifest import ImageType
 from tests.datasets.conftest import SETTINGS
-from tests.gltf.builder import Builder, data_uri
+from tests.files.gltf.builder import Builder, data_uri
 from tests.support import forms
 
 

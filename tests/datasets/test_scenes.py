@@ -11,12 +11,12 @@ import pytest
 
 from gateway.datasets.scenes import LoadedScene, SceneError, load_scene, scene_digest
 from gateway.datasets.sources import find_sources
-from gateway.robots.reader import read_robot
-from gateway.robots.scene_files import SceneOptions
+from gateway.files.robots.reader import read_robot
+from gateway.files.robots.scene_files import SceneOptions
 from renderers.drawlist import LABEL_NONE
 from scenegate.datasets import manifest
 from tests.datasets.conftest import TREE
-from tests.robots.files import ARM, TRIANGLE, visual, write
+from tests.files.robots.files import ARM, TRIANGLE, visual, write
 from tests.support import forms
 
 

@@ -6,11 +6,11 @@ from numpy.typing import NDArray
 
 from gateway import demo
 from gateway.demo import PERIOD, ROOT, Demo
-from gateway.gltf import read_gltf
-from gateway.gltf.export import export_glb
-from gateway.scene.flatten import flatten
-from gateway.scene.live import LiveTree
-from gateway.scene.tree import changes
+from gateway.files.gltf import read_gltf
+from gateway.files.gltf.export import export_glb
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.tree.live import LiveTree
+from gateway.scene.tree.nodes import changes
 from renderers.drawlist import AlphaMode, Topology
 from tests.support.bounds import scene_bounds
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from gateway import demo
-from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Part
-from gateway.scene.meshing import meshes_of
-from gateway.scene.tree import Node
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.draw.meshing import meshes_of
+from gateway.scene.tree.geometry import Part
+from gateway.scene.tree.nodes import Node
 from renderers.drawlist import Material, Mesh, Texture
 from tests.support.bounds import scene_bounds
 

@@ -12,9 +12,9 @@ import pytest
 import typer.main
 
 from gateway.cli.commands import app
-from gateway.settings import Settings
-from gateway.settings.option import env_of
-from gateway.settings.sources import NON_SETTING_VARIABLES
+from gateway.runtime.settings import Settings
+from gateway.runtime.settings.option import env_of
+from gateway.runtime.settings.sources import NON_SETTING_VARIABLES
 from scenegate.cli import CLIENT_COMMANDS, command_parser
 from tests.docs.pages import PAGES, ROOT, anchors, blocks, commands, links, prose, spans
 

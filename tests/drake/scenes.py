@@ -597,7 +597,7 @@ def specular_glossiness(folder: Path) -> Scene:
 @scene("skin_and_morph_target")
 def skin_and_morph_target(folder: Path) -> Scene:
     path = folder / "mesh.gltf"
-    path.write_text(json.dumps(embedded(Path(__file__).parents[1] / "gltf" / "files" / "posed.glb")))
+    path.write_text(json.dumps(embedded(Path(__file__).parents[1] / "files" / "gltf" / "files" / "posed.glb")))
     return Scene([Body(Mesh(str(path), 0.2), (0.0, 0.0, -0.2))])
 
 

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.render.config import RenderConfig
-from gateway.render.form import LOOK_FIELD, read_fields
-from gateway.render.pipeline import Pipeline
+from gateway.adapters.render.config import RenderConfig
+from gateway.adapters.render.form import LOOK_FIELD, read_fields
+from gateway.adapters.render.pipeline import Pipeline
 from renderers.raster import CpuRenderer
 from tests.support.corpus import DONT_CARE_LABEL, EMPTY_LABEL, TABLE, Row, decode_label
 from tests.support.waiting import SECONDS

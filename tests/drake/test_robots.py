@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.render.config import RenderConfig
-from gateway.render.form import FormReader
-from gateway.render.pipeline import Pipeline
+from gateway.adapters.render.config import RenderConfig
+from gateway.adapters.render.form import FormReader
+from gateway.adapters.render.pipeline import Pipeline
 from renderers.raster import CpuRenderer
 from tests.support.corpus import DONT_CARE_LABEL, EMPTY_LABEL, TABLE, Row, corpus_path, decode_label
 

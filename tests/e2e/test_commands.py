@@ -18,8 +18,8 @@ from typer.testing import CliRunner, Result
 from gateway import __version__
 from gateway.cli.commands import app
 from gateway.runtime import instance_probe
-from gateway.settings import Settings
-from gateway.settings.option import flag_of
+from gateway.runtime.settings import Settings
+from gateway.runtime.settings.option import flag_of
 from tests.support import forms
 from tests.support.waiting import PAUSE, SECONDS
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.viewer.routes import ACKNOWLEDGE, ACKNOWLEDGE_CONTROLS
+from gateway.adapters.viewer.routes import ACKNOWLEDGE, ACKNOWLEDGE_CONTROLS
 from tests.support import clients
 from tests.support.gateway_process import gateway_process
 from tests.support.liblcm import liblcm

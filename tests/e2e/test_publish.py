@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.scene.geometry import PointCloud, Surface
-from gateway.scene.live import LiveTree
+from gateway.scene.tree.geometry import PointCloud, Surface
+from gateway.scene.tree.live import LiveTree
+from tests.adapters.treeviewer.transports import serving
 from tests.client.test_tree_controls import change, shown
-from tests.robots.files import ARM, TRIANGLE, write
+from tests.files.robots.files import ARM, TRIANGLE, write
 from tests.support import command
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS, until
-from tests.treeviewer.transports import serving
 
 REQUEST = {
     "delete": [{"path": ["gone"]}],

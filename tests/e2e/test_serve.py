@@ -16,7 +16,7 @@ import httpx2
 import pytest
 
 import gateway.app
-from gateway.settings import SettingsError
+from gateway.runtime.settings import SettingsError
 from tests.conftest import DemoGateway
 from tests.support import clients, forms
 from tests.support.gateway_process import GatewayProcess, gateway_process, refused

@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
+from tests.adapters.treeviewer.conversation import BOX, decoded, message
+from tests.adapters.treeviewer.transports import HubClient
 from tests.support import clients
 from tests.support.gateway_process import gateway_process, refused
-from tests.treeviewer.conversation import BOX, decoded, message
-from tests.treeviewer.transports import HubClient
 
 FLAGS = ("--lcm-url", "off", "--tcpq-port", "0", "--grpc-port", "0", "--only", "scene,treeviewer,stereo")
 CLOUD = {"type": "pointcloud", "points": [[0.1 * i, 0, 0] for i in range(500)], "channels": {"rgb": [[1, 0, 0]] * 500}}

@@ -13,18 +13,18 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from gateway.assets.mesh_files import MeshFiles
-from gateway.lcmlog.replay import LogReplay
-from tests.lcmlog.logs import BEGIN, CHANNEL, write_log
-from tests.lcmlog.test_timeline import box_at, moving
+from gateway.files.assets.mesh_files import MeshFiles
+from gateway.replay.replay import LogReplay
+from tests.adapters.treeviewer.conversation import message
+from tests.adapters.viewer.page import View
+from tests.replay.logs import BEGIN, CHANNEL, write_log
+from tests.replay.test_timeline import box_at, moving
 from tests.support import clients
 from tests.support.browser import chromium
 from tests.support.command import scenegate
 from tests.support.corpus import corpus_dir
 from tests.support.gateway_process import GatewayProcess
 from tests.support.waiting import wait_until
-from tests.treeviewer.conversation import message
-from tests.viewer.page import View
 
 BALL = ("drake", "illustration", "plant", "ball", "ball")
 

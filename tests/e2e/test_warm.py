@@ -42,7 +42,7 @@ with pending.announced({name: part.has_kernel for name, part in parts.BACKGROUND
         parts.load_background(part)
 from fastapi.testclient import TestClient
 from gateway.app import create_app
-from gateway.settings import Settings
+from gateway.runtime.settings import Settings
 from tests.support import forms
 
 settings = Settings(only=("render", "scene", "treeviewer"), demo=True, lcm_url="off", tcpq_port=0, host="127.0.0.1")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.robots.files import ARM, TRIANGLE, write
+from tests.files.robots.files import ARM, TRIANGLE, write
 from tests.support import clients
 from tests.support.gateway_process import gateway_process
 from tests.support.waiting import SECONDS

@@ -76,7 +76,7 @@ def test_wheel_has_every_file_of_the_packages(wheel: Path) -> None:
     expected = {
         file.relative_to(ROOT).as_posix()
         for file in files
-        if "__pycache__" not in file.parts and ROOT / "gateway/viewer/web" not in file.parents
+        if "__pycache__" not in file.parts and ROOT / "gateway/adapters/viewer/web" not in file.parents
     }
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())

@@ -21,12 +21,12 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 UV = Path(sys.executable).with_name("uv")
 SELECTION = (
-    "tests/assets/mesh_files/test_formats.py",
+    "tests/files/assets/mesh_files/test_formats.py",
     "tests/cli/test_serve.py",
-    "tests/render/test_form.py",
-    "tests/settings",
-    "tests/state/test_database.py",
-    "tests/stereo/stream/test_image_messages.py",
+    "tests/adapters/render/test_form.py",
+    "tests/runtime/settings",
+    "tests/runtime/state/test_database.py",
+    "tests/adapters/stereo/stream/test_image_messages.py",
 )
 
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.recording.snapshot_frames import SnapshotFrames
-from gateway.scene.controls import ControlStore
-from gateway.scene.geometry import Part, PointCloud
-from gateway.scene.live import LiveTree
-from gateway.viewer.control_frames import ControlFrames
+from gateway.adapters.viewer.control_frames import ControlFrames
+from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
+from gateway.scene.page.controls import ControlStore
+from gateway.scene.tree.geometry import Part, PointCloud
+from gateway.scene.tree.live import LiveTree
 from renderers.drawlist import Material
 from scenegate.gateway_http import GatewayError
 from scenegate.messages.controls import Slider

@@ -12,9 +12,10 @@ from typing import Any, NoReturn
 
 import pytest
 
-from gateway.runtime import diagnostics, process_tuning
+from gateway.runtime import diagnostics
 from gateway.runtime.diagnostics import findings
 from gateway.runtime.installation import Finding, Verdict
+from gateway.runtime.workers import process_tuning
 from renderers.compiler import cache_folder
 from scenegate.lcm import udpm_socket
 

@@ -14,7 +14,7 @@ import pytest
 from gateway.runtime.diagnostics import findings
 from gateway.runtime.installation import Verdict
 from gateway.runtime.instance_probe import probe_instance
-from tests.server.answering import answering
+from tests.runtime.http.answering import answering
 from tests.support.certificates import certificate
 from tests.support.waiting import wait_until
 

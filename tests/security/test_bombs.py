@@ -75,4 +75,4 @@ def test_png_bombs_do_not_unfold(data: bytes) -> None:
     ids=["lists", "objects", "values"],
 )
 def test_json_bombs_do_not_unfold(text: bytes) -> None:
-    assert grown("gateway.gltf", "read_gltf", text) < MOST + 4 * len(text)
+    assert grown("gateway.files.gltf", "read_gltf", text) < MOST + 4 * len(text)

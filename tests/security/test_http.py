@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from gateway.viewer.routes import MAX_MESSAGE_CHARS
+from gateway.adapters.viewer.routes import MAX_MESSAGE_CHARS
 from tests.support import clients, forms
 from tests.support.waiting import SECONDS
 

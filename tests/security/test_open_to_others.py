@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from gateway.server.security import Security
-from gateway.settings import Settings, SettingsError
+from gateway.runtime.http.security import Security
+from gateway.runtime.settings import Settings, SettingsError
 from tests.support.certificates import certificate
 
 

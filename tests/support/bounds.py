@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gateway.scene.bounds import Bounds, instance_bounds, union
+from gateway.scene.draw.bounds import Bounds, instance_bounds, union
 from renderers.drawlist import DrawList
 
 

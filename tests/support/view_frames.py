@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from gateway.viewer.frames import MAGIC, PREFIX
+from gateway.adapters.viewer.frames import MAGIC, PREFIX
 
 
 def parse_frame(frame: bytes) -> tuple[dict[str, Any], memoryview]:

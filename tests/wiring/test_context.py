@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import gateway.app
-from gateway.runtime import process_tuning
-from gateway.settings import Settings
+from gateway.runtime.settings import Settings
+from gateway.runtime.workers import process_tuning
 from gateway.wiring import context as context_module
 from gateway.wiring.context import Context
 from tests.support.waiting import until

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from gateway.lcmlog import timeline
-from gateway.lcmlog.timeline import open_log
+from gateway.replay import timeline
+from gateway.replay.timeline import open_log
 from gateway.wiring import log
 from gateway.wiring.log import LogService
-from tests.lcmlog.logs import write_log
-from tests.lcmlog.test_timeline import moving, x_of
+from tests.replay.logs import write_log
+from tests.replay.test_timeline import moving, x_of
 from tests.support.waiting import until
 
 

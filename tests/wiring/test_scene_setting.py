@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from gateway.runtime.pool_errors import CallerCancelled
-from gateway.settings import Settings
+from gateway.runtime.settings import Settings
+from gateway.runtime.workers.pool_errors import CallerCancelled
 from gateway.wiring import scene_setting
 from renderers.stop import check_stop
 

@@ -13,24 +13,24 @@ import msgspec
 import numpy as np
 import pytest
 
+from gateway.adapters.stereo.device.camera_config import StereoConfig
+from gateway.adapters.stereo.device.profile import read_profile
+from gateway.adapters.stereo.imaging.scene_view import SceneView
+from gateway.adapters.stereo.service import StereoService
+from gateway.adapters.viewer.gateway_status import gateway_status
+from gateway.adapters.viewer.messages import Fact, Status
 from gateway.app import create_app
 from gateway.demo import ROOT
-from gateway.gltf import GltfLimits
-from gateway.runtime.worker_pool import WorkerPool
-from gateway.scene import transforms as tf
-from gateway.scene.flatten import Flattener
-from gateway.scene.geometry import Part
-from gateway.scene.labels import LabelTable
-from gateway.scene.live import LiveTree
-from gateway.scene.mount import Mount
-from gateway.scene.style import Style
-from gateway.settings import Settings
-from gateway.stereo.device.camera_config import StereoConfig
-from gateway.stereo.device.profile import read_profile
-from gateway.stereo.imaging.scene_view import SceneView
-from gateway.stereo.service import StereoService
-from gateway.viewer.gateway_status import gateway_status
-from gateway.viewer.messages import Fact, Status
+from gateway.files.gltf import GltfLimits
+from gateway.runtime.settings import Settings
+from gateway.runtime.workers.worker_pool import WorkerPool
+from gateway.scene.draw.flatten import Flattener
+from gateway.scene.draw.mount import Mount
+from gateway.scene.draw.style import Style
+from gateway.scene.tree import transforms as tf
+from gateway.scene.tree.geometry import Part
+from gateway.scene.tree.labels import LabelTable
+from gateway.scene.tree.live import LiveTree
 from gateway.wiring import demo, render, sceneapi, stereo, treeviewer
 from gateway.wiring.context import Context
 from gateway.wiring.interfaces import enabled_interfaces

@@ -24,8 +24,8 @@ from opentelemetry.sdk.trace.export import BatchSpanProcessor, SimpleSpanProcess
 from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter
 from structlog.testing import capture_logs
 
-from gateway.runtime import tracing
-from gateway.runtime.worker_pool import WorkerPool
+from gateway.runtime.logs import tracing
+from gateway.runtime.workers.worker_pool import WorkerPool
 from gateway.wiring import telemetry
 from scenegate import Box, TreeViewer
 from scenegate.camera import image_interface_pb2 as pb

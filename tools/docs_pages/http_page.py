@@ -30,7 +30,7 @@ _REPLACED_PREFIXES: Final = (("/api/v1/nodes", "/api/v2/pipelines/0/nodes"), ("/
 def description() -> dict[str, Any]:
     """Return the OpenAPI description of a gateway with every interface. Starts and stops the gateway."""
     from gateway.app import create_app
-    from gateway.settings import Settings
+    from gateway.runtime.settings import Settings
 
     settings = Settings(demo=True, lcm_url="off", tcpq_port=0, grpc_port=0, http_port=0, stereo_faults=True)
 

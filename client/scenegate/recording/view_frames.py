@@ -1,7 +1,7 @@
 """Frames of the gateway's view, ``/view/ws``, and the joints in them.
 
-A frame is a JSON header and arrays; ``gateway.viewer.frames`` writes it. The joints of robots are sliders of the page
-(``ControlFolder.add_joint_sliders``), which are in frames of controls.
+A frame is a JSON header and arrays; ``gateway.adapters.viewer.frames`` writes it. The joints of robots are sliders of
+the page (``ControlFolder.add_joint_sliders``), which are in frames of controls.
 """
 
 from __future__ import annotations

@@ -10,7 +10,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.assets.scene_file import SceneFileError
 from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.camera_paths import uniform
 from gateway.datasets.scenario.catalogue import Catalogue
@@ -19,7 +18,8 @@ from gateway.datasets.scenario.models import LoadedModel, load_model
 from gateway.datasets.scenario.physics import settle
 from gateway.datasets.scenario.placement import Solid, are_apart, place_on
 from gateway.datasets.scenario.surfaces import solids_of
-from gateway.scene.transforms import translation
+from gateway.files.assets.scene_file import SceneFileError
+from gateway.scene.tree.transforms import translation
 from scenegate.datasets.manifest import pose_rows
 
 MIN_EXTENT: Final = 1e-6

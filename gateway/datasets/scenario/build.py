@@ -10,8 +10,6 @@ from typing import Final
 
 import numpy as np
 
-from gateway.assets.light_rig_file import RigFileError
-from gateway.assets.scene_file import SceneFileError
 from gateway.datasets.objects import SceneObject
 from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.catalogue import Catalogue
@@ -22,9 +20,11 @@ from gateway.datasets.scenario.scenery import Scenery, scenery_of
 from gateway.datasets.scenario.surfaces import node_of
 from gateway.datasets.scenario.tables import ScenarioError
 from gateway.datasets.scenario.tracks import read_track
-from gateway.gltf import AnimationTime
-from gateway.scene.transforms import scaling
-from gateway.scene.tree import Node, PathElement
+from gateway.files.assets.light_rig_file import RigFileError
+from gateway.files.assets.scene_file import SceneFileError
+from gateway.files.gltf import AnimationTime
+from gateway.scene.tree.nodes import Node, PathElement
+from gateway.scene.tree.transforms import scaling
 from renderers.drawlist import ImageError
 from scenegate.regular_files import errors_as, sha256_of
 from scenegate.robots.errors import RobotFileError

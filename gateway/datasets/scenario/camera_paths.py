@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gateway.datasets.scenario.choices import CameraChoice
 from gateway.datasets.scenario.tables import Fixed, FrameRange, Handheld, Range, Shell
-from gateway.scene.transforms import look_at
+from gateway.scene.tree.transforms import look_at
 from scenegate.datasets.manifest import pose_rows
 from scenegate.transforms import Matrix
 

@@ -16,7 +16,7 @@ import msgspec
 
 from gateway.datasets.scenario.file import read_scenario
 from gateway.datasets.scenario.tables import Scenario, ScenarioError
-from gateway.robots.scene_files import FOLDER_SUFFIXES, SCENE_SUFFIXES
+from gateway.files.robots.scene_files import FOLDER_SUFFIXES, SCENE_SUFFIXES
 from renderers.stop import check_stop
 from scenegate.regular_files import errors_as
 

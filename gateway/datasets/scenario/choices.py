@@ -28,7 +28,7 @@ from gateway.datasets.scenario.tables import (
     Length,
     ScenarioError,
 )
-from gateway.scene.transforms import is_rotation
+from gateway.scene.tree.transforms import is_rotation
 
 MAX_ROTATION_ERROR: Final = 1e-6
 """Maximum deviation of an element of R^T R from the identity, in a pose of a record."""

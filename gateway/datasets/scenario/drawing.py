@@ -26,7 +26,7 @@ from gateway.datasets.scenario.models import LoadedModel
 from gateway.datasets.scenario.placement import Solid, rotation_of
 from gateway.datasets.scenario.scenery import lamp_direction
 from gateway.datasets.scenario.tracks import read_track
-from gateway.scene.transforms import translation
+from gateway.scene.tree.transforms import translation
 from scenegate.datasets.manifest import Vector3, pose_rows
 from scenegate.regular_files import errors_as
 from scenegate.robots.errors import RobotFileError

@@ -9,9 +9,9 @@ import msgspec
 import numpy as np
 
 from gateway.datasets.scenario.choices import MaterialChoice
-from gateway.scene.geometry import Part, Surface
-from gateway.scene.meshing import meshes_of
-from gateway.scene.tree import Node
+from gateway.scene.draw.meshing import meshes_of
+from gateway.scene.tree.geometry import Part, Surface
+from gateway.scene.tree.nodes import Node
 from renderers.cache import Cache
 from renderers.color import linear_from_srgb
 from renderers.drawlist import Image, Material, Mesh, Texture, Topology, name_image_errors

@@ -11,15 +11,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.assets.scene_file import SceneFileError, Up
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.tables import Model
-from gateway.gltf import AnimationTime
-from gateway.robots.reader import read_robot
-from gateway.robots.robot import Robot
-from gateway.robots.scene_files import SceneOptions, read_scene
-from gateway.scene.flatten import flatten
-from gateway.scene.tree import Node
+from gateway.files.assets.scene_file import SceneFileError, Up
+from gateway.files.gltf import AnimationTime
+from gateway.files.robots.reader import read_robot
+from gateway.files.robots.robot import Robot
+from gateway.files.robots.scene_files import SceneOptions, read_scene
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.tree.nodes import Node
 from renderers.cache import Cache, WeakCache
 from renderers.drawlist import Mesh, used_vertices
 from scenegate.robots.errors import RobotFileError

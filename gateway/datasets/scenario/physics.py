@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gateway.datasets.scenario.models import Body
 from gateway.datasets.scenario.placement import Solid
 from gateway.datasets.scenario.tables import ScenarioError
-from gateway.scene.transforms import from_pose, quaternions_of
+from gateway.scene.tree.transforms import from_pose, quaternions_of
 from renderers.stop import check_stop
 
 TIMESTEP: Final = 0.002

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from gateway.datasets.scenario.choices import SurfaceChoice
 from gateway.datasets.scenario.materials import material_of, with_material
 from gateway.datasets.scenario.placement import Solid, box_solid
-from gateway.scene.geometry import Part
-from gateway.scene.transforms import translation
-from gateway.scene.tree import Node
+from gateway.scene.tree.geometry import Part
+from gateway.scene.tree.nodes import Node
+from gateway.scene.tree.transforms import translation
 from scenegate.messages.geometry import Box
 
 PlacedBox = tuple[NDArray[np.float64], tuple[float, float, float]]

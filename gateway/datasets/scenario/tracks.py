@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.datasets.scenario.tables import MAX_METRES, ScenarioError
-from gateway.gltf.animations import slerp
-from gateway.scene.transforms import Matrix, from_pose
+from gateway.files.gltf.animations import slerp
+from gateway.scene.tree.transforms import Matrix, from_pose
 from scenegate.regular_files import errors_as, read_text
 
 MAX_TRACK_BYTES: Final = 64 << 20

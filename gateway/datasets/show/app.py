@@ -16,9 +16,9 @@ from fastapi.responses import HTMLResponse, PlainTextResponse
 from gateway.datasets.show.overlay import LAYERS, draw_sample, shown_types
 from gateway.datasets.show.page import PAGE_SAMPLES, Selection, grid_page, sample_page
 from gateway.datasets.show.summary import summarize
-from gateway.runtime import process_tuning
-from gateway.server.http_server import MainServer, server_config
-from gateway.server.middleware import Protection
+from gateway.runtime.http.http_server import MainServer, server_config
+from gateway.runtime.http.middleware import Protection
+from gateway.runtime.workers import process_tuning
 from scenegate.datasets import Dataset, RecordError, manifest
 from scenegate.datasets.manifest import ImageType
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from gateway.runtime.file_lock import Lock, try_lock
 from gateway.runtime.kernels.progress import KernelProgress
-from gateway.runtime.scheduling import usable_cpus
+from gateway.runtime.workers.scheduling import usable_cpus
 from renderers.compiler import cache_folder
 
 _MAX_CHILDREN = 5

@@ -10,9 +10,9 @@ import os
 import sys
 from typing import Any
 
-from gateway.runtime import process_tuning
 from gateway.runtime.kernels import cache
 from gateway.runtime.kernels.parts import BACKGROUND, PARTS
+from gateway.runtime.workers import process_tuning
 
 
 def compile_parts(parts_fd: int, names: tuple[str, ...]) -> None:

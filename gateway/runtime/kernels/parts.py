@@ -62,10 +62,10 @@ _HEADLIGHT: Final = ("renderers.shading.headlight",)
 _SETUP: Final = ("renderers.raster.setup",)
 _COVERAGE: Final = ("renderers.raster.coverage",)
 _FORMATS: Final = (
-    "gateway.gltf.meshopt_kernels",
-    "gateway.scene.crease_normals",
-    "gateway.treeviewer.json_kernels",
-    "gateway.treeviewer.msgpack_kernels",
+    "gateway.files.gltf.meshopt_kernels",
+    "gateway.scene.draw.crease_normals",
+    "gateway.adapters.treeviewer.json_kernels",
+    "gateway.adapters.treeviewer.msgpack_kernels",
 )
 
 NEEDED: Final[Mapping[str, Part]] = {

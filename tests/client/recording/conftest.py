@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from gateway.scene.live import Snapshot
+from gateway.scene.tree.live import Snapshot
 
 pytest.importorskip("mcap", reason="needs the extra mcap")
 pytest.importorskip("mcap_ros2", reason="needs the extra mcap")
 pytest.importorskip("foxglove_schemas_protobuf", reason="needs the extra mcap")
 
-from gateway.recording.snapshot_frames import SnapshotFrames
+from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
 from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.recorder import SceneWriter
 from scenegate.recording.topics import Profile, ProfileName

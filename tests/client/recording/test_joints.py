@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gateway.recording.snapshot_frames import SnapshotFrames
-from gateway.scene.controls import ControlStore
-from gateway.scene.live import LiveTree
-from gateway.viewer.control_frames import ControlFrames
+from gateway.adapters.viewer.control_frames import ControlFrames
+from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
+from gateway.scene.page.controls import ControlStore
+from gateway.scene.tree.live import LiveTree
 from scenegate.messages.controls import Slider
 from scenegate.recording import recorder
 from scenegate.recording.mcap_file import McapFiles

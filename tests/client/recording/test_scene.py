@@ -15,13 +15,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gateway.recording.snapshot_frames import SnapshotFrames
-from gateway.scene.flatten import Flattener
-from gateway.scene.geometry import Line, Part, PointCloud
-from gateway.scene.labels import LabelTable
-from gateway.scene.live import LiveTree, Snapshot
-from gateway.scene.tree import Path as NodePath
-from gateway.scene.tree import TreeEdit
+from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
+from gateway.scene.draw.flatten import Flattener
+from gateway.scene.tree.geometry import Line, Part, PointCloud
+from gateway.scene.tree.labels import LabelTable
+from gateway.scene.tree.live import LiveTree, Snapshot
+from gateway.scene.tree.nodes import Path as NodePath
+from gateway.scene.tree.nodes import TreeEdit
 from renderers.color import srgb_from_linear
 from renderers.drawlist import Material, Topology
 from scenegate.camera.imu import ImuSample

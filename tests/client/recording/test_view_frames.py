@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.viewer.frames import FrameBuilder
-from gateway.viewer.messages import MeshPayload
+from gateway.adapters.viewer.frames import FrameBuilder
+from gateway.adapters.viewer.messages import MeshPayload
 from scenegate.recording.scene_mirror import SceneMirror
 from scenegate.recording.view_frames import ViewFrame, ViewFrameError
 

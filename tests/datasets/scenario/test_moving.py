@@ -16,11 +16,11 @@ from gateway.datasets.scenario.tracks import read_track
 from gateway.datasets.scenes import LoadedScene, load_scene
 from gateway.datasets.sources import find_sources
 from gateway.datasets.views import SceneCamera, View, camera_of, scene_views
-from gateway.robots.reader import read_robot
+from gateway.files.robots.reader import read_robot
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer
 from tests.datasets.scenario.conftest import Write
-from tests.gltf.builder import TRIANGLE, Builder
+from tests.files.gltf.builder import TRIANGLE, Builder
 
 FRAMES = "frames = {count = 5, rate = 2}\nsurfaces = [{}]\n"
 

@@ -29,9 +29,9 @@ from gateway.datasets.scenes import LoadedScene, SceneError, load_scene, model_n
 from gateway.datasets.sources import find_scenes, find_sources
 from gateway.datasets.views import SceneCamera, View, camera_of
 from gateway.datasets.worker import run_task
-from gateway.scene.flatten import flatten
-from gateway.scene.style import Style
-from gateway.scene.transforms import translation
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.draw.style import Style
+from gateway.scene.tree.transforms import translation
 from renderers.raster import CpuRenderer
 from scenegate.datasets import manifest
 from tests.datasets.conftest import SETTINGS

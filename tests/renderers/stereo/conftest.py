@@ -1,5 +1,5 @@
 """Fixtures of the stereo camera's tests."""
 
-from tests.stereo.conftest import renderer
+from tests.adapters.stereo.conftest import renderer
 
 __all__ = ["renderer"]

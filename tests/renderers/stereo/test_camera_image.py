@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.stereo.device.profile import PROFILE_NAMES, read_profile
+from gateway.adapters.stereo.device.profile import PROFILE_NAMES, read_profile
 from renderers.stereo.light.key_light import FACTOR_ONE
 from renderers.stereo.model import Intrinsics
 from renderers.stereo.sensor.camera_image import (

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
-from gateway.stereo.device.profile import read_profile
+from gateway.adapters.stereo.device.profile import read_profile
 from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh, smallest_bin_size
 from renderers.stereo.model import Intrinsics
-from tests.stereo.analytic import plane, sphere
+from tests.adapters.stereo.analytic import plane, sphere
 
 MODEL = read_profile("rc_visard_160c").model
 K = MODEL.intrinsics(6)

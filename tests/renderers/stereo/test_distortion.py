@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Part
-from gateway.scene.transforms import look_at, translation
-from gateway.scene.tree import Node, TreeEdit
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.tree.geometry import Part
+from gateway.scene.tree.nodes import Node, TreeEdit
+from gateway.scene.tree.transforms import look_at, translation
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Material
 from renderers.interface import Look, Output, Renderer

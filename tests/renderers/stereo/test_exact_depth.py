@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.stereo.device.profile import read_profile
+from gateway.adapters.stereo.device.profile import read_profile
 from renderers.stereo.depth.depth_images import DepthImages, DepthRange, exact_images, true_disparity
 from renderers.stereo.depth.filters import Filters, apply_filters
 from renderers.stereo.model import Quality, StereoModel
-from tests.stereo.analytic import plane, sphere
+from tests.adapters.stereo.analytic import plane, sphere
 
 MODEL = read_profile("rc_visard_160c").model
 RANGE = DepthRange(0.4, 100.0)

@@ -19,7 +19,7 @@ from renderers.stereo.imu.trajectory import (
 from renderers.stereo.sensor.camera_image import NoiseStream as Stream
 from renderers.stereo.sensor.camera_image import frame_key
 from renderers.stereo.sensor.noise import NORMAL_TABLE, normals
-from tests.stereo.imu_motion import Motion, circle, matrices, rest, rotations, spin, wave
+from tests.adapters.stereo.imu_motion import Motion, circle, matrices, rest, rotations, spin, wave
 
 SECONDS = 4.0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gateway.stereo.device.profile import read_profile
+from gateway.adapters.stereo.device.profile import read_profile
 from renderers.stereo.depth.depth_images import DepthRange, true_disparity
 from renderers.stereo.depth.image_pair import fine_means
 from renderers.stereo.depth.matching import match_pair
@@ -22,7 +22,7 @@ from renderers.stereo.sensor.camera_image import (
 )
 from renderers.stereo.sensor.exposure import Exposure
 from renderers.stereo.sensor.fixed_pattern import fixed_pattern
-from tests.stereo.analytic import plane, sphere
+from tests.adapters.stereo.analytic import plane, sphere
 
 MODEL = read_profile("rc_visard_160c").model
 

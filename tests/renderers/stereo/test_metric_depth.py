@@ -10,7 +10,7 @@ from renderers.interface import Output, Renderer
 from renderers.stereo.depth.metric_depth import align_depth, millimetres_from_disparity
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.model import Intrinsics
-from tests.stereo.scenes import pose, table
+from tests.adapters.stereo.scenes import pose, table
 
 K = Intrinsics(320, 240, 270.0, 160.0, 120.0)
 TURNED = (0.999, 0.02, -0.03, 0.01)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.stereo.device.profile import read_profile
+from gateway.adapters.stereo.device.profile import read_profile
 from renderers.stereo.depth.depth_images import DepthImages, DepthRange, true_disparity
 from renderers.stereo.depth.modelled_errors import ErrorModel, choose_error_scale, measured_images
 from renderers.stereo.depth.pixel_classes import RADIUS, ImageKind
 from renderers.stereo.model import Quality
-from tests.stereo.analytic import plane, sphere
+from tests.adapters.stereo.analytic import plane, sphere
 
 MODEL = read_profile("rc_visard_160c").model
 RANGE = DepthRange(0.4, 100.0)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from gateway.runtime import process_tuning
 from gateway.runtime.kernels import compile_process
 from gateway.runtime.kernels.cache import KernelError
 from gateway.runtime.kernels.parts import PARTS, Part
+from gateway.runtime.workers import process_tuning
 from renderers.compiler.jit import KERNELS, Kernel
 
 

@@ -16,11 +16,11 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.scene.flatten import flatten
+from gateway.scene.draw.flatten import flatten
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 from renderers.light_rig import Hemisphere, Rig, Surroundings
 from renderers.raster import CpuRenderer
-from tests.gltf.builder import Builder, data_uri
+from tests.files.gltf.builder import Builder, data_uri
 from tests.renderers.golden_images import assert_equal_to_golden
 from tests.renderers.shading.reference import rays
 from tests.renderers.shading.studio import reference as ref

@@ -1,0 +1,217 @@
+"""Decode Drake's LCM messages: big-endian, with the fingerprint first. Definitions: ``lcmtypes/lcmt_*.lcm``."""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.adapters.drakeviewer.config import Limits
+from gateway.adapters.drakeviewer.messages import (
+    Cloud,
+    CloudField,
+    Contacts,
+    Draw,
+    Geometry,
+    Link,
+    LinkKey,
+    LinkNames,
+    MessageError,
+    SurfaceContact,
+    Vector3,
+)
+
+Message = bytes | memoryview
+LOAD_ROBOT: Final = 0x8987209B10AA2D39
+"""Fingerprint of ``lcmt_viewer_load_robot``."""
+LINK_DATA: Final = 0x51252725AF982A63
+"""Fingerprint of ``lcmt_viewer_link_data``."""
+DRAW: Final = 0x414F0BFE5B2F4244
+"""Fingerprint of ``lcmt_viewer_draw``."""
+CONTACT_RESULTS: Final = 0x114C15EA77683B45
+"""Fingerprint of ``lcmt_contact_results_for_viz``."""
+POINT_CLOUD: Final = 0x17F2C128B5D25A95
+"""Fingerprint of ``lcmt_point_cloud``."""
+QUADRATURE_POINT_BYTES: Final = 9 * 8
+"""Size of a ``lcmt_hydroelastic_quadrature_per_point_data_for_viz``."""
+
+_GEOMETRY: Final = struct.Struct(">b11f")
+"""Fields of ``lcmt_viewer_geometry_data`` before ``string_data``: type, position, quaternion, color."""
+_MAX_CLOUD_FIELDS: Final = 64
+"""Maximum number of fields of a point cloud: coordinates, colours, normals and the like."""
+
+
+class Reader:
+    """Reads fields of a message in their order.
+
+    All methods raise MessageError if the message ends too early, or a number is beyond its limit.
+    """
+
+    __slots__ = ("_limits", "_view", "offset")
+
+    def __init__(self, message: Message, fingerprint: int, name: str, limits: Limits) -> None:
+        """
+        Args:
+            message: the message, which must start with ``fingerprint``.
+            name: name of its LCM type, for errors.
+        """
+        self._view = memoryview(message)
+        self.offset = 8
+        """Bytes before the next field."""
+        self._limits = limits
+        if len(message) < 8 or int.from_bytes(self._view[:8], "big") != fingerprint:
+            raise MessageError(f"the message is not a {name}: fingerprint {bytes(self._view[:8]).hex()}")
+
+    def take(self, size: int) -> memoryview:
+        """Return the next ``size`` bytes."""
+        end = self.offset + size
+        if size < 0 or end > len(self._view):
+            raise MessageError(f"the message ends after {len(self._view)} bytes, within its fields")
+        taken = self._view[self.offset : end]
+        self.offset = end
+        return taken
+
+    def integer(self, size: int = 4) -> int:
+        """Return a signed integer of ``size`` bytes."""
+        return int.from_bytes(self.take(size), "big", signed=True)
+
+    def count(self, name: str, limit: int) -> int:
+        """Return the number of elements of the array ``name``."""
+        count = self.integer()
+        if not 0 <= count <= limit:
+            raise MessageError(f"{name} is {count}, the limit is {limit}")
+        return count
+
+    def text(self, limit: int = 0) -> str:
+        """Return a string of at most ``limit`` bytes; default ``Limits.name_bytes``."""
+        limit = limit or self._limits.name_bytes
+        size = int.from_bytes(self.take(4), "big")
+        if not 1 <= size <= limit + 1:
+            raise MessageError(f"a text has {size} bytes with its NUL, the limit is {limit + 1}")
+        return str(self.take(size)[:-1], "utf-8", "replace")
+
+    def floats(self, count: int) -> NDArray[np.float32]:
+        """Return ``count`` numbers, (count,) float32."""
+        return np.frombuffer(self.take(4 * count), ">f4").astype(np.float32)
+
+    def doubles(self, count: int) -> NDArray[np.float64]:
+        """Return ``count`` numbers, (count,) float64."""
+        return np.frombuffer(self.take(8 * count), ">f8").astype(np.float64)
+
+    def vector(self) -> Vector3:
+        """Return three numbers of type double."""
+        x, y, z = struct.unpack(">3d", self.take(24))
+        return x, y, z
+
+    def geometry(self) -> Geometry:
+        """Return a ``lcmt_viewer_geometry_data``."""
+        kind, x, y, z, qw, qx, qy, qz, *color = _GEOMETRY.unpack(self.take(_GEOMETRY.size))
+        text = self.text(self._limits.mesh_text_bytes)
+        float_count = self.count("num_float_data", 2 + 3 * (self._limits.vertices + self._limits.triangles))
+        r, g, b, alpha = color
+        return Geometry(kind, (x, y, z), (qw, qx, qy, qz), (r, g, b, alpha), text, self.floats(float_count))
+
+    def link(self) -> Link:
+        """Return a ``lcmt_viewer_link_data``."""
+        name, robot = self.text(), self.integer()
+        count = self.count("num_geom", self._limits.geometries)
+        return Link((robot, name), tuple(self.geometry() for _ in range(count)))
+
+
+def decode_load_robot(message: Message, limits: Limits) -> tuple[Link, ...]:
+    """Return the links of a ``lcmt_viewer_load_robot``.
+
+    Raises:
+        MessageError: The message is damaged or beyond a limit. This holds for all decoders.
+    """
+    reader = Reader(message, LOAD_ROBOT, "lcmt_viewer_load_robot", limits)
+    links = tuple(reader.link() for _ in range(reader.count("num_links", limits.links)))
+    geometries = sum(len(link.geometries) for link in links)
+    if geometries > limits.geometries:
+        raise MessageError(f"the links have {geometries} geometries, the limit is {limits.geometries}")
+    return links
+
+
+def decode_link_data(message: Message, limits: Limits) -> Link:
+    """Return a ``lcmt_viewer_link_data``."""
+    return Reader(message, LINK_DATA, "lcmt_viewer_link_data", limits).link()
+
+
+def decode_draw(message: Message, limits: Limits, known: LinkNames | None = None) -> Draw:
+    """Return a ``lcmt_viewer_draw``.
+
+    Args:
+        known: names of an earlier message. If this message repeats them, the result has this object, and they are not
+            decoded again: decoding them takes most of the time.
+    """
+    reader = Reader(message, DRAW, "lcmt_viewer_draw", limits)
+    milliseconds = reader.integer(8)
+    count = reader.count("num_links", limits.links)
+    begin = reader.offset
+    if known is not None and len(known.keys) == count and message[begin : begin + len(known.encoded)] == known.encoded:
+        reader.take(len(known.encoded))
+        names = known
+    else:
+        texts = [reader.text() for _ in range(count)]
+        robots = struct.unpack(f">{count}i", reader.take(4 * count))
+        keys: tuple[LinkKey, ...] = tuple(zip(robots, texts, strict=True))
+        names = LinkNames(bytes(message[begin : reader.offset]), keys)
+    poses = np.empty((count, 7))
+    positions, quaternions = reader.take(12 * count), reader.take(16 * count)
+    with np.errstate(invalid="ignore"):  # signalling NaNs
+        poses[:, :3] = np.frombuffer(positions, ">f4").reshape(count, 3)
+        poses[:, 3:] = np.frombuffer(quaternions, ">f4").reshape(count, 4)
+    return Draw(names, milliseconds / 1000.0, poses)
+
+
+def decode_contacts(message: Message, limits: Limits) -> Contacts:
+    """Return a ``lcmt_contact_results_for_viz``."""
+    reader = Reader(message, CONTACT_RESULTS, "lcmt_contact_results_for_viz", limits)
+    reader.take(8)  # timestamp
+    bodies, encoded_vectors = [], []
+    for _ in range(reader.count("num_point_pair_contacts", limits.contacts)):
+        reader.take(8)  # timestamp
+        bodies.append((reader.text(), reader.text()))
+        encoded_vectors.append(reader.take(3 * 3 * 8))
+    vectors = np.frombuffer(b"".join(encoded_vectors), ">f8").reshape(-1, 3, 3).astype(np.float64)
+    points, forces, _ = vectors.swapaxes(0, 1)  # and normals
+    surface_count = reader.count("num_hydroelastic_contacts", limits.contacts)
+    surfaces = tuple(_surface_contact(reader, limits) for _ in range(surface_count))
+    return Contacts(tuple(bodies), points, forces, surfaces)
+
+
+def _surface_contact(reader: Reader, limits: Limits) -> SurfaceContact:
+    bodies = _body_name(reader), _body_name(reader)
+    centroid, force, moment = reader.vector(), reader.vector(), reader.vector()
+    reader.take(QUADRATURE_POINT_BYTES * reader.count("num_quadrature_points", limits.triangles))
+    count = reader.count("num_vertices", limits.vertices)
+    vertices, pressure = reader.doubles(3 * count).reshape(count, 3), reader.doubles(count)
+    polygons = reader.take(4 * reader.count("poly_data_int_count", 8 * limits.triangles))
+    indices = np.frombuffer(polygons, ">i4").astype(np.int32)
+    return SurfaceContact(bodies, centroid, force, moment, vertices, pressure, indices)
+
+
+def _body_name(reader: Reader) -> str:
+    """Return a body's name as Drake's own viewer shows it: ``[model.]body[.geometry]``."""
+    geometry, body, model = reader.text(), reader.text(), reader.text()
+    is_unique, geometries = reader.integer(1), reader.integer()
+    return ".".join(([] if is_unique else [model]) + [body] + ([geometry] if geometries > 1 else []))
+
+
+def decode_point_cloud(message: Message, limits: Limits) -> Cloud:
+    """Return a ``lcmt_point_cloud``."""
+    reader = Reader(message, POINT_CLOUD, "lcmt_point_cloud", limits)
+    reader.take(8)  # utime
+    reader.text()  # frame_name
+    width, height = reader.integer(8), reader.integer(8)
+    if not (width >= 0 and height >= 0 and width * height <= limits.points):
+        raise MessageError(f"the cloud has {width} x {height} points, the limit is {limits.points}")
+    fields = tuple(
+        CloudField(reader.text(), reader.integer(), reader.integer(1), reader.integer())
+        for _ in range(reader.count("num_fields", _MAX_CLOUD_FIELDS))
+    )
+    flags, point_step, row_step = reader.integer(8), reader.integer(), reader.integer(8)
+    reader.take(reader.integer(2))  # filler
+    return Cloud(width, height, fields, flags, point_step, row_step, reader.take(reader.integer(8)))

@@ -1,0 +1,176 @@
+"""Makes the listing, the glTF file and the images of the live scene, for ``routes``."""
+
+from __future__ import annotations
+
+import threading
+import uuid
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from gateway.adapters.sceneapi.config import SceneApiConfig
+from gateway.adapters.sceneapi.listing import list_scene
+from gateway.adapters.sceneapi.query import FileQuery, ImageQuery
+from gateway.files.gltf.export import export_glb
+from gateway.runtime.workers.worker_pool import WorkerPool
+from gateway.scene.draw.bounds import BoundsCache
+from gateway.scene.draw.live_scene import LiveScene
+from gateway.scene.draw.shown import with_visibility
+from gateway.scene.draw.viewpoints import resolve_camera
+from gateway.scene.tree.live import Snapshot
+from renderers.camera import Camera
+from renderers.depth_range import depth_in_millimetres
+from renderers.drawlist import DrawList, Topology
+from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
+from renderers.fxaa import fxaa
+from renderers.interface import Frame, Output, Renderer
+
+_OUTPUTS: Final = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
+
+
+@dataclass(frozen=True, slots=True)
+class SceneResponse:
+    """A response without its headers."""
+
+    body: bytes
+    media_type: str
+    revision: int
+    """Revision of the scene."""
+
+
+class SceneApi:
+    """Makes the bodies of responses from the newest snapshot, or another one of a timeline. Thread-safe."""
+
+    def __init__(
+        self, scene: LiveScene, renderer: Renderer, workers: WorkerPool, config: SceneApiConfig | None = None
+    ) -> None:
+        self.config = config or SceneApiConfig()
+        self.scene = scene
+        self.workers = workers
+        self._renderer = renderer
+        self._process_id = uuid.uuid4().hex[:12]
+        self._listing_lock = threading.Lock()
+        self._bounds = BoundsCache()
+        self._listing: SceneResponse | None = None
+        self._count_lock = threading.Lock()
+        self._image_count = 0
+
+    def etag(self, revision: int) -> str:
+        """Return the ETag of a revision. It contains a process id, because revisions start at 0 in each process."""
+        return f'"{self._process_id}-{revision}"'
+
+    def status(self) -> dict[str, Any]:
+        """Return the figures for health and metrics."""
+        snapshot = self.scene.tree.snapshot
+        return {
+            "revision": snapshot.revision,
+            "geometries": snapshot.root.nodes_with_parts,
+            "pictures": self._image_count,
+        }
+
+    def listing(self, snapshot: Snapshot | None = None) -> SceneResponse:
+        """Return the response of ``GET /scene``; that of the newest snapshot is computed once per revision."""
+        if snapshot is not None and snapshot is not self.scene.tree.snapshot:
+            return self._list(snapshot, BoundsCache())
+        with self._listing_lock:
+            snapshot = self.scene.tree.snapshot
+            if self._listing is None or self._listing.revision != snapshot.revision:
+                self._listing = self._list(snapshot, self._bounds)
+            return self._listing
+
+    def _list(self, snapshot: Snapshot, bounds: BoundsCache) -> SceneResponse:
+        draw_list = self.scene.draw_list(snapshot)
+        labels = self.scene.flattener.labels
+        body = list_scene(snapshot, draw_list, bounds.bounds_of(draw_list), labels, self.config.max_nodes)
+        return SceneResponse(body, "application/json", snapshot.revision)
+
+    def file(self, query: FileQuery | None = None, snapshot: Snapshot | None = None) -> SceneResponse:
+        """Return the response of ``GET /scene.glb``.
+
+        Args:
+            query: The camera to write into the file; None: the file has no camera.
+            snapshot: The scene; None: the newest.
+
+        Raises:
+            FileTooLargeError: The file would be too large.
+            CameraError: The camera cannot be resolved in the scene.
+        """
+        snapshot = snapshot or self.scene.tree.snapshot
+        camera = None
+        if query is not None:
+            snapshot = with_visibility(snapshot, query.hidden, query.shown)
+            camera = self._camera(query, snapshot, self.scene.draw_list(snapshot))
+        body = export_glb(snapshot.root, camera=camera, max_bytes=self.config.max_export_bytes)
+        return SceneResponse(body, "model/gltf-binary", snapshot.revision)
+
+    def image(self, query: ImageQuery, snapshot: Snapshot | None = None) -> SceneResponse:
+        """Return the response of ``GET /scene/render``.
+
+        Args:
+            snapshot: The scene; None: the newest.
+
+        Raises:
+            RequestValidationError: The image would be too large.
+            CameraError: The camera cannot be resolved in the scene.
+            ImageError: A texture of the scene cannot be decoded.
+        """
+        snapshot = with_visibility(snapshot or self.scene.tree.snapshot, query.hidden, query.shown)
+        draw_list = self.scene.draw_list(snapshot)
+        camera = self._camera(query, snapshot, draw_list)
+        style = self.config.style
+        style = replace(style, background=query.background_rgb or style.background, samples=query.samples or 0)
+        look = style.look_for(query.look)
+        outputs, smooth = _OUTPUTS[query.type], query.type == "color" and style.applies_fxaa(look)
+        if smooth and query.look == "plain" and any(_flags_of_points(draw_list)):
+            outputs |= Output.INSTANCE
+        frame = self._renderer.render(draw_list, camera, outputs, look)
+        if smooth:
+            _smooth(frame, draw_list)
+        body, media_type = _encode(frame, query)
+        with self._count_lock:
+            self._image_count += 1
+        return SceneResponse(body, media_type, snapshot.revision)
+
+    def _camera(self, query: FileQuery, snapshot: Snapshot, draw_list: DrawList) -> Camera:
+        config = self.config
+        width, height = query.size(config.width, config.height, config.max_side, config.max_pixels)
+        return resolve_camera(
+            query.camera_spec,
+            snapshot.root,
+            width,
+            height,
+            fovy=query.fovy,
+            near=query.near,
+            far=query.far,
+            stereo=self.scene.stereo_camera(snapshot),
+            draw_list=draw_list,
+        )
+
+
+def _encode(frame: Frame, query: ImageQuery) -> tuple[bytes, str]:
+    if query.type == "color":
+        assert frame.color is not None
+        return png_rgb(frame.color), "image/png"
+    if query.type == "label":
+        assert frame.label is not None
+        return png_label(frame.label), "image/png"
+    assert frame.depth is not None
+    if query.format == "png":
+        return png_gray16(depth_in_millimetres(frame.depth)), "image/png"
+    return tiff_float32(frame.depth), "image/tiff"
+
+
+def _smooth(frame: Frame, draw_list: DrawList) -> None:
+    """Apply FXAA, except to points if the frame has instances: it mixes a third of the neighbours' colour into them."""
+    assert frame.color is not None
+    original = frame.color.copy()
+    fxaa(frame.color)
+    if frame.instance is not None:
+        is_point = np.array([*_flags_of_points(draw_list), False])  # the last one is the background's, whose id is -1
+        np.copyto(frame.color, original, where=is_point[frame.instance, None])
+
+
+def _flags_of_points(draw_list: DrawList) -> list[bool]:
+    """Return a flag for each instance: True if it draws points."""
+    return [instance.mesh.topology is Topology.POINTS for instance in draw_list.instances]

@@ -1,0 +1,137 @@
+"""Effects of lights and lenses that need further renderings: projectors, shadows of the key light, motion blur."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.adapters.stereo.device.camera_config import METERING_DIVISOR, StereoConfig
+from gateway.adapters.stereo.imaging.scene_motion import Motion, moving_rectangles, subframe_count
+from gateway.adapters.stereo.imaging.scene_view import Capture
+from renderers.camera import Camera
+from renderers.drawlist import DrawList
+from renderers.interface import Frame, Look, Output, Renderer
+from renderers.stereo.lens.motion_blur import write_mean_light
+from renderers.stereo.light.key_light import light_factors, shadow_camera
+from renderers.stereo.light.posed_projector import Surfaces, add_dots
+from renderers.stereo.light.projector import projected_dots, returned_shares
+
+_GEOMETRY: Final = Output.DEPTH | Output.NORMAL
+"""Outputs from which the factors of the key light follow."""
+
+
+def key_light_factors(
+    renderer: Renderer, look: Look, scene: DrawList, half_size_camera: Camera
+) -> NDArray[np.uint8] | None:
+    """Return the factor from the rendered light to that of the key light with its shadows; None: all are 1.
+
+    Args:
+        half_size_camera: camera with half the resolution of an image.
+
+    Returns:
+        (h, w) uint8; see ``key_light.light_factors``.
+    """
+    geometry = renderer.render(scene, half_size_camera, _GEOMETRY, look)
+    assert geometry.depth is not None
+    assert geometry.normal is not None
+    light_camera = shadow_camera(geometry.depth, half_size_camera)
+    if light_camera is None:
+        return None
+    shadows = renderer.render(scene, light_camera, Output.DEPTH, look)
+    assert shadows.depth is not None
+    return light_factors(geometry.depth, geometry.normal, half_size_camera, shadows.depth, light_camera)
+
+
+def blur_motion(
+    renderer: Renderer, look: Look, motion: Motion, camera: Camera, exposure_time: float, color: NDArray[np.uint8]
+) -> None:
+    """Blur what moves: average further renderings of these parts into an image.
+
+    Args:
+        motion: motion since the previous frame.
+        camera: camera of the image.
+        exposure_time: seconds.
+        color: (H, W, 3) uint8, rendered image, changed.
+    """
+    relative_exposure = exposure_time / motion.seconds
+    rectangles = moving_rectangles(motion, camera, relative_exposure)
+    total_area = sum(rectangle.area for rectangle in rectangles)
+    for rectangle in rectangles:
+        count = subframe_count(rectangle, total_area, camera.width * camera.height)
+        subframes: list[NDArray[np.uint8]] = []
+        for index in range(count):
+            if index == count // 2:  # the middle of the exposure is rendered already; the count is odd
+                continue
+            # In units of the time between the frames: the exposure is centred at 0, this frame.
+            time = ((index + 0.5) / count - 0.5) * relative_exposure
+            view = replace(
+                camera,
+                width=rectangle.right - rectangle.left,
+                height=rectangle.bottom - rectangle.top,
+                cx=camera.cx - rectangle.left,
+                cy=camera.cy - rectangle.top,
+                X_world_camera=motion.camera_at(time),
+            )
+            frame = renderer.render(motion.scene_at(time), view, Output.COLOR, look)
+            assert frame.color is not None
+            subframes.append(frame.color)
+        write_mean_light(color, rectangle.left, rectangle.top, subframes)
+
+
+def light_of_projectors(
+    renderer: Renderer,
+    look: Look,
+    config: StereoConfig,
+    capture: Capture,
+    frame: Frame,
+    offset: float,
+    divisor: int,
+    *,
+    has_own: bool,
+) -> NDArray[np.uint16]:
+    """Return the light of the projectors at each pixel of a frame, (H, W) uint16.
+
+    Args:
+        look: look of the surfaces that dots fall on.
+        capture: scene and pose, with the projectors of other cameras.
+        frame: the rendered depth and instances, and with other projectors normals.
+        offset: metres from the left camera to that of the frame, along its x axis.
+        divisor: width of the camera images divided by that of the frame.
+        has_own: True if the camera's own projector is on.
+    """
+    assert frame.depth is not None
+    assert frame.instance is not None
+    returned = frame.instance, returned_shares(capture.scene.instances)
+    model, k, soft = config.model, config.model.intrinsics(divisor), "projector" in config.realism
+    camera_at = partial(model.camera, capture.X_world_left, divisor=divisor, near=config.near, far=config.far)
+    projector_offset = model.baseline / 2
+    right = offset > projector_offset
+    dots = np.zeros(frame.depth.shape, np.uint16)
+    if has_own:
+        projector_view = renderer.render(capture.scene, camera_at(offset=projector_offset), Output.DEPTH, look)
+        assert projector_view.depth is not None
+        dots = projected_dots(
+            frame.depth,
+            k.focal_length,
+            k.cx,
+            k.cy,
+            offset - projector_offset,
+            projector_view.depth,
+            soft=soft,
+            right=right,
+            point_samples=soft and divisor == METERING_DIVISOR,
+            returned=returned,
+        )
+    for other in capture.projectors:
+        assert frame.normal is not None
+        surfaces = Surfaces(camera_at(offset=offset), frame.depth, frame.normal, returned)
+        projector = other.camera(divisor, near=config.near, far=config.far)
+        projector_view = renderer.render(capture.scene, projector, Output.DEPTH, look)
+        assert projector_view.depth is not None
+        strength = other.dot_light / config.full_dot_light
+        add_dots(dots, surfaces, projector, projector_view.depth, strength, soft=soft, right=right)
+    return dots

@@ -1,0 +1,359 @@
+"""Make the images and the depth of a frame, in worker threads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.adapters.stereo.device.camera_config import METERING_DIVISOR, StereoConfig
+from gateway.adapters.stereo.device.stream_settings import StreamSettings
+from gateway.adapters.stereo.imaging.extra_renderings import blur_motion, key_light_factors, light_of_projectors
+from gateway.adapters.stereo.imaging.matched_depth import matched_depth
+from gateway.adapters.stereo.imaging.scene_motion import motion_since
+from gateway.adapters.stereo.imaging.scene_view import Capture
+from renderers.camera import Camera
+from renderers.drawlist import DrawList, ImageError
+from renderers.interface import Frame, Look, Output, Renderer
+from renderers.stereo.depth.depth_images import DepthImages, exact_images, true_disparity
+from renderers.stereo.depth.filters import apply_filters
+from renderers.stereo.depth.image_pair import ImagePair
+from renderers.stereo.depth.modelled_errors import ErrorModel, choose_error_scale, measured_images
+from renderers.stereo.depth.pixel_classes import ImageKind
+from renderers.stereo.sensor.camera_image import (
+    LENS_BLUR,
+    Lens,
+    NoiseStream,
+    SceneLight,
+    SensorImage,
+    frame_key,
+    image_from_light,
+    light_on_sensor,
+    relative_light,
+)
+from renderers.stereo.sensor.exposure import Exposure, auto_exposure
+from renderers.stereo.sensor.fixed_pattern import fixed_pattern
+
+GREY: Final = False
+"""An image of a camera with one channel."""
+COLOR: Final = True
+"""An image of a camera in RGB."""
+DOT_ALPHA: Final = 0.5
+"""Alpha below which a matcher and the projector's dots reach what is behind a blended surface."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImageRequest:
+    """Images to make from one rendering of one camera."""
+
+    exposure: Exposure
+    stream: NoiseStream
+    """Stream of random numbers for the noise; it also selects the left or right camera."""
+    colors: frozenset[bool]
+    """Images to make: ``COLOR``, ``GREY`` or both."""
+    averaged_images: int = 1
+    """Number of images to average, which reduces the noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeteredExposure:
+    """Result of automatic exposure."""
+
+    exposure: Exposure
+    brightness: float
+    """Mean of the exposed image, 0 to 1."""
+    out1_reduction: float = 0.0
+    """See ``choose_exposure``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ColorImage:
+    """Image of a colour camera."""
+
+    sensor_image: SensorImage
+    exposure: Exposure
+
+
+@dataclass(slots=True)
+class ExposureMemory:
+    """State of automatic exposure between frames."""
+
+    out1_high: Exposure | None = None
+    """Exposure of the last image with Out1 high."""
+
+
+@dataclass(frozen=True, eq=False)
+class Imaging:
+    """Source of images and depth: the rendered scene, with the effects of ``config.realism``.
+
+    Rendered depth does not depend on these effects.
+    """
+
+    config: StereoConfig
+    renderer: Renderer
+    exposure_memory: ExposureMemory = field(default_factory=ExposureMemory)
+    """State of automatic exposure."""
+
+    @cached_property
+    def look(self) -> Look:
+        """Look of the rendered images, depth and labels."""
+        config = self.config
+        return Look(config.look, config.background, alpha_threshold=config.alpha_threshold, area_filter=True)
+
+    @cached_property
+    def _lit_look(self) -> Look:
+        """Look of ``render_lit``."""
+        return replace(self.look, alpha_threshold=max(self.look.alpha_threshold, DOT_ALPHA))
+
+    @cached_property
+    def lens(self) -> Lens:
+        """Lens of all cameras."""
+        realism = self.config.realism
+        return Lens(LENS_BLUR if "lens-blur" in realism else 0.0, "vignetting" in realism)
+
+    def render(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
+        """Render the view from ``offset`` metres to the right of the left camera.
+
+        Args:
+            capture: scene and pose.
+            offset: metres along the left camera's x axis.
+            divisor: width of the camera images divided by that of the rendered images.
+            outputs: images to render.
+        """
+        return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, self.look)
+
+    def render_lit(self, capture: Capture, offset: float, divisor: int, outputs: Output) -> Frame:
+        """Render the surfaces that a matcher measures and that dots fall on; the arguments are those of ``render``.
+
+        Depth and instances ignore surfaces that are mostly transparent.
+        """
+        return self.renderer.render(capture.scene, self.camera(capture, offset, divisor), outputs, self._lit_look)
+
+    def camera(self, capture: Capture, offset: float, divisor: int) -> Camera:
+        """Return the camera of ``render`` with the same arguments."""
+        config = self.config
+        return config.model.camera(
+            capture.X_world_left, offset=offset, divisor=divisor, near=config.near, far=config.far
+        )
+
+    def meter(self, capture: Capture, settings: StreamSettings) -> MeteredExposure:
+        """Return the exposure of a capture's images, and the mean brightness of the left image.
+
+        The exposure is the manual one if a texture cannot be decoded.
+        """
+        # Metering may need the light of the camera's own projector while it is off.
+        lit_capture = replace(capture, gpio=capture.gpio | 1) if settings.meters_lit_images else capture
+        try:
+            frame, dots = self._render_with_dots(lit_capture, 0.0, METERING_DIVISOR)
+        except ImageError:
+            return MeteredExposure(settings.manual_exposure, 0.0)
+        rendered, manual = frame.color, settings.manual_exposure
+        assert rendered is not None
+        other_dots = None
+        if capture.projectors:
+            other_dots = light_of_projectors(
+                self.renderer, self._lit_look, self.config, capture, frame, 0.0, METERING_DIVISOR, has_own=False
+            )
+        half = partial(self.camera, capture, 0.0, 2 * METERING_DIVISOR)
+        scene_light = self.scene_light(capture.scene, half, other_dots)
+        k, lens = self.config.model.intrinsics(METERING_DIVISOR), Lens(vignetting=self.lens.vignetting)
+
+        def light(scene_light: SceneLight) -> NDArray[np.float32]:
+            return relative_light(light_on_sensor(rendered, k, manual, scene_light, lens, color=False)[:, :, 0])
+
+        unlit = lit = light(scene_light)
+        if dots is not None:
+            lit = light(replace(scene_light, dots=dots))
+        exposure, out1_reduction = choose_exposure(
+            unlit, lit, out1_high=capture.out1_high, settings=settings, memory=self.exposure_memory
+        )
+        brightness = exposure.response((lit if capture.out1_high else unlit) * exposure.light).mean()
+        return MeteredExposure(exposure, float(brightness), out1_reduction)
+
+    def expose(self, capture: Capture, request: ImageRequest) -> dict[bool, SensorImage]:
+        """Return the requested images of one camera at full resolution, by ``COLOR`` or ``GREY``."""
+        config, exposure = self.config, request.exposure
+        right = request.stream.is_right
+        offset = config.model.baseline if right else 0.0
+        key = frame_key(config.seed, capture.frame_number, request.stream)
+        k = config.model.intrinsics()
+        pattern = None
+        if "fixed-pattern" in config.realism and config.noise_factor > 0.0:
+            pattern = fixed_pattern(config.seed, right=right, height=k.height, width=k.width)
+        noise_factor = config.noise_factor / request.averaged_images**0.5
+        frame, dots = self._render_with_dots(capture, offset, 1)
+        assert frame.color is not None
+        if "motion-blur" in config.realism:
+            self._blur_motion(capture, offset, exposure.time, frame.color)
+        scene_light = self.scene_light(capture.scene, partial(self.camera, capture, offset, 2), dots)
+        return {
+            color: image_from_light(
+                light_on_sensor(frame.color, k, exposure, scene_light, self.lens, color=color),
+                exposure,
+                key,
+                pattern,
+                noise_factor,
+            )
+            for color in request.colors
+        }
+
+    def image_kind(self, capture: Capture) -> ImageKind:
+        """Return the kind of a capture's images."""
+        dots = capture.has_projection(self.config) or bool(capture.projectors)
+        return ImageKind.of(dots=dots, realistic=bool(self.config.realism))
+
+    def measure(
+        self, capture: Capture, settings: StreamSettings, pair: ImagePair | None, dark_pair: ImagePair | None = None
+    ) -> DepthImages:
+        """Return the depth images of a capture, by matching or from rendered depth.
+
+        Args:
+            capture: scene and pose.
+            settings: parameters of the frame.
+            pair: images of the same exposure, to match or for modelled errors; None: no errors.
+            dark_pair: see ``matched_depth``.
+        """
+        config = self.config
+        if pair is not None and config.depth_mode == "matched":
+            return matched_depth(config, pair, settings, dark_pair)
+        render, divisor = self.render_lit if config.models_errors else self.render, settings.quality.divisor
+        left = render(capture, 0.0, divisor, Output.DEPTH).depth
+        right = render(capture, config.model.baseline, divisor, Output.DEPTH).depth
+        assert left is not None
+        assert right is not None
+        return rendered_depth(config, left, right, pair, settings)
+
+    def scene_light(self, scene: DrawList, half: Callable[[], Camera], dots: NDArray[np.uint16] | None) -> SceneLight:
+        """Return the light on the scene besides the rendered one.
+
+        Args:
+            scene: scene of the image.
+            half: returns the camera with half the resolution of the image.
+            dots: (H, W) uint16, light of projectors; None: all are off.
+        """
+        factors = None
+        if "shadows" in self.config.realism:
+            factors = key_light_factors(self.renderer, self.look, scene, half())
+        return SceneLight(dots, self.config.full_dot_light, factors, self.config.background)
+
+    def _blur_motion(self, capture: Capture, offset: float, exposure_time: float, color: NDArray[np.uint8]) -> None:
+        """Blur the parts of a rendered image in which something has moved since ``capture.earlier``."""
+        earlier = capture.earlier
+        if earlier is None:
+            return
+        camera = self.camera(capture, offset, 1)
+        X_world_before = self.camera(replace(capture, X_world_left=earlier.X_world_left), offset, 1).X_world_camera
+        motion = motion_since(earlier, capture.timestamp, capture.scene, X_world_before, camera.X_world_camera)
+        if motion is not None:
+            blur_motion(self.renderer, self.look, motion, camera, exposure_time, color)
+
+    def _render_with_dots(
+        self, capture: Capture, offset: float, divisor: int
+    ) -> tuple[Frame, NDArray[np.uint16] | None]:
+        """Return the rendered colour image, and the light of the projectors on it; see ``light_of_projectors``."""
+        outputs = Output.COLOR
+        has_own = capture.has_projection(self.config)
+        if capture.projectors:
+            outputs |= Output.DEPTH | Output.INSTANCE | Output.NORMAL
+        if has_own:
+            outputs |= Output.DEPTH | Output.INSTANCE
+        frame = self.render_lit(capture, offset, divisor, outputs)
+        if outputs == Output.COLOR:
+            return frame, None
+        return frame, light_of_projectors(
+            self.renderer, self._lit_look, self.config, capture, frame, offset, divisor, has_own=has_own
+        )
+
+
+def choose_exposure(
+    unlit: NDArray[np.float32],
+    lit: NDArray[np.float32],
+    *,
+    out1_high: bool,
+    settings: StreamSettings,
+    memory: ExposureMemory,
+) -> tuple[Exposure, float]:
+    """Return the exposure of an image and ``out1_reduction``. Unlike the device's, it does not take frames to adapt.
+
+    * ``Normal``: every image is metered by itself. In alternate exposure, the image with Out1 high determines both
+      exposures.
+    * ``Out1High``: only images with Out1 high are metered. Images with Out1 low get the exposure of the last one
+      metered.
+    * ``AdaptiveOut1``: images with Out1 low are exposed less, so that nothing is over-exposed when Out1 goes high.
+      ``out1_reduction`` is the share by which they are exposed less, 0 to 1.
+
+    Args:
+        unlit: (h, w) float32, light of the left image at 1/``METERING_DIVISOR`` of the resolution, 1 is white, without
+            the projector's light.
+        lit: (h, w) float32, the same with the projector's light.
+        out1_high: True if Out1 is high in this image.
+        settings: parameters of the frame.
+        memory: state between frames; updated.
+    """
+    limits, manual = settings.auto_exposure, settings.manual_exposure
+    if limits is None:
+        return manual, 0.0
+    unlit, lit = _metered_region(unlit, settings), _metered_region(lit, settings)
+    if settings.auto_exposure_mode == "AdaptiveOut1":
+        unlit_exposure, lit_exposure = auto_exposure(unlit, limits, manual), auto_exposure(lit, limits, manual)
+        return lit_exposure, min(max(1.0 - lit_exposure.light / unlit_exposure.light, 0.0), 1.0)
+    if settings.auto_exposure_mode == "Out1High":
+        if out1_high or memory.out1_high is None:
+            memory.out1_high = auto_exposure(lit, limits, manual)
+        return memory.out1_high, 0.0
+    return auto_exposure(lit if out1_high or settings.alternate_exposure else unlit, limits, manual), 0.0
+
+
+def _metered_region(values: NDArray[np.float32], settings: StreamSettings) -> NDArray[np.float32]:
+    """Return the pixels of the exposure region, or the whole image if the region lies outside."""
+    region = settings.exposure_region
+    if region is None:
+        return values
+    inside = values[region.slices(METERING_DIVISOR)]
+    return inside if inside.size else values
+
+
+def rendered_depth(
+    config: StereoConfig,
+    left_depth: NDArray[np.float32],
+    right_depth: NDArray[np.float32],
+    pair: ImagePair | None,
+    settings: StreamSettings,
+) -> DepthImages:
+    """Return depth images from rendered depth, exact or with a window matcher's errors (``modelled_errors``).
+
+    ``double_shot`` has no effect: it fills holes where matching fails. In exact images, all holes and segments are
+    true, so ``minconf``, ``seg`` and ``fill`` have no effect, either.
+
+    Args:
+        config: model of the camera, disparity error, and factor of the noise.
+        left_depth: (H, W) float32 depth from the left camera at the depth images' resolution, metres.
+        right_depth: (H, W) float32 depth from the right camera, metres.
+        pair: images of the same exposure, from which the errors follow; None: no errors.
+        settings: parameters of the frame.
+    """
+    model, divisor, filters = config.model, settings.quality.divisor, settings.filters
+    focal_times_baseline = model.focal_times_baseline(divisor)
+    limits = filters.measurable_depths(model, divisor)
+    disparity = true_disparity(left_depth, right_depth, focal_times_baseline, limits)
+    if settings.depth_region is not None:
+        settings.depth_region.clear_outside(disparity, divisor)
+    if pair is None:
+        images, filters = exact_images(disparity), replace(filters, minconf=0.0, seg=0, fill=0)
+    else:
+        sigma = config.disparity_error / divisor / settings.averaged_images**0.5
+        errors = ErrorModel(
+            sigma,
+            pair.noise_sigma(config.noise_factor, settings.averaged_images, divisor),
+            pair.kind,
+            choose_error_scale(sigma, model.disparity_count(divisor, filters.mindepth, filters.maxdepth)),
+        )
+        images = measured_images(disparity, *pair.reduced(model, divisor), errors)
+        if settings.depth_region is not None:
+            settings.depth_region.clear_outside(images.disparity, divisor)
+    apply_filters(images, filters, focal_times_baseline, divisor)
+    return images

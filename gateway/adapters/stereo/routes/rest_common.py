@@ -1,0 +1,108 @@
+"""Helpers of the stereo camera's REST routes: error responses, bodies with a limit, and the pipeline parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import JSONResponse
+from fastapi.routing import APIRoute
+
+from gateway.adapters.stereo.service import StereoService
+from gateway.runtime.http.openapi import Responses, example
+from gateway.runtime.http.plain_error_route import retry_after
+from gateway.runtime.workers.pool_errors import DeadlineExceeded, UnavailableErrors
+
+_ERROR_SCHEMA: Final[dict[str, Any]] = {
+    "type": "object",
+    "required": ["message", "return_code"],
+    "properties": {
+        "message": {"type": "string"},
+        "return_code": {
+            "type": "object",
+            "required": ["value", "message"],
+            "properties": {"value": {"type": "integer"}, "message": {"type": "string"}},
+        },
+    },
+}
+
+Pipeline = Annotated[
+    int, Query(ge=0, description="Number of the camera, where there are several", openapi_examples=example(0))
+]
+
+
+class RestError(Exception):
+    """A request is refused."""
+
+    def __init__(self, status: int, message: str) -> None:
+        """
+        Args:
+            status: HTTP status.
+            message: one sentence.
+        """
+        super().__init__(message)
+        self.status = status
+
+
+def error_response(status: int, message: str, headers: Mapping[str, str] | None = None) -> JSONResponse:
+    """Return an error response with a ``return_code``, which Roboception's clients read before the HTTP status."""
+    content = {"message": message, "return_code": {"value": -1, "message": message}}
+    return JSONResponse(content, status, headers)
+
+
+def error_responses(descriptions: Mapping[int, str]) -> Responses:
+    """Return the OpenAPI description of error responses, by status."""
+    return {
+        status: {"description": text, "content": {"application/json": {"schema": _ERROR_SCHEMA}}}
+        for status, text in descriptions.items()
+    }
+
+
+class RestRoute(APIRoute):
+    """Route that turns a handler's ``RestError`` and the worker pool's errors into error responses."""
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """Return the function that responds to a request."""
+        respond = super().get_route_handler()
+
+        async def respond_or_refuse(request: Request) -> Response:
+            try:
+                return await respond(request)
+            except RestError as error:
+                return error_response(error.status, str(error))
+            except UnavailableErrors as error:
+                sentence = f"the work was stopped: {error}" if isinstance(error, DeadlineExceeded) else str(error)
+                return error_response(503, sentence, retry_after(error))
+
+        return respond_or_refuse
+
+
+def new_router(responses: Responses | None = None) -> APIRouter:
+    """Return a router for routes of the camera, all of which may have these responses."""
+    return APIRouter(tags=["Stereo camera"], responses=responses, route_class=RestRoute)
+
+
+def find_pipeline(services: Sequence[StereoService], number: int) -> StereoService:
+    """Return the camera of a pipeline.
+
+    Raises:
+        RestError: there is no such pipeline.
+    """
+    if number >= len(services):
+        raise RestError(404, f"there is no pipeline {number}")
+    return services[number]
+
+
+async def read_body(request: Request, limit: int) -> bytes:
+    """Return the body.
+
+    Raises:
+        RestError: the body has more than ``limit`` bytes.
+    """
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > limit:
+            raise RestError(413, f"the body is larger than {limit} bytes")
+    return bytes(body)

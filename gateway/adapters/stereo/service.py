@@ -1,0 +1,233 @@
+"""A stereo camera as a long-running service: parameters, frames and the stream of image sets."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable, Iterable
+from typing import Any
+
+import structlog
+
+from gateway.adapters.stereo.device.camera_config import StereoConfig
+from gateway.adapters.stereo.device.parameters import Parameters
+from gateway.adapters.stereo.device.stream_settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings, read_settings
+from gateway.adapters.stereo.imaging.recorded_pairs import PairImaging
+from gateway.adapters.stereo.imaging.rendered_images import Imaging, MeteredExposure
+from gateway.adapters.stereo.imaging.scene_view import Capture, SceneReader, SceneSource, SceneState
+from gateway.adapters.stereo.imu.imu_service import Imu, PoseLog
+from gateway.adapters.stereo.stream.client_queues import MessageHub
+from gateway.adapters.stereo.stream.faults import FaultInjector
+from gateway.adapters.stereo.stream.frame import FrameImages, FrameRecord
+from gateway.adapters.stereo.stream.frame_publisher import FramePublisher
+from gateway.adapters.stereo.stream.frame_scheduler import FrameScheduler
+from gateway.adapters.stereo.stream.grpc_server import serving
+from gateway.adapters.stereo.stream.set_kind import SetKind
+from gateway.adapters.stereo.stream.subscriptions import ImageSetHub
+from gateway.runtime.workers.worker_pool import WorkerPool
+from gateway.scene.tree.timeline import TimeError
+from renderers.interface import Renderer
+
+_log = structlog.get_logger("stereo")
+
+
+class StereoService:
+    """One stereo camera."""
+
+    def __init__(
+        self,
+        config: StereoConfig,
+        scene: SceneSource,
+        renderer: Renderer,
+        workers: WorkerPool,
+        pose_log: PoseLog | None = None,
+        on_streaming: Callable[[bool], None] = lambda streaming: None,
+        has_unapplied_before: Callable[[int], bool] = lambda timestamp: False,
+    ) -> None:
+        """
+        Args:
+            config: fixed configuration.
+            scene: returns scene and pose at a time; called in worker threads.
+            renderer: thread-safe renderer.
+            workers: threads for rendering, depth, serialisation and ground truth.
+            pose_log: poses for the IMU; None: those of the captured frames.
+            on_streaming: called with True when clients begin to stream images, and with False when there are none.
+            has_unapplied_before: see ``LiveTree.has_unapplied_before``.
+        """
+        self.hub = ImageSetHub(config.max_clients, config.max_kinds, follows_demand=config.rate == "max")
+        self.parameters = Parameters(config.limits, self._parameters_changed)
+        self.wait_until_stored: Callable[[], Awaitable[str]] | None = None
+        """Waits until the parameters are stored (--state); returns an error message, empty on success. Set before
+        ``run``. None: no state file."""
+        self.earlier_state: Callable[[float], Awaitable[SceneState]] | None = None
+        """Returns the scene at an earlier time, as ``timeline.state_at``. Set before ``run``. None: the scene is a file."""
+        self.scene_imaging = Imaging(config, renderer)
+        """Source of rendered images, also while recorded pairs are shown."""
+        self.workers = workers
+        self.events = MessageHub("event", config.max_clients, config.max_events)
+        self.imu = Imu(config, pose_log)
+        self.injector: FaultInjector | None = None
+        """Injects faults; None: they are not permitted."""
+        if config.faults:
+            self.injector = FaultInjector(config.seed, config.max_late_bytes, self.hub.start_generation)
+        self.started = time.time()
+        """Time of the start, seconds since the epoch."""
+        self._publisher = FramePublisher(self.hub, self.events, self.injector, config)
+        self.counts = self._publisher.counts
+        """Counters since start."""
+        self._reader = SceneReader(scene, workers, config, has_unapplied_before)
+        self._scheduler = FrameScheduler(
+            self.scene_imaging,
+            self._reader,
+            workers,
+            self._publisher,
+            read_settings(self.parameters),
+            self.imu.frame_captured if pose_log is None else None,
+            on_streaming,
+        )
+        self._captures = 0
+        """Number of captures apart from the stream."""
+        self._port: int | None = None
+        """Port of the image stream; None while it is closed."""
+
+    def _parameters_changed(self) -> None:
+        self._scheduler.settings = read_settings(self.parameters)
+        self.hub.start_generation()
+
+    @property
+    def imaging(self) -> Imaging:
+        """Source of the images of new frames: the scene, or recorded pairs."""
+        return self._scheduler.imaging
+
+    @property
+    def config(self) -> StereoConfig:
+        """Fixed configuration. While recorded pairs are shown, it has their camera model and depth mode."""
+        return self.imaging.config
+
+    def show_pairs(self, pairs: PairImaging | None) -> None:
+        """Show recorded pairs from the next frame on; None: the scene."""
+        self._scheduler.imaging = pairs or self.scene_imaging
+        self.hub.start_generation()
+
+    @property
+    def ready(self) -> bool:
+        """True if clients can connect."""
+        return self._port is not None
+
+    @property
+    def port(self) -> int:
+        """Port of the image stream; 0 before it is open."""
+        return self._port or 0
+
+    @property
+    def settings(self) -> StreamSettings:
+        """Current values of the parameters that affect the stream."""
+        return self._scheduler.settings
+
+    @property
+    def last_metered(self) -> MeteredExposure:
+        """Exposure of the newest left image; before the first, the manual one."""
+        return self._publisher.last_metered or MeteredExposure(self.settings.manual_exposure, 0.0)
+
+    @property
+    def history(self) -> list[FrameRecord]:
+        """The last frames, oldest first."""
+        return list(self._scheduler.history)
+
+    async def run(self) -> None:
+        """Serve until cancelled.
+
+        Raises:
+            OSError: the port is taken, or a certificate cannot be read; one sentence.
+        """
+        async with serving(self.hub, self.events, self.injector, self.config) as self._port:
+            model = self.config.model
+            _log.info(f"{model.name} on port {self._port}", baseline=model.baseline, depth=self.config.depth_mode)
+            tasks = [asyncio.create_task(part.run()) for part in (self._scheduler, self.imu)]
+            try:
+                await asyncio.gather(*tasks)
+            finally:
+                self._port = None
+                for streams in (self.hub, self.events, self.imu.hub):
+                    streams.close("the stereo camera is shutting down")
+                for task in tasks:
+                    task.cancel()
+                await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def capture(self, kind: SetKind, scene_time: float | None = None) -> FrameImages:
+        """Capture the scene apart from the stream, with the current parameters, and return a frame for sets of a kind.
+
+        Nothing in the frame is blurred by motion.
+
+        Args:
+            scene_time: seconds, as for ``gateway.scene.tree.timeline.state_at``; None: now.
+
+        Raises:
+            QueueFull: the worker queue is full.
+            TimeError: there is no state of this time, or the camera does not see the live scene.
+        """
+        imaging, settings, timestamp = self.imaging, self.settings, time.time_ns()
+        if scene_time is None:
+            state, _ = await self._reader.read(timestamp)
+        elif self.earlier_state is None or isinstance(imaging, PairImaging):
+            raise TimeError(f"time={scene_time:g}: the camera {self.config.name!r} does not see the live scene")
+        else:
+            state = await self.earlier_state(scene_time)
+            timestamp = state.timestamp
+        self._captures += 1
+        camera_capture = Capture.of_state(state, settings, timestamp, self._captures, depth=False)
+        depth_capture = camera_capture
+        if settings.separate_depth:
+            depth_capture = Capture.of_state(state, settings, timestamp, self._captures, depth=True)
+        return FrameImages(FrameRecord(imaging, settings, camera_capture, depth_capture), self.workers, (kind,))
+
+    def set_parameters(self, node: str, values: Iterable[tuple[str, object]]) -> list[str]:
+        """Set parameters, all or none; see ``Parameters.set``.
+
+        When an automatic mode is switched off, its last result becomes the manual value, as on the device.
+        """
+        had_auto_exposure, exposure = self.settings.auto_exposure is not None, self.last_metered.exposure
+        had_auto_white_balance = self.parameters.values("rc_camera")["wb_auto"]
+        changed_names = self.parameters.set(node, values)
+        manual: dict[str, float] = {}
+        if had_auto_exposure and self.settings.auto_exposure is None:
+            manual |= {"exp_value": exposure.time, "gain_value": exposure.gain}
+        if had_auto_white_balance and not self.parameters.values("rc_camera")["wb_auto"]:
+            # Automatic white balance shows colours as rendered, always.
+            manual |= {"wb_ratio_red": NEUTRAL_RED, "wb_ratio_blue": NEUTRAL_BLUE}
+        # Values that the client has set in the same call stay.
+        self.parameters.set("rc_camera", [item for item in manual.items() if item[0] not in changed_names])
+        return changed_names
+
+    def fire_trigger(self) -> tuple[int, str]:
+        """Request one depth image in a single-frame mode. Return the device's return code and a message."""
+        if not self.settings.single_frame:
+            return -8, "Triggering is only possible in SingleFrame acquisition mode"
+        if not any(kind.has_depth for kind in self.hub.kinds):
+            return 102, "Trigger is ignored, because there are no subscribers"
+        if self._scheduler.trigger_time is not None:
+            return 101, "Trigger is ignored, because there is a trigger call pending"
+        self._scheduler.trigger_time = asyncio.get_running_loop().time()
+        self.hub.scheduler_wakeup.set()
+        return 0, ""
+
+    def status(self) -> dict[str, Any]:
+        """Return plain values for the health endpoint."""
+        counts = self.counts
+        return {
+            "model": self.config.model.name,
+            "port": self.port,
+            "clients": len(self.hub),
+            "event_clients": len(self.events),
+            "imu_clients": len(self.imu.hub),
+            "kinds": sorted(map(str, self.hub.kinds)),
+            "depth_mode": self.config.depth_mode,
+            "quality": self.settings.quality.value,
+            "frames": counts.frames,
+            "depth_frames": counts.depth_frames,
+            "skipped": counts.skipped,
+            "busy": counts.dropped,
+            "sets_skipped": self.hub.skipped,
+            "depth_seconds": round(counts.depth_seconds, 4),
+            **({"warnings": [counts.problem]} if counts.problem else {}),
+        }

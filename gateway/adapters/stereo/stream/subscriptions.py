@@ -1,0 +1,207 @@
+"""Subscriptions of streaming clients. Each has a mailbox for the newest image set: slow clients delay no others."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import Enum
+
+from gateway.adapters.stereo.stream.set_kind import SetKind
+
+
+class LimitError(RuntimeError):
+    """A new client is refused because of a limit, which the message names."""
+
+
+class StreamError(RuntimeError):
+    """The stream has ended; the message is the reason."""
+
+
+class MailboxState(Enum):
+    """State of a client's mailbox."""
+
+    EMPTY = "empty"
+    """No set is stored, and the client does not wait for one: it has just subscribed, or is sent the previous set."""
+    WAITING = "waiting"
+    """The previous set has been sent, and the stream waits for the next one."""
+    FULL = "full"
+    """A set is stored."""
+    CLOSED = "closed"
+    """The stream has ended."""
+
+
+class Subscription:
+    """One client's mailbox."""
+
+    def __init__(self, kind: SetKind, hub: ImageSetHub) -> None:
+        """
+        Args:
+            kind: contents of the sets.
+            hub: hub of the subscription, which counts its sets.
+        """
+        self.kind = kind
+        self.generation = hub.generation
+        """Generation of the hub at subscription."""
+        self.state = MailboxState.EMPTY
+        self.sent = 0
+        """Number of sets taken by the client."""
+        self._hub = hub
+        self._frame_number = -1
+        """Frame of the newest set."""
+        self._data = b""
+        self._close_reason = ""
+        self._ready = asyncio.Event()
+
+    def put(self, frame_number: int, data: bytes) -> None:
+        """Store the set of a frame, unless a set of this frame or of a later one was stored before."""
+        if frame_number == self._frame_number or self.state is MailboxState.CLOSED:
+            return
+        if frame_number < self._frame_number:
+            self._hub.skipped += 1
+            return
+        if self.state is MailboxState.FULL:
+            self._hub.skipped += 1  # the stored set, which this one replaces
+        self.state, self._frame_number, self._data = MailboxState.FULL, frame_number, data
+        self._ready.set()
+
+    def close(self, reason: str) -> None:
+        """End the stream."""
+        self.state, self._data, self._close_reason = MailboxState.CLOSED, b"", reason
+        self._ready.set()
+
+    async def get(self) -> bytes:
+        """Wait for a set that was not taken yet, and return it. Cancelling is safe: no set is lost.
+
+        Raises:
+            StreamError: the stream has ended.
+        """
+        if self.state is MailboxState.EMPTY:
+            self.state = MailboxState.WAITING
+            self._hub.notify_demand()
+            try:
+                await self._ready.wait()
+            finally:
+                if self.state is MailboxState.WAITING:  # cancelled
+                    self.state = MailboxState.EMPTY
+        if self.state is MailboxState.CLOSED:
+            raise StreamError(self._close_reason)
+        data, self._data = self._data, b""
+        self.state = MailboxState.EMPTY
+        self._ready.clear()
+        self.sent += 1
+        self._hub.sent += 1
+        self._hub.notify_demand()
+        return data
+
+
+class ImageSetHub:
+    """All subscriptions of one camera."""
+
+    def __init__(self, max_clients: int, max_kinds: int, *, follows_demand: bool = False) -> None:
+        """
+        Args:
+            max_clients: maximum number of subscriptions.
+            max_kinds: maximum number of different kinds of set.
+            follows_demand: True: frames are made when clients want them, so ``notify_demand`` wakes the scheduler.
+        """
+        self.generation = 0
+        """Number of changes of parameters, faults or image source."""
+        self.scheduler_wakeup = asyncio.Event()
+        """Set when a client subscribes or disconnects, parameters or the image source change, or depth is triggered."""
+        self._follows_demand = follows_demand
+        self._max_clients = max_clients
+        self._max_kinds = max_kinds
+        self.kinds: frozenset[SetKind] = frozenset()
+        """Kinds of all subscriptions."""
+        self.camera_kinds: tuple[SetKind, ...] = ()
+        """Kinds without depth images."""
+        self.depth_kinds: tuple[SetKind, ...] = ()
+        """Kinds with depth images."""
+        self.new_kinds: set[SetKind] = set()
+        """Kinds of new subscriptions. The frame scheduler sends them the last frame, and empties this set."""
+        self._subscriptions: set[Subscription] = set()
+        self.sent = 0
+        """Number of sets taken by all clients since start."""
+        self.skipped = 0
+        """Number of sets that clients did not get since start, because a set of a later frame was there."""
+        self._close_reason = ""
+        """Reason for refusing new subscriptions; empty while the hub is open."""
+
+    def __iter__(self) -> Iterator[Subscription]:
+        return iter(tuple(self._subscriptions))
+
+    def __len__(self) -> int:
+        return len(self._subscriptions)
+
+    @contextmanager
+    def subscribe(self, kind: SetKind) -> Iterator[Subscription]:
+        """Return a subscription for the duration of the block.
+
+        Raises:
+            LimitError: too many clients, or too many different requests.
+            StreamError: the hub is closed.
+        """
+        if self._close_reason:
+            raise StreamError(self._close_reason)
+        if len(self._subscriptions) >= self._max_clients:
+            raise LimitError(f"{self._max_clients} streams are open already, the limit (max_clients)")
+        if kind not in self.kinds and len(self.kinds) >= self._max_kinds:
+            raise LimitError(f"{self._max_kinds} different requests are served already, the limit (max_kinds)")
+        subscription = Subscription(kind, self)
+        self._subscriptions.add(subscription)
+        self.new_kinds.add(kind)
+        self._update_kinds()
+        try:
+            yield subscription
+        finally:
+            self._subscriptions.discard(subscription)
+            self._update_kinds()
+
+    def _update_kinds(self) -> None:
+        """Compute the kinds of the current subscriptions, and wake the scheduler."""
+        self.kinds = frozenset(s.kind for s in self._subscriptions)
+        self.camera_kinds = tuple(kind for kind in self.kinds if not kind.has_depth)
+        self.depth_kinds = tuple(kind for kind in self.kinds if kind.has_depth)
+        self.new_kinds &= self.kinds
+        self.scheduler_wakeup.set()
+
+    def start_generation(self) -> None:
+        """Count a change of parameters, faults or image source: later subscriptions get no sets from before it."""
+        self.generation += 1
+        self.scheduler_wakeup.set()
+
+    def notify_demand(self) -> None:
+        """Report that a client takes a set or starts to wait for one, or that a frame is finished."""
+        if self._follows_demand:
+            self.scheduler_wakeup.set()
+
+    def kinds_with_mailbox(self, *states: MailboxState) -> set[SetKind]:
+        """Return the kinds of subscriptions whose mailbox is in one of these states."""
+        return {s.kind for s in self._subscriptions if s.state in states}
+
+    def publish(self, kind: SetKind, frame_number: int, data: bytes, generation: int = 0) -> None:
+        """Store a set in every mailbox of this kind.
+
+        Args:
+            kind: contents of the set.
+            frame_number: number of the frame; sets of later frames replace those of earlier ones.
+            data: serialised set.
+            generation: generation of the hub when the frame was captured. Subscriptions of a later generation do not
+                get the set: a client that sets a parameter and then opens a stream expects sets with that parameter.
+        """
+        for subscription in self._subscriptions:
+            if subscription.kind == kind and subscription.generation <= generation:
+                subscription.put(frame_number, data)
+
+    def end_streams(self, kind: SetKind, reason: str) -> None:
+        """End the streams of this kind."""
+        for subscription in self._subscriptions:
+            if subscription.kind == kind:
+                subscription.close(reason)
+
+    def close(self, reason: str) -> None:
+        """End all streams and refuse new ones."""
+        self._close_reason = reason
+        for subscription in self._subscriptions:
+            subscription.close(reason)

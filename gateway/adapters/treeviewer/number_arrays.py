@@ -1,0 +1,203 @@
+"""Read the number arrays of a request, from JSON text, Python lists and packed arrays (MessagePack), as NumPy arrays.
+
+``json_kernels`` parses long arrays in JSON text. In the text that the JSON decoder gets, ``[{"token": index}]`` stands
+for each of them, with a random token, which no client can guess. No field but an array accepts such a value.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.adapters.treeviewer import json_kernels
+from gateway.adapters.treeviewer.json_kernels import TextArray
+from gateway.adapters.treeviewer.packed_arrays import ArrayError, PackedArray
+from gateway.adapters.treeviewer.requests import RequestError
+
+MIN_NUMBERS: Final = 256
+"""Shorter arrays stay in the JSON text. Paths must stay there, and Python decodes few numbers quickly."""
+MAX_ARRAYS: Final = 65_536
+"""Maximum number of arrays taken out of one request; further ones stay in the JSON text."""
+_NUMBER_TYPES: Final = frozenset((int, float, bool, type(None)))
+"""Types of the numbers in decoded lists. JSON.jl and nlohmann/json write null for NaN."""
+
+
+@dataclass(slots=True)
+class NumberArrays:
+    """Number arrays of one request, whatever its format."""
+
+    _token: str = ""
+    _text: NDArray[np.uint8] | None = None
+    _arrays: list[TextArray] = field(default_factory=list)
+
+    def extract(self, data: memoryview) -> bytes:
+        """Return the JSON text with short values in place of its long arrays. Keeps a reference to ``data``."""
+        text = np.frombuffer(data, np.uint8)
+        self._arrays = json_kernels.find_arrays(text, MAX_ARRAYS, MIN_NUMBERS)
+        if not self._arrays:
+            return bytes(data)
+        self._text = text
+        self._token = f"\x00{os.urandom(12).hex()}"
+        pieces: list[bytes | memoryview] = []
+        position = 0
+        for index, array in enumerate(self._arrays):
+            pieces.append(data[position : array.begin])
+            pieces.append(f'[{{"\\u0000{self._token[1:]}":{index}}}]'.encode())
+            position = array.end
+        pieces.append(data[position:])
+        return b"".join(pieces)
+
+    def floats(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float32]:
+        """Return a copy of a field's numbers as float32: (N, one of ``columns``), or (N,) for one column.
+
+        Args:
+            value: decoded field: a list, a packed array, or the value that stands for an array in the JSON text.
+            columns: numbers of columns that the field may have. An empty list gets the first.
+            max_rows: maximum number of rows.
+        Raises:
+            ArrayError: wrong shape, not numbers, or too many rows.
+            RequestError: the text of the array is not JSON.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._rows(value, columns, max_rows).astype(np.float32, order="C")
+
+    def doubles(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
+        """Return a field's numbers as float64. See ``floats``."""
+        return self._rows(value, columns, max_rows).astype(np.float64, order="C")
+
+    def indices(self, value: Any, count: int, max_rows: int) -> NDArray[np.uint32]:
+        """Return a field's triangles, (N, 3) uint32 indices of ``count`` vertices.
+
+        Args:
+            value: as in ``floats``.
+            count: number of vertices.
+            max_rows: maximum number of triangles.
+        Raises:
+            ArrayError: wrong shape, a value that is not an index from 0 to ``count`` - 1, or too many rows.
+            RequestError: the text of the array is not JSON.
+        """
+        values = self._rows(value, (3,), max_rows)
+        valid = values < count
+        if values.dtype.kind == "f":
+            if isinstance(value, PackedArray):
+                raise ArrayError("has floating-point numbers, not indices")
+            valid &= values == np.floor(values)
+        if values.dtype.kind != "u":
+            valid &= values >= 0
+        if not valid.all():
+            row, column = divmod(int(np.argmin(valid)), 3)
+            number = values[row, column].item()
+            text = f"{number:.17g}" if isinstance(number, float) else number
+            raise ArrayError(f"has {text} in row {row}, but there are {count} vertices")
+        return values.astype(np.uint32, order="C")
+
+    def grid(self, value: Any, max_numbers: int) -> NDArray[np.float32]:
+        """Return a copy of a field's rows of numbers as float32, (R, C), whatever their length.
+
+        Args:
+            value: as in ``floats``.
+            max_numbers: maximum number of all numbers.
+        Raises:
+            ArrayError: rows of different lengths, not numbers, or too many.
+            RequestError: the text of the array is not JSON.
+        """
+        first_row = value[0] if isinstance(value, list) and value else None
+        columns = len(first_row) if isinstance(first_row, list) else 2
+        values = self._values(value, (columns,), max_numbers)
+        if values.ndim != 2:
+            raise ArrayError(f"has {_shape_text(values)}, not rows of numbers")
+        if values.size > max_numbers:
+            raise ArrayError(f"has {values.size} numbers, the limit is {max_numbers}")
+        with np.errstate(over="ignore", invalid="ignore"):
+            return values.astype(np.float32, order="C")
+
+    def _rows(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[Any]:
+        """Return a field's numbers after a check of their shape: (N, columns), or (N,) for one column."""
+        values = self._values(value, columns, max_rows)
+        column_count = values.shape[1] if values.ndim == 2 else 1
+        if values.ndim > 2 or column_count not in columns:
+            raise ArrayError(f"has {_shape_text(values)}, not {_columns_text(columns)}")
+        return values.reshape(-1) if column_count == 1 else values
+
+    def _values(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[Any]:
+        """Return a field's numbers, of any shape and type, as they were sent; ``columns`` are for an error text."""
+        if isinstance(value, PackedArray):
+            if value.values is None:
+                raise ArrayError(value.fault)
+            _check_rows(len(value.values), max_rows)
+            return value.values
+        array = self._extracted(value)
+        if array is not None:
+            _check_rows(array.rows if array.dimensions == 2 else array.number_count, max_rows)
+            return self._parse(array)
+        if not isinstance(value, list):
+            raise ArrayError(f"must be a list of {_columns_text(columns)}")
+        _check_rows(len(value), max_rows)
+        return _from_list(value, columns)
+
+    def _extracted(self, value: Any) -> TextArray | None:
+        """Return the array of the JSON text that a decoded value stands for; None for other values."""
+        if self._text is None or not isinstance(value, list) or len(value) != 1 or not isinstance(value[0], dict):
+            return None
+        index = value[0].get(self._token)
+        return None if index is None else self._arrays[index]
+
+    def _parse(self, array: TextArray) -> NDArray[np.float64]:
+        """Return the numbers of an array in the JSON text."""
+        if array.dimensions == 2 and array.columns == json_kernels.MIXED_COLUMNS:
+            raise ArrayError("has rows of different lengths")
+        assert self._text is not None
+        numbers, error_at = json_kernels.read_numbers(self._text, array.begin, array.end, array.number_count)
+        if error_at >= 0:
+            excerpt = bytes(self._text[error_at : error_at + 12]).decode("ascii", "replace")
+            raise RequestError(
+                f"the request is not valid JSON at byte {error_at}: {excerpt!r} where a number should be"
+            )
+        return numbers.reshape(array.rows, array.columns) if array.dimensions == 2 else numbers
+
+
+def _check_rows(rows: int, max_rows: int) -> None:
+    if rows > max_rows:
+        raise ArrayError(f"has {rows} rows, the limit is {max_rows}")
+
+
+def _from_list(value: list[Any], columns: tuple[int, ...]) -> NDArray[Any]:
+    """Return the numbers of a Python list, or of a list of lists."""
+    if not value:
+        return np.empty((0, columns[0]) if columns[0] > 1 else (0,))
+    try:
+        array = np.array(value)
+    except ValueError:
+        raise ArrayError(_describe_ragged(value, columns)) from None
+    if array.dtype.kind == "O" and _NUMBER_TYPES.issuperset(map(type, array.flat)):
+        with contextlib.suppress(OverflowError):  # an integer above 1.8e308
+            array = array.astype(np.float64)  # None becomes NaN
+    if array.dtype.kind not in "iufb":
+        raise ArrayError("has something that is not a number")
+    return array.astype(np.float64)
+
+
+def _shape_text(values: NDArray[Any]) -> str:
+    if values.ndim == 2:
+        return f"rows of {values.shape[1]}"
+    return "numbers" if values.ndim == 1 else f"{values.ndim} dimensions"
+
+
+def _columns_text(columns: tuple[int, ...]) -> str:
+    """Return a description of the allowed rows. ``columns`` are the allowed numbers of columns."""
+    return "numbers" if columns == (1,) else f"rows of {' or '.join(map(str, columns))} numbers"
+
+
+def _describe_ragged(value: list[Any], columns: tuple[int, ...]) -> str:
+    """Return the error text for a list whose rows have different lengths, or are nested to different depths."""
+    for index, row in enumerate(value):
+        row_length = len(row) if isinstance(row, list) else 1
+        if row_length not in columns:
+            numbers_text = "1 number" if row_length == 1 else f"{row_length} numbers"
+            return f"has {numbers_text} in row {index}, rows of {columns[0]} are wanted"
+    return "has rows of different lengths"

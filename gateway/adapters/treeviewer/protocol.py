@@ -1,0 +1,151 @@
+"""Director's tree viewer protocol without I/O: read a request, apply it to the live tree, return the response.
+
+``dispatch`` calls it; tests call ``TreeViewerProtocol.handle`` directly.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextvars import copy_context
+from typing import Final
+
+from gateway.adapters.treeviewer import responses
+from gateway.adapters.treeviewer.apply import PageClient, RequestApplier, update_page
+from gateway.adapters.treeviewer.config import Limits
+from gateway.adapters.treeviewer.context import MeshLoader, ReadContext, ThreadRequired
+from gateway.adapters.treeviewer.quota import TreeQuota
+from gateway.adapters.treeviewer.request_reader import JsonReader, MsgpackReader, RequestReader
+from gateway.adapters.treeviewer.requests import RequestError
+from gateway.adapters.treeviewer.responses import AnyResponse
+from gateway.runtime.logs.warning_list import WarningList
+from gateway.scene.page.live_page import LivePage
+from gateway.scene.tree.live import LiveTree
+from renderers.compiler.pending import KernelsPending
+from renderers.stop import StopFlag
+from scenegate.messages import wire
+from scenegate.messages.wire import REQUEST as REQUEST
+from scenegate.messages.wire import RESPONSE as RESPONSE
+
+_NOT_WAITING: Final = StopFlag(waits=False).run(copy_context)
+"""Context of requests that the event loop reads: it does not wait for kernels that are being compiled."""
+
+
+def client_of(channel: str) -> str:
+    """Return the client id in a request's channel: the text between the first < and the last >, or an empty string."""
+    opening, closing = channel.find("<"), channel.rfind(">")
+    return channel[opening + 1 : closing] if 0 <= opening < closing else ""
+
+
+def response_channel(channel: str) -> str:
+    """Return the channel of the response to a request on ``channel``."""
+    client = client_of(channel)
+    return f"{RESPONSE}_<{client}>" if client else RESPONSE
+
+
+class RequestRefused(Exception):  # noqa: N818 - a response, not a failure of the viewer
+    """The request is not executed. ``response`` contains the reason."""
+
+    def __init__(self, response: AnyResponse) -> None:
+        super().__init__(response)
+        self.response = response
+
+
+class TreeViewerProtocol:
+    """Reads requests and applies them to the live tree.
+
+    A request takes two steps: ``read`` it, which is thread-safe, and apply it. Appliers edit the tree, and run in the
+    event loop's thread. ``handle`` takes both steps there.
+    """
+
+    def __init__(
+        self,
+        live: LiveTree,
+        limits: Limits | None = None,
+        meshes: MeshLoader | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        page: LivePage | None = None,
+        local_meshes: MeshLoader | None = None,
+        *,
+        strict: bool = False,
+    ) -> None:
+        self.limits = limits or Limits()
+        self.quota = TreeQuota(self.limits, clock)
+        self.quota.count_existing(live.snapshot.root)
+        self._strict = strict
+        self._meshes = meshes
+        self._local_meshes = local_meshes or meshes
+        self.page = page or LivePage()
+        """State of the pages that show the tree."""
+        self.warnings = WarningList()
+        """Warnings about the newest command of each name and path, by ``Subject``."""
+        self.live = live
+        """Tree that requests edit."""
+        self.readers: dict[str, RequestReader] = {
+            wire.JSON: JsonReader(self.limits),
+            wire.BINARY: MsgpackReader(self.limits),
+        }
+        """Readers by the name of the format."""
+
+    def read_at_once(self, comms: wire.Comms) -> RequestApplier | None:
+        """Read a request on the event loop, and return the applier that executes it.
+
+        Returns:
+            None for a request with images, text, mesh files or controls, or while kernels that it needs are being
+            compiled: ``read`` must be called in a worker thread.
+
+        Raises:
+            RequestRefused: the request cannot be read.
+        """
+        try:
+            return _NOT_WAITING.run(self.read, comms, at_once=True)
+        except (ThreadRequired, KernelsPending):
+            return None
+
+    def read(self, comms: wire.Comms, is_local: bool = False, *, at_once: bool = False) -> RequestApplier:
+        """Read a request, and return the applier that executes it.
+
+        Args:
+            is_local: True for a program on this machine, which may name files in more folders.
+            at_once: see ``ReadContext``.
+
+        Raises:
+            RequestRefused: the format is not supported, a length is wrong, or the request cannot be read.
+            ThreadRequired: see ``ReadContext.at_once``.
+        """
+        supported = responses.SUPPORTED_FORMATS
+        reader = self.readers.get(comms.format)
+        if reader is None:
+            raise RequestRefused(responses.FormatResponse(comms.utime, wire.UNKNOWN_FORMAT, supported))
+        if (comms.major, comms.minor) != wire.VERSION:
+            raise RequestRefused(responses.FormatResponse(comms.utime, wire.UNKNOWN_FORMAT_VERSION, supported))
+        if comms.fault:
+            raise RequestRefused(responses.failed(comms.utime, comms.fault))
+        if len(comms.data) > self.limits.message_bytes:
+            reason = f"the request has {len(comms.data)} bytes, the limit is {self.limits.message_bytes}"
+            raise RequestRefused(responses.failed(comms.utime, reason))
+        meshes = self._local_meshes if is_local else self._meshes
+        context = ReadContext(self.limits, meshes=meshes, strict=self._strict, at_once=at_once)
+        try:
+            request = reader.read(comms.data, context)
+        except RequestError as error:
+            raise RequestRefused(responses.failed(comms.utime, str(error))) from None
+        return RequestApplier(request, self.live, self.quota, self.limits, self.warnings)
+
+    def handle(self, message: bytes | memoryview, client: PageClient | None = None) -> AnyResponse:
+        """Read and apply a request at once, and return the response.
+
+        Args:
+            message: the request, a viewer2_comms_t.
+            client: the sender; None: it cannot receive messages of the page.
+        Raises:
+            wire.WireError: the message is not a viewer2_comms_t, so no response is possible.
+        """
+        comms = wire.decode(message)
+        try:
+            applier = self.read(comms)
+        except RequestRefused as refused:
+            return refused.response
+        applier.apply()
+        update_page(self.page, applier.request, client, comms.utime)
+        return applier.response(comms.utime)

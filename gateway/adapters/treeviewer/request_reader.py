@@ -1,0 +1,198 @@
+"""Read requests in both formats: JSON (``treeviewer_json``) and MessagePack (``treeviewer_msgpack``).
+
+A list of regular transforms or solids is decoded to typed objects (docs/decisions/0016-fast-tree-viewer-requests.md). A
+list with an irregular command, and all other commands, are decoded to dicts and lists, of which ``commands`` reads
+every form that clients send. Long number arrays in JSON are parsed apart, by ``NumberArrays``; in MessagePack they are
+extensions that hold their bytes (docs/tree-viewer-binary.md).
+"""
+
+from __future__ import annotations
+
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from gateway.adapters.treeviewer import msgpack_kernels
+from gateway.adapters.treeviewer.commands import read_deletes, read_geometries, read_transforms
+from gateway.adapters.treeviewer.config import Limits
+from gateway.adapters.treeviewer.context import ReadContext
+from gateway.adapters.treeviewer.newer_commands import READERS as NEWER_COMMANDS
+from gateway.adapters.treeviewer.packed_arrays import EXTENSION, unpack
+from gateway.adapters.treeviewer.regular_commands import list_types
+from gateway.adapters.treeviewer.requests import Request, RequestError
+from scenegate.messages.field_kinds import show
+
+DECODE_ERRORS: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
+"""Raised by msgspec for data that it cannot decode."""
+READERS: Final = {
+    "delete": read_deletes,
+    "setgeometry": read_geometries,
+    "settransform": read_transforms,
+    **NEWER_COMMANDS,
+}
+"""Functions that read a decoded list of commands into the request, by name, in the order of execution."""
+SMALL_JSON_BYTES: Final = 16 * 1024
+"""Maximum size of JSON requests whose long number arrays are not parsed apart."""
+SYNTAX_ERRORS: Final = {
+    msgpack_kernels.TRUNCATED: "it ends too early",
+    msgpack_kernels.UNUSED_BYTE: "byte c1 is never used",
+    msgpack_kernels.TRAILING_BYTES: "bytes follow its end",
+}
+_OLD_NAMES: Final = {"load": "setgeometry", "draw": "settransform"}
+"""Director's older names of commands. As in Director, they override the newer ones."""
+_ABSENT: Final = msgspec.Raw()
+_ENVELOPE: Final = msgspec.defstruct(
+    "Envelope", [(name, msgspec.Raw, _ABSENT) for name in (*READERS, *_OLD_NAMES)], gc=False
+)
+"""Type of a request whose lists of commands are not decoded."""
+
+
+class RequestReader(ABC):
+    """Base class of the readers of both formats. Thread-safe."""
+
+    type_text: str
+    """Description of a request's outermost value, for error texts."""
+
+    def __init__(self, make_decoder: Callable[[Any], Any], small_bytes: int, limits: Limits) -> None:
+        """
+        Args:
+            make_decoder: returns msgspec's decoder of the format for a type.
+            small_bytes: size up to which requests are decoded without ``prepare_big``.
+        """
+        self.limits = limits
+        self._small_bytes = small_bytes
+        self._envelope_decoder = make_decoder(_ENVELOPE)
+        geometries, transforms = map(make_decoder, list_types(limits))
+        self._list_decoders = {
+            "setgeometry": geometries,
+            "load": geometries,
+            "settransform": transforms,
+            "draw": transforms,
+        }
+        """Decoders of lists of regular commands."""
+        self.any_decoder = make_decoder(Any)
+
+    def read(self, data: memoryview, context: ReadContext) -> Request:
+        """Return the commands of a request.
+
+        Raises:
+            ThreadRequired: see ``ReadContext.at_once``.
+            RequestError: the data cannot be decoded, is not an object, or exceeds a limit.
+        """
+        prepared = data if len(data) <= self._small_bytes else self.prepare_big(data, context)
+        try:
+            message: Any = self._decode(prepared)
+        except DECODE_ERRORS:  # NaN in JSON, keys that are no text in MessagePack: slower, but accepted
+            message = self.decode_plain(prepared)
+        request = Request()
+        if message is None:
+            return request
+        if not isinstance(message, dict):
+            raise RequestError(f"the request must be {self.type_text}, not {show(message)}")
+        for old_name, name in _OLD_NAMES.items():
+            if old_name in message:
+                message[name] = message[old_name]
+        for name, read_commands in READERS.items():
+            if (value := message.get(name)) is not None:
+                if name in NEWER_COMMANDS:
+                    request.newer_commands.append(name)
+                read_commands(value, request, context)
+        return request
+
+    @abstractmethod
+    def prepare_big(self, data: memoryview, context: ReadContext) -> bytes | memoryview:
+        """Return the part of a big request that is decoded; raise RequestError if it has errors or exceeds a limit."""
+
+    @abstractmethod
+    def decode_plain(self, data: bytes | memoryview) -> Any:
+        """Return a request that ``_decode`` cannot decode as plain values; raise RequestError if that fails, too."""
+
+    def _decode(self, data: bytes | memoryview) -> dict[str, Any]:
+        """Return the lists of commands by name: those of regular commands as typed objects, others as plain values.
+
+        Raises:
+            DECODE_ERRORS: the data cannot be decoded, or is not an object.
+        """
+        envelope = self._envelope_decoder.decode(data)
+        lists: dict[str, Any] = {}
+        for name in envelope.__struct_fields__:
+            raw = getattr(envelope, name)
+            if raw is not _ABSENT:
+                try:
+                    lists[name] = self._list_decoders.get(name, self.any_decoder).decode(raw)
+                except msgspec.ValidationError:
+                    lists[name] = self.any_decoder.decode(raw)
+        return lists
+
+
+class JsonReader(RequestReader):
+    """Reader of ``treeviewer_json`` requests."""
+
+    type_text = "a JSON object"
+
+    def __init__(self, limits: Limits | None = None) -> None:
+        limits = limits or Limits()
+        super().__init__(msgspec.json.Decoder, min(SMALL_JSON_BYTES, limits.json_bytes), limits)
+
+    def prepare_big(self, data: memoryview, context: ReadContext) -> bytes:
+        """Return the JSON text without its long arrays."""
+        json_text = context.arrays.extract(data)
+        if len(json_text) > self.limits.json_bytes:
+            raise RequestError(f"the request has {len(json_text)} bytes of JSON, the limit is {self.limits.json_bytes}")
+        return json_text
+
+    def decode_plain(self, data: bytes | memoryview) -> Any:
+        """Decode by Python's json: Python clients write NaN and Infinity, which msgspec refuses."""
+        try:
+            return json.loads(bytes(data).decode())
+        except UnicodeDecodeError as error:
+            raise RequestError(f"the request is not valid JSON text: {error.reason} at byte {error.start}") from None
+        except RecursionError:
+            raise RequestError("the request is nested too deeply") from None
+        except ValueError as error:  # not JSON, or an integer of more digits than Python converts
+            raise RequestError(f"the request is not valid JSON ({error})") from None
+
+
+class UnknownExtension:
+    """Placeholder of a MessagePack extension that is not a number array.
+
+    In a field that the protocol defines it is an error; elsewhere it is ignored.
+    """
+
+
+class MsgpackReader(RequestReader):
+    """Reader of ``treeviewer_msgpack`` requests."""
+
+    type_text = "a MessagePack map"
+
+    def __init__(self, limits: Limits | None = None) -> None:
+        limits = limits or Limits()
+
+        def decode_extension(code: int, payload: memoryview) -> object:
+            return unpack(payload) if code == EXTENSION else UnknownExtension()
+
+        make_decoder = partial(msgspec.msgpack.Decoder, ext_hook=decode_extension)
+        # a request of fewer bytes has fewer objects than the limit: each takes at least a byte
+        super().__init__(make_decoder, limits.binary_objects, limits)
+
+    def prepare_big(self, data: memoryview, context: ReadContext) -> memoryview:
+        """Return the data, unless decoding would create more Python objects than the limit."""
+        limit = self.limits.binary_objects
+        count_or_error = msgpack_kernels.count_values(np.frombuffer(data, np.uint8), limit)
+        if count_or_error in SYNTAX_ERRORS:
+            raise RequestError(f"the request is not valid MessagePack ({SYNTAX_ERRORS[count_or_error]})")
+        if count_or_error > limit:
+            raise RequestError(f"the request has more than {limit} objects besides its arrays, the limit")
+        return data
+
+    def decode_plain(self, data: bytes | memoryview) -> Any:
+        """Decode to dicts and lists, for requests that are no maps of texts."""
+        try:
+            return self.any_decoder.decode(data)
+        except DECODE_ERRORS as error:
+            raise RequestError(f"the request is not valid MessagePack ({error})") from None

@@ -1,0 +1,63 @@
+"""Types of the values that other interfaces provide to the browser view.
+
+``gateway.wiring`` converts the values, so that the browser view imports no other interface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final, Literal, Protocol, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.scene.tree.live import Snapshot
+
+ImageName = Literal["left", "right", "disparity", "confidence"]
+IMAGE_NAMES: Final[tuple[ImageName, ...]] = get_args(ImageName)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoRig:
+    """Pose of the stereo camera in the live scene; size, focal lengths and principal point of its images in pixels."""
+
+    pose: NDArray[np.float64]
+    """X_world_left, (4, 4): from the left camera's optical frame to the world."""
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    baseline: float
+    """Distance from the left to the right camera in metres, along +X of the left camera."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StereoImages:
+    """One set of images of the stereo camera."""
+
+    left: NDArray[np.uint8]
+    """(H, W) grey or (H, W, 3) RGB."""
+    right: NDArray[np.uint8]
+    """(H, W) grey or (H, W, 3) RGB."""
+    disparity: NDArray[np.uint16]
+    """(h, w), in any unit; may be smaller than (H, W). 0 is invalid."""
+    confidence: NDArray[np.uint8]
+    """(h, w), in 1/255. 0 is invalid."""
+    captions: Mapping[ImageName, str] = field(default_factory=dict)
+    """Short texts that the page shows below the images."""
+
+
+class StereoSource(Protocol):
+    """The stereo camera, as the browser view uses it."""
+
+    moves: bool
+    """True if ``rig`` depends on the snapshot: it is then called for every update, so it must be fast."""
+
+    def rig(self, snapshot: Snapshot) -> StereoRig | None:
+        """Return the pose and intrinsics in a snapshot of the live scene, or None if the camera shows another scene."""
+
+    async def capture(self) -> StereoImages:
+        """Render and return a set of images."""

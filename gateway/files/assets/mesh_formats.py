@@ -1,0 +1,261 @@
+"""Parses mesh files: glTF here, other formats in a limited child process (``gateway.files.parsers``)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.files.assets.scene_file import Up
+from gateway.files.gltf import GltfLimits, read_gltf
+from gateway.files.parsers.mesh_data import MeshData, MeshOptions
+from gateway.files.parsers.mesh_data import Shape as ParsedShape
+from gateway.runtime.workers.limited_process import ProcessFailed, ProcessLimits, call_limited
+from gateway.scene.draw.broken_textures import without_broken_textures
+from gateway.scene.tree.geometry import Part, PointCloud, Shape, Surface
+from gateway.scene.tree.materials import POINT_SIZE
+from gateway.scene.tree.nodes import Node
+from gateway.scene.tree.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix
+from renderers.color import linear_colors_from_srgb, linear_from_srgb
+from renderers.drawlist import AlphaMode, ImageError, Material, Mesh, Texture
+from renderers.images import image_from_bytes, image_header
+from renderers.stop import check_stop
+
+_GLTF_FORMATS: Final = frozenset({"gltf", "glb"})
+FORMATS: Final = _GLTF_FORMATS | {"obj", "stl", "ply", "dae", "vtk"}
+"""File name extensions that can be read."""
+MESH_LIMITS: Final = GltfLimits(max_vertices=10_000_000, max_elements=10_000_000)
+"""Default limits of the content of a mesh file. They hold for all formats."""
+
+ReadReferencedFile = Callable[[str], bytes]
+"""Function that returns the bytes of a file that a mesh file refers to; raises OSError or ValueError."""
+
+
+@dataclass(frozen=True, slots=True)
+class ParserLimits:
+    """Limits of the child process that parses a mesh file, other than glTF; ``for_size`` computes them."""
+
+    min_parser_bytes: int = 256 << 20
+    """Memory for a small file, beyond that of the interpreter and its libraries."""
+    parser_bytes_per_byte: int = 40
+    """Further memory for each byte of the file: OBJ needs 20, the other formats less."""
+    max_parser_bytes: int = 4 << 30
+    """Memory for the largest files."""
+    min_parser_seconds: int = 15
+    """CPU time for a small file. Elapsed time may be four times as long."""
+    parser_bytes_per_second: int = 4 << 20
+    """Bytes of the file for each further second. On a quiet core OBJ is read at 22 MB/s, the other formats faster."""
+
+    def for_size(self, file_bytes: int) -> ProcessLimits:
+        """Return the limits for a file of this size."""
+        memory_bytes = min(self.min_parser_bytes + self.parser_bytes_per_byte * file_bytes, self.max_parser_bytes)
+        return ProcessLimits(memory_bytes, self.min_parser_seconds + file_bytes // self.parser_bytes_per_second)
+
+
+PARSER_LIMITS: Final = ParserLimits()
+PLAIN_MATERIAL: Final = Material(metallic=0.0, roughness=1.0, double_sided=True, point_size=POINT_SIZE)
+"""White, diffuse and double-sided, as Director draws meshes and points without a material."""
+_result_decoder: Final = msgspec.msgpack.Decoder(MeshData | str)
+_texture_decoder: Final = msgspec.msgpack.Decoder(bytes)
+
+
+class MeshFormatError(ValueError):
+    """A file that cannot be parsed. The message does not name the file."""
+
+
+def parse_mesh(
+    data: bytes,
+    extension: str,
+    resolve: ReadReferencedFile,
+    limits: GltfLimits,
+    warnings: list[str],
+    *,
+    collada_up_axis: bool = True,
+    gltf_up: Up = "auto",
+    submesh: str = "",
+) -> tuple[Part, ...]:
+    """Return the parts of a mesh file, in metres and Z up.
+
+    glTF is Y-up by its specification, except for files that Drake wrote. COLLADA files state their unit and their up
+    axis. Files of the other formats state neither; they are taken as metres and Z up. A file without materials is
+    white (``PLAIN_MATERIAL``), so that callers can apply a colour. Textures that cannot be decoded are left out.
+
+    Args:
+        extension: One of ``FORMATS``.
+        resolve: Returns the files of materials and textures. Those for which it raises OSError or ValueError are left
+            out, with a warning.
+        limits: Limits of glTF. Those on vertices, elements, instances and pixels hold for all formats.
+        warnings: Sentences about content that is left out or repaired are appended to this list.
+        collada_up_axis: False: COLLADA files are taken as Z up whatever they state, as robot software does.
+        gltf_up: Up axis of glTF files; ``auto``: Y, but Z for files that Drake wrote.
+        submesh: Name of the node of a COLLADA file whose parts are returned; empty: all parts.
+
+    Raises:
+        MeshFormatError: The data does not have that format, has no geometry, or is beyond a limit.
+        GltfError: The glTF document cannot be read.
+        Exception: The current ``StopFlag`` was set, with its error.
+    """
+    if extension in _GLTF_FORMATS:
+        parts = _parts_of_gltf(data, resolve, limits, warnings, gltf_up)
+    else:
+        options = MeshOptions(
+            max_vertices=limits.max_vertices,
+            max_elements=limits.max_elements,
+            max_instances=limits.max_instances,
+            max_drawn_elements=limits.max_drawn_elements,
+            max_node_depth=limits.max_node_depth,
+            use_up_axis=collada_up_axis,
+            submesh=submesh,
+        )
+        mesh_data = _parse_in_child(data, extension, _with_warnings(resolve, warnings), options)
+        warnings += mesh_data.warnings
+        parts = _parts_of_mesh_data(mesh_data, limits)
+    return without_broken_textures(parts, limits.max_total_image_pixels, warnings)
+
+
+def with_default_materials(
+    parts: Iterable[Part], plain: Material, textured: Material, *, replace_own: bool = False
+) -> tuple[Part, ...]:
+    """Return parts with materials in place of ``PLAIN_MATERIAL``. The file's own materials are kept, as in RViz.
+
+    Args:
+        plain: Material of meshes without texture coordinates.
+        textured: Material of the others.
+        replace_own: True: the file's own materials are replaced, too. Vertex colours stay: a material multiplies them.
+    """
+
+    def material_of(part: Part) -> Material:
+        mesh = part.shape.mesh if isinstance(part.shape, Surface) else None
+        has_own = part.material != PLAIN_MATERIAL or (mesh is not None and mesh.colors is not None)
+        if has_own and not replace_own:
+            return part.material
+        return textured if mesh is not None and mesh.uv0 is not None else plain
+
+    return tuple(msgspec.structs.replace(part, material=material_of(part)) for part in parts)
+
+
+def _parts_of_gltf(
+    data: bytes, resolve: ReadReferencedFile, limits: GltfLimits, warnings: list[str], up: Up
+) -> tuple[Part, ...]:
+    scene = read_gltf(data, resolve=resolve, limits=limits, decode_images=True)
+    warnings += scene.warnings
+    is_z_up = up == "z" or (up == "auto" and scene.from_drake)
+    parts: list[Part] = []
+    stack: list[tuple[Node, Matrix]] = [(scene.root, IDENTITY if is_z_up else Y_UP_TO_Z_UP)]
+    while stack:
+        node, X_root_parent = stack.pop()
+        X_root_node = X_root_parent @ node.matrix
+        parts.extend(Part(part.shape, part.material, X_root_node @ part.X_node_part) for part in node.parts or ())
+        stack.extend((child, X_root_node) for child in reversed(node.children.values()))
+    return tuple(parts)
+
+
+def decodable_texture(data: bytes) -> bytes:
+    """Return the PNG file of an image in a format that mesh files may use, such as TGA; other data as they are.
+
+    Raises:
+        Exception: The current ``StopFlag`` was set, with its error.
+    """
+    try:
+        image_header(data)
+        return data
+    except ImageError:
+        pass
+    limits = PARSER_LIMITS.for_size(len(data))
+    try:
+        return _texture_decoder.decode(
+            call_limited("gateway.files.parsers.texture_files:read_texture", (data,), limits)
+        )
+    except ProcessFailed:
+        return data
+
+
+def _with_warnings(resolve: ReadReferencedFile, warnings: list[str]) -> ReadReferencedFile:
+    """Return ``resolve`` with a warning about each file for which it raises an error."""
+
+    def resolve_or_warn(name: str) -> bytes:
+        try:
+            return resolve(name)
+        except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+            text = f"{name[:120]!r} is left out: {reason}"
+            if text not in warnings:
+                warnings.append(text)
+            raise
+
+    return resolve_or_warn
+
+
+def _parse_in_child(data: bytes, extension: str, resolve: ReadReferencedFile, options: MeshOptions) -> MeshData:
+    arguments, process_limits = (data, extension, options), PARSER_LIMITS.for_size(len(data))
+    try:
+        output = call_limited("gateway.files.parsers.mesh:read_mesh", arguments, process_limits, resolve)
+        result: MeshData | str = _result_decoder.decode(output)
+    except ProcessFailed as error:
+        raise MeshFormatError(f"it cannot be read as {extension.upper()}: {error}") from None
+    if isinstance(result, str):
+        raise MeshFormatError(result)
+    return result
+
+
+def _parts_of_mesh_data(mesh_data: MeshData, limits: GltfLimits) -> tuple[Part, ...]:
+    """Return a part for each instance. Its texture is not decoded yet, and perhaps damaged."""
+    textures = [
+        Texture(image_from_bytes(data, max_pixels=limits.max_image_pixels), name=name)
+        for name, data in mesh_data.images
+    ]
+    shapes: list[Shape] = []
+    materials: list[Material] = []
+    for parsed in mesh_data.shapes:
+        check_stop()
+        texture = None if parsed.image is None else textures[parsed.image]
+        shapes.append(_shape_of(parsed))
+        materials.append(PLAIN_MATERIAL if parsed.color is None else diffuse_material(np.array(parsed.color), texture))
+    return tuple(
+        Part(shapes[index], materials[index], np.frombuffer(X_node_part, np.float64).reshape(4, 4))
+        for index, X_node_part in mesh_data.instances
+    )
+
+
+def _shape_of(parsed: ParsedShape) -> Shape:
+    positions = np.frombuffer(parsed.positions, np.float32).reshape(-1, 3)
+    colors: NDArray[np.float32] | None = None
+    if parsed.colors is not None:
+        colors = np.frombuffer(parsed.colors, np.uint8).reshape(-1, 4).astype(np.float32) / np.float32(255.0)
+    if parsed.triangles is None:
+        return PointCloud(positions, {} if colors is None else {"rgb": colors})
+    triangles = np.frombuffer(parsed.triangles, np.uint32).reshape(-1, 3)
+    uv = None if parsed.uv is None else np.frombuffer(parsed.uv, np.float32).reshape(-1, 2)
+    if colors is not None:
+        colors = linear_colors_from_srgb(colors)  # the files have sRGB colours, a Mesh has linear ones
+    if parsed.normals is None:
+        from gateway.scene.draw.crease_normals import with_creases  # here, because it loads kernels
+
+        return Surface(with_creases(positions, triangles, uv=uv, colors=colors))
+    normals = np.frombuffer(parsed.normals, np.float32).reshape(-1, 3)
+    return Surface(Mesh(positions, triangles, normals=normals, uv0=uv, colors=colors))
+
+
+def diffuse_material(color: NDArray[np.float64], texture: Texture | None) -> Material:
+    """Return a diffuse material.
+
+    With a texture, only the opacity of the colour is used, as in VTK and Drake: files with a texture often have a
+    black diffuse colour (Kd).
+
+    Args:
+        color: (4,) float64, sRGB and opacity in 0 .. 1.
+    """
+    r, g, b, alpha = np.clip(np.nan_to_num(color), 0.0, 1.0).tolist()
+    base = (1.0, 1.0, 1.0) if texture is not None else (linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b))
+    return Material(
+        base_color=(*base, alpha),
+        base_color_texture=texture,
+        metallic=0.0,
+        roughness=1.0,
+        alpha_mode=AlphaMode.BLEND if alpha < 1.0 else AlphaMode.OPAQUE,
+        double_sided=True,
+    )

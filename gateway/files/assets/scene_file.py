@@ -1,0 +1,126 @@
+"""Reads glTF files that the operator names, and rotates them to Z up. They may refer to files in their own folder."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+from gateway.files.gltf import DRAKE_GENERATORS, AnimationTime, GltfCamera, GltfError, read_gltf
+from gateway.scene.tree.nodes import Node
+from gateway.scene.tree.nodes import Path as TreePath
+from gateway.scene.tree.transforms import Y_UP_TO_Z_UP
+from renderers.drawlist import Light
+from scenegate.regular_files import errors_as, read_regular
+
+Up = Literal["auto", "y", "z"]
+
+
+class SceneFileError(ValueError):
+    """A scene file that cannot be used. The message names the file and the reason."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneFile:
+    """A scene with Z up, in metres."""
+
+    root: Node
+    """Root of the tree, which does not change any more."""
+    cameras: tuple[GltfCamera, ...] = ()
+    """The file's cameras, in the Z-up world."""
+    warnings: tuple[str, ...] = ()
+    """Sentences about properties that were ignored or repaired."""
+    notes: tuple[str, ...] = ()
+    """Sentences about choices that the reader made."""
+    generator: str = ""
+    """``asset.generator`` of a glTF file."""
+    lights: tuple[Light, ...] = ()
+    """The file's lights, in the Z-up world."""
+    digests: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 in hexadecimal of the files that were read, by path relative to the scene file's folder. The scene file
+    is first."""
+
+    models: Mapping[TreePath, str] = field(default_factory=dict)
+    """Names of a glTF file's meshes, by the paths of their nodes."""
+
+    @property
+    def from_drake(self) -> bool:
+        """True for a document from Drake's render client."""
+        return self.generator in DRAKE_GENERATORS
+
+
+class FolderFiles:
+    """Reads a scene file and the files that it refers to, which must be below its folder (links resolved)."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path.resolve()
+        self.digests: dict[str, str] = {}
+        """SHA-256 in hexadecimal of each file read so far, by path relative to the folder; the scene file is first."""
+
+    def read_scene(self) -> bytes:
+        """Return the bytes of the scene file; raises OSError."""
+        return self._read(self._path)
+
+    def resolve(self, uri: str) -> bytes:
+        """Return the bytes of a file that the scene file refers to by a relative URI; raises GltfError."""
+        target = (self._path.parent / uri).resolve()
+        if not target.is_relative_to(self._path.parent):
+            raise GltfError(f"{uri} lies outside of the scene's folder")
+        try:
+            return self._read(target)
+        except OSError as error:
+            raise GltfError(f"{uri} cannot be read: {error.strerror}") from None
+
+    def _read(self, path: Path) -> bytes:
+        data = read_regular(path)
+        self.digests[path.relative_to(self._path.parent).as_posix()] = hashlib.sha256(data).hexdigest()
+        return data
+
+
+def read_scene_file(
+    path: Path,
+    *,
+    up: Up = "auto",
+    variant: str | None = None,
+    animation: AnimationTime | None = None,
+) -> SceneFile:
+    """Read a ``.gltf`` or ``.glb`` file.
+
+    Args:
+        up: The file's up axis; ``auto``: Z for Drake's generators, else Y by the specification.
+        variant: Name of a variant of KHR_materials_variants; None: the default materials.
+        animation: Animation whose pose the nodes have; None: the pose in which they are stored.
+
+    Raises:
+        SceneFileError: The file is not readable, not glTF, or beyond a limit.
+    """
+    files = FolderFiles(path)
+    with errors_as(SceneFileError, path, GltfError):
+        data = files.read_scene()
+        scene = read_gltf(data, resolve=files.resolve, variant=variant, decode_images=True, animation=animation)
+    file = SceneFile(
+        scene.root,
+        scene.cameras,
+        scene.warnings,
+        generator=scene.generator,
+        lights=scene.lights,
+        digests=files.digests,
+        models=scene.models,
+    )
+    if up == "z" or (up == "auto" and file.from_drake):
+        return file
+    root = scene.root
+    rotated = Node(root.parts, Y_UP_TO_Z_UP @ root.matrix, root.children)
+    cameras = tuple(replace(camera, X_world_camera=Y_UP_TO_Z_UP @ camera.X_world_camera) for camera in scene.cameras)
+    lights = tuple(
+        replace(light, position=_rotated(light.position), direction=_rotated(light.direction)) for light in scene.lights
+    )
+    return replace(file, root=rotated, cameras=cameras, lights=lights)
+
+
+def _rotated(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Rotate a point or direction from Y up to Z up."""
+    x, y, z = Y_UP_TO_Z_UP[:3, :3] @ vector
+    return float(x), float(y), float(z)

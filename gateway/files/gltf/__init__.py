@@ -1,0 +1,26 @@
+"""Reads glTF 2.0 documents (``.gltf`` and ``.glb``) as scenes, and writes scenes as ``.glb`` files.
+
+``read_gltf`` is the entry point; its module ``reader`` lists the steps. The reader decodes no images, opens no files by
+itself, and rejects documents beyond ``GltfLimits``. Documents that share a ``GltfCache`` share one ``Mesh`` or
+``Image`` object for equal bytes. ``export.export_glb`` writes a scene tree.
+
+In all functions, ``warnings`` is a list to which sentences about what is left out or repaired are appended. For these
+and for errors, ``name`` is an object in the document, such as ``meshes[2].primitives[0]``, and ``path`` a property that
+refers to something, such as ``nodes[3].mesh``.
+"""
+
+from gateway.files.gltf.animations import AnimationTime as AnimationTime
+from gateway.files.gltf.buffers import Resolver as Resolver
+from gateway.files.gltf.document_cache import DocumentContent as DocumentContent
+from gateway.files.gltf.document_cache import GltfCache as GltfCache
+from gateway.files.gltf.document_cache import HashedDocument as HashedDocument
+from gateway.files.gltf.errors import GltfError as GltfError
+from gateway.files.gltf.limits import GltfLimits as GltfLimits
+from gateway.files.gltf.materials import DEFAULT_MATERIAL as DEFAULT_MATERIAL
+from gateway.files.gltf.materials import label_from_material as label_from_material
+from gateway.files.gltf.reader import read_gltf as read_gltf
+from gateway.files.gltf.reader import read_mesh_names as read_mesh_names
+from gateway.files.gltf.scene import GltfCamera as GltfCamera
+from gateway.files.gltf.scene import GltfScene as GltfScene
+from gateway.files.gltf.schema import DRAKE_GENERATORS as DRAKE_GENERATORS
+from gateway.files.gltf.schema import DRAKE_MERGER as DRAKE_MERGER

@@ -1,0 +1,196 @@
+"""Entry point of the reader: ``read_gltf`` turns the bytes of a glTF document into a scene, in four steps.
+
+1. Split the file and parse its JSON: ``container``, ``parser`` (``schema`` declares the properties).
+2. Order the nodes of the scene and compute their matrices: ``nodes``.
+3. Read the meshes in use (``part_reader``): ``buffers`` (``meshopt``), ``accessors``, ``meshes`` (``draco``,
+   ``mesh_nodes``, ``deformation``); their ``materials`` and ``textures``.
+4. Place cameras and lights at their nodes: ``scene``, ``lights``.
+
+A document that differs from an earlier one only in its nodes needs no step 3 (``document_cache``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from gateway.files.gltf.accessors import Accessors
+from gateway.files.gltf.animations import AnimationTime, pose_nodes
+from gateway.files.gltf.buffers import Buffers, Resolver
+from gateway.files.gltf.container import open_container
+from gateway.files.gltf.deformation import MeshPose
+from gateway.files.gltf.document_cache import DocumentContent, GltfCache, HashedDocument
+from gateway.files.gltf.draco import DracoMeshes
+from gateway.files.gltf.errors import GltfLimitError
+from gateway.files.gltf.lights import place_lights, read_lights
+from gateway.files.gltf.limits import GltfLimits
+from gateway.files.gltf.materials import Materials
+from gateway.files.gltf.mesh_nodes import expand_mesh_nodes
+from gateway.files.gltf.meshes import Meshes
+from gateway.files.gltf.nodes import INSTANCING, NodeParts, SceneNodes, read_nodes
+from gateway.files.gltf.parser import check_extensions, check_version, parse_document
+from gateway.files.gltf.part_reader import PartReader, count_elements
+from gateway.files.gltf.scene import GltfScene, mesh_names, read_cameras
+from gateway.files.gltf.schema import DRAKE_MERGER, Mesh
+from gateway.files.gltf.textures import Textures
+from renderers.cache import CacheBudget
+from renderers.stop import check_stop
+
+_DEFAULT_LIMITS: Final = GltfLimits()
+_MAX_LISTED_WARNINGS: Final = 100
+"""Maximum number of warnings in a result; the others are counted. One flaw is often in every mesh of a document."""
+
+
+def read_gltf(
+    data: bytes | bytearray | memoryview | HashedDocument,
+    *,
+    resolve: Resolver | None = None,
+    limits: GltfLimits | None = None,
+    cache: GltfCache | None = None,
+    variant: str | None = None,
+    decode_images: bool = False,
+    animation: AnimationTime | None = None,
+) -> GltfScene:
+    """Read a ``.gltf`` or ``.glb`` file.
+
+    Args:
+        data: The file. The result does not refer to these bytes.
+        resolve: Returns the bytes of relative URIs; None: only data URIs are allowed.
+        limits: None: ``GltfLimits()``.
+        cache: Cache shared with other documents; None: equal meshes and images are shared within this document only.
+        variant: Name of a variant of KHR_materials_variants; None: the default materials. Not with ``cache``.
+        decode_images: True: leave out textures whose images cannot be decoded. False: rendering a colour image raises
+            an ``ImageError``. Not with ``cache``.
+        animation: Animation whose pose the nodes have; None: the pose in which they are stored. Not with ``cache``.
+
+    Raises:
+        GltfError: The document cannot be read. The message names the property, its value and the reason.
+        Exception: The error with which the current ``renderers.stop.StopFlag`` was set. Nothing partial is cached.
+    """
+    limits = limits or _DEFAULT_LIMITS
+    if not isinstance(data, HashedDocument) and cache is not None and resolve is None:
+        data = HashedDocument(bytes(data))
+    hashed = data if isinstance(data, HashedDocument) else None
+    if cache is None:
+        cache = GltfCache(CacheBudget(limits.max_buffer_bytes + limits.max_mesh_bytes))
+    if hashed is not None and (scene := _cached_scene(hashed, cache, limits)) is not None:
+        return scene
+    check_stop()
+    container = open_container(data.data if isinstance(data, HashedDocument) else data)
+    warnings: list[str] = []
+    document = parse_document(container.json, limits, warnings)
+    has_wrong_types = bool(warnings)
+    check_stop()
+    buffers = Buffers(document, container, limits, resolve, warnings)
+    accessors = Accessors(document, buffers, limits, warnings)
+    if animation is not None:
+        pose_nodes(document, accessors, animation, warnings)
+    nodes = read_nodes(document, limits)
+    names = mesh_names(nodes, document.meshes)
+    has_posed_nodes = bool(nodes.posed) and document.generator != DRAKE_MERGER  # which breaks skins and weights
+    poses: Mapping[int, MeshPose] = {}
+    check_version(document, warnings)
+    check_extensions(document, warnings)
+    if has_posed_nodes:
+        nodes, poses = expand_mesh_nodes(document, nodes, accessors, limits, warnings)
+    meshes = Meshes(accessors, DracoMeshes(document, buffers, limits), cache.content, limits, warnings)
+    images = Textures(document, buffers, cache.content, limits, warnings, decode_images)
+    materials = Materials(document, images, warnings, variant)
+    lights = read_lights(document, warnings)
+    parts, posed_parts = PartReader(document, meshes, materials, limits, warnings).read(nodes, poses)
+    content = DocumentContent(
+        generator=document.generator,
+        cameras=document.cameras or [],
+        lights=lights,
+        parts=parts,
+        posed_parts=posed_parts,
+        mesh_names=names,
+        element_counts={mesh: count_elements(mesh_parts) for mesh, mesh_parts in parts.items()},
+        morphed_mesh_count=sum(isinstance(mesh, Mesh) and any(mesh.weights or ()) for mesh in document.meshes or ()),
+        warnings=tuple(warnings),
+        mesh_bytes=meshes.nbytes,
+    )
+    check_stop()
+    scene = _combine(content, nodes, limits)
+    # Poses of nodes, and warnings that may be about nodes, do not hold for a document with other nodes.
+    depends_on_nodes = has_posed_nodes or has_wrong_types or nodes.warnings
+    if hashed is not None and not depends_on_nodes and len(content.warnings) <= _MAX_LISTED_WARNINGS:
+        cache.add(hashed, container, limits, content)
+    return scene
+
+
+def read_mesh_names(data: bytes) -> frozenset[str]:
+    """Return the names of the meshes in use, as ``GltfScene.models`` has them, without reading the meshes.
+
+    Raises:
+        GltfError: The document cannot be read.
+    """
+    document = parse_document(open_container(data).json, _DEFAULT_LIMITS, [])
+    return frozenset(mesh_names(read_nodes(document, _DEFAULT_LIMITS), document.meshes).values())
+
+
+def _cached_scene(document: HashedDocument, cache: GltfCache, limits: GltfLimits) -> GltfScene | None:
+    """Return the scene of a document that differs from one in the cache only in its nodes; None if there is none."""
+    cached = cache.find(document, limits)
+    if cached is None:
+        return None
+    content, node_document = cached
+    nodes = read_nodes(node_document, limits)
+    meshes = dict.fromkeys(nodes.meshes)
+    meshes.pop(None, None)
+    if (nodes.posed and content.generator != DRAKE_MERGER) or list(meshes) != list(content.parts):
+        return None
+    return _combine(content, nodes, limits)
+
+
+def _combine(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) -> GltfScene:
+    """Return the scene of a document, given its content and its nodes."""
+    warnings = [*content.warnings, *nodes.warnings]
+    if content.generator == DRAKE_MERGER:
+        warnings += _deformation_warnings(content, nodes)
+    cameras = read_cameras(content.cameras, nodes, warnings)
+    lights = place_lights(content.lights, nodes, limits.max_lights, warnings) if content.lights else ()
+    parts, instance_count, element_count = _node_parts(content, nodes, limits)
+    warnings = list(dict.fromkeys(warnings))  # an object may be used several times
+    if len(warnings) > _MAX_LISTED_WARNINGS:
+        warnings[_MAX_LISTED_WARNINGS:] = [f"{len(warnings) - _MAX_LISTED_WARNINGS} more"]
+    return GltfScene(content, nodes, parts, cameras, lights, instance_count, element_count, tuple(warnings))
+
+
+def _node_parts(content: DocumentContent, nodes: SceneNodes, limits: GltfLimits) -> tuple[NodeParts, int, int]:
+    """Return the parts of each node, and two totals: the number of parts, and of their elements.
+
+    Raises:
+        GltfLimitError: ``max_instances`` or ``max_drawn_elements`` is exceeded.
+    """
+    node_parts: NodeParts = []
+    instance_count = element_count = 0
+    for scene_index, (node, mesh) in enumerate(zip(nodes.indices, nodes.meshes, strict=True)):
+        if mesh is None:
+            node_parts.append(None)
+            continue
+        posed_parts = content.posed_parts.get(scene_index)
+        parts = content.parts[mesh] if posed_parts is None else posed_parts
+        node_parts.append(parts)
+        instance_count += len(parts)
+        element_count += content.element_counts[mesh] if posed_parts is None else count_elements(posed_parts)
+        if instance_count > limits.max_instances:
+            limit = limits.max_instances
+            raise GltfLimitError(f"nodes[{node}].mesh: the scene has more instances than max_instances = {limit}")
+        if element_count > limits.max_drawn_elements:
+            limit = limits.max_drawn_elements
+            raise GltfLimitError(f"nodes[{node}].mesh: the scene draws more elements than max_drawn_elements = {limit}")
+    return node_parts, instance_count, element_count
+
+
+def _deformation_warnings(content: DocumentContent, nodes: SceneNodes) -> list[str]:
+    """Return warnings about skins, morph targets and instances in documents that Drake merged: all are ignored."""
+    warnings: list[str] = []
+    mesh_nodes = [node for node in nodes.sources if node.mesh is not None]
+    if skin_count := sum(1 for node in mesh_nodes if node.skin is not None):
+        warnings.append(f"nodes: skins are ignored, {skin_count} meshes are drawn as they are stored")
+    if morph_count := content.morphed_mesh_count + sum(1 for node in mesh_nodes if node.weights and any(node.weights)):
+        warnings.append(f"weights: morph targets are ignored, {morph_count} meshes are drawn as they are stored")
+    if instanced_count := sum(1 for node in mesh_nodes if INSTANCING in (node.extensions or {})):
+        warnings.append(f"nodes: {INSTANCING} is ignored, {instanced_count} meshes are drawn once")
+    return warnings

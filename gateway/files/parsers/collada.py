@@ -1,0 +1,296 @@
+"""Reads COLLADA files with the package pycollada. Nodes and geometry are counted before they are expanded."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from typing import Any, Final
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+import collada
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, shape_of
+from gateway.files.parsers.texture_files import ReadFile, TextureFiles
+
+MAX_ELEMENTS: Final = 1_000_000
+"""Maximum number of XML elements: each takes up to 1 kB while the file is read. Large scenes have some thousands."""
+MAX_ERRORS: Final = 20
+"""Maximum number of errors that are listed."""
+MAX_XML_DEPTH: Final = 512
+"""Maximum depth of XML elements: 256 levels of nodes, and the elements inside the last one."""
+MAX_VISITED_NODES: Final = 1_000_000
+"""Maximum number of nodes that hold geometry, after all ``<instance_node>`` are expanded."""
+_X_UP: Final = ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+_Y_UP: Final = ((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+_UP_AXES: Final = {"X_UP": np.array(_X_UP), "Y_UP": np.array(_Y_UP), "Z_UP": np.eye(4)}
+"""Rotation to Z up. X_UP: up +X to +Z, right -Y to +X, towards the viewer +Z to -Y (COLLADA 1.4, 5-19)."""
+
+
+@np.errstate(all="ignore")  # transforms that overflow give a warning of their own
+def read_collada(data: bytes, read_file: ReadFile, options: MeshOptions) -> MeshData:
+    """Return the content of a COLLADA file, in metres.
+
+    Raises:
+        MeshFaultError: The file is damaged, or beyond a limit.
+    """
+    data = data.replace(b'="<', b'="&lt;')  # Assimp calls the root of STL files <STL_BINARY>
+    data = _checked_document(data)
+    document = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError])
+    errors = document.errors
+    if any(isinstance(error, collada.DaeBrokenRefError) and "Material" in str(error.msg) for error in errors):
+        document = collada.Collada(io.BytesIO(_without_lost_materials(document, data)), ignore=[collada.DaeError])
+    if document.scene is None:
+        return MeshData()
+    reader = _SceneReader(options, read_file, _axes(document, options.use_up_axis))
+    reader.read(document.scene.nodes)
+    if options.submesh and not reader.result.instances:
+        raise MeshFaultError(f"it has no node {options.submesh[:60]!r} with geometry")
+    sentences = dict.fromkeys(" ".join(str(error.msg).split())[:200] for error in errors)
+    # Lights and cameras are not used anyway.
+    lost = [text for text in sentences if not text.startswith(("Light ", "Camera "))]
+    reader.result.warnings += [f"left out: {error}" for error in lost[:MAX_ERRORS]]
+    return reader.result
+
+
+def _without_lost_materials(document: Any, data: bytes) -> bytes:
+    """Return a document without its references to materials that could not be read: pycollada leaves out their meshes.
+
+    Args:
+        document: What pycollada read of ``data``.
+    """
+    root = ElementTree.fromstring(data)  # noqa: S314 - _checked_document refused what could be dangerous
+    known = {f"#{material.id}" for material in document.materials}
+    for parent in root.iter():
+        for child in list(parent):
+            if child.tag.endswith("}instance_material") and child.get("target") not in known:
+                parent.remove(child)
+    return ElementTree.tostring(root)
+
+
+def _checked_document(data: bytes) -> bytes:
+    """Return a document without what follows it: some exporters leave rests of older files.
+
+    Raises:
+        MeshFaultError: The size or depth is beyond a limit, before a tree is built, or it is no XML.
+    """
+    parser = expat.ParserCreate()
+    count = depth = last_tag = 0
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        nonlocal count, depth
+        count, depth = count + 1, depth + 1
+        if count > MAX_ELEMENTS or depth > MAX_XML_DEPTH:
+            raise MeshFaultError(f"it has more than {MAX_ELEMENTS} XML elements, or more than {MAX_XML_DEPTH} levels")
+
+    def end(name: str) -> None:
+        nonlocal depth, last_tag
+        depth, last_tag = depth - 1, parser.CurrentByteIndex
+
+    def doctype(*_: object) -> None:
+        raise MeshFaultError("COLLADA documents with a DOCTYPE are refused")
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = start, end, doctype
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        if depth > 0 or count == 0:
+            raise MeshFaultError(f"it cannot be read as DAE: {error}") from None
+        return data[: data.find(b">", last_tag) + 1]
+    return data
+
+
+def _axes(document: Any, use_up_axis: bool) -> NDArray[np.float64]:
+    """Return the (4, 4) transform to metres and, with ``use_up_axis``, to Z up (COLLADA 1.4, 5-19)."""
+    unit = document.assetInfo.unitmeter
+    metres = 1.0 if unit is None else float(unit)
+    if not 1e-9 < metres < 1e9:
+        raise MeshFaultError(f"its unit of {metres:g} m is out of range")
+    up_axis = document.xmlnode.findtext(f"{document.tag('asset')}/{document.tag('up_axis')}", "Y_UP").strip()
+    rotation = _UP_AXES.get(up_axis, _UP_AXES["Y_UP"]) if use_up_axis else np.eye(4)
+    return rotation @ np.diag((metres, metres, metres, 1.0))
+
+
+class _SceneReader:
+    """Collects the instances of geometry in a scene. Instances with the same materials share their shapes."""
+
+    def __init__(self, options: MeshOptions, read_file: ReadFile, axes: NDArray[np.float64]) -> None:
+        """
+        Args:
+            axes: (4, 4) transform of the scene to metres and its up axis.
+        """
+        self._options = options
+        self._axes = axes
+        self._sizes: dict[int, tuple[int, int, int]] = {}
+        """Number of parts, nodes and levels in the subtree of each node, by the node's ``id``."""
+        self._shapes: dict[tuple[int, tuple[tuple[str, int], ...]], list[tuple[int, int]]] = {}
+        """Shape indices with their numbers of triangles, by geometry and materials."""
+        self._triangles = self._drawn = 0
+        self.result = MeshData()
+        self._textures = TextureFiles(read_file, self.result)
+
+    def read(self, nodes: list[Any]) -> None:
+        sizes = [self._size(node, 1) for node in nodes]
+        parts, visited = sum(size[0] for size in sizes), sum(size[1] for size in sizes)
+        if parts > self._options.max_instances:
+            raise MeshFaultError(f"it has {_about(parts)} parts, the limit is {self._options.max_instances}")
+        if visited > MAX_VISITED_NODES:
+            raise MeshFaultError(f"it has {_about(visited)} nodes, the limit is {MAX_VISITED_NODES}")
+        for node in nodes:
+            self._add(node, self._axes, "")
+
+    def _size(self, node: Any, level: int) -> tuple[int, int, int]:
+        """Return the number of parts, nodes and levels in a node's subtree. A shared subtree is walked only once.
+
+        Raises:
+            MeshFaultError: There are too many levels.
+        """
+        geometry = _geometry_of(node)
+        if geometry is not None:
+            return max(1, len(geometry.primitives)), 1, 1
+        if not isinstance(node, collada.scene.Node):  # a camera or light
+            return 0, 0, 1
+        target = node.node if isinstance(node, collada.scene.NodeNode) else node
+        size = self._sizes.get(id(target))
+        if size is None:
+            if level > self._options.max_node_depth:
+                raise MeshFaultError(f"it has more than {self._options.max_node_depth} levels of nodes")
+            below = [self._size(child, level + 1) for child in target.children or ()]
+            parts = sum(child[0] for child in below)
+            size = (
+                parts,
+                1 + sum(child[1] for child in below) if parts else 0,
+                1 + max((c[2] for c in below), default=0),
+            )
+            self._sizes[id(target)] = size
+        if level + size[2] > self._options.max_node_depth + 1:
+            raise MeshFaultError(f"it has more than {self._options.max_node_depth} levels of nodes")
+        return size
+
+    def _add(self, node: Any, X: NDArray[np.float64], name: str) -> None:
+        """Add the instances of a node and those below it. Recursion is limited by ``max_node_depth``.
+
+        Args:
+            name: Name of the nearest node above that has one.
+        """
+        geometry = _geometry_of(node)
+        if geometry is not None:
+            if self._options.submesh not in ("", name):
+                return
+            if isinstance(node, collada.scene.ControllerNode):
+                X = self._X_bind(node.controller, X)
+            if not np.isfinite(X).all():
+                self._warn_once("geometry of nodes with transforms that are not finite is left out")
+                return
+            for shape, triangles in self._shapes_of(geometry, node.materials):
+                self._drawn += triangles
+                if self._drawn > self._options.max_drawn_elements:
+                    raise MeshFaultError(f"its parts draw more than {self._options.max_drawn_elements} triangles")
+                self.result.instances.append((shape, X.tobytes()))
+        elif self._size(node, 0)[0]:
+            X_child = X @ np.asarray(node.matrix, np.float64)
+            name = node.xmlnode.get("name") or name
+            for child in node.children or ():
+                self._add(child, X_child, name)
+
+    def _X_bind(self, controller: Any, X_node: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (4, 4) pose of a skinned or morphed geometry without its animation.
+
+        Skinned vertices are in the coordinates of the skeleton, not of the node (COLLADA 1.4, 4-20).
+        """
+        self._warn_once("skinned and morphed meshes are shown in their bind pose")
+        if not isinstance(controller, collada.controller.Skin):
+            return X_node
+        return self._axes @ np.asarray(controller.bind_shape_matrix, np.float64).reshape(4, 4)
+
+    def _warn_once(self, warning: str) -> None:
+        if warning not in self.result.warnings:
+            self.result.warnings.append(warning)
+
+    def _shapes_of(self, geometry: Any, material_nodes: list[Any]) -> list[tuple[int, int]]:
+        materials = {each.symbol: each.target.effect for each in material_nodes}
+        key = (id(geometry), tuple(sorted((str(symbol), id(effect)) for symbol, effect in materials.items())))
+        shapes = self._shapes.get(key)
+        if shapes is None:
+            shapes = self._shapes[key] = list(self._read_geometry(geometry, materials))
+        return shapes
+
+    def _read_geometry(self, geometry: Any, materials: dict[str, Any]) -> Iterator[tuple[int, int]]:
+        for primitive in geometry.primitives:
+            if isinstance(primitive, collada.polylist.Polylist):
+                primitive = primitive.triangleset()
+            if not isinstance(primitive, collada.triangleset.TriangleSet) or primitive.vertex is None:
+                continue
+            count = len(primitive.vertex_index)
+            self._triangles += count
+            if self._triangles > self._options.max_elements:
+                raise MeshFaultError(f"it has more than {self._options.max_elements} triangles")
+            shape = self._read_primitive(primitive, materials.get(primitive.material))
+            if shape is not None:
+                self.result.shapes.append(shape)
+                yield len(self.result.shapes) - 1, count
+
+    def _read_primitive(self, primitive: Any, effect: Any) -> Shape | None:
+        """Convert triangles with one index per attribute to triangles that share no vertices."""
+        positions = _corners(primitive.vertex, primitive.vertex_index, "vertices")
+        normals = uv = colors = None
+        if primitive.normal is not None:
+            normals = _corners(primitive.normal, primitive.normal_index, "normals")
+        color, image = (None, None) if effect is None else self._material(effect)
+        if primitive.texcoordset:  # kept without an image, too: the material of a robot file may have one
+            uv = _corners(primitive.texcoordset[0], primitive.texcoord_indexset[0], "texture coordinates")[:, :2]
+        color_inputs = primitive.sources.get("COLOR")
+        if effect is None and color_inputs:
+            offset, source = color_inputs[0][0], color_inputs[0][4]
+            values = np.clip(np.nan_to_num(_corners(source.data, primitive.index[:, :, offset], "colours")), 0.0, 1.0)
+            if values.shape[1] in (3, 4):
+                colors = np.full((len(values), 4), 255, np.uint8)
+                colors[:, : values.shape[1]] = np.round(values * 255.0)
+        triangles, warnings = np.arange(len(positions), dtype=np.int64).reshape(-1, 3), self.result.warnings
+        return shape_of(positions, triangles, warnings, normals=normals, uv=uv, colors=colors, color=color, image=image)
+
+    def _material(self, effect: Any) -> tuple[tuple[float, float, float, float], int | None]:
+        """Return the diffuse colour and the texture of an effect."""
+        rgba, image = (1.0, 1.0, 1.0, 1.0), None
+        if isinstance(effect.diffuse, collada.material.Map):
+            path = effect.diffuse.sampler.surface.image.path
+            image = self._textures.index(path) if path else None
+        elif effect.diffuse is not None:
+            r, g, b, a = (*map(float, effect.diffuse), 1.0)[:4]
+            rgba = (r, g, b, a)
+        transparent = effect.transparent
+        if transparent is not None and not isinstance(transparent, collada.material.Map):
+            rgba = (*rgba[:3], _opacity(transparent, effect.opaque_mode))
+        return rgba, image
+
+
+def _geometry_of(node: Any) -> Any:
+    """Return the geometry that a node instantiates, directly or through a skin or morph; None if there is none."""
+    if isinstance(node, collada.scene.ControllerNode):
+        skinned = isinstance(node.controller, collada.controller.Skin)
+        return node.controller.geometry if skinned else node.controller.source_geometry
+    return node.geometry if isinstance(node, collada.scene.GeometryNode) else None
+
+
+def _opacity(transparent: tuple[float, ...], mode: str) -> float:
+    """Return the opacity of ``<transparent>`` (COLLADA 1.4, 7-5). ``<transparency>`` is ignored: exporters differ."""
+    if mode == collada.material.OPAQUE_MODE.RGB_ZERO:
+        r, g, b = transparent[:3]
+        return 1.0 - (0.212671 * r + 0.715160 * g + 0.072169 * b)
+    return float(transparent[3])
+
+
+def _corners(values: NDArray[np.float32], indices: NDArray[np.int32], what: str) -> NDArray[np.float32]:
+    """Return the value of each corner, (number of corners, components)."""
+    if indices.size and not (int(indices.min()) >= 0 and int(indices.max()) < len(values)):
+        raise MeshFaultError(f"an index of its {what} is not one of 0 to {len(values) - 1}")
+    corners: NDArray[np.float32] = values[indices.reshape(-1)]
+    return corners
+
+
+def _about(number: int) -> str:
+    """Return a number as text; from ten digits on, as ``more than 10^9``."""
+    text = str(number)
+    return text if len(text) < 10 else f"more than 10^{len(text) - 1}"

@@ -1,0 +1,244 @@
+"""Reads mesh files: OBJ, STL and PLY with trimesh, COLLADA with pycollada, VTK with our own parser."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from trimesh.visual.material import SimpleMaterial
+
+from gateway.files.parsers.collada import read_collada
+from gateway.files.parsers.mesh_data import MeshData, MeshFaultError, MeshOptions, Shape, checked_triangles, shape_of
+from gateway.files.parsers.obj import with_absolute_faces, without_broken_faces
+from gateway.files.parsers.ply import triangles_of_strips, with_plain_header, with_triangles
+from gateway.files.parsers.texture_files import ReadFile, TextureFiles
+from gateway.files.parsers.vtk import read_vtk
+
+_IDENTITY: Final = np.eye(4).tobytes()
+_USED_MATERIAL: Final = re.compile(rb"^[ \t]*usemtl[ \t]([^\r\n]*)", re.MULTILINE)
+_DEFINED_MATERIAL: Final = re.compile(rb"^[ \t]*newmtl[ \t]([^\r\n]*)", re.MULTILINE)
+_TEXTURE_OPTION: Final = re.compile(r"-[a-z]+(?: +(?:on|off|[-+.\de]+))+ +")
+"""Option before a texture's name in an MTL file, such as ``-clamp on`` and ``-s 1 1 1``."""
+_MAX_NAMED: Final = 5
+"""Maximum number of names in a warning."""
+
+
+def read_mesh(read_file: ReadFile, data: bytes, extension: str, options: dict[str, Any]) -> MeshData | str:
+    """Return the content of a mesh file, or the reason why it cannot be used.
+
+    Args:
+        extension: obj, stl, ply, dae or vtk.
+        options: ``MeshOptions``.
+    """
+    try:
+        result = _read(read_file, data, extension, msgspec.convert(options, MeshOptions))
+    except MemoryError:
+        raise
+    except MeshFaultError as error:
+        return str(error)
+    except Exception as error:  # noqa: BLE001 - third-party code on damaged data
+        # Only errors that the parsers raise on purpose have texts for users.
+        reason = " ".join(str(error).split())[:200] if isinstance(error, ValueError) else ""
+        return f"it cannot be read as {extension.upper()}: {reason or 'it is damaged'}"
+    if not result.instances:
+        return "; ".join(("the file holds no triangles or points", *result.warnings))
+    _make_visible(result)
+    return result
+
+
+def _make_visible(content: MeshData) -> None:
+    """Make all shapes opaque if each has an opacity of 0: exporters write that for opaque meshes."""
+    colors = [shape.color for shape in content.shapes]
+    if all(color is not None and color[3] <= 0.0 for color in colors):
+        for shape in content.shapes:
+            if shape.color is not None:
+                shape.color = (*shape.color[:3], 1.0)
+        content.warnings.append("all its materials have an opacity of 0; it is drawn opaque")
+
+
+def _read(read_file: ReadFile, data: bytes, extension: str, options: MeshOptions) -> MeshData:
+    if extension == "vtk":
+        content = MeshData()
+        positions, triangles = read_vtk(data, options.max_vertices, options.max_elements, content.warnings)
+        shape = shape_of(positions, triangles, content.warnings)
+        if shape is not None:
+            content.shapes, content.instances = [shape], [(0, _IDENTITY)]
+        return content
+    if extension == "dae":
+        return read_collada(data, read_file, options)
+    if extension == "obj":
+        original = data
+        data = with_absolute_faces(data)
+    elif extension == "ply":
+        data = with_triangles(with_plain_header(data))
+    result = MeshData()
+    textures = TextureFiles(read_file, result)
+    resolver = _Resolver(read_file, textures)
+
+    def load(data: bytes) -> Any:
+        return trimesh.load_scene(
+            io.BytesIO(data), file_type=extension, resolver=resolver, process=False, allow_remote=False
+        )
+
+    try:
+        scene = load(data)
+    except (ValueError, IndexError):
+        if extension == "ply":
+            raise ValueError("its data do not fit its header") from None  # NumPy's words are no help
+        if extension != "obj":
+            raise
+        scene = load(without_broken_faces(data, original, result.warnings))
+    if resolver.materials:
+        result.warnings += _undefined_materials(data, resolver.materials)
+    _add_content(scene, textures, options, result)
+    return result
+
+
+def _undefined_materials(data: bytes, materials: set[bytes]) -> list[str]:
+    """Return a warning if an OBJ file uses materials that none of its MTL files defines."""
+    undefined = {name.strip() for name in _USED_MATERIAL.findall(data)} - materials
+    if not undefined:
+        return []
+    names = ", ".join(sorted(repr(name[:60].decode("utf-8", "replace")) for name in undefined)[:_MAX_NAMED])
+    return [f"materials of usemtl that no MTL file defines ({len(undefined)}): {names}; they are white"]
+
+
+class _Resolver(trimesh.resolvers.Resolver):
+    """Resolver that lets trimesh read files only through ``read_file``."""
+
+    def __init__(self, read_file: ReadFile, textures: TextureFiles) -> None:
+        self._read_file = read_file
+        self._textures = textures
+        self.materials: set[bytes] = set()
+        """Names of all materials in the MTL files that were read."""
+
+    def get(self, name: str) -> bytes:
+        name = _TEXTURE_OPTION.sub("", str(name)) if str(name).startswith("-") else str(name)
+        data = self._read_file(name)
+        materials = _DEFINED_MATERIAL.findall(data)
+        if not materials and not name.lower().endswith(".mtl"):
+            return self._textures.encoded(name, data)
+        self.materials |= {material.strip() for material in materials}
+        return data
+
+    def write(self, name: str, data: object) -> None:
+        raise PermissionError(name)
+
+    def keys(self) -> list[str]:
+        return []
+
+    def namespaced(self, namespace: str) -> _Resolver:
+        return self
+
+
+def _add_content(scene: Any, textures: TextureFiles, options: MeshOptions, result: MeshData) -> None:
+    """Add the content of a ``trimesh.Scene``: one instance of each geometry, as these formats have no others."""
+    if len(scene.geometry) > options.max_instances:
+        raise MeshFaultError(f"it has {len(scene.geometry)} parts, the limit is {options.max_instances}")
+    vertices = sum(len(getattr(geometry, "vertices", ())) for geometry in scene.geometry.values())
+    triangles = sum(len(getattr(geometry, "faces", ())) for geometry in scene.geometry.values())
+    if vertices > options.max_vertices or triangles > options.max_elements:
+        raise MeshFaultError(f"it has more than {options.max_vertices} vertices or {options.max_elements} triangles")
+    for geometry in scene.geometry.values():
+        shape = _shape(geometry, textures, result.warnings)
+        if shape is not None:
+            result.instances.append((len(result.shapes), _IDENTITY))
+            result.shapes.append(shape)
+
+
+def _shape(geometry: Any, textures: TextureFiles, warnings: list[str]) -> Shape | None:
+    """Convert a trimesh geometry; None for one that draws nothing."""
+    positions = np.asarray(getattr(geometry, "vertices", np.zeros((0, 3))))
+    if positions.ndim != 2 or positions.shape[1] != 3 or not len(positions):
+        return None
+    colors = _vertex_colors(geometry, len(positions))
+    if not hasattr(geometry, "faces"):
+        strips = triangles_of_strips(geometry.metadata)
+        if strips is not None:
+            strips = checked_triangles(strips, len(positions), warnings)
+        return shape_of(positions, strips, warnings, colors=colors)
+    triangles = checked_triangles(np.asarray(geometry.faces, np.int64).reshape(-1, 3), len(positions), warnings)
+    uv, color, image = _material(geometry, textures)
+    # trimesh's property computes missing normals. Its cache has only the normals of the file.
+    normals = geometry._cache.cache.get("vertex_normals")
+    if normals is not None and len(normals) != len(positions):
+        normals = None
+    return shape_of(positions, triangles, warnings, normals=normals, uv=uv, colors=colors, color=color, image=image)
+
+
+def _vertex_colors(geometry: Any, vertex_count: int) -> NDArray[np.uint8] | None:
+    """Return the sRGB colours of vertices or points, (vertex_count, 4) uint8; None if there are none."""
+    visual = getattr(geometry, "visual", None)
+    if visual is None or getattr(visual, "kind", None) != "vertex":
+        colors = getattr(geometry, "colors", None)
+    else:
+        colors = visual.vertex_colors
+    if colors is None or np.shape(colors) != (vertex_count, 4):
+        return None
+    return np.asarray(colors, np.uint8)
+
+
+def _material(
+    geometry: Any, textures: TextureFiles
+) -> tuple[NDArray[np.float64] | None, tuple[float, float, float, float] | None, int | None]:
+    """Return texture coordinates, diffuse colour and texture; None for those that are missing or unused.
+
+    Coordinates are kept without a texture: the material of a robot file may have one for them.
+    """
+    visual = geometry.visual
+    if getattr(visual, "kind", None) == "face":
+        return None, _rgba(np.asarray(visual.main_color, np.float64) / 255.0), None
+    material, uv = getattr(visual, "material", None), getattr(visual, "uv", None)
+    if material is None:
+        return None, None, None
+    if _is_default(material):
+        return uv, None, None
+    image_file = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    texture, info = getattr(image_file, "fp", None), getattr(image_file, "info", {})
+    has_uv = uv is not None and np.shape(uv) == (len(geometry.vertices), 2)
+    image = (
+        textures.add(str(info.get("file_path", "texture")), texture.getvalue())
+        if has_uv and isinstance(texture, io.BytesIO)
+        else None
+    )
+    statements = getattr(material, "kwargs", None) or {}
+    if image is None and isinstance(material, SimpleMaterial) and not statements:
+        return None, None, None  # an image without usable coordinates: the colour is trimesh's grey default
+    diffuse = getattr(material, "baseColorFactor", None)
+    diffuse = getattr(material, "diffuse", None) if diffuse is None else diffuse
+    color = np.ones(4) if diffuse is None else np.append(np.asarray(diffuse, np.float64)[:4] / 255.0, 1.0)[:4]
+    color[3] *= _mtl_opacity(statements)
+    return uv, _rgba(color), image
+
+
+def _rgba(color: NDArray[np.float64]) -> tuple[float, float, float, float]:
+    r, g, b, a = color.tolist()
+    return r, g, b, a
+
+
+def _is_default(material: Any) -> bool:
+    """Return True for the grey material that trimesh gives OBJ files with texture coordinates but without an MTL file.
+
+    A material of an MTL file has its statements in ``kwargs``; the image of the grey material has no file.
+    """
+    if not isinstance(material, SimpleMaterial) or material.kwargs:
+        return False
+    return not isinstance(getattr(material.image, "fp", None), io.BytesIO)
+
+
+def _mtl_opacity(statements: dict[str, Any]) -> float:
+    """Return the opacity of a material in an MTL file: its ``d``, or 1 - ``Tr``. The default is 1."""
+    for key in ("d", "tr"):
+        try:
+            value = float(statements[key][-1])
+        except (KeyError, IndexError, TypeError, ValueError):
+            continue
+        if math.isfinite(value):
+            return value if key == "d" else 1.0 - value
+    return 1.0

@@ -1,0 +1,110 @@
+"""Rewrites faces of OBJ files that trimesh would refuse or misread."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from gateway.files.parsers.mesh_data import MeshFaultError
+
+_CORNER: Final = re.compile(rb"(\d{1,9})(?:/(\d{1,9})?)?(?:/(\d{1,9})?)?")
+"""Corner of a face with absolute indices: vertex, texture coordinates and normal, counted from 1."""
+_KINDS: Final = (b"v", b"vt", b"vn")
+"""Statements that the three numbers of a corner count."""
+
+
+_RELATIVE_FACE: Final = re.compile(rb"^[ \t]*f[ \t][^\r\n]*[ \t/]-\d", re.MULTILINE)
+_CONTINUED: Final = re.compile(rb"\\[\r\n]")
+_NEGATIVE: Final = re.compile(rb"-\d{1,9}")
+_MISSING: Final = 999_999_999
+"""Index that trimesh refuses; one below 1 would count from the end of the file."""
+
+
+def with_absolute_faces(data: bytes) -> bytes:
+    """Return the file with negative indices of faces replaced by positive ones, and continued lines joined.
+
+    A negative index counts back from the face's own line. trimesh counts from the end of the file. Each statement keeps
+    its line.
+    """
+    if not _CONTINUED.search(data) and not _RELATIVE_FACE.search(data):
+        return data
+    lines = _joined(data.splitlines())
+    counts = dict.fromkeys(_KINDS, 0)
+    for number, line in enumerate(lines):
+        statement = line.split(maxsplit=1)[:1]
+        if statement == [b"f"]:
+            corners = (corner.split(b"/") for corner in line.partition(b"#")[0].split()[1:])
+            lines[number] = b"f " + b" ".join(_absolute(corner, counts) for corner in corners)
+        elif statement and statement[0] in counts:
+            counts[statement[0]] += 1
+    return b"\n".join(lines)
+
+
+def _joined(lines: list[bytes]) -> list[bytes]:
+    """Return lines in which one with a backslash at its end holds the next ones, too, and these are empty."""
+    joined: list[bytes] = []
+    parts: list[bytes] = []
+    for line in lines:
+        parts.append(line.removesuffix(b"\\"))
+        if not line.endswith(b"\\"):
+            joined += [b" ".join(parts), *[b""] * (len(parts) - 1)]
+            parts = []
+    return [*joined, b" ".join(parts)]
+
+
+def _absolute(corner: list[bytes], counts: dict[bytes, int]) -> bytes:
+    """Return a corner of a face with positive indices.
+
+    Args:
+        corner: Indices of vertex, texture coordinates and normal.
+        counts: Number of each of them in the lines before the face.
+    """
+    indices = [
+        b"%d" % (count + 1 + int(index) if -int(index) <= count else _MISSING) if _NEGATIVE.fullmatch(index) else index
+        for index, count in zip(corner, counts.values(), strict=False)
+    ]
+    return b"/".join(indices)
+
+
+def without_broken_faces(data: bytes, original: bytes, warnings: list[str]) -> bytes:
+    """Return the file without faces that are not three or more corners, or refer to vertices that do not exist.
+
+    Args:
+        data: OBJ file, as ``with_absolute_faces`` returns it.
+        original: The file as it was, which is quoted.
+        warnings: A sentence is appended if faces are left out: their number, and the first one with its line.
+
+    Raises:
+        MeshFaultError: All faces are broken.
+    """
+    lines = data.splitlines()
+    statements = [line.split(maxsplit=1)[:1] for line in lines]
+    for number, statement in enumerate(statements):
+        if statement == [b"f"]:
+            lines[number] = lines[number].partition(b"#")[0]  # trimesh reads no comments behind faces
+    counts = [sum(statement == [kind] for statement in statements) for kind in _KINDS]
+    broken = [
+        number
+        for number, (line, statement) in enumerate(zip(lines, statements, strict=True))
+        if statement == [b"f"] and not _is_face(line.split()[1:], counts)
+    ]
+    if broken:
+        total = sum(statement == [b"f"] for statement in statements)
+        first = original.splitlines()[broken[0]][:60].decode("ascii", "replace").strip()
+        sentence = f"{len(broken)} of {total} faces are left out, such as {first!r} in line {broken[0] + 1}"
+        if len(broken) == total:
+            raise MeshFaultError(sentence)
+        warnings.append(sentence)
+    for number in broken:
+        lines[number] = b""
+    return b"\n".join(lines)
+
+
+def _is_face(corners: list[bytes], counts: list[int]) -> bool:
+    """Return True for three or more corners of existing vertices, texture coordinates and normals."""
+    matches = [_CORNER.fullmatch(corner) for corner in corners]
+    return len(corners) >= 3 and all(
+        match
+        and all(not index or 1 <= int(index) <= count for index, count in zip(match.groups(), counts, strict=True))
+        for match in matches
+    )

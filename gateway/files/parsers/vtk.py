@@ -1,0 +1,253 @@
+"""Reads legacy VTK files (.vtk): surfaces of polygons, and boundaries of volumes.
+
+Source: "VTK File Formats", section "Simple Legacy Formats". Versions 2 to 4 (CELLS as counts and indices) and version 5
+(OFFSETS and CONNECTIVITY) are read. Drake's hydroelastic meshes are UNSTRUCTURED_GRID files of tetrahedra.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.files.parsers.mesh_data import MeshFaultError, triangles_of_polygons, triangles_of_strip
+
+_STRIP, _POLYGON, _PIXEL, _QUAD = 6, 7, 8, 9
+_TETRAHEDRON, _VOXEL, _HEXAHEDRON, _WEDGE, _PYRAMID = range(10, 15)
+"""VTK's numbers of cell types."""
+_FACES: Final = {
+    _TETRAHEDRON: ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)),
+    _VOXEL: ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)),
+    _HEXAHEDRON: ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
+    _WEDGE: ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
+    _PYRAMID: ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+}
+"""Corners of each face of a volume, counter-clockwise from outside."""
+_CORNERS: Final = {5: 3, _PIXEL: 4, _QUAD: 4, _TETRAHEDRON: 4, _VOXEL: 8, _HEXAHEDRON: 8, _WEDGE: 6, _PYRAMID: 5}
+"""Number of corners by cell type, where it is the same for all cells."""
+_LINEAR: Final = {
+    5: (22, 34),
+    _QUAD: (23, 28, 30),
+    _TETRAHEDRON: (24,),
+    _HEXAHEDRON: (25, 29, 33),
+    _WEDGE: (26, 31, 32),
+    _PYRAMID: (27, 37),
+}
+"""Quadratic types by the linear type with the same corners. Their points between the corners come after those."""
+_WITHOUT_SURFACE: Final = (0, 1, 2, 3, 4, 21, 35)
+"""Cell types that are points or lines."""
+_POLYGON_SECTIONS: Final = {b"polygons": _POLYGON, b"triangle_strips": _STRIP}
+"""Cell types by the keyword of a section of POLYDATA."""
+_TYPES: Final = {
+    b"float": ">f4",
+    b"double": ">f8",
+    b"int": ">i4",
+    b"vtktypeint64": ">i8",
+    b"long": ">i8",
+    b"vtkidtype": ">i4",
+}
+"""NumPy types by the names in a file. Binary files are big-endian."""
+_WORD: Final = re.compile(rb"\S+")
+_MAX_WORD: Final = 64
+"""Maximum length of a word in bytes: keywords and counts are shorter."""
+
+
+class _Parser:
+    """Reads words and arrays of a file in their order. Methods raise MeshFaultError."""
+
+    def __init__(self, data: bytes) -> None:
+        lines = data.split(b"\n", 3)
+        if len(lines) < 4 or not lines[0].lower().startswith(b"# vtk datafile"):
+            raise MeshFaultError("it does not start as a legacy VTK file")
+        self._is_binary = lines[2].strip().upper() == b"BINARY"
+        self._data = lines[3]
+        self._position = 0
+
+    def next_is(self, word: bytes) -> bool:
+        """Return True and skip the next word if it is ``word``, which is in lower case; else return False."""
+        begin = self._position
+        if self.word() == word:
+            return True
+        self._position = begin
+        return False
+
+    def word(self) -> bytes:
+        """Return the next word in lower case, at most ``_MAX_WORD`` bytes of it; empty at the end."""
+        found = _WORD.search(self._data, self._position)
+        self._position = len(self._data) if found is None else found.end()
+        return b"" if found is None else self._data[found.start() : min(found.end(), found.start() + _MAX_WORD)].lower()
+
+    def count(self, limit: int) -> int:
+        """Return the next word as a number of elements, which is at most ``limit``."""
+        word = self.word()
+        count = int(word) if word.isdigit() and len(word) < 12 else -1
+        if not 0 <= count <= limit:
+            raise MeshFaultError(f"it has {word.decode('ascii', 'replace')[:20]!r} elements, the limit is {limit}")
+        return count
+
+    def numbers(self, kind: bytes, count: int) -> NDArray[np.float64]:
+        """Return the next ``count`` numbers, (count,) float64.
+
+        Args:
+            kind: type of the numbers in a binary file, a key of ``_TYPES``.
+        """
+        if self._is_binary:
+            return self._binary(kind, count)
+        # Split a window that grows until it holds all numbers: splitting the whole rest each time would be quadratic.
+        end = self._position
+        while True:
+            end = min(len(self._data), 2 * end - self._position + 32 * (count + 2))
+            found = self._data[self._position : end].split(None, count)
+            if len(found) > count or end == len(self._data):
+                break
+        if len(found) < count:
+            raise MeshFaultError(f"it ends after {len(found)} of {count} numbers")
+        self._position = end - (len(found[count]) if len(found) > count else 0)
+        try:
+            return np.array(found[:count], dtype="S32").astype(np.float64)
+        except ValueError:
+            raise MeshFaultError("it has a number that cannot be read") from None
+
+    def _binary(self, kind: bytes, count: int) -> NDArray[np.float64]:
+        dtype = _TYPES.get(kind)
+        if dtype is None:
+            raise MeshFaultError(f"numbers of the type {kind.decode('ascii', 'replace')[:20]!r} cannot be read")
+        begin = self._data.find(b"\n", self._position) + 1
+        end = begin + np.dtype(dtype).itemsize * count
+        if not begin or end > len(self._data):
+            raise MeshFaultError(f"it ends within an array of {count} numbers")
+        self._position = end
+        return np.frombuffer(self._data[begin:end], dtype).astype(np.float64)
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def read_vtk(
+    data: bytes, max_vertices: int, max_triangles: int, warnings: list[str]
+) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Return the surface in a file. Points and lines are left out.
+
+    Args:
+        max_vertices: Maximum number of points.
+        max_triangles: Maximum number of cells, and of triangles.
+        warnings: A sentence is appended if cells of other types are left out.
+
+    Returns:
+        Positions (N, 3) float32, in the file's unit, and triangles (M, 3) int64.
+
+    Raises:
+        MeshFaultError: The file is damaged, not a legacy VTK file with points and cells, or beyond a limit.
+    """
+    parser = _Parser(data)
+    positions: NDArray[np.float32] | None = None
+    points: list[NDArray[np.int64]] = []
+    sizes: list[NDArray[np.int64]] = []
+    types: list[NDArray[np.int64]] = []
+    while word := parser.word():
+        if word == b"points":
+            count = parser.count(max_vertices)
+            positions = parser.numbers(parser.word(), 3 * count).reshape(count, 3).astype(np.float32)
+        elif word == b"cells" or word in _POLYGON_SECTIONS:
+            points_of_section, sizes_of_section = _cells(parser, max_triangles)
+            points.append(points_of_section)
+            sizes.append(sizes_of_section)
+            types.append(np.full(len(sizes_of_section), _POLYGON_SECTIONS.get(word, _POLYGON)))
+        elif word == b"cell_types" and types:
+            types[-1] = parser.numbers(b"int", parser.count(max_triangles)).astype(np.int64)
+            break
+        elif word in (b"point_data", b"cell_data"):
+            break
+    if positions is None or not any(map(len, sizes)):
+        raise MeshFaultError("it has no points or no cells")
+    cells = np.concatenate(points), np.concatenate(sizes), np.concatenate(types)
+    triangles = _triangles(*cells, max_triangles, warnings)
+    if triangles.size and not (triangles.min() >= 0 and triangles.max() < len(positions)):
+        worst = int(triangles.min()) if triangles.min() < 0 else int(triangles.max())
+        raise MeshFaultError(f"a cell refers to point {worst} of {len(positions)}")
+    return positions, triangles
+
+
+def _cells(parser: _Parser, limit: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the points of all cells, and the number of points of each cell, (N,); N is at most ``limit``."""
+    first, size = parser.count(limit), parser.count(16 * limit)
+    # Version 5 states the numbers of offsets and of indices; older versions, of cells and of integers in the list.
+    if parser.next_is(b"offsets"):
+        offsets = parser.numbers(parser.word(), first).astype(np.int64)
+        if parser.word() != b"connectivity":
+            raise MeshFaultError("its cells have no connectivity")
+        connectivity = parser.numbers(parser.word(), size).astype(np.int64)
+        if len(offsets) and not ((np.diff(offsets) >= 0).all() and offsets[0] >= 0 and offsets[-1] <= size):
+            raise MeshFaultError("the offsets of its cells are not in order")
+        return connectivity[offsets[0] : offsets[-1]] if first else connectivity[:0], np.diff(offsets)
+    numbers = parser.numbers(b"int", size).astype(np.int64)
+    places = np.empty(first, np.int64)  # of the cells' sizes, each before its points
+    place = 0
+    for cell in range(first):
+        count = int(numbers[place]) if place < size else -1
+        if not 0 <= count < size - place:
+            raise MeshFaultError("a cell is cut off")
+        places[cell] = place
+        place += 1 + count
+    return np.delete(numbers[:place], places), numbers[places]
+
+
+def _triangles(
+    points: NDArray[np.int64], sizes: NDArray[np.int64], types: NDArray[np.int64], limit: int, warnings: list[str]
+) -> NDArray[np.int64]:
+    """Return the triangles of cells, (M, 3): polygons as fans, then strips, then the boundary of the volumes.
+
+    Args:
+        points: Points of all cells.
+        sizes, types: Number of points and type of each cell, (N,).
+        limit: Maximum number of triangles.
+        warnings: A sentence is appended if cells are left out.
+    """
+    if len(types) != len(sizes):
+        raise MeshFaultError(f"it has {len(types)} types for {len(sizes)} cells")
+    starts = np.cumsum(sizes) - sizes
+    for linear, quadratic in _LINEAR.items():
+        types[np.isin(types, quadratic)] = linear
+    known = np.isin(types, (_STRIP, _POLYGON)) & (sizes >= 3)
+    for kind, count in _CORNERS.items():
+        has_corners = (types == kind) & (sizes >= count)
+        sizes[has_corners] = count
+        known |= has_corners
+    left_out = ~known & ~np.isin(types, _WITHOUT_SURFACE)
+    if left_out.any():
+        kinds = ", ".join(map(str, np.unique(types[left_out])[:5]))
+        warnings.append(f"{np.count_nonzero(left_out)} of {len(types)} cells are left out, of VTK's types {kinds}")
+    third = starts[known & (types == _PIXEL)] + 2
+    points[np.stack((third, third + 1))] = points[np.stack((third + 1, third))]  # their corners are in rows
+    is_strip = known & (types == _STRIP)
+    is_polygon = known & (types < _TETRAHEDRON) & ~is_strip
+    total = int((sizes[is_polygon | is_strip] - 2).sum())
+    if total > limit:
+        raise MeshFaultError(f"it has {total} triangles, the limit is {limit}")
+    polygons = triangles_of_polygons(points, starts[is_polygon], sizes[is_polygon])
+    ends = starts[is_strip] + sizes[is_strip]
+    strips = [np.append(points[start:end], -1) for start, end in zip(starts[is_strip], ends, strict=True)]
+    boundary = _boundary(
+        {kind: points[starts[known & (types == kind)][:, None] + np.arange(_CORNERS[kind])] for kind in _FACES}
+    )
+    found = np.concatenate((polygons, triangles_of_strip(np.concatenate([[-1], *strips])), boundary))
+    if len(found) > limit:
+        raise MeshFaultError(f"it has {len(found)} triangles, the limit is {limit}")
+    return found
+
+
+def _boundary(volumes: dict[int, NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Return the triangles of the faces that belong to only one volume, (M, 3).
+
+    Args:
+        volumes: (N, number of corners) points of the volumes, by cell type.
+    """
+    faces = np.concatenate([
+        np.pad(corners[:, face], ((0, 0), (0, 4 - len(face))), constant_values=-1)
+        for kind, corners in volumes.items()
+        for face in _FACES[kind]
+    ])  # fmt: skip
+    _, first, counts = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    boundary = faces[np.sort(first[counts == 1])]
+    quads = boundary[boundary[:, 3] >= 0]
+    return np.concatenate((boundary[:, :3], quads[:, [0, 2, 3]]))

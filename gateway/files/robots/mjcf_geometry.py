@@ -1,0 +1,146 @@
+"""Converts the geometry of a compiled MuJoCo model to parts of the scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.files.robots.mjcf_materials import MjcfMaterials
+from gateway.scene.draw.image_meshes import rectangle
+from gateway.scene.tree.geometry import Part, Shape, Surface
+from gateway.scene.tree.transforms import from_pose
+from renderers.drawlist import Mesh
+from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
+from scenegate.robots.robot import GeometryUse
+
+COLLISION_GROUP: Final = 3
+"""First group of collision geometry, by convention: MuJoCo's viewer hides this group and higher ones."""
+INFINITE_PLANE_HALF_SIDE: Final = 10.0
+"""Half the side length with which infinite planes are drawn, metres."""
+
+
+class MjcfGeometry:
+    """Converts the geometries of a model. A mesh that several geometries use is converted once."""
+
+    def __init__(self, mujoco: Any, model: Any) -> None:
+        self._model = model
+        self._kinds = mujoco.mjtGeom
+        self._materials = MjcfMaterials(mujoco, model)
+        self._meshes: dict[int, Mesh] = {}
+        self.warnings: tuple[str, ...] = ()
+        """Sentences about geometry that is not shown. ``parts_by_body`` sets them."""
+
+    def parts_by_body(self, use: GeometryUse) -> tuple[tuple[Part, ...], ...]:
+        """Return the parts of each body, in the body's frame."""
+        model = self._model
+        parts: list[list[Part]] = [[] for _ in range(model.nbody)]
+        is_used = self._collides() if use == "collision" else ~self._is_collision_only()
+        unsupported = 0
+        for index in range(model.ngeom):
+            if not is_used[index]:
+                continue
+            rgba = self._materials.rgba(index)
+            if rgba[3] <= 0.0 and use == "visual":
+                continue
+            shape, has_uv = self._shape(index)
+            if shape is None:
+                unsupported += 1
+                continue
+            material = self._materials.material(index, has_uv)
+            X = from_pose(model.geom_pos[index].tolist(), model.geom_quat[index].tolist())
+            parts[int(model.geom_bodyid[index])].append(Part(shape, material, X))
+        if unsupported:
+            self.warnings = (f"{unsupported} geometries of other types (height fields, SDFs) are not shown",)
+        return tuple(map(tuple, parts))
+
+    def _collides(self) -> NDArray[np.bool_]:
+        """Return a mask of the geometries that can collide, (ngeom,) bool."""
+        return np.asarray((self._model.geom_contype != 0) | (self._model.geom_conaffinity != 0))
+
+    def _is_collision_only(self) -> NDArray[np.bool_]:
+        """Return a mask of the geometries that are for collisions only, (ngeom,) bool.
+
+        These are:
+
+        - all geometries of ``COLLISION_GROUP`` and higher groups,
+        - colliding geometries of group 0 whose body also has geometries of group 1 or 2 that do not collide.
+        """
+        model = self._model
+        group = model.geom_group
+        collides = self._collides()
+        has_visual = np.zeros(model.nbody, np.bool_)
+        has_visual[model.geom_bodyid[~collides & (group >= 1) & (group < COLLISION_GROUP)]] = True
+        return np.asarray((group >= COLLISION_GROUP) | ((group == 0) & collides & has_visual[model.geom_bodyid]))
+
+    def _shape(self, index: int) -> tuple[Shape | None, bool]:
+        """Return the shape of a geometry (None: its type is not supported), and True if it has texture coordinates."""
+        kind, size = self._kinds(int(self._model.geom_type[index])), self._model.geom_size[index].tolist()
+        kinds = self._kinds
+        if kind == kinds.mjGEOM_SPHERE:
+            return Sphere(size[0]), False
+        if kind == kinds.mjGEOM_CAPSULE:
+            return Capsule(size[0], 2.0 * size[1]), False
+        if kind == kinds.mjGEOM_CYLINDER:
+            return Cylinder(size[0], 2.0 * size[1]), False
+        if kind == kinds.mjGEOM_BOX:
+            return Box((2.0 * size[0], 2.0 * size[1], 2.0 * size[2])), False
+        if kind == kinds.mjGEOM_ELLIPSOID:
+            return Ellipsoid((size[0], size[1], size[2])), False
+        if kind == kinds.mjGEOM_PLANE:
+            return Surface(self._plane(index, size)), True
+        if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF) and self._model.geom_dataid[index] >= 0:
+            mesh = self._mesh(int(self._model.geom_dataid[index]))
+            return Surface(mesh), mesh.uv0 is not None
+        return None, False
+
+    def _plane(self, index: int, size: list[float]) -> Mesh:
+        """Return a rectangle at z = 0 with half side lengths ``size[:2]``, metres; 0: infinite."""
+        x, y = (half if half > 0.0 else INFINITE_PLANE_HALF_SIDE for half in size[:2])
+        plane = rectangle(2.0 * x, 2.0 * y)
+        uv = plane.positions[:, :2] * self._materials.plane_repeats(index, x, y)
+        return replace(plane, uv0=np.ascontiguousarray(uv, np.float32))
+
+    def _mesh(self, mesh: int) -> Mesh:
+        """Return a mesh with one index for each corner. MuJoCo has separate indices of position, normal and uv."""
+        if mesh not in self._meshes:
+            model = self._model
+
+            def rows(array: NDArray[Any], start: int, count: int) -> NDArray[Any]:
+                return array[start : start + count]
+
+            start, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+            positions = rows(model.mesh_vert, model.mesh_vertadr[mesh], model.mesh_vertnum[mesh])
+            normals = rows(model.mesh_normal, model.mesh_normaladr[mesh], model.mesh_normalnum[mesh])
+            corners = [rows(model.mesh_face, start, count), rows(model.mesh_facenormal, start, count)]
+            uv = None
+            if model.mesh_texcoordadr[mesh] >= 0:
+                uv = rows(model.mesh_texcoord, model.mesh_texcoordadr[mesh], model.mesh_texcoordnum[mesh])
+                corners.append(rows(model.mesh_facetexcoord, start, count))
+            unique, triangles = _unique_corners(np.stack(corners, axis=-1).reshape(3 * count, -1))
+            self._meshes[mesh] = Mesh(
+                np.ascontiguousarray(positions[unique[:, 0]], np.float32),
+                np.ascontiguousarray(triangles.reshape(-1, 3), np.uint32),
+                normals=np.ascontiguousarray(normals[unique[:, 1]], np.float32),
+                uv0=None if uv is None else np.ascontiguousarray(uv[unique[:, 2]], np.float32),
+            )
+        return self._meshes[mesh]
+
+
+def _unique_corners(corners: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the distinct rows, and for each row its index among them.
+
+    Args:
+        corners: (N, 2) or (N, 3) integers, not negative.
+    """
+    codes = np.zeros(len(corners), np.int64)
+    columns = corners.astype(np.int64)
+    sizes = columns.max(axis=0, initial=0) + 1
+    # Ranks in place of codes keep the products below 2**63 for up to 10 million vertices.
+    for column, size in zip(columns.T, sizes, strict=True):
+        codes = codes * size + column
+        _, codes = np.unique(codes, return_inverse=True)
+    _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
+    return columns[first], inverse

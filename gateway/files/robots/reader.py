@@ -1,0 +1,110 @@
+"""Reads robot files: URDF, SDF or MJCF, decided by the root element."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from gateway.files.robots.gltf_up import RobotGltfUp, nearest_up_axis
+from gateway.files.robots.limits import RobotLimits
+from gateway.files.robots.link_parts import LinkParts
+from gateway.files.robots.robot import Robot
+from gateway.files.robots.xacro_files import expand_xacro
+from renderers.stop import check_stop
+from scenegate.robots.errors import RobotFileError
+from scenegate.robots.files import RobotFiles
+from scenegate.robots.link_kinematics import LinkKinematics
+from scenegate.robots.link_model import Link, MeshReference
+from scenegate.robots.reader import errors_of, parse_links
+from scenegate.robots.robot import GeometryUse
+from scenegate.robots.xml_text import parse_xml, uses_xacro
+from scenegate.warning_text import strict_refusal
+
+MAX_LINKS_FOR_NOTE: Final = 8
+"""Maximum number of links whose collision geometry is read for the note about Y up: all of a robot's take 10 times as
+long as its glTF meshes."""
+
+
+def read_robot(
+    path: str | Path,
+    *,
+    roots: Iterable[str | Path] = (),
+    geometry: GeometryUse = "visual",
+    keyframe: str = "",
+    gltf_up: RobotGltfUp = "y",
+    strict: bool = False,
+    limits: RobotLimits | None = None,
+) -> Robot:
+    """Read a robot file. All that can be drawn is drawn; ``Robot.warnings`` has a sentence for each thing that cannot.
+
+    Args:
+        path: A URDF, SDF, MJCF or xacro file.
+        roots: Folders to search for the packages of ``package://`` names, and for relative file names.
+        geometry: Geometry of the links to return.
+        keyframe: MJCF only: name of the ``<key>`` with the joints' default values. Empty: the model's ``qpos0``.
+        gltf_up: Up axis of glTF meshes in URDF and SDF.
+        strict: True: a warning is an error.
+        limits: Limits; None: ``RobotLimits()``.
+
+    Raises:
+        RobotFileError: The file cannot be read, has no tree of links, or is beyond a limit; or ``strict`` is true and
+            it has a warning. The message names the robot file and the reason.
+        ImportError: The file is MJCF or has xacro elements, and the package ``mujoco`` or ``xacro`` is not installed.
+    """
+    limits = limits or RobotLimits()
+    with errors_of(path):
+        robot = _read(RobotFiles(Path(path), map(Path, roots), limits, check_stop), geometry, keyframe, gltf_up, limits)
+        if strict and robot.warnings:
+            raise RobotFileError(strict_refusal(robot.warnings))
+        return robot
+
+
+def _read(files: RobotFiles, geometry: GeometryUse, keyframe: str, gltf_up: RobotGltfUp, limits: RobotLimits) -> Robot:
+    warnings: list[str] = []
+    root = parse_xml(files.read_robot_file(), limits.max_elements, warnings)
+    is_xacro = files.path.suffix.lower() == ".xacro"
+    if is_xacro or uses_xacro(root):
+        try:
+            root = parse_xml(expand_xacro(files, limits), limits.max_elements, warnings)
+        except RobotFileError as error:
+            if is_xacro:
+                raise
+            warnings.append(f"{error}; its xacro elements are ignored")  # rests of an expanded file
+    if root.tag == "mujoco":
+        if files.is_pipe:
+            raise RobotFileError("MuJoCo reads files only, not pipes: write it into a file first")
+        from gateway.files.robots.mjcf import read_mjcf  # needs the package mujoco, which is optional
+
+        return read_mjcf(root, files, geometry, keyframe, limits)
+    if keyframe:
+        raise RobotFileError("only MJCF files have keyframes")
+    model = parse_links(root, files, geometry, limits, warnings)
+    joints, kinematics = model.moving_joints(warnings), LinkKinematics(model)
+    parts = LinkParts(files, limits, warnings, "z" if gltf_up == "z" else "y").of_links(model.links)
+    notes: tuple[str, ...] = ()
+    digests = dict(files.digests)  # without those of the collision geometry, unless it decides what is drawn
+    with_gltf = [index for index, link in enumerate(model.links) if _has_gltf(link)]
+    if gltf_up != "z" and with_gltf:
+        collision = parse_links(root, files, "collision", limits, []).links
+        compared = [index for index in with_gltf if collision[index].geometries]
+        if gltf_up == "y":
+            compared = compared[:MAX_LINKS_FOR_NOTE]
+        z_up = LinkParts(files, limits, [], "z").of_links(model.links[index] for index in compared)
+        expected = LinkParts(files, limits, [], "y").of_links(collision[index] for index in compared)
+        up = nearest_up_axis([parts[index] for index in compared], z_up, expected)
+        reason = "bounds are nearer to those of the collision geometry"
+        if gltf_up == "auto":
+            if up == "z":
+                parts = LinkParts(files, limits, [], "z").of_links(model.links)
+            digests = files.digests
+            notes = (f"glTF meshes are taken as {up.upper()} up: their {reason}",)
+        elif up == "z":
+            notes = (f"glTF meshes are taken as Y up; with --robot-gltf-up z, their {reason}",)
+    name = model.name or files.path.stem
+    return Robot(name, model.link_names, joints, parts, kinematics, tuple(dict.fromkeys(warnings)), notes, digests)
+
+
+def _has_gltf(link: Link) -> bool:
+    shapes = [geometry.shape for geometry in link.geometries]
+    return any(isinstance(each, MeshReference) and each.filename.lower().endswith((".gltf", ".glb")) for each in shapes)

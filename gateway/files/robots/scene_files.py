@@ -1,0 +1,100 @@
+"""Reads scene files that the operator names: glTF, meshes and robots, by the suffix of the file's name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from gateway.files.assets.mesh_formats import FORMATS, MESH_LIMITS, MeshFormatError, parse_mesh
+from gateway.files.assets.scene_file import SceneFile, SceneFileError, Up, read_scene_file
+from gateway.files.gltf import AnimationTime, GltfError
+from gateway.files.robots.gltf_up import RobotGltfUp
+from gateway.files.robots.reader import read_robot
+from gateway.scene.tree.nodes import Node
+from scenegate.regular_files import MAX_BYTES, errors_as
+from scenegate.robots.errors import RobotFileError
+from scenegate.robots.files import RobotFiles
+from scenegate.robots.joint_text import parse_joints
+from scenegate.robots.limits import RobotFileLimits
+from scenegate.robots.reader import SUFFIXES as ROBOT_SUFFIXES
+from scenegate.warning_text import strict_refusal
+
+GLTF_SUFFIXES: Final = (".gltf", ".glb")
+_OTHER_MESH_SUFFIXES: Final = sorted({f".{extension}" for extension in FORMATS} - {*GLTF_SUFFIXES})
+SCENE_SUFFIXES: Final = (*GLTF_SUFFIXES, *_OTHER_MESH_SUFFIXES, *ROBOT_SUFFIXES)
+"""Suffixes of scene files."""
+AMBIGUOUS_SUFFIXES: Final = (".xml", ".world", ".xacro")
+"""Suffixes of robots, but also of files that are none, or only a part of one."""
+_MESH_FILE_LIMITS: Final = RobotFileLimits(max_mesh_bytes=MAX_BYTES, max_total_bytes=2 * MAX_BYTES)
+FOLDER_SUFFIXES: Final = tuple(suffix for suffix in SCENE_SUFFIXES if suffix not in AMBIGUOUS_SUFFIXES)
+"""Suffixes of the scene files in a folder. One with an ambiguous suffix is read only if it is named itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class SceneOptions:
+    """Options for reading a scene file. Those for another kind of file have no effect."""
+
+    up: Up = "auto"
+    """Up axis of a glTF file, see ``read_scene_file``."""
+    joints: tuple[str, ...] = ()
+    """Joint values of a robot, as ``name=value``. Other joints have the values of the file."""
+    roots: tuple[str | Path, ...] = ()
+    """Folders with the packages of a robot's ``package://`` names."""
+    variant: str = ""
+    """Variant of a glTF file's materials; empty: the default materials."""
+    keyframe: str = ""
+    """Keyframe of an MJCF robot."""
+    robot_gltf_up: RobotGltfUp = "y"
+    """Up axis of a robot's glTF meshes."""
+    strict: bool = False
+    """True: a warning is an error."""
+    animation: AnimationTime | None = None
+    """Animation of a glTF file, and its time; None: the pose in which its nodes are stored."""
+
+
+DEFAULT_OPTIONS: Final = SceneOptions()
+
+
+def read_scene(path: Path, options: SceneOptions = DEFAULT_OPTIONS) -> SceneFile:
+    """Read a scene file. A mesh becomes a node with the file's name; a robot becomes a node with a child for each link.
+
+    Raises:
+        SceneFileError: The file or a joint value is invalid, a limit is exceeded, or there is a warning and
+            ``options.strict`` is true. The message names the file.
+    """
+    scene = _read_by_suffix(path, options)
+    if options.strict and scene.warnings:
+        raise SceneFileError(f"{path}: {strict_refusal(scene.warnings)}")
+    return scene
+
+
+def _read_by_suffix(path: Path, options: SceneOptions) -> SceneFile:
+    suffix = path.suffix.lower()
+    if suffix in GLTF_SUFFIXES:
+        return read_scene_file(path, up=options.up, variant=options.variant or None, animation=options.animation)
+    if suffix in ROBOT_SUFFIXES:
+        return _read_robot(path, options)
+    if suffix in SCENE_SUFFIXES:
+        return _read_mesh(path, suffix)
+    raise SceneFileError(f"{path}: its suffix is not one of {', '.join(SCENE_SUFFIXES)}")
+
+
+def _read_robot(path: Path, options: SceneOptions) -> SceneFile:
+    try:
+        robot = read_robot(path, roots=options.roots, keyframe=options.keyframe, gltf_up=options.robot_gltf_up)
+        root = robot.tree(parse_joints(options.joints))
+    except (RobotFileError, ImportError) as error:
+        raise SceneFileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+    return SceneFile(root, warnings=robot.warnings, notes=robot.notes, digests=robot.digests)
+
+
+def _read_mesh(path: Path, suffix: str) -> SceneFile:
+    """Read a mesh file, which may refer to files in any folder, as in a robot file."""
+    files, mesh = RobotFiles(path, (), _MESH_FILE_LIMITS), path.resolve()
+    warnings: list[str] = []
+    with errors_as(SceneFileError, path, MeshFormatError, GltfError, RobotFileError):
+        data = files.read(mesh)
+        parts = parse_mesh(data, suffix[1:], lambda name: files.read_beside(mesh, name), MESH_LIMITS, warnings)
+    root = Node(None, children={path.stem: Node(parts)})
+    return SceneFile(root, warnings=tuple(warnings), digests=files.digests)

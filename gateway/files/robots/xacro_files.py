@@ -1,0 +1,54 @@
+"""Expands xacro files with the package ``xacro``, in a child process with limited memory and time."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+from typing import Final
+
+import msgspec
+
+from gateway.files.robots.limits import RobotLimits
+from gateway.runtime.workers.limited_process import ProcessFailed, ProcessLimits, call_limited
+from scenegate.robots.errors import RobotFileError
+from scenegate.robots.files import RobotFiles
+
+_output_decoder: Final = msgspec.msgpack.Decoder(tuple[str, str, list[str]])
+
+
+def expand_xacro(files: RobotFiles, limits: RobotLimits) -> bytes:
+    """Return the URDF or SDF document of the robot file, which has xacro elements. ``files`` has read what it includes.
+
+    Raises:
+        RobotFileError: The file cannot be expanded within the limits.
+        ImportError: The package ``xacro`` is not installed.
+    """
+    if importlib.util.find_spec("xacro") is None:
+        raise ImportError(
+            "it has xacro elements, which need the package xacro: pip install 'scenegate[robots]'; "
+            "or expand it first, xacro robot.urdf.xacro > robot.urdf"
+        )
+
+    def package_folder(name: str) -> bytes:
+        folder = files.find_package(name)
+        if folder is None:
+            raise FileNotFoundError(f"the package {name!r} is not found; name a folder that contains it with --root")
+        return os.fsencode(folder)
+
+    process_limits = ProcessLimits(limits.max_xacro_bytes, limits.max_xacro_seconds)
+    try:
+        output = call_limited(
+            "gateway.files.parsers.xacro:expand_file", (str(files.path),), process_limits, package_folder
+        )
+    except ProcessFailed as error:
+        raise RobotFileError(f"xacro cannot expand it: {error}") from None
+    document, problem, includes = _output_decoder.decode(output)
+    for include in includes:
+        with contextlib.suppress(OSError, RobotFileError):  # xacro has read it, or says why not
+            files.read(files.path.parent / include)
+    if problem:
+        raise RobotFileError(f"xacro cannot expand it: {problem}")
+    if "<robot" in document and "<link" not in document:
+        raise RobotFileError("it has no links, perhaps only macros: name the file that uses them")
+    return document.encode()

@@ -1,6 +1,0 @@
-"""Scenes as binary glTF 2.0 files: ``export_glb``, with motion ``MotionWriter``."""
-
-from gateway.gltf.export.exporter import GENERATOR as GENERATOR
-from gateway.gltf.export.exporter import export_glb as export_glb
-from gateway.gltf.export.glb_document import MAX_BYTES as MAX_BYTES
-from gateway.gltf.export.motion import MotionWriter as MotionWriter

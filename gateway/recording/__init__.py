@@ -1,1 +1,0 @@
-"""Recordings in other formats: LCM logs as MCAP files."""

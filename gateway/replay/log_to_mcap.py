@@ -1,0 +1,63 @@
+"""Write the scene of an LCM log to an MCAP file, as ``scenegate record --mcap`` writes it while the log is played."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
+from gateway.replay.incomplete_messages import IncompleteMessages
+from gateway.replay.replay import is_shown
+from gateway.replay.timeline import LogTimeline
+from scenegate.recording.mcap_file import McapFiles
+from scenegate.recording.recorder import SceneWriter
+from scenegate.recording.topics import Profile, ProfileName
+from scenegate.recording.view_frames import ViewFrame
+from scenegate.regular_files import errors_name
+
+
+@dataclass(frozen=True, slots=True)
+class Converted:
+    """A log that was converted."""
+
+    read: int
+    """Number of messages of channels that change the scene."""
+    written: int
+    """Number of messages in the file."""
+    bytes: int
+    """Size of the file."""
+    warnings: Sequence[str]
+    """Sentences about messages and nodes that are not recorded completely."""
+
+
+async def convert_log(
+    timeline: LogTimeline, out: Path, profile: ProfileName, report: Callable[[int, int], None] = lambda *_: None
+) -> Converted:
+    """Write the scene of a log to an MCAP file, with the times of the log.
+
+    Args:
+        timeline: the log, opened.
+        out: file to write, which is replaced; not the log.
+        report: called after each message with the bytes of the log that were read, and the number of messages.
+
+    Raises:
+        ImportError: packages of the profile are not installed.
+        OSError: a file cannot be read or written.
+    """
+    converter = Profile(profile)
+    frames = SnapshotFrames()
+    incomplete = IncompleteMessages()
+    read = 0
+    with timeline.replay() as replay, errors_name(out), closing(McapFiles(out, converter.mcap_profile)) as mcap:
+        writer = SceneWriter(mcap, converter)
+        while (event := replay.next_event) is not None:
+            reasons = replay.step()
+            if reasons:
+                incomplete.add(event.channel, reasons)
+            read += is_shown(event.channel)
+            for frame in await frames.advance(replay.snapshot):
+                writer.write(ViewFrame(frame), replay.clock.time_ns)
+            report(replay.position, read)
+    return Converted(read, mcap.messages, mcap.bytes, [*incomplete.listed(), *writer.warnings])

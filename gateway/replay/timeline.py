@@ -1,0 +1,203 @@
+"""A log as a timeline: ``open_log``."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from array import array
+from bisect import bisect_right
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Final, TypeVar
+
+from gateway.files.assets.mesh_files import MeshFiles
+from gateway.replay.checkpoints import Checkpoints
+from gateway.replay.incomplete_messages import IncompleteMessages
+from gateway.replay.replay import LogReplay, cost_of
+from gateway.replay.scan import LogSummary, scan_log
+from gateway.scene.tree.live import Snapshot
+from scenegate.closing import Closing
+
+Result = TypeVar("Result")
+
+SLICE_SECONDS: Final = 0.02
+"""Time of the index between two seeks: longer slices would delay a playing page."""
+MAX_REPLAYS: Final = 3
+"""Number of positions at which replays wait to go on. Each keeps a state of the tree in memory."""
+MIN_LABEL_INTERVAL_NS: Final = 10_000_000
+"""Minimum time between two entries of the table of simulation times."""
+
+
+def open_log(
+    path: Path, files: MeshFiles | None = None, on_progress: Callable[[int], None] = lambda position: None
+) -> LogTimeline:
+    """Return the states of the tree over the time of a log.
+
+    It reads the headers of the log, which takes a second for 600,000 messages. ``snapshot_at`` works at once: it
+    extends the index to the time, so a seek far beyond the index takes as long as to decode what lies between. Each
+    message is decoded once for the index, and once more when a seek replays it. ``build_index`` decodes the log in the
+    background; afterwards each seek is quick::
+
+        with open_log(Path("run.lcmlog")) as timeline:
+            begin, end = timeline.span
+            for time_ns in range(begin, end, 40_000_000):
+                snapshot = await timeline.snapshot_at(time_ns)
+
+    Args:
+        path: LCM log of requests of the tree viewer's clients, or of Drake's messages.
+        files: mesh files that the messages may name; None: none.
+        on_progress: called now and then with the bytes that were read.
+
+    Raises:
+        LogError: it is not an LCM log, or none of its messages can be shown.
+        OSError: it cannot be read.
+    """
+    return LogTimeline(path, files or MeshFiles(()), scan_log(path, on_progress))
+
+
+class LogTimeline(Closing):
+    """States of the tree over the time of a log. It satisfies ``gateway.scene.tree.timeline.Timeline``.
+
+    Used in one event loop, except ``incomplete`` and ``progress``. The index and the replays change only in the
+    timeline's own thread; the event loop reads them meanwhile.
+    """
+
+    def __init__(
+        self, path: Path, files: MeshFiles, summary: LogSummary, checkpoints: Checkpoints | None = None
+    ) -> None:
+        """
+        Args:
+            checkpoints: container for those of the index, still empty; None: one with the default limits.
+
+        Raises:
+            OSError: the log cannot be read.
+        """
+        self.summary = summary
+        self.incomplete = IncompleteMessages()
+        """Messages that could not be shown completely, of the part that was indexed."""
+        self.path, self._files = path, files
+        self._checkpoints = checkpoints or Checkpoints()
+        self._indexer = LogReplay(path, files)
+        """Decodes the log once, and adds checkpoints."""
+        self._cost_since_checkpoint = 0.0
+        self._replays: list[LogReplay] = []
+        """Replays at recent positions, the last used one at the end."""
+        self._simulation_times, self._simulation_seconds = array("q"), array("d")
+        """Table of simulation times: time of the log in nanoseconds, and that of the simulation in seconds."""
+        self._thread = ThreadPoolExecutor(1, "log")
+        """The thread that replays. Seeks and slices of the index take turns in it."""
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """First and last time of the log."""
+        return self.summary.span
+
+    @property
+    def progress(self) -> float:
+        """Fraction of the log that is indexed, 0 to 1."""
+        return 1.0 if self.is_fully_indexed else self._indexer.position / max(1, self.summary.file_bytes)
+
+    @property
+    def is_fully_indexed(self) -> bool:
+        """True if seeks to all times are quick."""
+        return self._indexer.next_event is None
+
+    @property
+    def newest(self) -> Snapshot:
+        """The last state of the part that is indexed."""
+        return self._indexer.snapshot
+
+    async def snapshot_at(self, time_ns: int) -> Snapshot:
+        """Return the state that was valid at a time, nanoseconds since the epoch; times outside are clamped.
+
+        States of the same messages have the same revision. A time beyond the index waits until the index is there.
+
+        Raises:
+            OSError: the log can no longer be read.
+        """
+        begin, end = self.span
+        time_ns = min(max(time_ns, begin), end)
+        while (next_ns := self._indexer.next_time_ns) is not None and next_ns <= time_ns:
+            await self._in_thread(self._index_slice)
+        return await self._in_thread(lambda: self._seek(time_ns))
+
+    async def build_index(self, on_progress: Callable[[float], None] = lambda progress: None) -> None:
+        """Decode the log to its end, in slices between which seeks are served.
+
+        Args:
+            on_progress: called after each slice with ``progress``.
+        """
+        while not self.is_fully_indexed:
+            await self._in_thread(self._index_slice)
+            on_progress(self.progress)
+
+    def held(self) -> LogTimeline:
+        """Return this timeline: the states of a log stay."""
+        return self
+
+    def simulation_seconds_at(self, time_ns: int) -> float | None:
+        """Return the time of Drake's simulation, seconds, at a time of the log; None if none is known."""
+        index = bisect_right(self._simulation_times, time_ns) - 1
+        return self._simulation_seconds[index] if index >= 0 else None
+
+    def replay(self) -> LogReplay:
+        """Return a replay from the beginning of the log, which the caller closes.
+
+        Raises:
+            OSError: the log can no longer be read.
+        """
+        return LogReplay(self.path, self._files)
+
+    def close(self) -> None:
+        """End the thread, and close the log's files."""
+        self._thread.shutdown(cancel_futures=True)
+        for replay in (self._indexer, *self._replays):
+            replay.close()
+
+    async def _in_thread(self, work: Callable[[], Result]) -> Result:
+        """Call a function in the timeline's thread, after those of earlier calls."""
+        return await asyncio.get_running_loop().run_in_executor(self._thread, work)
+
+    def _index_slice(self) -> None:
+        """Decode the next part of the log, for ``SLICE_SECONDS``."""
+        indexer = self._indexer
+        deadline = time.perf_counter() + SLICE_SECONDS
+        while (event := indexer.next_event) is not None:
+            reasons = indexer.step()
+            if reasons:
+                self.incomplete.add(event.channel, reasons)
+            self._note_simulation_time()
+            self._cost_since_checkpoint += cost_of(event)
+            if self._cost_since_checkpoint >= self._checkpoints.interval:
+                self._checkpoints.add(indexer.renew())  # its state; the limits then count from there
+                self._cost_since_checkpoint = 0.0
+            if time.perf_counter() >= deadline:
+                break
+
+    def _note_simulation_time(self) -> None:
+        seconds, times = self._indexer.simulation_seconds, self._simulation_times
+        if seconds is None or (times and self._simulation_seconds[-1] == seconds):
+            return
+        time_ns = self._indexer.clock.time_ns
+        if not times or time_ns - times[-1] >= MIN_LABEL_INTERVAL_NS or seconds < self._simulation_seconds[-1]:
+            self._simulation_seconds.append(seconds)  # first: the event loop looks up a time, then its seconds
+            times.append(time_ns)
+
+    def _seek(self, time_ns: int) -> Snapshot:
+        """Return the state at a time that is indexed."""
+        checkpoint = self._checkpoints.before(time_ns)
+        # A replay before the checkpoint would decode more events than one that begins there.
+        usable = (
+            each for each in self._replays if each.clock.time_ns <= time_ns and each.position >= checkpoint.position
+        )
+        replay = max(usable, key=lambda each: each.position, default=None)
+        if replay is None:
+            replay = LogReplay(self.path, self._files, checkpoint)
+        else:
+            self._replays.remove(replay)
+        self._replays.append(replay)
+        if len(self._replays) > MAX_REPLAYS:
+            self._replays.pop(0).close()
+        replay.advance(time_ns)
+        return replay.snapshot

@@ -1,0 +1,16 @@
+"""All settings of the gateway: name, default, limits and help text, each defined once.
+
+The flags of ``scenegate serve``, the ``SCENEGATE_*`` environment variables, the keys of the TOML file and
+``docs/configuration.md`` are made from them. Flags override the environment, which overrides the file.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from gateway.runtime.settings.settings import Settings
+from gateway.runtime.settings.sources import SettingsError, load, unknown_environment
+
+MIB: Final = 1 << 20
+
+__all__ = ["MIB", "Settings", "SettingsError", "load", "unknown_environment"]

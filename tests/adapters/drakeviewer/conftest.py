@@ -1,0 +1,39 @@
+"""Fixtures: a viewer in this process."""
+
+from __future__ import annotations
+
+import pytest
+
+from gateway.adapters.drakeviewer import wire
+from gateway.adapters.drakeviewer.config import DrakeViewerConfig
+from gateway.adapters.drakeviewer.viewer import DrakeViewer
+from gateway.files.assets.mesh_files import MeshFiles
+from gateway.scene.tree.live import LiveTree
+from gateway.scene.tree.nodes import Node, Path
+
+
+class Viewer(DrakeViewer):
+    """A viewer with its own live tree and no mesh files."""
+
+    def __init__(self, files: MeshFiles | None = None, config: DrakeViewerConfig | None = None) -> None:
+        self.live = LiveTree()
+        super().__init__(self.live, files or MeshFiles(()), config)
+
+    def problem(self, channel: str, message: wire.Message) -> str:
+        """Handle a message; return the reasons why something is not shown, an empty string for none."""
+        return "; ".join(self.handle(channel, message))
+
+    def node(self, *path: str) -> Node:
+        """Return the node below ``drake``."""
+        found = self.live.snapshot.root.find(("drake", *path))
+        assert found is not None, f"{path} is not in {self.paths()}"
+        return found
+
+    def paths(self) -> list[Path]:
+        """Return the paths of all nodes with geometry."""
+        return [path for path, node in self.live.snapshot.root.walk() if node.parts is not None]
+
+
+@pytest.fixture
+def viewer() -> Viewer:
+    return Viewer()

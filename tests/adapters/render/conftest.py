@@ -1,0 +1,161 @@
+"""An application with the render endpoint only, and a renderer that tests can watch, hold and break."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections import Counter
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass, field
+
+import cv2
+import httpx2
+import numpy as np
+import pytest
+from fastapi import FastAPI
+from numpy.typing import NDArray
+
+from gateway.adapters.render.config import RenderConfig
+from gateway.adapters.render.pipeline import Backdrop
+from gateway.adapters.render.routes import render_router
+from gateway.adapters.render.service import RenderService
+from gateway.runtime.logs.metrics_registry import Metrics
+from gateway.runtime.logs.render_record import RenderRecord
+from gateway.runtime.workers.worker_pool import WorkerPool
+from renderers.camera import Camera
+from renderers.drawlist import LABEL_NONE, DrawList
+from renderers.interface import Frame, Look, Output, Renderer
+from tests.support.corpus import TABLE
+from tests.support.forms import gltf
+from tests.support.waiting import SECONDS
+
+
+@dataclass
+class WatchedRenderer:
+    """Paints everything with the first instance's label and colour, 2 m away; notes what it was asked for."""
+
+    calls: list[tuple[DrawList, Camera, Output, Look]] = field(default_factory=list)
+    error: Exception | None = None
+    started: threading.Event = field(default_factory=threading.Event)
+    go_on: threading.Event = field(default_factory=threading.Event)
+
+    def __post_init__(self) -> None:
+        self.go_on.set()
+
+    def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:
+        self.calls.append((scene, camera, outputs, look))
+        self.started.set()
+        assert self.go_on.wait(SECONDS)
+        if self.error is not None:
+            raise self.error
+        size = (camera.height, camera.width)
+        frame = Frame()
+        if Output.COLOR in outputs:
+            frame.color = np.full((*size, 3), look.background, np.uint8)
+        if Output.DEPTH in outputs:
+            frame.depth = np.full(size, 2.0 if scene.instances else np.inf, np.float32)
+        if Output.LABEL in outputs:
+            frame.label = np.full(size, scene.instances[0].label if scene.instances else LABEL_NONE, np.uint32)
+        return frame
+
+
+@dataclass
+class Running:
+    """An endpoint that answers."""
+
+    client: httpx2.AsyncClient
+    service: RenderService
+    workers: WorkerPool
+    metrics: Metrics
+    app: FastAPI
+
+    @property
+    def records(self) -> list[RenderRecord]:
+        """The newest requests, oldest first."""
+        return list(self.service.recent)
+
+    @property
+    def arriving(self) -> int:
+        """Number of requests that have a place in the queue before their body is complete."""
+        arriving: int = self.service.status()["arriving"]
+        return arriving
+
+    def outcomes(self) -> Counter[str]:
+        """Number of requests by outcome, as metrics have it."""
+        samples = [sample for metric in self.metrics.renders.collect() for sample in metric.samples]
+        counts: Counter[str] = Counter()
+        for sample in samples:
+            counts[sample.labels["outcome"]] += int(sample.value)
+        return counts
+
+    async def post(self, body: bytes, content_type: str) -> httpx2.Response:
+        return await self.client.post("/render", content=body, headers={"Content-Type": content_type})
+
+
+SCENE = json.dumps(gltf()).encode()
+
+
+def decoded(response: httpx2.Response) -> NDArray[np.generic]:
+    """The picture of an answer, channels as RGB."""
+    image = cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert image is not None
+    return image[..., ::-1] if image.ndim == 3 else image
+
+
+def assert_refused(response: httpx2.Response, status: int, *words: str) -> None:
+    """The answer is one of plain text that has all the words."""
+    assert response.status_code == status
+    assert response.headers["content-type"] == "text/plain; charset=utf-8"
+    assert 0 < len(response.content) < 8192
+    assert int(response.headers["content-length"]) == len(response.content)
+    text = response.content.decode()
+    assert all(word in text for word in words), text
+
+
+Start = Callable[..., AbstractAsyncContextManager[Running]]
+
+
+@asynccontextmanager
+async def running(
+    renderer: Renderer,
+    config: RenderConfig | None = None,
+    *,
+    threads: int = 2,
+    max_waiting: int = 16,
+    max_waiting_bytes: int = 1 << 30,
+    backdrop: Backdrop | None = None,
+    seconds: float | None = None,
+) -> AsyncIterator[Running]:
+    workers = WorkerPool(threads, max_waiting, max_waiting_bytes, seconds=seconds, limit_name="--render-seconds")
+    metrics = Metrics()
+    service = RenderService(renderer, workers, config, backdrop=backdrop, metrics=metrics)
+    app = FastAPI()
+    app.include_router(render_router(service))
+    transport = httpx2.ASGITransport(app=app)
+    async with httpx2.AsyncClient(transport=transport, base_url="http://test") as client:
+        try:
+            yield Running(client, service, workers, metrics, app)
+        finally:
+            assert await workers.close(SECONDS)
+
+
+@pytest.fixture
+def start() -> Start:
+    """``async with start(renderer, config, …) as server:``."""
+    return running
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """The corpus test shows its figures whether it passes or not."""
+    if TABLE:
+        terminalreporter.section("recorded requests of Drake's client, against RenderEngineVtk")
+        width = max(len(row.scene) for row in TABLE)
+        for row in sorted(TABLE, key=lambda row: (row.scene, row.kind)):
+            line = f"{row.scene:{width}}  {row.kind:5}  {row.figures:44}  {row.milliseconds:8.1f} ms"
+            terminalreporter.write_line(line)
+
+
+@pytest.fixture
+def watched() -> WatchedRenderer:
+    return WatchedRenderer()

@@ -1,0 +1,59 @@
+"""Settings of the stereo camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.adapters.stereo.device.camera_config import StereoConfig
+from gateway.runtime.settings import Settings, SettingsError, load
+from gateway.wiring.stereo import config_of, realism_of
+from renderers.stereo.realism import REALISM_PARTS
+from renderers.stereo.sensor.camera_image import NoiseStream, frame_key
+from renderers.stereo.sensor.exposure import Exposure
+from tests.adapters.stereo.camera_images import sensor_image
+from tests.adapters.stereo.conftest import SMALL, Start, pixels
+
+
+def test_the_defaults_are_the_device_s() -> None:
+    config = config_of(Settings(grpc_port=50051))
+    assert config == StereoConfig(background=config.background)
+
+
+def test_image_noise_is_a_factor() -> None:
+    grey = np.full((200, 200, 3), 120, np.uint8)
+    key = frame_key(1, 1, NoiseStream.LEFT)
+    deviation = [
+        float(sensor_image(grey, Exposure(gain=18.0), key, noise_factor=n).image.std()) for n in (0.0, 1.0, 3.0)
+    ]
+    assert deviation[0] == 0.0
+    assert 2.8 < deviation[2] / deviation[1] < 3.2
+
+
+async def test_meshes_with_colours_for_trimesh_and_open3d(start: Start) -> None:
+    camera = await start(image_noise=2.0)
+    (image_set,) = await camera.take(mesh_enabled=True, mesh_options={"textured": True}, left_enabled=True)
+    header = image_set.mesh.data[: image_set.mesh.data.index(b"end_header")]
+    assert b"property uint8 diffuse_red" in header
+    assert b"property uint8 red" in header
+    assert pixels(image_set.left).shape == (SMALL.height, SMALL.width)
+    assert 0.5 < image_set.left.noise < 3.0
+
+
+def test_realism_is_off_but_for_the_demo(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert realism_of(load()) == frozenset()
+    assert realism_of(load({"demo": True})) == frozenset(REALISM_PARTS)
+    assert realism_of(load({"demo": True, "stereo_realism": "off"})) == frozenset()
+    assert realism_of(load({"stereo_realism": "all"})) == frozenset(REALISM_PARTS)
+    monkeypatch.setenv("SCENEGATE_STEREO_REALISM", "vignetting,shadows")
+    assert config_of(load()).realism == {"vignetting", "shadows"}
+    monkeypatch.delenv("SCENEGATE_STEREO_REALISM")
+    path = tmp_path / "camera.toml"
+    path.write_text('stereo_realism = ["projector"]\n')
+    assert realism_of(load(config=path)) == {"projector"}
+    with pytest.raises(
+        SettingsError, match=r"--stereo-realism: 'haze' is not a part; use 'off', 'all' or some of shad"
+    ):
+        load({"stereo_realism": "haze"})

@@ -1,0 +1,214 @@
+"""Values exactly at their limits, and limits of the second of two components."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gateway.adapters.stereo.device.camera_config import StereoConfig
+from gateway.adapters.stereo.device.parameter_specs import NODES, Spec
+from gateway.adapters.stereo.device.parameters import ParameterError, check_value
+from gateway.adapters.stereo.device.stream_settings import Region
+from gateway.adapters.stereo.device.timestamps import parse_timestamp
+from gateway.adapters.stereo.imaging.recorded_pairs import Pair, PairSequence
+from gateway.adapters.stereo.stream.faults import FaultInjector, Faults
+from gateway.adapters.stereo.stream.set_kind import RequestError, read_set_kind
+from renderers.drawlist import ImageError
+from renderers.encode import png_gray8
+from renderers.stereo.depth.depth_images import DepthImages, DepthRange, true_disparity
+from renderers.stereo.depth.filters import Filters, apply_filters
+from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh, smallest_bin_size
+from renderers.stereo.model import Intrinsics, StereoModel
+from scenegate.camera import image_interface_pb2 as pb
+from tests.support.waiting import until
+
+
+def depth(*rows: list[float]) -> NDArray[np.float32]:
+    return np.array(rows, np.float32)
+
+
+def images(disparity: NDArray[np.uint16]) -> DepthImages:
+    valid = disparity > 0
+    return DepthImages(disparity.copy(), valid.astype(np.uint8), np.where(valid, 255, 0).astype(np.uint8))
+
+
+def test_the_depth_range_includes_its_limits() -> None:
+    z = depth([0.999, 1.0, 2.0, 2.001])
+    d = true_disparity(z, np.full_like(z, np.inf), 0.5, DepthRange(1.0, 2.0))
+    assert d[0].tolist() == [0.0, 0.5, 0.25, 0.0]
+
+
+def test_points_left_of_the_right_image_are_not_measured() -> None:
+    z = depth([1.0, 1.0, 1.0])
+    past = np.full_like(z, np.inf)
+    assert true_disparity(z, past, 0.5, DepthRange(0.1, 10))[0].tolist() == [0.5, 0.5, 0.5]
+    assert true_disparity(z, past, 0.75, DepthRange(0.1, 10))[0].tolist() == [0.0, 0.75, 0.75]
+    assert true_disparity(z, past, 2.0, DepthRange(0.1, 10))[0].tolist() == [0.0, 0.0, 2.0]
+
+
+def test_points_are_occluded_beyond_one_pixel_of_disparity() -> None:
+    """Disparity 1 at depth 4; what the right camera sees at depth 2 has disparity 2, at depth 1.9 more than 2."""
+    z = depth([4.0, 4.0, 4.0], [4.0, 4.0, 4.0])
+    limits = DepthRange(0.1, 10)
+    assert true_disparity(z, np.full_like(z, 2.0), 4.0, limits)[:, 1:].tolist() == [[1.0, 1.0]] * 2
+    assert not true_disparity(z, np.full_like(z, 1.9), 4.0, limits).any()
+    lower = np.vstack((np.full(3, 1.9), np.full(3, 2.0))).astype(np.float32)
+    assert true_disparity(z, lower, 4.0, limits).any(axis=1).tolist() == [False, True]
+
+
+@pytest.mark.parametrize("size", [(16, 16), (8192, 8192)])
+def test_smallest_and_largest_models(size: tuple[int, int]) -> None:
+    for factor, baseline in ((0.05, 1e-4), (20.0, 100.0)):
+        assert StereoModel("x", *size, factor, baseline).intrinsics().height == size[1]
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ((15, 16, 1.0, 0.1), "size 15x16"),
+        ((16, 15, 1.0, 0.1), "size 16x15"),
+        ((8193, 16, 1.0, 0.1), "size 8193x16"),
+        ((16, 8193, 1.0, 0.1), "size 16x8193"),
+        ((16, 16, 0.049, 0.1), "focal_factor 0.049"),
+        ((16, 16, 20.1, 0.1), "focal_factor 20.1"),
+        ((16, 16, 1.0, 0.00009), "baseline 9e-05"),
+        ((16, 16, 1.0, 100.1), "baseline 100.1"),
+    ],
+)
+def test_rejects_models_beyond_the_limits(values: tuple[int, int, float, float], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        StereoModel("x", *values)
+
+
+@pytest.mark.parametrize(("step", "filled"), [(32, True), (33, False)])
+def test_holes_are_filled_up_to_exactly_the_step(step: int, filled: bool) -> None:
+    d = np.full((20, 20), 800, np.uint16)
+    d[:, 10:] = 800 + step
+    d[9:11, 8:12] = 0
+    result = images(d)
+    apply_filters(result, Filters(seg=0, fill=2), 88.0, 2)
+    assert result.disparity.all() == filled
+
+
+@pytest.mark.parametrize(("pixels", "filled"), [(20, True), (21, False)])
+def test_exactly_five_percent_are_filled(pixels: int, filled: bool) -> None:
+    d = np.full((20, 20), 800, np.uint16)
+    d.reshape(-1)[[20 * (1 + k // 7) + 1 + k % 7 for k in range(pixels)]] = 0
+    result = images(d)
+    apply_filters(result, Filters(seg=0), 88.0, 2)
+    assert result.disparity.all() == filled
+
+
+@pytest.mark.parametrize(("step", "kept"), [(32, True), (33, False)])
+def test_segments_are_connected_up_to_two_pixels(step: int, kept: bool) -> None:
+    d = np.full((20, 20), 800, np.uint16)
+    d[:4] += step
+    result = images(d)
+    apply_filters(result, Filters(seg=81, fill=0), 88.0, 2)
+    assert result.disparity[:4].all() == kept
+    assert result.disparity[4:].all()
+
+
+@pytest.mark.parametrize(("step", "triangles"), [(32, 8), (33, 4)])
+def test_cells_are_connected_up_to_two_pixels(step: int, triangles: int) -> None:
+    d = np.full((3, 3), 800, np.uint16)
+    d[2] += step
+    k = Intrinsics(3, 3, 10.0, 1.5, 1.5)
+    header, vertices, faces = disparity_mesh(d, k, 0.1, MeshOptions())
+    assert b"element vertex 9\n" in header
+    assert len(vertices) == 9 * 16
+    assert len(faces) == triangles * 13
+
+
+@pytest.mark.parametrize(
+    ("size", "max_points", "n"), [((6, 4), 24, 1), ((6, 4), 23, 2), ((6, 4), 6, 2), ((6, 4), 5, 3), ((5, 7), 12, 2)]
+)
+def test_bins_meet_the_number_of_points(size: tuple[int, int], max_points: int, n: int) -> None:
+    assert smallest_bin_size(*size, max_points) == n
+
+
+def test_regions_cover_partly_covered_pixels() -> None:
+    assert Region(8, 17, 9, 6).slices(8) == (slice(2, 3), slice(1, 3))
+    assert Region(0, 16, 8, 8).slices(8) == (slice(2, 3), slice(0, 1))
+    assert Region(5, 3, 2, 1).slices(1) == (slice(3, 4), slice(5, 7))
+
+
+@pytest.mark.parametrize("spec", [s for specs in NODES.values() for s in specs.values()], ids=lambda s: s.name)
+def test_parameters_include_their_limits(spec: Spec) -> None:
+    if spec.type == "string":
+        with pytest.raises(ParameterError, match=spec.name):
+            check_value(spec, "")
+        return
+    assert check_value(spec, spec.minimum) == spec.minimum
+    assert check_value(spec, spec.maximum) == spec.maximum
+    step = 1 if spec.type in ("int32", "bool") else 1e-9
+    for beyond in (float(spec.minimum) - step, float(spec.maximum) + step):
+        with pytest.raises(ParameterError, match=spec.name):
+            check_value(spec, beyond)
+
+
+def test_the_minimum_of_mesh_points() -> None:
+    def mesh(points: int) -> pb.ImageSetRequest:
+        return pb.ImageSetRequest(mesh_enabled=True, mesh_options=pb.MeshOptions(max_points=points))
+
+    for points in (0, 1000):
+        kind = read_set_kind(mesh(points), StereoConfig())
+        assert kind.mesh is not None
+        assert kind.mesh.max_points == points
+    for points in (1, 999):
+        with pytest.raises(RequestError, match=f"max_points is {points}; the minimum is 1000"):
+            read_set_kind(mesh(points), StereoConfig())
+
+
+def test_timestamps_have_twelve_and_nine_digits() -> None:
+    assert parse_timestamp("999999999999.999999999") == 10**21 - 1
+    assert parse_timestamp("1.5") == 1_500_000_000
+    for text in ("1000000000000.0", "1.0000000000", "", ".5", "-1", "1e5", "1.-5"):
+        with pytest.raises(ValueError, match="is not like"):
+            parse_timestamp(text)
+
+
+async def test_delayed_sets_up_to_the_exact_limit() -> None:
+    injector, delivered = FaultInjector(0, 100), list[str]()
+    injector.set(Faults(delay=0.02))
+    injector.deliver(1, bytes(60), lambda: delivered.append("60"))
+    injector.deliver(2, bytes(40), lambda: delivered.append("40"))
+    injector.deliver(3, bytes(1), lambda: delivered.append("1"))
+    assert injector.dropped == 1
+    await until(lambda: len(delivered) == 2)
+    assert delivered == ["60", "40"]
+    injector.deliver(4, bytes(100), lambda: delivered.append("100"))
+    assert injector.dropped == 1
+
+
+def test_injected_clock_offsets() -> None:
+    injector = FaultInjector(0, 0)
+    injector.set(Faults(clock_offset=-1.5))
+    assert injector.timestamp(4_000_000_000) == 2_500_000_000
+    assert injector.timestamp(1) == 0
+    injector.set(Faults(clock_frozen=True))
+    assert (injector.timestamp(7), injector.timestamp(9)) == (7, 7)
+    injector.set(Faults())
+    assert injector.timestamp(9) == 9
+
+
+@pytest.mark.parametrize("shape", [(21, 20), (20, 21)])
+def test_rejects_pairs_of_different_sizes(shape: tuple[int, int]) -> None:
+    first, other = png_gray8(np.zeros((20, 20), np.uint8)), png_gray8(np.zeros(shape, np.uint8))
+    pairs = PairSequence([Pair((first, other))], 10_000)
+    assert pairs.image(0, high=False, right=False).shape == (20, 20, 3)
+    with pytest.raises(ImageError, match=f"has {shape[1]}x{shape[0]} pixels, the first one 20x20"):
+        pairs.image(0, high=False, right=True)
+
+
+def test_pairs_repeat_and_are_limited_in_pixels() -> None:
+    files = [png_gray8(np.full((16, 16), value, np.uint8)) for value in (1, 2, 3, 4)]
+    pairs = PairSequence([Pair((files[0], files[1])), Pair((files[2], files[3]), (files[1], files[0]))], 256)
+    views = itertools.product((0, 1, 2), (False, True), (False, True))
+    values = [pairs.image(number, high=high, right=right)[0, 0, 0] for number, high, right in views]
+    assert values == [1, 2, 1, 2, 3, 4, 2, 1, 1, 2, 1, 2]
+    with pytest.raises(ImageError, match="16x16 pixels are more than the limit of 255"):
+        PairSequence([Pair((files[0], files[1]))], 255).image(0, high=False, right=False)

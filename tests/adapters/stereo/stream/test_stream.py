@@ -1,0 +1,345 @@
+"""Image stream of one client."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import time
+from types import MappingProxyType
+from typing import Any
+
+import grpc
+import numpy as np
+import pytest
+
+from gateway.adapters.stereo.device.camera_config import StereoConfig
+from gateway.adapters.stereo.device.parameter_specs import DeviceLimits
+from gateway.adapters.stereo.device.profile import read_profile
+from gateway.adapters.stereo.routes.truth_routes import find_frame, ground_truth_npz
+from renderers.compiler import pending
+from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Texture
+from renderers.raster import CpuRenderer
+from renderers.stereo.model import Quality
+from scenegate.camera import image_interface_pb2 as pb
+from tests.adapters.stereo.conftest import EVERYTHING, SMALL, Camera, Start, pixels, running, seen
+from tests.adapters.stereo.scenes import table
+from tests.support.waiting import until
+
+
+async def test_all_messages_of_a_set_have_one_timestamp(start: Start) -> None:
+    camera = await start(depth_mode="ground_truth")
+    (image_set,) = await camera.take(**EVERYTHING)
+    stamps = {
+        (t.sec, t.nsec)
+        for t in (
+            image_set.timestamp, image_set.left.timestamp, image_set.right.timestamp, image_set.disparity.timestamp,
+            image_set.disparity.image.timestamp, image_set.disparity_error.timestamp, image_set.confidence.timestamp,
+            image_set.mesh.timestamp,
+        )
+    }  # fmt: skip
+    assert len(stamps) == 1
+    for image in (image_set.left, image_set.right):
+        assert (image.width, image.height, image.encoding) == (320, 240, "mono8")
+        assert image.focal_length == pytest.approx(0.8449 * 320)
+        assert (image.principal_point_u, image.principal_point_v) == (160, 120)
+        assert (image.gpios.outputs, image.gpios.inputs, image.gpios.values) == (3, 12, 0)
+        assert image.gamma == 1
+        assert 0 < image.brightness <= 1
+        assert image.exposure_time > 0
+        assert pixels(image).std() > 5
+    d = image_set.disparity
+    assert (d.scale, d.offset, d.invalid_data_value, d.delta_d) == (0.0625, 0, 0, 0.0625)
+    assert d.baseline == pytest.approx(0.16)
+    assert (d.image.width, d.image.height, d.image.encoding) == (160, 120, "mono16")
+    assert d.image.focal_length == pytest.approx(0.8449 * 160)
+    assert d.image.brightness == pytest.approx(image_set.left.brightness, abs=0.03)
+    valid = pixels(d.image) > 0
+    assert valid.mean() > 0.6
+    for image in (image_set.disparity_error, image_set.confidence):
+        assert ((pixels(image) > 0) == valid).all()
+    assert image_set.mesh.format == "ply"
+    assert image_set.mesh.data.startswith(b"ply\nformat binary_little_endian 1.0\n")
+
+
+@pytest.mark.parametrize("name", [*EVERYTHING])
+async def test_unrequested_messages_are_absent(start: Start, name: str) -> None:
+    camera = await start()
+    (image_set,) = await camera.take(**{name: True})
+    assert {f.name for f, _ in image_set.ListFields()} == {"timestamp", name.removesuffix("_enabled")}
+
+
+async def test_nothing_enabled_gives_timestamps_at_the_camera_s_rate(start: Start) -> None:
+    camera = await start(simulated_clock=True)
+    sets = await camera.take(3)
+    assert [[f.name for f, _ in image_set.ListFields()] for image_set in sets] == [["timestamp"]] * 3
+    steps = np.diff([at(image_set.timestamp) for image_set in sets])  # a reader that is late loses sets
+    assert (steps > 0).all()
+    assert set(steps % 40_000_000) == {0}
+
+
+async def test_timestamps_keep_the_period(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the event loop's time has large steps, as on uvloop."""
+    monkeypatch.setattr(asyncio.get_running_loop(), "time", lambda: time.monotonic() // 0.01 * 0.01)
+    camera = await start()
+    stamps = np.array([at(image_set.timestamp) for image_set in await camera.take(20)])
+    periods = np.diff(stamps) / 40_000_000
+    assert np.median(np.abs(periods - np.rint(periods))) < 0.01
+
+
+async def test_color_is_rgb_and_grey_for_others_at_the_same_time(start: Start) -> None:
+    camera = await start()
+    grey, color = camera.stream(left_enabled=True), camera.stream(left_enabled=True, color=True)
+    a, b = await grey.read(), await color.read()
+    assert (a.left.encoding, b.left.encoding) == ("mono8", "rgb8")
+    assert pixels(b.left).shape == (240, 320, 3)
+    assert np.ptp(pixels(b.left).astype(int), axis=2).max() > 20
+
+
+@pytest.mark.parametrize(
+    ("quality", "size", "divisor"),
+    [("Full", (320, 240), 1), ("High", (160, 120), 2), ("Medium", (80, 60), 4), ("Low", (54, 40), 6)],
+)
+async def test_quality_determines_size_and_intrinsics(
+    start: Start, quality: str, size: tuple[int, int], divisor: int
+) -> None:
+    camera = await start()
+    camera.service.parameters.set("rc_stereomatching", [("quality", quality)])
+    (image_set,) = await camera.take(disparity_enabled=True)
+    image = image_set.disparity.image
+    assert (image.width, image.height) == size
+    assert image.focal_length == pytest.approx(0.8449 * 320 / divisor)
+    assert image.principal_point_u == pytest.approx(160 / divisor)
+    assert image.principal_point_v == pytest.approx(120 / divisor)
+
+
+async def test_depth_error_at_every_quality(start: Start) -> None:
+    model = read_profile("rc_visard_160c").model
+    camera = await start(model=model, rate="max")
+    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
+    for quality in ("Low", "Medium", "High", "Full"):
+        camera.service.parameters.set("rc_stereomatching", [("quality", quality), ("fill", 0)])
+        (image_set,) = await camera.take(disparity_enabled=True, disparity_error_enabled=True)
+        image = image_set.disparity.image
+        valid = pixels(image) > 0
+        d, e = (pixels(i)[valid].astype(float) * image_set.disparity.scale for i in (image, image_set.disparity_error))
+        focal_times_baseline = image.focal_length * image_set.disparity.baseline
+        k = model.intrinsics()
+        wanted = 0.25 * (focal_times_baseline / d) ** 2 / (k.focal_length * model.baseline)
+        typical = e == np.median(e)  # it grows where there is little texture
+        assert np.abs(e * focal_times_baseline / d**2 / wanted - 1)[typical].max() < 0.05
+        # Disparities are multiples of 1/16 pixel at every scale.
+        assert image_set.disparity.delta_d == 1 / 16
+        assert not (d * 16 % 1).any()
+
+
+@pytest.mark.parametrize("points", [1, 999])
+async def test_rejects_too_few_mesh_points(start: Start, points: int) -> None:
+    camera = await start()
+    with pytest.raises(grpc.aio.AioRpcError) as refusal:
+        async for _ in camera.stream(mesh_enabled=True, mesh_options=pb.MeshOptions(max_points=points)):
+            pass
+    assert refusal.value.code() == grpc.StatusCode.INVALID_ARGUMENT
+    assert f"max_points is {points}; the minimum is 1000" in refusal.value.details()
+    # Options of a mesh that nobody asked for do not matter.
+    await camera.take(left_enabled=True, mesh_options=pb.MeshOptions(max_points=points))
+
+
+async def test_same_seed_scene_and_frame_give_the_same_bytes(start: Start) -> None:
+    async def run(seed: int) -> list[bytes]:
+        camera = await start(simulated_clock=True, rate="max", seed=seed)
+        return [image_set.SerializeToString(deterministic=True) for image_set in await camera.take(3, **EVERYTHING)]
+
+    first, second, other = await run(1), await run(1), await run(2)
+    assert first == second
+    assert len(set(first)) == 3
+    assert not set(first) & set(other)
+
+
+def at(time: pb.Time) -> int:
+    return time.sec * 10**9 + time.nsec
+
+
+async def test_alternate_exposure(start: Start) -> None:
+    camera = await start()
+    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "AlternateExposureActive")])
+    (image_set,) = await camera.take(**EVERYTHING)
+    assert at(image_set.timestamp) == at(image_set.disparity.timestamp) == at(image_set.mesh.timestamp)
+    assert at(image_set.timestamp) - at(image_set.left.timestamp) == 40_000_000
+    assert at(image_set.left.timestamp) == at(image_set.right.timestamp)
+    assert (image_set.left.gpios.values, image_set.disparity.image.gpios.values, image_set.confidence.gpios.values) == (
+        0,
+        1,
+        1,
+    )
+    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
+    (lit,) = await camera.take(left_enabled=True)
+    assert lit.left.gpios.values == 1
+    # The projector's dots are what the difference is: neighbouring pixels of the wall differ much more.
+    rough = [float(np.abs(np.diff(pixels(i.left)[:60].astype(float), axis=1)).mean()) for i in (image_set, lit)]
+    assert rough[1] > 5 * rough[0]
+
+
+async def test_depth_on_demand(start: Start) -> None:
+    camera = await start()
+    parameters = camera.service.parameters
+    assert camera.service.fire_trigger()[0] == -8
+    parameters.set("rc_stereomatching", [("acquisition_mode", "SingleFrame")])
+    assert camera.service.fire_trigger()[0] == 102
+    depth = camera.stream(disparity_enabled=True)
+    pending = asyncio.ensure_future(depth.read())
+    # Camera images keep coming while depth waits for its trigger.
+    await camera.take(4, left_enabled=True)
+    assert not pending.done()
+    assert camera.service.fire_trigger()[0] == 0
+    assert camera.service.fire_trigger()[0] == 101
+    assert (await pending).HasField("disparity")
+
+
+@pytest.mark.parametrize("out1", ["Low", "High", "ExposureAlternateActive"])
+async def test_depth_on_demand_with_out1_has_a_separate_exposure(start: Start, out1: str) -> None:
+    camera = await start(simulated_clock=True)
+    parameters = camera.service.parameters
+    parameters.set("rc_iocontrol", [("out1_mode", out1)])
+    parameters.set("rc_stereomatching", [("acquisition_mode", "SingleFrameOut1")])
+    depth, left = camera.stream(left_enabled=True, disparity_enabled=True), camera.stream(left_enabled=True)
+    pending = asyncio.ensure_future(depth.read())
+    await left.read()
+    await until(lambda: len(camera.service.hub) == 2)
+    assert camera.service.fire_trigger()[0] == 0
+    image_set = await pending
+    taken, exposed = at(image_set.left.timestamp), at(image_set.disparity.timestamp)
+    assert (image_set.left.gpios.values, image_set.disparity.image.gpios.values) == (0, 1)
+    assert exposed - taken == 40_000_000
+    assert at(image_set.timestamp) == exposed
+    # Camera images go on, but none is exposed until the depth exposure is over.
+    stamps = [at((await left.read()).left.timestamp)]
+    while stamps[-1] < exposed + 200_000_000:
+        image = (await left.read()).left
+        assert image.gpios.values == 0
+        stamps.append(at(image.timestamp))
+    assert not [timestamp_ns for timestamp_ns in stamps if taken < timestamp_ns < exposed + 40_000_000]
+
+
+async def test_outputs_of_camera_and_depth_images_differ_only_between_exposures(start: Start) -> None:
+    camera = await start()
+    camera.service.parameters.set("rc_iocontrol", [("out2_mode", "ExposureAlternateActive")])
+    (image_set,) = await camera.take(left_enabled=True, disparity_enabled=True)
+    assert (image_set.left.gpios.values, image_set.disparity.image.gpios.values) == (0, 2)
+    assert at(image_set.disparity.timestamp) - at(image_set.left.timestamp) == 40_000_000
+
+
+async def test_a_failed_image_ends_the_stream_with_the_reason(start: Start) -> None:
+    def decode() -> Any:
+        raise ImageError("it is broken")
+
+    image = Image(b"x", decode)
+    positions = np.array([(-9, -9, 2), (9, -9, 2), (0, 9, 2)], np.float32)
+    mesh = Mesh(positions, np.array([[0, 1, 2]], np.uint32), uv0=np.zeros((3, 2), np.float32))
+    material = Material(base_color_texture=Texture(image, name="wall.png"), double_sided=True)
+    scene = DrawList((Instance(mesh, material, np.eye(4)),), (image,))
+    camera = await start(scene=lambda: (scene, 1))
+    for request in ({"left_enabled": True}, {"disparity_enabled": True}):
+        with pytest.raises(grpc.aio.AioRpcError) as failure:
+            await camera.stream(**request).read()
+        assert failure.value.code() == grpc.StatusCode.UNAVAILABLE
+        assert "wall.png" in failure.value.details()
+    # Ground truth needs no texture.
+    exact = await start(scene=lambda: (scene, 1), depth_mode="ground_truth")
+    await exact.take(disparity_enabled=True)
+
+
+async def test_a_scene_that_cannot_be_read_does_not_end_the_camera(start: Start) -> None:
+    good = table()
+    broken = True
+
+    def scene() -> tuple[DrawList, int]:
+        if broken:
+            raise OSError("the file is gone")
+        return good, 1
+
+    camera = await start(scene=scene)
+    with pytest.raises(grpc.aio.AioRpcError, match="the scene could not be read: the file is gone"):
+        await camera.stream(left_enabled=True).read()
+    assert "the file is gone" in camera.service.status()["warnings"][0]
+    broken = False
+    await camera.take(left_enabled=True)
+    assert "warnings" not in camera.service.status()
+
+
+async def test_scene_and_pose_are_read_for_every_frame(start: Start) -> None:
+    scenes = [table(), DrawList()]
+    calls = 0
+
+    def scene() -> tuple[DrawList, int]:
+        nonlocal calls
+        calls += 1
+        return scenes[calls // 3 % 2], calls
+
+    camera: Camera = await start(scene=scene, rate="max")
+    sets = await camera.take(20, disparity_enabled=True)
+    seen = [bool(pixels(s.disparity.image).any()) for s in sets]
+    assert True in seen
+    assert False in seen
+
+
+@pytest.mark.parametrize(
+    ("quality", "request_depth", "period"),
+    [("High", False, 40), ("High", True, 1000 / 3), ("Low", True, 40), ("Medium", True, 1000 / 15)],
+)
+async def test_device_rates(start: Start, quality: str, request_depth: bool, period: float) -> None:
+    camera = await start(simulated_clock=True)
+    camera.service.parameters.set("rc_stereomatching", [("quality", quality)])
+    sets = await camera.take(7, left_enabled=True, disparity_enabled=request_depth)
+    stamps = [image_set.timestamp.sec * 10**9 + image_set.timestamp.nsec for image_set in sets]
+    steps = np.diff(stamps)
+    assert set(steps % 40_000_000) == {0}
+    without_lost_sets = steps[steps < (period + 40) * 1e6]  # a reader that is late loses sets
+    assert without_lost_sets.mean() / 1e6 == pytest.approx(period, abs=40 / 6)
+
+
+@pytest.mark.parametrize("reset", [False, True])
+async def test_a_change_of_parameters_ends_the_wait_for_depth(start: Start, reset: bool) -> None:
+    hours = MappingProxyType({**DeviceLimits().depth_rates, Quality.FULL: 1e-4})
+    camera = await start(limits=DeviceLimits(depth_rates=hours))
+    camera.service.set_parameters("rc_stereomatching", [("quality", "Full")])
+    sets = camera.stream(disparity_enabled=True)
+    assert (await sets.read()).disparity.image.width == 320
+    if reset:
+        camera.service.parameters.reset("rc_stereomatching")
+    else:
+        camera.service.set_parameters("rc_stereomatching", [("quality", "High")])
+    assert (await sets.read()).disparity.image.width == 160
+
+
+async def test_matched_depth_of_a_rendered_scene(start: Start) -> None:
+    camera = await start(depth_mode="matched", rate="max", model=read_profile("rc_visard_160c").model)
+    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
+    (image_set,) = await camera.take(disparity_enabled=True, disparity_error_enabled=True, confidence_enabled=True)
+    record = find_frame(camera.service.history, image_set.timestamp.sec * 10**9 + image_set.timestamp.nsec)
+    truth = np.load(io.BytesIO(ground_truth_npz(record)))["disparity"]
+    d = pixels(image_set.disparity.image) / 16
+    valid_in_both = (d > 0) & (truth > 0)
+    assert valid_in_both.sum() / (truth > 0).sum() >= 0.95
+    assert (np.abs(d - truth)[valid_in_both] > 1).mean() < 0.01
+
+
+async def test_a_clock_that_is_set_back_does_not_stop_depth(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+    camera, time_ns = await start(), time.time_ns
+    call = camera.stream(disparity_enabled=True)
+    first = await call.read()
+    monkeypatch.setattr("time.time_ns", lambda: time_ns() - 3600 * 10**9)
+    second = await call.read()
+    assert second.timestamp.sec < first.timestamp.sec - 3000
+
+
+async def test_no_frame_is_captured_while_kernels_are_compiled(renderer: CpuRenderer) -> None:
+    """Their time is not part of a frame's time limit."""
+    scene, config = table(), StereoConfig(port=0, model=SMALL)
+    with pending.announced({"stereo": lambda name: False}):
+        async with running(renderer, config, seen(lambda: (scene, 1))) as camera:
+            first = asyncio.ensure_future(camera.stream(left_enabled=True).read())
+            await until(lambda: len(camera.service.hub) == 1)
+            assert not camera.service.history
+            assert not first.done()
+            pending.finish("stereo")
+            assert (await first).left.width == SMALL.width

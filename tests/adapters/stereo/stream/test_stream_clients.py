@@ -1,0 +1,118 @@
+"""Image stream of several clients: disconnects, slow clients, new clients, limits."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import threading
+from dataclasses import replace
+
+import grpc
+import pytest
+
+from renderers.drawlist import DrawList
+from scenegate.camera import image_interface_pb2 as pb
+from tests.adapters.stereo.conftest import EVERYTHING, SMALL, Start
+from tests.adapters.stereo.scenes import table
+from tests.support.waiting import SECONDS, until
+
+
+def seconds(timestamp: pb.Time) -> float:
+    return timestamp.sec + timestamp.nsec * 1e-9
+
+
+async def test_disconnected_clients_leave_no_state(start: Start) -> None:
+    camera = await start(rate="max")
+    await camera.take(disparity_enabled=True)
+    order = random.Random(4)
+    tasks, threads = len(asyncio.all_tasks()), threading.active_count()
+
+    async def visit() -> None:
+        request = {name: order.random() < 0.4 for name in EVERYTHING}
+        call = camera.stream(**request, timeout=order.choice((0.05, SECONDS)))
+        try:
+            for _ in range(order.randrange(4)):
+                await call.read()
+        except grpc.aio.AioRpcError as error:
+            assert error.code() == grpc.StatusCode.DEADLINE_EXCEEDED
+        call.cancel()
+
+    for _ in range(6):
+        await asyncio.gather(*(visit() for _ in range(8)))
+    await until(lambda: len(camera.service.hub) == 0 and camera.service.workers.stats.running == 0)
+    await until(lambda: len(asyncio.all_tasks()) <= tasks)
+    assert threading.active_count() <= threads + 1
+
+
+async def test_a_slow_client_does_not_delay_others(start: Start) -> None:
+    camera = await start(rate="max", model=SMALL)
+    slow, fast = camera.stream(left_enabled=True, color=True), camera.stream(left_enabled=True, color=True)
+    await slow.read()
+    stamps = [(await fast.read()).timestamp for _ in range(150)]
+    assert len({(t.sec, t.nsec) for t in stamps}) == 150
+    stuck = min(camera.service.hub, key=lambda s: s.sent)
+    assert stuck.sent < 150
+    assert camera.service.hub.skipped > 0
+
+
+async def test_a_client_that_resumes_reading_gets_the_newest_set(start: Start) -> None:
+    camera = await start(rate="max", model=SMALL)
+    options = [("grpc.http2.bdp_probe", 0), ("grpc.use_local_subchannel_pool", 1)]
+    async with grpc.aio.insecure_channel(f"127.0.0.1:{camera.service.port}", options=options) as channel:
+        paused = replace(camera, channel=channel).stream(left_enabled=True)
+        await paused.read()
+        fast = camera.stream(left_enabled=True)
+        newest = [(await fast.read()).timestamp for _ in range(60)][-1]
+        old = 0
+        while seconds((await paused.read()).timestamp) < seconds(newest):
+            old += 1
+    assert old <= 2, "one in the window, and one that was being sent"
+
+
+async def test_limits_of_clients_and_kinds(start: Start) -> None:
+    camera = await start(max_clients=2, max_kinds=1)
+    first = camera.stream(left_enabled=True)
+    await first.read()
+    with pytest.raises(grpc.aio.AioRpcError, match="max_kinds"):
+        await camera.stream(right_enabled=True).read()
+    second = camera.stream(left_enabled=True)
+    await second.read()
+    with pytest.raises(grpc.aio.AioRpcError, match="max_clients"):
+        await camera.stream(left_enabled=True).read()
+    first.cancel()
+    await until(lambda: len(camera.service.hub) == 1)
+    await camera.take(left_enabled=True)
+
+
+async def test_new_clients_get_a_set_at_once(start: Start) -> None:
+    camera = await start()
+    camera.service.parameters.set("rc_stereomatching", [("quality", "Full")])  # one depth image per second
+    first = camera.stream(disparity_enabled=True)
+    image_set = await first.read()
+    (two,) = await camera.take(disparity_enabled=True, left_enabled=True)
+    assert two.timestamp == image_set.timestamp
+    assert camera.service.counts.frames <= len(camera.service.history), "the repeated frame is counted once"
+
+
+async def test_streams_opened_after_a_parameter_change_get_no_older_set(start: Start) -> None:
+    taking, go = threading.Event(), threading.Event()
+    drawn = table()
+
+    def scene() -> tuple[DrawList, int]:
+        taking.set()
+        go.wait(SECONDS)
+        return drawn, 1
+
+    camera = await start(scene=scene)
+    first = camera.stream(disparity_enabled=True)
+    pending = asyncio.ensure_future(first.read())
+    assert await asyncio.to_thread(taking.wait, SECONDS)
+    # A frame is in work with the quality of before, for the same request.
+    camera.service.parameters.set("rc_stereomatching", [("quality", "Low")])
+    second = camera.stream(disparity_enabled=True)
+    later = asyncio.ensure_future(second.read())
+    await until(lambda: len(camera.service.hub) == 2)
+    go.set()
+    assert (await pending).disparity.image.width in (160, 54), "the next, smaller frame may overtake it"
+    assert (await later).disparity.image.width == 54
+    assert (await first.read()).disparity.image.width == 54

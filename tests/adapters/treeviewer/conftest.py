@@ -1,0 +1,21 @@
+"""Fixtures: a viewer in this process, and an unused LCM network."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.adapters.treeviewer.conversation import Viewer
+from tests.adapters.treeviewer.transports import free_url, join
+
+
+@pytest.fixture
+def viewer() -> Viewer:
+    return Viewer()
+
+
+@pytest.fixture
+def url() -> str:
+    """URL of an unused LCM network."""
+    network = free_url()
+    join(network)
+    return network

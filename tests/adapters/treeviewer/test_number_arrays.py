@@ -1,0 +1,139 @@
+"""Long number arrays taken out of the JSON text give the numbers that Python's json gives."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gateway.adapters.treeviewer import request_reader
+from gateway.adapters.treeviewer.config import Limits
+from gateway.adapters.treeviewer.context import ReadContext
+from gateway.adapters.treeviewer.number_arrays import MIN_NUMBERS, NumberArrays
+from gateway.adapters.treeviewer.request_reader import JsonReader
+from gateway.adapters.treeviewer.requests import Request, RequestError
+from gateway.scene.tree.geometry import Line
+
+
+def read(request: Any) -> Request:
+    """Read a request after its long arrays were taken out, whatever its size."""
+    text = request if isinstance(request, str) else json.dumps(request)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(request_reader, "SMALL_JSON_BYTES", 0)
+        return JsonReader(Limits()).read(memoryview(text.encode()), ReadContext())
+
+
+NUMBERS = st.floats(width=64, allow_nan=True, allow_infinity=True) | st.integers(-(10**25), 10**25)
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=100)
+@given(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=90, max_size=200), st.sampled_from([None, 1, "\t"]))
+def test_extracted_arrays_equal_pythons_json(rows: list[tuple[float, float, float]], indent: Any) -> None:
+    data = {"setgeometry": [{"path": ["p"], "geometry": {"type": "line", "points": rows}}]}
+    shape = read(json.dumps(data, indent=indent)).geometries[0][1]
+    expected = np.array([[float(v) for v in row] for row in rows])
+    with np.errstate(over="ignore"):
+        single = expected.astype(np.float32)
+    keep = (np.abs(single) <= np.float32(1e15)).all(axis=1)
+    if keep.sum() < 2:
+        assert shape == ()
+        return
+    assert isinstance(shape[0].shape, Line)
+    np.testing.assert_array_max_ulp(shape[0].shape.points, single[keep], maxulp=1)
+
+
+@pytest.mark.parametrize(
+    ("number", "good"),
+    [
+        *(
+            (text, True)
+            for text in ("0", "-0", "0.5", "1e5", "1E+5", "1e-400", "12345678901234567890123", "NaN", "-Infinity")
+        ),
+        *(
+            (text, False)
+            for text in (
+                "01",
+                "-",
+                "+1",
+                ".5",
+                "1.",
+                "1e",
+                "1e+",
+                "--1",
+                "1-1",
+                "Nan",
+                "-NaN",
+                "Inf",
+                "1 2",
+                "e",
+                "[1]",
+            )
+        ),
+    ],
+)
+def test_number_grammar_of_extracted_arrays(number: str, good: bool) -> None:
+    text = (
+        '{"setgeometry": [{"path": ["p"], "geometry": {"type": "line", "points": ['
+        + "[1, 2, 3], " * 100
+        + f"[4, {number}, 6]"
+        + "]}}]}"
+    )
+    if not good:
+        try:
+            request = read(text)
+        except RequestError as error:
+            assert "not valid JSON" in str(error)
+        else:
+            assert "points has" in request.failures[0].reason
+        return
+    line = read(text).geometries[0][1][0].shape
+    assert isinstance(line, Line)
+    value = float(json.loads(number))
+    if abs(value) <= 1e15:
+        assert line.points[-1, 1] == np.float32(value)
+    else:
+        assert len(line.points) == 100
+
+
+def test_clients_cannot_forge_references() -> None:
+    rows = [[0.0, 1.0, 2.0]] * 100
+    for name in ("\x00", "\x00" + "0" * 24):
+        data = {
+            "setgeometry": [
+                {"path": [name], "geometry": {"type": "line", "points": rows}},
+                {"path": ["b"], "geometry": {"type": "line", "points": [{name: 0}]}},
+            ]
+        }
+        request = read(data)
+        assert request.geometries[0][0] == (name,)
+        assert "points has something that is not a number" in request.failures[0].reason
+
+
+@pytest.mark.parametrize("numbers", [[0.5] * 300, [[1, 2, 3]] * 100], ids=["numbers", "rows"])
+def test_only_arrays_may_be_long_lists_of_numbers(numbers: Any) -> None:
+    box = {"type": "box", "lengths": [1, 2, 3]}
+    refused = [
+        {"path": numbers, "geometry": box},
+        {"path": [numbers], "geometry": box},
+        {"path": ["a"], "geometry": {**box, "transform": numbers}},
+        {"path": ["a"], "geometry": {**box, "lengths": numbers}},
+        {"path": ["a"], "geometry": {"type": "text", "text": numbers}},
+        {"path": ["a"], "geometry": numbers},
+        {"path": ["a"], "geometries": numbers},
+        numbers,
+    ]
+    request = read({"setgeometry": refused, "settransform": [{"path": ["a"], "transform": numbers}]})
+    assert (request.geometries, request.transforms) == ([], [])
+    assert len(request.failures) == len(refused) + 1
+    assert all("\\u0000" not in failure.reason for failure in request.failures)
+
+
+@pytest.mark.parametrize(("count", "taken_out"), [(MIN_NUMBERS - 1, False), (MIN_NUMBERS, True)])
+def test_extracts_arrays_from_the_minimum_on(count: int, taken_out: bool) -> None:
+    text = json.dumps({"ranges": [1.5] * count}).encode()
+    assert (NumberArrays().extract(memoryview(text)) != text) is taken_out

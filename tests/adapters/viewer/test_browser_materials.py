@@ -1,0 +1,117 @@
+"""Twenty materials, drawn by the page in a real browser and by ``/scene/render``."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from tests.adapters.viewer.page import Publisher, View
+from tests.files.gltf.builder import Builder, data_uri
+from tests.support import clients
+from tests.support.browser import chromium
+from tests.support.gateway_process import gateway_process
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+COLUMNS, ROWS = 5, 4
+CORNERS = np.array([(-0.4, -0.4, 0), (0.4, -0.4, 0), (0.4, 0.4, 0), (-0.4, 0.4, 0)], np.float32)
+HALF_RED = np.array([[[255, 0, 0, 255], [0, 0, 255, 64]]], np.uint8)
+DULL = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
+
+
+def pbr(*color: float, **more: Any) -> dict[str, Any]:
+    """Return glTF's pbrMetallicRoughness, not metallic and rough by default."""
+    return {**DULL, "baseColorFactor": [*color], **more}
+
+
+UNLIT: dict[str, Any] = {"extensions": {"KHR_materials_unlit": {}}}
+MATERIALS: list[dict[str, Any]] = [
+    {"pbrMetallicRoughness": pbr(0.8, 0.1, 0.1, 1.0)},
+    {"pbrMetallicRoughness": pbr(0.2, 0.2, 0.2, 1.0)},
+    {"pbrMetallicRoughness": pbr(0.1, 0.6, 0.1, 1.0, roughnessFactor=0.6)},
+    {"pbrMetallicRoughness": pbr(0.0, 0.0, 0.0, 1.0), "emissiveFactor": [0.2, 0.5, 0.0]},
+    {"pbrMetallicRoughness": pbr(1.0, 1.0, 1.0, 1.0)},
+    *({"pbrMetallicRoughness": pbr(1.0, 0.0, 0.0, alpha), "alphaMode": "BLEND"} for alpha in (0.1, 0.3, 0.5, 0.7, 0.9)),
+    *({"pbrMetallicRoughness": pbr(0.0, 0.2, 1.0, alpha), "alphaMode": "BLEND", **UNLIT} for alpha in (0.1, 0.5, 0.9)),
+    {"pbrMetallicRoughness": pbr(0.0, 0.0, 0.0, 0.3), "alphaMode": "BLEND", "doubleSided": True},
+    {"pbrMetallicRoughness": pbr(0.0, 1.0, 0.0, 0.3), "alphaMode": "OPAQUE"},
+    {"pbrMetallicRoughness": pbr(1.0, 1.0, 1.0, 1.0, baseColorTexture={"index": 0}), **UNLIT},
+    {"pbrMetallicRoughness": pbr(1.0, 1.0, 1.0, 1.0, baseColorTexture={"index": 0}), "alphaMode": "BLEND", **UNLIT},
+    {"pbrMetallicRoughness": pbr(1.0, 1.0, 1.0, 1.0, baseColorTexture={"index": 0}), "alphaMode": "MASK", **UNLIT},
+    {"pbrMetallicRoughness": pbr(1.0, 1.0, 1.0, 0.4, baseColorTexture={"index": 0}), "alphaMode": "BLEND"},
+    {"pbrMetallicRoughness": pbr(0.5, 0.5, 0.0, 1.0), **UNLIT},
+]
+
+
+def document() -> bytes:
+    """Return squares in the plane of the image, one for each material."""
+    builder = Builder()
+    file = io.BytesIO()
+    Image.fromarray(HALF_RED).save(file, "PNG")
+    builder.add("images", {"uri": data_uri(file.getvalue(), "image/png")})
+    builder.add("samplers", {"magFilter": 9728, "minFilter": 9728})
+    builder.add("textures", {"source": 0, "sampler": 0})
+    builder.json["extensionsUsed"] = ["KHR_materials_unlit"]
+    attributes = {
+        "POSITION": builder.accessor(CORNERS),
+        "NORMAL": builder.accessor(np.tile((0, 0, 1), (4, 1))),
+        "TEXCOORD_0": builder.accessor([(0, 1), (1, 1), (1, 0), (0, 0)]),
+    }
+    indices = builder.accessor([0, 1, 2, 0, 2, 3], "H")
+    for number, material in enumerate(MATERIALS):
+        primitive = {"attributes": attributes, "indices": indices, "material": builder.add("materials", material)}
+        x, y = number % COLUMNS - (COLUMNS - 1) / 2, (ROWS - 1) / 2 - number // COLUMNS
+        builder.node(mesh=builder.mesh(primitive), translation=[x, y, 0.0])
+    return builder.text()
+
+
+def means(pixels: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Return the mean colours of the left and the right half of each square, (20, 2, 3).
+
+    A square is 80 pixels wide in an image of 500 x 400 pixels, in cells of 100 pixels.
+    """
+    cells = pixels.reshape(ROWS, 100, COLUMNS, 100, 3).transpose(0, 2, 1, 3, 4).reshape(-1, 100, 100, 3)
+    return np.stack([cells[:, 20:80, 20:45].mean(axis=(1, 2)), cells[:, 20:80, 55:80].mean(axis=(1, 2))], axis=1)
+
+
+def test_page_and_gateway_draw_the_same_materials(tmp_path: Path) -> None:
+    """Blended surfaces are mixed in linear light by both. Lit ones differ by the lights, which are not the same."""
+    assert len(MATERIALS) == COLUMNS * ROWS
+    (tmp_path / "materials.gltf").write_bytes(document())
+    flags = ("--lcm-url", "off", "--grpc-port", "0", "--tcpq-port", "0", "--mesh-root", str(tmp_path))
+    with chromium() as browser, gateway_process(*flags) as (_, url):
+        geometry = {"type": "mesh_file", "filename": str(tmp_path / "materials.gltf"), "scale": [1, 1, 1]}
+        Publisher(url).send(setgeometry=[{"path": ["materials"], "geometry": geometry}])
+        view = View(browser, url)
+        view.wait_for_node("materials")
+        view.page.evaluate(
+            """() => {
+              const { stage } = scenegate;
+              for (const object of [stage.grid, stage.axes]) stage.show(object, false);
+              stage.renderer.setPixelRatio(1);
+              stage.holder.style.cssText = "position: fixed; inset: 0; width: 500px; height: 400px";
+              stage.setOrthographic(true);
+              scenegate.rig.place({ eye: [0, -9, 0], target: [0, 0, 0], up: [0, 0, 1], halfHeight: 2 });
+              stage.setBackground("#cce5ff", "#cce5ff");
+            }"""
+        )
+        view.until(lambda: view.colors().shape == (400, 500, 3), "the size")
+        camera = "eye=0,-9,0;target=0,0,0;up=0,0,1;xmag=2.5"
+        query: dict[str, str | int] = {"camera": camera, "width": 500, "height": 400}
+        with clients.Client(base_url=url) as http:
+            response = http.get("/scene/render", params=query)
+        rendered = means(np.asarray(Image.open(io.BytesIO(response.content)).convert("RGB")))
+        textured = 15
+        view.until(lambda: means(view.colors())[textured, 0, 1] < 100, "the texture")
+        difference = np.abs(means(view.colors()) - rendered).max(axis=2)
+        for material, levels in zip(MATERIALS, difference.max(axis=1), strict=True):
+            depends_on_lights = "extensions" not in material and material.get("alphaMode") != "BLEND"
+            assert levels <= (24.0 if depends_on_lights else 6.0), material
+        view.page.close()
+        assert view.faults == []

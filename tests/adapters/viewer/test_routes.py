@@ -1,0 +1,543 @@
+"""The view's routes, with a renderer that only counts."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import httpx2
+import numpy as np
+import pytest
+from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
+from PIL import Image as Pillow
+
+from gateway.adapters.viewer.config import ViewerConfig
+from gateway.adapters.viewer.hub import ViewHub
+from gateway.adapters.viewer.image_routes import image_router
+from gateway.adapters.viewer.recent_renders import encode_preview, render_entries
+from gateway.adapters.viewer.resources import RECENT_IMAGES, Resources
+from gateway.adapters.viewer.routes import router
+from gateway.adapters.viewer.scene_images import ImageRequest, SceneImages, StreamsFull
+from gateway.adapters.viewer.sensor_images import SensorImages
+from gateway.adapters.viewer.sources import StereoImages
+from gateway.runtime.http.error_handlers import invalid_parameters
+from gateway.runtime.logs.render_record import RenderRecord
+from gateway.runtime.workers.pool_errors import DeadlineExceeded, QueueFull
+from gateway.runtime.workers.worker_pool import WorkerPool
+from gateway.scene.draw.cameras import parse_camera
+from gateway.scene.draw.live_scene import LiveScene
+from gateway.scene.draw.style import Style
+from gateway.scene.tree.geometry import Part, PointCloud
+from gateway.scene.tree.live import LiveTree, Snapshot
+from gateway.scene.tree.nodes import Node
+from renderers.camera import Camera
+from renderers.compiler import pending
+from renderers.drawlist import DrawList, Image, ImageError, Material
+from renderers.encode import png_gray16, png_rgb, tiff_float32
+from renderers.images import image_from_bytes
+from renderers.interface import Frame, Look, Output
+from renderers.light_rig import Rig
+from scenegate.messages.geometry import Box
+from tests.support.endless import EndlessRenderer
+from tests.support.view_frames import parse_frame
+from tests.support.waiting import SECONDS, until
+
+
+@dataclass
+class CountingRenderer:
+    """Returns grey images."""
+
+    cameras: list[Camera] = field(default_factory=list)
+    looks: list[Look | None] = field(default_factory=list)
+    instance_counts: list[int] = field(default_factory=list)
+
+    def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look | None = None) -> Frame:
+        self.cameras.append(camera)
+        self.looks.append(look)
+        self.instance_counts.append(len(scene.instances))
+        return Frame(color=np.full((camera.height, camera.width, 3), 90, np.uint8))
+
+
+SECOND = 1_000_000_000
+
+
+class World:
+    """The routes of the view over a tree of one box and a cloud."""
+
+    def __init__(self) -> None:
+        self.tree = LiveTree()
+        points = np.array([[0, 0, 0], [1, 1, np.nan], [2, 2, 2]], np.float32)
+        self.cloud = PointCloud(points, {"intensity": np.array([1, 2, 3], np.float32)})
+        with self.tree.edit() as edit:
+            edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
+            edit.set_parts(("cloud",), (Part(self.cloud, Material()),))
+        self.config = ViewerConfig(
+            max_side=1024,
+            max_pixels=800_000,
+            max_streams=1,
+            capture_seconds=1000.0,
+            style=Style(rig=Rig(exposure=0.5)),
+        )
+        self.renders: list[RenderRecord] = []
+        self.hub = ViewHub(self.config, self.tree, renders=self.renders)
+        self.renderer = CountingRenderer()
+        self.images = SceneImages(self.config, LiveScene(self.tree), self.renderer, WorkerPool(1))
+        self.captures = 0
+        self.app = FastAPI(exception_handlers={RequestValidationError: invalid_parameters})
+        self.app.include_router(router(self.hub))
+        sensor = SensorImages(self.capture, self.config.capture_seconds)
+        self.app.include_router(image_router(self.images, sensor, self.renders))
+        self.http = httpx2.AsyncClient(transport=httpx2.ASGITransport(self.app), base_url="http://view")
+
+    async def capture(self) -> StereoImages:
+        self.captures += 1
+        await asyncio.sleep(0)
+        disparity = np.zeros((30, 40), np.uint16)
+        disparity[:, 20:] = np.linspace(100, 900, 20).astype(np.uint16)
+        left = np.full((60, 80, 3), (250, 10, 10), np.uint8)
+        confidence = np.full((30, 40), 255, np.uint8)
+        return StereoImages(left, left[:, :, 0].copy(), disparity, confidence, {"left": "5 ms"})
+
+
+@pytest.fixture
+async def world() -> AsyncIterator[World]:
+    made = World()
+    async with made.http:
+        yield made
+
+
+def decode(data: bytes) -> Any:
+    return np.asarray(Pillow.open(io.BytesIO(data)).convert("RGB")).astype(int)
+
+
+async def test_page_and_assets_are_served_with_caching_headers(world: World) -> None:
+    page = await world.http.get("/view")
+    assert page.status_code == 200
+    names = [part.split('"')[0] for part in page.text.split('"view/assets/')[1:]]
+    assert len(names) == 2
+    for name in names:
+        asset = await world.http.get(f"/view/assets/{name}")
+        assert asset.status_code == 200
+        assert "immutable" in asset.headers["cache-control"]
+        assert asset.headers["content-encoding"] == "gzip"
+        plain = await world.http.get(f"/view/assets/{name}", headers={"Accept-Encoding": "identity"})
+        assert "content-encoding" not in plain.headers
+        assert plain.content == asset.content
+        assert plain.headers["etag"] != asset.headers["etag"]
+        assert plain.headers["vary"] == asset.headers["vary"] == "Accept-Encoding"
+    again = await world.http.get("/view", headers={"If-None-Match": page.headers["etag"]})
+    assert again.status_code == 304
+    for path in ("nothing.js", "..%2Findex.html", "%2e%2e"):
+        assert (await world.http.get(f"/view/assets/{path}")).status_code == 404
+
+
+class Past:
+    """A timeline with one state."""
+
+    span = (1000 * SECOND, 1010 * SECOND)
+
+    def __init__(self) -> None:
+        self.times: list[int] = []
+
+    async def snapshot_at(self, time: int) -> Snapshot:
+        self.times.append(time)
+        return Snapshot(Node(), 77, 1000 * SECOND)
+
+    def simulation_seconds_at(self, time: int) -> float | None:
+        return None
+
+    def held(self) -> Past:
+        return self
+
+
+async def test_images_of_an_earlier_time(world: World) -> None:
+    past = Past()
+    images = SceneImages(world.config, LiveScene(world.tree, timeline=past), world.renderer, WorkerPool(1))
+    app = FastAPI()
+    app.include_router(image_router(images, None, world.renders))
+    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://view") as http:
+        for time in ("1002.5", "-7.5"):
+            response = await http.get(f"/view/frame.jpg?width=64&height=48&time={time}")
+            assert (response.status_code, response.headers["x-scene-revision"]) == (200, "77")
+        assert past.times == [1_002_500_000_000] * 2
+        response = await http.get("/view/frame.jpg?time=-500")
+        assert (response.status_code, response.text[:16]) == (404, "time=-500 is 510")
+        assert (await http.get("/view/frame.jpg?time=1e11")).status_code == 422
+        assert (await http.get("/view/frame.jpg?width=64&height=48")).headers["x-scene-revision"] != "77"
+
+
+async def test_concurrent_requests_share_one_rendering_per_revision(world: World) -> None:
+    responses = await asyncio.gather(*(world.http.get("/view/frame.jpg?width=64&height=48") for _ in range(5)))
+    assert {response.status_code for response in responses} == {200}
+    assert len(world.renderer.cameras) == 1
+    assert decode(responses[0].content).shape == (48, 64, 3)
+    with world.tree.edit() as edit:
+        edit.set_pose(("box",), (1, 0, 0, 1, 0, 0, 0))
+    second = await world.http.get("/view/frame.jpg?width=64&height=48")
+    assert int(second.headers["x-scene-revision"]) == world.tree.snapshot.revision
+    assert len(world.renderer.cameras) == 2
+    assert world.renderer.looks == [Look("studio", world.config.style.background, 4, Rig(exposure=0.5))] * 2
+
+
+def waits_for_studio(render: Callable[..., Frame]) -> Callable[..., Frame]:
+    """Return a function that renders with kernels of the part ``studio`` in the look of this name."""
+
+    def waiting(scene: DrawList, camera: Camera, outputs: Output, look: Look) -> Frame:
+        if look.name == "studio" and Output.COLOR in outputs:
+            pending.wait_for_kernel("studio.shade")
+        return render(scene, camera, outputs, look)
+
+    return waiting
+
+
+async def test_an_image_waits_for_its_kernels_without_a_worker_thread(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(world.renderer, "render", waits_for_studio(world.renderer.render))
+    with pending.announced({"studio": lambda name: name.startswith("studio.")}):
+        studio = asyncio.ensure_future(world.http.get("/view/frame.jpg?width=64&height=48"))
+        for width in (64, 65):
+            plain = await world.http.get(f"/view/frame.jpg?width={width}&height=48&look=plain")
+            assert plain.status_code == 200
+        assert [look.name for look in world.renderer.looks if look is not None] == ["plain", "plain"]
+        pending.finish("studio")
+        assert (await studio).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("query", "status", "word"),
+    [
+        ("camera=nowhere", 422, "nowhere"),
+        ('camera=path:["missing"]', 404, "no such node"),
+        ("camera=stereo", 404, "no stereo camera"),
+        ("width=1025&height=8", 422, "1025x8 is too large"),
+        ("width=8&height=1025", 422, "8x1025 is too large"),
+        ("width=1024&height=782", 422, "800000 pixels in total"),
+        ("hide=box", 422, "hide='box' is not a JSON list of paths"),
+        ("show=[[1.5]]", 422, "show='[[1.5]]' is not a JSON list of paths"),
+        ("background=white", 422, "background='white' is not a colour in six hexadecimal digits"),
+    ],
+)
+async def test_invalid_requests_get_an_error_message(world: World, query: str, status: int, word: str) -> None:
+    for path in ("/view/frame.jpg", "/view/stream.mjpg"):
+        response = await world.http.get(f"{path}?{query}")
+        assert response.status_code == status
+        assert word in response.text
+    assert world.images.streams == 0
+
+
+async def test_images_have_the_visibility_and_background_of_the_query(world: World) -> None:
+    for query in ("width=32&height=24", "width=32&height=24&hide=[[]]&background=0080ff"):
+        assert (await world.http.get(f"/view/frame.jpg?{query}")).status_code == 200
+    first, second = world.renderer.looks
+    assert first is not None
+    assert second is not None
+    assert second.background == (0, 128, 255) != first.background
+    before, after = world.renderer.instance_counts
+    assert (before > 0, after) == (True, 0)
+
+
+@pytest.mark.parametrize(("width", "height"), [(1024, 1), (1, 1024), (1000, 800)])
+async def test_images_at_the_limits_are_rendered(world: World, width: int, height: int) -> None:
+    response = await world.http.get(f"/view/frame.jpg?width={width}&height={height}")
+    assert response.status_code == 200
+    assert decode(response.content).shape == (height, width, 3)
+
+
+@pytest.mark.parametrize(("query", "size"), [("", (960, 640)), ("width=90", (90, 640)), ("height=60", (960, 60))])
+async def test_width_and_height_have_their_own_defaults(world: World, query: str, size: tuple[int, int]) -> None:
+    response = await world.http.get(f"/view/frame.jpg?{query}")
+    (camera,) = world.renderer.cameras
+    assert (camera.width, camera.height) == size
+    assert decode(response.content).shape == (size[1], size[0], 3)
+
+
+async def test_stream_sends_an_image_per_change_until_shutdown(world: World) -> None:
+    request = ImageRequest(parse_camera("fit"), 32, 24, 80, "plain")
+    closing = False
+    parts = world.images.stream(request, 1000.0, lambda: closing)
+    with pytest.raises(StreamsFull, match="max_streams"):
+        world.images.stream(request, 1.0, lambda: False)
+    async with asyncio.timeout(SECONDS):
+        first = await anext(parts)
+        with world.tree.edit() as edit:
+            edit.set_pose(("box",), (2, 0, 0, 1, 0, 0, 0))
+        second = await anext(parts)
+        closing = True
+        assert [part async for part in parts] == []
+    for part in (first, second):
+        head, _, body = part.partition(b"\r\n\r\n")
+        assert b"image/jpeg" in head
+        assert decode(body.removesuffix(b"\r\n")).shape == (24, 32, 3)
+    assert world.images.streams == 0
+
+
+async def test_browsers_share_captures_of_the_stereo_camera(world: World) -> None:
+    states = await asyncio.gather(*(world.http.get("/view/sensor") for _ in range(4)))
+    assert world.captures == 1
+    assert states[0].json() == {"number": 1, "captions": {"left": "5 ms"}}
+    left = decode((await world.http.get("/view/sensor/left.jpg?width=40")).content)
+    assert left.shape == (30, 40, 3)
+    np.testing.assert_allclose(left, np.broadcast_to((250, 10, 10), left.shape), atol=3)
+    right = decode((await world.http.get("/view/sensor/right.jpg?width=4000")).content)
+    assert right.shape == (60, 80, 3)
+    np.testing.assert_allclose(right, 250, atol=3)
+    confidence = decode((await world.http.get("/view/sensor/confidence.jpg")).content)
+    np.testing.assert_allclose(confidence, np.broadcast_to((253, 231, 37), confidence.shape), atol=4)
+    disparity = decode((await world.http.get("/view/sensor/disparity.jpg")).content)
+    assert disparity[:, :16].max() < 40, "invalid is black"
+    assert disparity[:, 24:].max() > 150
+    assert world.captures == 1
+    assert (await world.http.get("/view/sensor/up.jpg")).status_code == 404
+
+
+async def test_renders_are_listed_with_previews(world: World) -> None:
+    rgb = np.zeros((6, 8, 3), np.uint8)
+    rgb[:, :, 0] = 200
+    depth = np.full((6, 8), np.inf, np.float32)
+    depth[:, 4:] = np.linspace(1, 2, 24).reshape(6, 4)
+    kinds: list[tuple[Literal["color", "depth"], bytes, str]] = [
+        ("color", png_rgb(rgb), "image/png"),
+        ("depth", tiff_float32(depth), "image/tiff"),
+        ("depth", png_gray16(np.full((6, 8), 1500, np.uint16)), "image/png"),
+    ]
+    for number, (kind, body, media_type) in enumerate(kinds, 1):
+        record = RenderRecord(number, 0.0, 200, 0.01, 0.002, kind, "scene", kind, body, media_type, "", ("no labels",))
+        world.renders.append(record)
+    world.renders.append(RenderRecord(4, 0.0, 400, 0.01, 0.0, "not understood", "", "", b"", "", "width is missing"))
+    listing = (await world.http.get("/view/renders")).json()
+    assert [entry["status"] for entry in listing] == [400, 200, 200, 200]
+    assert listing[0]["error"] == "width is missing"
+    assert [entry["warnings"] for entry in listing] == [[], *[["no labels"]] * 3]
+    assert (await world.http.get(f"/view/renders/{listing[3]['id']}.png")).content == kinds[0][1]
+    shown = decode((await world.http.get(f"/view/renders/{listing[2]['id']}.png")).content)
+    assert shown[:, :4].max() == 0
+    assert shown[0, 4, 0] > shown[0, 4, 2], "near is red"
+    assert shown[5, 7, 2] >= shown[5, 7, 0], "far is blue"
+    assert (await world.http.get(f"/view/renders/{listing[1]['id']}.png?width=4")).status_code == 200
+    assert (await world.http.get(f"/view/renders/{listing[0]['id']}.png")).status_code == 404
+
+
+async def test_channel_has_values_of_finite_points_only(world: World) -> None:
+    browser = world.hub.connect()
+    numbers = []
+    async for frame in browser.frames():
+        header, _ = parse_frame(frame)
+        if header["kind"] == "update":
+            break
+        if header["kind"] == "mesh" and header["topology"] == 1:
+            numbers.append(header["id"])
+    browser.close()
+    response = await world.http.get(f"/view/channel/{numbers[0]}?name=intensity")
+    assert np.frombuffer(response.content, "<f4").tolist() == [1.0, 3.0]
+    assert (await world.http.get(f"/view/channel/{numbers[0]}?name=none")).status_code == 404
+    assert (await world.http.get("/view/image/12345")).status_code == 404
+
+
+def test_replaced_images_are_kept_for_pages_that_still_download_them() -> None:
+    resources = Resources()
+    numbers = [resources.image_id(Image(b"", lambda: np.zeros((1, 1, 4), np.uint8))) for _ in range(RECENT_IMAGES + 1)]
+    assert [resources.image(number) is None for number in numbers] == [True, *(False,) * RECENT_IMAGES]
+
+
+def test_rejects_previews_of_undecodable_images() -> None:
+    with pytest.raises(ValueError, match="image/tiff"):
+        encode_preview(RenderRecord(1, 0, 200, 0, 0, "", "", "depth", b"no image", "image/tiff", ""), None)
+
+
+class EndlessWorld(World):
+    """A renderer that never finishes."""
+
+    def __init__(self, seconds: float | None) -> None:
+        super().__init__()
+        self.endless = EndlessRenderer()
+        self.workers = WorkerPool(1, seconds=seconds, limit_name="--render-seconds")
+        self.images = SceneImages(self.config, LiveScene(self.tree), self.endless, self.workers)
+
+
+async def test_timed_out_rendering_is_not_reused() -> None:
+    world = EndlessWorld(0.05)
+    app = FastAPI()
+    app.include_router(image_router(world.images, None, world.renders))
+    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://view") as http:
+        for path in ("frame.jpg", "frame.jpg", "stream.mjpg"):
+            response = await http.get(f"/view/{path}?width=64&height=48")
+            assert (response.status_code, response.text) == (
+                503,
+                "rendering was stopped: it took longer than --render-seconds = 0.05 s",
+            )
+            assert "retry-after" not in response.headers
+    assert world.endless.ended == 3
+    assert await world.workers.close()
+
+
+async def test_rendering_is_cancelled_with_its_last_caller() -> None:
+    world = EndlessWorld(None)
+    request = ImageRequest(parse_camera("fit"), 64, 48, 80, "plain")
+    waiting = [asyncio.create_task(world.images.jpeg(request)) for _ in range(3)]
+    await until(lambda: world.endless.begun == 1)
+    for number, one in enumerate(waiting):
+        assert world.endless.ended == 0, number
+        one.cancel()
+        await asyncio.gather(one, return_exceptions=True)
+    await until(lambda: world.endless.ended == 1)
+    again = asyncio.create_task(world.images.jpeg(request))  # starts a new rendering
+    await until(lambda: world.endless.begun == 2)
+    again.cancel()
+    await until(lambda: world.endless.ended == 2)
+    assert await world.workers.close()
+
+
+async def test_without_a_stereo_camera_its_images_are_missing(world: World) -> None:
+    app = FastAPI()
+    app.include_router(image_router(world.images, None, world.renders))
+    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://view") as http:
+        state = await http.get("/view/sensor")
+        image = await http.get("/view/sensor/left.jpg")
+    assert (state.status_code, state.content) == (204, b"")
+    assert (image.status_code, image.text) == (404, "No stereo camera runs in this gateway.")
+
+
+async def test_a_capture_is_used_until_it_is_too_old(world: World) -> None:
+    fresh = SensorImages(world.capture, 1000.0)
+    stale = SensorImages(world.capture, 0.0)
+    assert [(await fresh.fresh_capture()).number for _ in range(3)] == [1, 1, 1]
+    assert [(await stale.fresh_capture()).number for _ in range(3)] == [1, 2, 3]
+    assert (await stale.last_capture()).number == 3
+    assert world.captures == 4
+
+
+async def test_streams_beyond_the_limit_are_asked_to_try_again(world: World) -> None:
+    request = ImageRequest(parse_camera("fit"), 32, 24, 80, "plain")
+    parts = world.images.stream(request, 15.0, lambda: False)
+    response = await world.http.get("/view/stream.mjpg?width=32&height=24")
+    assert (response.status_code, response.headers["retry-after"]) == (503, "10")
+    assert response.text == "1 streams are open, which is the limit (max_streams)"
+    await anext(parts)
+    await parts.aclose()  # type: ignore[attr-defined]  # an async generator
+    assert world.images.streams == 0
+
+
+@pytest.mark.parametrize(("query", "rate"), [("", 15.0), ("&rate=4", 4.0), ("&rate=30", 30.0), ("&rate=31", 30.0)])
+async def test_streams_have_the_requested_rate_up_to_the_limit(
+    world: World, query: str, rate: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rates: list[float] = []
+    stream = world.images.stream
+
+    def recorded(request: ImageRequest, rate: float, closing: Callable[[], bool]) -> AsyncIterator[bytes]:
+        rates.append(rate)
+        return stream(request, rate, closing)
+
+    monkeypatch.setattr(world.images, "stream", recorded)
+    world.app.state.closing = lambda: True
+    response = await world.http.get(f"/view/stream.mjpg?width=32&height=24{query}")
+    assert (response.status_code, response.content) == (200, b"")
+    assert response.headers["content-type"] == "multipart/x-mixed-replace; boundary=scenegate-frame"
+    assert rates == [rate]
+    assert world.renderer.looks == [Look("plain", world.config.style.background, 1, world.config.style.rig)]
+    assert world.images.streams == 0
+
+
+async def test_an_unchanged_image_is_repeated(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.adapters.viewer.scene_images._REPEAT_SECONDS", 0.01)
+    parts = world.images.stream(ImageRequest(parse_camera("fit"), 32, 24, 80, "plain"), 1000.0, lambda: False)
+    async with asyncio.timeout(SECONDS):
+        assert await anext(parts) == await anext(parts)
+    assert len(world.renderer.cameras) == 1
+    await parts.aclose()  # type: ignore[attr-defined]  # an async generator
+
+
+async def test_a_stream_ends_at_a_timed_out_rendering_and_outlives_a_full_queue(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    results: list[Exception | tuple[bytes, int]] = [
+        QueueFull("the queue is full", 0),
+        (b"image", 1),
+        DeadlineExceeded("too slow"),
+    ]
+
+    async def jpeg(_: ImageRequest) -> tuple[bytes, int]:
+        result = results.pop(0)
+        if isinstance(result, Exception):
+            raise result
+        return result
+
+    monkeypatch.setattr(world.images, "jpeg", jpeg)
+    monkeypatch.setattr("gateway.adapters.viewer.scene_images._REPEAT_SECONDS", 0.0)
+    parts = world.images.stream(ImageRequest(parse_camera("fit"), 32, 24, 80, "plain"), 1000.0, lambda: False)
+    async with asyncio.timeout(SECONDS):
+        images = [part async for part in parts]
+    assert images == [b"--scenegate-frame\r\nContent-Type: image/jpeg\r\nContent-Length: 5\r\n\r\nimage\r\n"]
+    assert results == []
+    assert world.images.streams == 0
+
+
+async def test_textures_that_cannot_be_decoded_fail_the_image(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    def render(*_: Any, **__: Any) -> Frame:
+        raise ImageError("the texture is broken")
+
+    monkeypatch.setattr(world.renderer, "render", render)
+    response = await world.http.get("/view/frame.jpg?width=32&height=24")
+    assert (response.status_code, response.text) == (422, "the texture is broken")
+
+
+async def test_previews_that_are_not_images_and_those_that_were_dropped(world: World) -> None:
+    world.renders.append(RenderRecord(1, 0.0, 200, 0.0, 0.0, "", "", "color", b"no image", "image/png", ""))
+    for path in ("1.png?width=4", "2.png", "0.png"):
+        response = await world.http.get(f"/view/renders/{path}")
+        number = path[0]
+        if number == "1":
+            assert response.status_code == 415
+        else:
+            assert (response.status_code, response.text) == (404, f"the image of render {number} is no longer kept")
+
+
+async def test_textures_of_the_scene_are_sent_as_png(world: World) -> None:
+    pixels = np.array([[(255, 0, 10, 255), (0, 200, 0, 128)]], np.uint8)
+    good, broken = Image(b"good", lambda: pixels), image_from_bytes(b"no image")
+    numbers = {name: world.hub.resources.image_id(image) for name, image in (("good", good), ("broken", broken))}
+    response = await world.http.get(f"/view/image/{numbers['good']}")
+    assert response.headers["content-type"] == "image/png"
+    np.testing.assert_array_equal(np.asarray(Pillow.open(io.BytesIO(response.content)).convert("RGBA")), pixels)
+    response = await world.http.get(f"/view/image/{numbers['broken']}")
+    assert response.status_code == 415
+    assert response.text.startswith(f"image {numbers['broken']}: ")
+
+
+@pytest.mark.parametrize(("path", "quality"), [("frame.jpg", 85), ("stream.mjpg", 80)])
+async def test_default_and_requested_quality(
+    world: World, path: str, quality: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    requests: list[ImageRequest] = []
+
+    async def jpeg(request: ImageRequest, time: float | None = None) -> tuple[bytes, int]:
+        requests.append(request)
+        return b"", 1
+
+    monkeypatch.setattr(world.images, "jpeg", jpeg)
+    world.app.state.closing = lambda: True
+    for query in ("", "?quality=1", "?quality=100"):
+        assert (await world.http.get(f"/view/{path}{query}")).status_code == 200
+    assert [request.quality for request in requests] == [quality, 1, 100]
+    for value in (0, 101):
+        assert (await world.http.get(f"/view/{path}?quality={value}")).status_code == 422
+
+
+@pytest.mark.parametrize(("look", "samples"), [("studio", 4), ("phong", 1), ("pbr", 1), ("plain", 1)])
+async def test_only_the_studio_look_has_several_samples(world: World, look: str, samples: int) -> None:
+    await world.http.get(f"/view/frame.jpg?width=32&height=24&look={look}")
+    (chosen,) = world.renderer.looks
+    assert chosen is not None
+    assert (chosen.name, chosen.samples) == (look, samples)
+
+
+def test_times_of_renders_are_in_milliseconds() -> None:
+    record = RenderRecord(1, 5.0, 200, 0.0123456, 0.0034567, "color", "scene", "color", b"x", "image/png", "")
+    (entry,) = render_entries([record])
+    assert (entry.id, entry.when) == (1, 5.0)
+    assert (entry.milliseconds, entry.queued) == (12.35, 3.46)

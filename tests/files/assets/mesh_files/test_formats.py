@@ -1,0 +1,270 @@
+"""Shapes, materials, textures, units and axes of all formats."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gateway.files.assets.mesh_files import MeshFileError, MeshFileLimits, MeshFiles
+from gateway.files.gltf import GltfLimits
+from gateway.scene.draw.flatten import flatten
+from gateway.scene.tree.geometry import Part, PointCloud, Surface
+from gateway.scene.tree.nodes import Node
+from renderers import primitives
+from renderers.drawlist import AlphaMode, Mesh
+from tests.files.assets.mesh_files.files import CUBE, CUBE_MTL, DAE, TRIANGLE, gltf, png, stl, write
+from tests.support.bounds import scene_bounds
+
+
+def bounds(parts: tuple[Part, ...]) -> np.ndarray:
+    found = scene_bounds(flatten(Node(parts)))
+    assert found is not None
+    return found
+
+
+def mesh_of(part: Part) -> Mesh:
+    assert isinstance(part.shape, Surface)
+    return part.shape.mesh
+
+
+def test_obj_with_materials_and_texture(root: Path, files: MeshFiles) -> None:
+    write(root / "cube.obj", CUBE)
+    write(root / "cube.mtl", CUBE_MTL)
+    write(root / "textures" / "paint.png", png((255, 0, 0), (0, 0, 255)))
+    parts = files.load("cube.obj")
+    np.testing.assert_array_equal(bounds(parts), [(-1, -1, -1), (1, 1, 1)])
+    by_alpha = {part.material.alpha_mode: part for part in parts}
+    painted, glass = by_alpha[AlphaMode.OPAQUE], by_alpha[AlphaMode.BLEND]
+    assert painted.material.base_color == (1.0, 1.0, 1.0, 1.0)
+    assert painted.material.base_color_texture is not None
+    pixels = painted.material.base_color_texture.image.decode()
+    np.testing.assert_array_equal(pixels, [[(255, 0, 0, 255), (0, 0, 255, 255)]])
+    assert glass.material.base_color == pytest.approx((1, 0, 0.2159, 0.25), abs=2e-3)
+    assert glass.material.double_sided
+    assert {part.kind for part in parts} == {"mesh_file"}
+    assert {part.source for part in parts} == {"cube.obj"}
+    mesh = mesh_of(painted)
+    assert mesh.uv0 is not None
+    corner = np.flatnonzero((mesh.positions == (-1, -1, 1)).all(axis=1))
+    np.testing.assert_array_equal(mesh.uv0[corner[0]], (0, 1))
+
+
+def test_meshes_without_normals_are_smooth_but_not_across_creases(root: Path, files: MeshFiles) -> None:
+    write(root / "ball.stl", stl(primitives.sphere()))
+    ball = mesh_of(files.load("ball.stl")[0])
+    assert ball.normals is not None
+    assert len(ball.positions) == len(primitives.sphere().positions)
+    assert np.einsum("ni,ni->n", ball.normals, ball.positions).min() > 0.99
+    write(root / "box.stl", stl(primitives.box()))
+    box = mesh_of(files.load("box.stl")[0])
+    assert box.normals is not None
+    assert len(box.positions) == 24
+    np.testing.assert_allclose(np.sort(np.abs(box.normals), axis=1), np.tile((0, 0, 1), (24, 1)), atol=1e-6)
+
+
+@pytest.mark.parametrize("content", [b"no picture", png((1, 2, 3))[:33], b""])
+def test_textures_that_cannot_be_decoded_are_left_out(root: Path, files: MeshFiles, content: bytes) -> None:
+    write(root / "cube.obj", CUBE)
+    write(root / "cube.mtl", CUBE_MTL)
+    write(root / "textures" / "paint.png", content)
+    warnings: list[str] = []
+    parts = files.load("cube.obj", warnings=warnings)
+    assert len(parts) == 2
+    assert [part.material.base_color_texture for part in parts] == [None, None]
+    (warning,) = warnings
+    assert warning.startswith("'cube.obj': 'textures/paint.png' is left out: ")
+
+
+@pytest.mark.parametrize("format_", ["BMP", "DDS", "GIF", "TGA", "TIFF"])
+@pytest.mark.parametrize("option", ["", "-clamp on ", "-s 1 1 1 -bm 0.5 "])
+def test_textures_of_older_formats(root: Path, files: MeshFiles, format_: str, option: str) -> None:
+    encoded = io.BytesIO()
+    Image.new("RGB", (2, 1), (200, 100, 50)).save(encoded, format_)
+    write(root / f"paint.{format_.lower()}", encoded.getvalue())
+    write(root / "t.mtl", f"newmtl m\nmap_Kd {option}paint.{format_.lower()}\n")
+    write(root / "t.obj", "mtllib t.mtl\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl m\nf 1/1 2/1 3/1"))
+    warnings: list[str] = []
+    (part,) = files.load("t.obj", warnings=warnings)
+    texture = part.material.base_color_texture
+    assert texture is not None
+    assert not warnings
+    assert texture.image.decode()[0, 0].tolist() == [200, 100, 50, 255]
+
+
+def test_undefined_materials_of_obj_files(root: Path, files: MeshFiles) -> None:
+    write(root / "t.mtl", "newmtl m\nKd 0 1 0\n")
+    write(root / "t.obj", "mtllib t.mtl\n" + TRIANGLE.replace("f ", "usemtl other\nf "))
+    warnings: list[str] = []
+    files.load("t.obj", warnings=warnings)
+    assert warnings == ["'t.obj': materials of usemtl that no MTL file defines (1): 'other'; they are white"]
+
+
+def test_textures_beyond_the_total_of_pixels_are_left_out(root: Path) -> None:
+    head, _ = CUBE.split("usemtl glass")
+    write(root / "two.obj", head + "usemtl second\nf 1/1 2/2 6/3 5/4\n")
+    write(root / "cube.mtl", CUBE_MTL.replace("glass", "second") + "map_Kd second.png\n")
+    write(root / "textures" / "paint.png", png((1, 2, 3), (4, 5, 6)))
+    write(root / "second.png", png((7, 8, 9), (4, 5, 6)))
+    for most, textured in ((4, 2), (3, 1), (1, 0)):
+        files = MeshFiles([root], MeshFileLimits(gltf=GltfLimits(max_total_image_pixels=most)))
+        assert sum(part.material.base_color_texture is not None for part in files.load("two.obj")) == textured
+
+
+def test_normals_of_the_file_are_kept(root: Path, files: MeshFiles) -> None:
+    write(root / "n.obj", "v 0 0 0\nv 1 0 0\nv 0 2 0\nvn 0 0.6 0.8\nf 1//1 2//1 3//1\n")
+    mesh = mesh_of(files.load("n.obj")[0])
+    assert mesh.normals is not None
+    np.testing.assert_allclose(mesh.normals, np.tile((0, 0.6, 0.8), (3, 1)), atol=1e-6)
+
+
+def test_ply_with_vertex_colours_and_ply_of_points(root: Path, files: MeshFiles) -> None:
+    head = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(f"property float {c}\n" for c in "xyz")
+    colors = "".join(f"property uchar {c}\n" for c in ("red", "green", "blue"))
+    rows = "0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 188\n"
+    write(
+        root / "c.ply",
+        f"{head}{colors}element face 1\nproperty list uchar int vertex_indices\nend_header\n{rows}3 0 1 2\n",
+    )
+    mesh = mesh_of(files.load("c.ply")[0])
+    assert mesh.colors is not None
+    # the file has colours as displays show them, a mesh has linear light, which 188 is half of
+    light = [(1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 0.5029, 1)]
+    np.testing.assert_allclose(mesh.colors[np.argsort(mesh.positions @ (1, 2, 0))], light, atol=1e-4)
+    write(root / "p.ply", f"{head}{colors}end_header\n{rows}")
+    (part,) = files.load("p.ply")
+    assert isinstance(part.shape, PointCloud)
+    np.testing.assert_array_equal(part.shape.points, [(0, 0, 0), (1, 0, 0), (0, 1, 0)])
+    np.testing.assert_array_equal(part.shape.channels["rgb"][:, :3], np.diag(np.array([1, 1, 188 / 255], np.float32)))
+
+
+@pytest.mark.parametrize(
+    ("asset", "expected"),
+    [
+        ('<unit name="cm" meter="0.01"/><up_axis>Z_UP</up_axis>', [(0, 0, 0.05), (0.01, 0.02, 0.05)]),
+        ("<up_axis>Y_UP</up_axis>", [(0, -5, 0), (1, -5, 2)]),
+        ("", [(0, -5, 0), (1, -5, 2)]),
+        ("<up_axis>X_UP</up_axis>", [(-2, -5, 0), (0, -5, 1)]),
+    ],
+)
+def test_collada_unit_and_up_axis(root: Path, files: MeshFiles, asset: str, expected: Any) -> None:
+    write(root / "part.dae", DAE.format(asset=asset))
+    np.testing.assert_allclose(bounds(files.load("part.dae")), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(("generator", "expected"), [("", [(0, 0, 0), (1, 0, 2)]), ("VTK", [(0, 0, 0), (1, 2, 0)])])
+def test_gltf_is_y_up_unless_drake_wrote_it(root: Path, files: MeshFiles, generator: str, expected: Any) -> None:
+    write(root / "t.gltf", gltf(generator))
+    write(root / "data.bin", np.array([(0, 0, 0), (1, 0, 0), (0, 2, 0)], np.float32).tobytes())
+    np.testing.assert_allclose(bounds(files.load("t.gltf")), expected, atol=1e-6)
+
+
+def test_scale_is_applied_along_the_files_axes(root: Path, files: MeshFiles) -> None:
+    write(root / "t.obj", TRIANGLE)
+    np.testing.assert_array_equal(bounds(files.load("t.obj", (2, -3, 4))), [(0, -6, 0), (2, 0, 0)])
+    np.testing.assert_array_equal(bounds(files.load("t.obj")), [(0, 0, 0), (1, 2, 0)])
+
+
+@pytest.mark.parametrize("scale", [(0.5, 0.5, 0.5), (1, 1, 0.5), (1, 3, 1), (-1, 1, 1)])
+def test_any_factor_that_is_not_1_scales(root: Path, files: MeshFiles, scale: tuple[float, float, float]) -> None:
+    write(root / "t.obj", TRIANGLE)
+    (part,) = files.load("t.obj", scale)
+    np.testing.assert_array_equal(part.X_node_part, np.diag((*scale, 1)))
+
+
+@pytest.mark.parametrize(("metres", "allowed"), [("1e-9", False), ("1.1e-9", True), ("9e8", True), ("1e9", False)])
+def test_units_of_collada_are_limited(root: Path, files: MeshFiles, metres: str, allowed: bool) -> None:
+    write(root / "part.dae", DAE.format(asset=f'<unit meter="{metres}"/><up_axis>Z_UP</up_axis>'))
+    if allowed:
+        (part,) = files.load("part.dae")
+        assert part.X_node_part[:3, 3].tolist() == [0, 0, pytest.approx(5 * float(metres))]
+    else:
+        with pytest.raises(MeshFileError, match=r"its unit of .* m is out of range"):
+            files.load("part.dae")
+
+
+def test_a_unit_that_is_no_number_is_a_metre(root: Path, files: MeshFiles) -> None:
+    write(root / "part.dae", DAE.format(asset='<unit meter="inch"/><up_axis>Z_UP</up_axis>'))
+    np.testing.assert_allclose(bounds(files.load("part.dae")), [(0, 0, 5), (1, 2, 5)], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("statements", "opacity"),
+    [("", 1.0), ("d 0.25", 0.25), ("Tr 0.25", 0.75), ("d 0.5\nTr 0.25", 0.5), ("d 7", 1.0), ("d nan\nTr 0.25", 0.75)],
+)
+def test_opacity_of_obj_materials(root: Path, files: MeshFiles, statements: str, opacity: float) -> None:
+    write(root / "t.mtl", f"newmtl m\nKd 0 1 0\n{statements}\n")
+    write(root / "t.obj", "mtllib t.mtl\n" + TRIANGLE.replace("f ", "usemtl m\nf "))
+    (part,) = files.load("t.obj")
+    assert part.material.base_color == pytest.approx((0, 1, 0, opacity))
+    assert part.material.alpha_mode is (AlphaMode.BLEND if opacity < 1 else AlphaMode.OPAQUE)
+    assert part.material.double_sided
+
+
+def test_texture_coordinates_start_at_the_top(root: Path, files: MeshFiles) -> None:
+    write(root / "p.png", png((255, 0, 0)))
+    write(root / "t.mtl", "newmtl m\nKd 0 0 0\nd 0.5\nmap_Kd p.png\n")
+    texture = "vt 0 0.25\nvt 1 0\nvt 0.5 1\n"
+    write(root / "t.obj", f"mtllib t.mtl\n{TRIANGLE.replace('f 1 2 3', '')}{texture}usemtl m\nf 1/1 2/2 3/3\n")
+    (part,) = files.load("t.obj")
+    mesh = mesh_of(part)
+    assert mesh.uv0 is not None
+    order = np.argsort(mesh.positions @ (1, 2, 0))
+    assert mesh.uv0[order].tolist() == [[0, 0.75], [1, 1], [0.5, 0]]
+    assert part.material.base_color == (1, 1, 1, 0.5)  # the image replaces the black colour
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "1e39"])
+def test_texture_coordinates_that_are_not_finite_are_zero(root: Path, files: MeshFiles, number: str) -> None:
+    write(root / "p.png", png((255, 0, 0)))
+    write(root / "t.mtl", "newmtl m\nmap_Kd p.png\n")
+    texture = f"vt 0 0.25\nvt 1 {number}\nvt 0.5 1\n"
+    write(root / "t.obj", f"mtllib t.mtl\n{TRIANGLE.replace('f 1 2 3', '')}{texture}usemtl m\nf 1/1 2/2 3/3\n")
+    warnings: list[str] = []
+    (part,) = files.load("t.obj", warnings=warnings)
+    assert warnings == ["'t.obj': 1 of 3 texture coordinates are not finite, they are read as 0"]
+    assert part.material.base_color_texture is not None
+    uv = mesh_of(part).uv0
+    assert uv is not None
+    assert sorted(uv.tolist()) == [[0, 0.75], [0.5, 0], [1, 1]]
+
+
+def test_vertices_that_are_not_finite_drop_their_triangles(root: Path, files: MeshFiles) -> None:
+    head = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n"
+    rows = "0 0 0\n1 0 0\n0 -1e13 0\n0 nan 0\n0 0 inf\n"
+    faces = "element face 3\nproperty list uchar int vertex_indices\nend_header\n"
+    write(root / "t.ply", f"{head}{faces}{rows}3 0 1 2\n3 0 1 3\n3 1 2 4\n")
+    warnings: list[str] = []
+    mesh = mesh_of(files.load("t.ply", warnings=warnings)[0])
+    assert warnings == ["'t.ply': 2 of 3 triangles with vertices that are not finite are left out"]
+    assert len(mesh.elements) == 1
+    assert mesh.positions[mesh.elements[0]].min() == np.float32(-1e13)
+    assert np.isfinite(mesh.positions).all()
+
+
+@pytest.mark.parametrize("number", ["nan", "1e39", "-1e39", "1e400"])
+def test_obj_vertices_that_are_not_finite_in_float32_drop_their_faces(
+    root: Path, files: MeshFiles, number: str
+) -> None:
+    write(root / "t.obj", f"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 {number}\nf 1 2 3\nf 1 2 4\n")
+    warnings: list[str] = []
+    mesh = mesh_of(files.load("t.obj", warnings=warnings)[0])
+    assert (len(mesh.elements), mesh.positions.max()) == (1, 1.0)
+    assert warnings == ["'t.obj': 1 of 2 triangles with vertices that are not finite are left out"]
+    write(root / "u.obj", f"v 0 0 0\nv 1 0 0\nv 0 0 {number}\nf 1 2 3\n")
+    with pytest.raises(MeshFileError, match="no triangles or points; 1 of 1 triangles with vertices that are not"):
+        files.load("u.obj")
+
+
+@pytest.mark.parametrize("missing", ["t.mtl", "p.png"])
+def test_a_missing_material_or_texture_file_has_a_warning(root: Path, files: MeshFiles, missing: str) -> None:
+    if missing != "t.mtl":
+        write(root / "t.mtl", "newmtl m\nKd 0 0 1\nmap_Kd p.png\n")
+    write(root / "t.obj", "mtllib t.mtl\n" + TRIANGLE.replace("f ", "usemtl m\nf "))
+    warnings: list[str] = []
+    assert len(files.load("t.obj", warnings=warnings)) == 1
+    assert warnings == [f"'t.obj': {missing!r} is left out: No such file or directory"]

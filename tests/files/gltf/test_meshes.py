@@ -1,0 +1,425 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gateway.files.gltf import GltfCache, GltfLimits
+from gateway.files.gltf.errors import GltfError
+from gateway.files.gltf.topology import element_count, separate_elements
+from renderers.cache import CacheBudget
+from renderers.drawlist import Topology
+from tests.files.gltf.builder import TRIANGLE, Builder, corners, meshes, only_mesh
+
+SQUARE = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)], np.float32)
+
+
+@pytest.mark.parametrize(
+    ("mode", "expected"),
+    [
+        (0, [[4], [3], [2], [1], [0]]),
+        (1, [[4, 3], [2, 1]]),
+        (2, [[4, 3], [3, 2], [2, 1], [1, 0], [0, 4]]),
+        (3, [[4, 3], [3, 2], [2, 1], [1, 0]]),
+        (4, [[4, 3, 2]]),
+        (5, [[4, 3, 2], [3, 1, 2], [2, 1, 0]]),
+        (6, [[3, 2, 4], [2, 1, 4], [1, 0, 4]]),
+    ],
+)
+def test_modes(mode: int, expected: list[list[int]]) -> None:
+    elements = separate_elements(mode, np.array([4, 3, 2, 1, 0], np.uint16))
+    assert elements.tolist() == expected
+    assert elements.dtype == np.uint32
+    assert elements.flags.c_contiguous
+
+
+@pytest.mark.parametrize("mode", range(7))
+@pytest.mark.parametrize("length", range(9))
+def test_element_count_agrees_with_the_elements(mode: int, length: int) -> None:
+    assert len(separate_elements(mode, np.arange(length, dtype=np.uint32))) == element_count(mode, length)
+
+
+@pytest.mark.parametrize("mode", [2, 3, 5, 6])
+def test_primitive_restart_begins_another_strip(mode: int) -> None:
+    """As cesium-native, which splits the index lists of vector tiles. Each part has the winding of a strip."""
+    rng = np.random.default_rng(mode)
+    for _ in range(200):
+        strips = [rng.integers(0, 99, rng.integers(0, 7)).astype(np.uint8) for _ in range(rng.integers(1, 5))]
+        joined = np.concatenate([np.append(strip, 255) for strip in strips])[: -1 if rng.integers(2) else None]
+        expected = np.concatenate([separate_elements(mode, strip) for strip in strips])
+        assert separate_elements(mode, joined.astype(np.uint8), 255).tolist() == expected.tolist()
+
+
+@pytest.mark.parametrize(("mode", "count"), [(2, 7), (3, 5), (5, 3), (6, 3)])
+def test_the_largest_index_of_a_type_restarts_strips(mode: int, count: int) -> None:
+    b = Builder()
+    positions = b.accessor(np.random.default_rng(0).random((300, 3)))
+    indices = b.accessor([255, 0, 1, 2, 255, 255, 3, 4, 5, 6], "B")
+    mesh = only_mesh({"attributes": {"POSITION": positions}, "indices": indices, "mode": mode}, b)
+    assert len(mesh.elements) == count
+    assert mesh.elements.max() == 6
+
+
+@pytest.mark.parametrize("mode", [2, 3, 5, 6])
+def test_nothing_but_restarts_draws_nothing(mode: int) -> None:
+    for order in ([255] * 8, [255, 0] * 8):
+        b = Builder()
+        primitive = {"attributes": {"POSITION": b.accessor(SQUARE)}, "indices": b.accessor(order, "B"), "mode": mode}
+        b.node(mesh=b.mesh(primitive))
+        scene = b.read()
+        assert meshes(scene) == []
+        assert scene.warnings == ()
+
+
+@pytest.mark.parametrize(("typecode", "largest"), [("B", 255), ("H", 65535)])
+def test_the_largest_index_of_a_type_is_a_vertex_in_lists(typecode: str, largest: int) -> None:
+    """As in WebGPU; exporters write 16-bit indices for meshes of exactly 65536 vertices."""
+    b = Builder()
+    positions = b.accessor(np.random.default_rng(0).random((largest + 1, 3)))
+    indices = b.accessor([0, 1, largest], typecode)
+    assert len(only_mesh({"attributes": {"POSITION": positions}, "indices": indices}, b).elements) == 1
+
+
+@pytest.mark.parametrize("indexed", [False, True])
+def test_strips_and_fans_cover_the_square_with_one_winding(indexed: bool) -> None:
+    for mode, order in ((4, (0, 1, 2, 2, 1, 3)), (5, (0, 1, 2, 3)), (6, (0, 1, 3, 2))):
+        b = Builder()
+        if indexed:
+            primitive = {"attributes": {"POSITION": b.accessor(SQUARE)}, "indices": b.accessor(order, "B")}
+        else:
+            primitive = {"attributes": {"POSITION": b.accessor(SQUARE[list(order)])}}
+        mesh = only_mesh({**primitive, "mode": mode}, b)
+        c = corners(mesh)
+        areas = np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0])[:, 2] / 2
+        assert areas.tolist() == [0.5, 0.5]
+
+
+def test_lines_and_points_have_no_normals_of_their_own() -> None:
+    for mode, topology in ((0, Topology.POINTS), (1, Topology.LINES), (2, Topology.LINES), (3, Topology.LINES)):
+        b = Builder()
+        mesh = only_mesh({"attributes": {"POSITION": b.accessor(SQUARE)}, "mode": mode}, b)
+        assert mesh.topology == topology
+        assert mesh.normals is None
+
+
+def test_triangles_without_normals_are_flat_and_their_tangents_are_ignored() -> None:
+    """glTF 2.0, 3.7.2.1: no vertex is duplicated for it, the renderer computes the normals of faces."""
+    b = Builder()
+    tangents = b.accessor([(1, 0, 0, 1)] * 4)
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(SQUARE), "TANGENT": tangents}, "mode": 5}, b)
+    assert mesh.normals is None
+    assert mesh.tangents is None
+    assert len(mesh.positions) == 4
+
+
+@pytest.mark.parametrize(
+    ("generator", "material", "smooth"),
+    [
+        ("VTK", {}, True),
+        ("Drake glTF merger", {}, True),
+        ("Drake glTF merger", {"name": "of a glTF file"}, False),
+        ("Blender", {}, False),
+    ],
+)
+def test_shapes_of_drake_whose_normals_vtk_omits_are_smooth(generator: str, material: Any, smooth: bool) -> None:
+    """A roof of 120 degrees, whose triangles share the vertices of the ridge."""
+    b = Builder()
+    b.json["asset"]["generator"] = generator
+    pbr = {"baseColorFactor": [1, 0, 0, 1], "metallicFactor": 0.0, "roughnessFactor": 1.0}
+    b.json["materials"] = [{"pbrMetallicRoughness": pbr, **material}]
+    roof = b.accessor([(0, 0, 0), (0, 1, 0), (-1, 0, 0), (0.5, 0, -(0.75**0.5))])
+    indices = b.accessor([0, 1, 2, 0, 3, 1], "B")
+    mesh = only_mesh({"attributes": {"POSITION": roof}, "indices": indices, "material": 0}, b)
+    assert (mesh.normals is not None) == smooth
+    if mesh.normals is not None:
+        assert len(mesh.positions) == 4
+        np.testing.assert_allclose(mesh.normals[:2], [(0.5, 0, 0.75**0.5)] * 2, atol=1e-6)
+
+
+def test_normals_without_any_direction_count_as_missing() -> None:
+    b = Builder()
+    normals = b.accessor(np.zeros((4, 3)))
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(SQUARE), "NORMAL": normals}, "mode": 5}, b)
+    assert mesh.normals is None
+
+
+def test_a_vertex_whose_normal_has_no_direction_gets_that_of_one_of_its_triangles_with_an_area() -> None:
+    b = Builder()
+    corners = b.accessor([(0, 0, 0), (1, 0, 0), (0, 1, 0), (2, 0, 0), (5, 5, 5)])
+    normals = b.accessor([(0, 0, 0), (0, 1, 0), (0, 1, 0), (np.inf, 0, 0), (0, 0, 0)])
+    indices = b.accessor([0, 1, 2, 0, 1, 3], "B")
+    mesh = only_mesh({"attributes": {"POSITION": corners, "NORMAL": normals}, "indices": indices}, b)
+    assert mesh.normals is not None
+    assert mesh.normals.tolist() == [[0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]]
+
+
+def test_given_normals_get_unit_length_and_bad_ones_are_computed() -> None:
+    b = Builder()
+    normals = b.accessor([(0, 0, 5), (0, 0, 0), (np.nan, 0, 0)])
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE[[0, 2, 1]]), "NORMAL": normals}}, b)
+    assert mesh.normals is not None
+    assert mesh.normals.tolist() == [[0, 0, 1], [0, 0, -1], [0, 0, -1]]
+
+
+def test_quantised_normals_get_unit_length() -> None:
+    b = Builder()
+    normals = b.accessor([(64, 64, 0)] * 3, "b", normalized=True)
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "NORMAL": normals}}, b)
+    assert mesh.normals is not None
+    np.testing.assert_allclose(mesh.normals, np.full((3, 3), (0.5**0.5, 0.5**0.5, 0)), atol=1e-6)
+
+
+def test_triangles_with_non_finite_vertices_are_dropped() -> None:
+    b = Builder()
+    positions = np.vstack([SQUARE, (np.nan, 0, 0), (0, np.inf, 0)])
+    primitive = {
+        "attributes": {"POSITION": b.accessor(positions)},
+        "indices": b.accessor([0, 1, 2, 0, 1, 4, 5, 1, 2, 2, 1, 3], "B"),
+    }
+    b.node(mesh=b.mesh(primitive))
+    scene = b.read()
+    (mesh,) = meshes(scene)
+    assert mesh.elements.tolist() == [[0, 1, 2], [2, 1, 3]]
+    assert np.isfinite(mesh.positions).all()
+    assert scene.warnings == ("meshes[0].primitives[0]: 2 elements with vertices that are not finite are left out",)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "values", "expected"),
+    [
+        ("f", [(1, 0.5, 0)] * 3, (1, 0.5, 0, 1)),
+        ("B", [(255, 51, 0)] * 3, (1, 0.2, 0, 1)),
+        ("H", [(65535, 13107, 0, 13107)] * 3, (1, 0.2, 0, 0.2)),
+        ("f", [(7, -1, np.nan, 0.25)] * 3, (1, 0, 0, 0.25)),
+    ],
+)
+def test_vertex_colours_become_rgba(dtype: str, values: Any, expected: tuple[float, ...]) -> None:
+    b = Builder()
+    colours = b.accessor(values, dtype, normalized=dtype != "f")
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "COLOR_0": colours}}, b)
+    assert mesh.colors is not None
+    np.testing.assert_allclose(mesh.colors, np.full((3, 4), expected), atol=1e-6)
+
+
+def test_second_texture_coordinates_and_tangents() -> None:
+    b = Builder()
+    attributes = {
+        "POSITION": b.accessor(TRIANGLE),
+        "NORMAL": b.accessor([(0, 0, 1)] * 3),
+        "TEXCOORD_0": b.accessor(TRIANGLE[:, :2]),
+        "TEXCOORD_1": b.accessor(2 * TRIANGLE[:, :2]),
+        "TANGENT": b.accessor([(3, 0, 0, -1), (0, 0, 0, 1), (0, 1, 0, 0.9)]),
+    }
+    mesh = only_mesh({"attributes": attributes}, b)
+    assert mesh.uv1 is not None
+    assert (mesh.uv1 == 2 * TRIANGLE[:, :2]).all()
+    assert mesh.tangents is not None
+    assert mesh.tangents.tolist() == [[1, 0, 0, -1], [1, 0, 0, 1], [0, 1, 0, 1]]
+
+
+def test_unusable_attributes_are_left_out_with_a_warning() -> None:
+    b = Builder()
+    attributes = {
+        "POSITION": b.accessor(TRIANGLE),
+        "TEXCOORD_0": b.accessor(TRIANGLE),
+        "COLOR_0": b.accessor([(1, 1, 1)]),
+        "NORMAL": None,
+        "_CUSTOM": 99,
+    }
+    b.node(mesh=b.mesh({"attributes": attributes}))
+    scene = b.read()
+    (mesh,) = meshes(scene)
+    assert mesh.uv0 is None
+    assert mesh.colors is None
+    assert [w.split(":")[0].rpartition(".")[2] for w in scene.warnings] == ["TEXCOORD_0", "COLOR_0"]
+
+
+def test_primitives_without_elements_are_left_out() -> None:
+    b = Builder()
+    primitives: tuple[dict[str, Any], ...] = (
+        {},
+        {"attributes": None},
+        {"attributes": {"NORMAL": b.accessor(TRIANGLE)}},
+        {"attributes": {"POSITION": b.accessor(TRIANGLE[:2])}},
+        {"attributes": {"POSITION": b.accessor(TRIANGLE[:0])}},
+    )
+    b.node(mesh=b.mesh(*primitives))
+    scene = b.read()
+    assert scene.instance_count == 0
+    assert scene.root.children["node0"].parts == ()
+
+
+def test_primitives_that_share_one_vertex_buffer_keep_their_range() -> None:
+    b = Builder()
+    p = b.accessor(np.arange(300, dtype=np.float32).reshape(100, 3) ** 1.5)
+    b.node(
+        mesh=b.mesh(
+            {"attributes": {"POSITION": p}, "indices": b.accessor([10, 12, 11], "B")},
+            {"attributes": {"POSITION": p}, "indices": b.accessor([0, 99, 50], "B")},
+        )
+    )
+    narrow, wide = meshes(b.read())
+    assert len(narrow.positions) == 3
+    assert len(wide.positions) == 100
+    assert (corners(narrow)[0] == wide.positions[[10, 12, 11]]).all()
+
+
+def chairs(count: int) -> Builder:
+    """Return a document with N copies of one mesh, as Drake sends N instances."""
+    b = Builder()
+    rng = np.random.default_rng(1)
+    positions = rng.random((30, 3)).astype(np.float32)
+    for _ in range(count):
+        primitive = {"attributes": {"POSITION": b.accessor(positions)}, "indices": b.accessor(np.arange(30), "H")}
+        b.node(mesh=b.mesh(primitive))
+    return b
+
+
+def test_copies_are_one_mesh() -> None:
+    scene = chairs(5).read()
+    assert len(meshes(scene)) == 5
+    assert len({id(mesh) for mesh in meshes(scene)}) == 1
+
+
+def test_copies_are_one_mesh_with_a_full_cache() -> None:
+    cache = GltfCache(CacheBudget(100))
+    assert len({id(mesh) for mesh in meshes(chairs(5).read(cache=cache))}) == 1
+    assert cache.content.nbytes <= 100
+
+
+def test_another_layout_of_the_same_bytes_is_another_mesh() -> None:
+    b = Builder()
+    view = b.view(np.arange(12, dtype=np.float32).tobytes())
+    accessor = {"bufferView": view, "componentType": 5126, "count": 3, "type": "VEC3"}
+    first, second = b.add("accessors", accessor), b.add("accessors", {**accessor, "byteOffset": 12})
+    third = b.add("accessors", dict(accessor))
+    for p in (first, second, third):
+        b.node(mesh=b.mesh({"attributes": {"POSITION": p}}))
+    x, y, z = meshes(b.read())
+    assert x is z
+    assert x is not y
+
+
+def test_instances_and_their_elements_are_limited() -> None:
+    b = Builder()
+    mesh = b.triangle()
+    for _ in range(10):
+        b.node(mesh=mesh)
+    scene = b.read()
+    assert (scene.instance_count, scene.element_count) == (10, 10)
+    with pytest.raises(GltfError, match="max_instances = 9"):
+        b.read(limits=GltfLimits(max_instances=9))
+    with pytest.raises(GltfError, match="max_drawn_elements = 9"):
+        b.read(limits=GltfLimits(max_drawn_elements=9))
+    with pytest.raises(GltfError, match="max_nodes = 9"):
+        b.read(limits=GltfLimits(max_nodes=9))
+
+
+def test_a_small_file_with_many_instances_is_refused_by_default() -> None:
+    """90 million triangles of 5 MB took 20 GB of memory to draw."""
+    b = Builder()
+    corners = b.accessor(np.zeros((3, 3), np.float32))
+    indices = b.accessor(np.zeros(3 * 10_000, np.uint32), "I")
+    mesh = b.mesh({"attributes": {"POSITION": corners}, "indices": indices})
+    for _ in range(1_001):
+        b.node(mesh=mesh)
+    with pytest.raises(GltfError, match="max_drawn_elements = 10000000"):
+        b.read()
+
+
+@pytest.mark.parametrize(("count", "expected"), [(7, 7), (8, 4)])
+def test_a_range_of_at_most_half_of_the_vertices_is_cut_out(count: int, expected: int) -> None:
+    """The primitive uses the vertices 2 to 5 of ``count``."""
+    b = Builder()
+    positions = np.random.default_rng(count).random((count, 3), np.float32)
+    indices = b.accessor([2, 3, 5, 4, 2, 3], "B")
+    uv = b.accessor(positions[:, :2])
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(positions), "TEXCOORD_0": uv}, "indices": indices}, b)
+    assert len(mesh.positions) == expected
+    assert mesh.uv0 is not None
+    assert len(mesh.uv0) == expected
+    np.testing.assert_array_equal(corners(mesh), positions[[[2, 3, 5], [4, 2, 3]]])
+    np.testing.assert_array_equal(mesh.uv0[mesh.elements], positions[[[2, 3, 5], [4, 2, 3]], :2])
+
+
+@pytest.mark.parametrize("vertex", [0, 99_999])
+@pytest.mark.parametrize("axis", range(3))
+def test_the_first_and_the_last_vertex_of_a_large_mesh_are_kept(vertex: int, axis: int) -> None:
+    b = Builder()
+    positions = np.zeros((100_000, 3), np.float32)
+    positions[vertex, axis] = -1e13
+    indices = b.accessor(np.arange(99_999, -1, -1), "I")
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(positions)}, "indices": indices, "mode": 0}, b)
+    assert mesh.positions.min(axis=0).tolist() == np.where(np.arange(3) == axis, np.float32(-1e13), 0).tolist()
+    assert mesh.positions[vertex, axis] == np.float32(-1e13)
+
+
+@pytest.mark.parametrize("attribute", ["NORMAL", "TANGENT", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0"])
+def test_attributes_may_have_more_values_than_vertices_but_not_fewer(attribute: str) -> None:
+    width = {"NORMAL": 3, "TANGENT": 4, "TEXCOORD_0": 2, "TEXCOORD_1": 2, "COLOR_0": 4}[attribute]
+    for count in (2, 3, 4):
+        b = Builder()
+        values = b.accessor(np.full((count, width), width**-0.5))
+        normals = {"NORMAL": b.accessor([(0, 0, 1)] * 3)}
+        b.node(mesh=b.mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), **normals, attribute: values}}))
+        scene = b.read()
+        path = f"meshes[0].primitives[0].attributes.{attribute}"
+        expected = f"{path}: accessors[0] has 2 values for 3 vertices; {path} is ignored"
+        assert scene.warnings == ((expected,) if count == 2 else ())
+        (mesh,) = meshes(scene)
+        arrays = {
+            "NORMAL": mesh.normals,
+            "TANGENT": mesh.tangents,
+            "TEXCOORD_0": mesh.uv0,
+            "TEXCOORD_1": mesh.uv1,
+            "COLOR_0": mesh.colors,
+        }
+        for name, array in arrays.items():
+            expected_present = (name == "NORMAL" and attribute != name) or (name == attribute and count > 2)
+            assert (array is not None) == expected_present
+            assert array is None or len(array) == 3
+
+
+def test_texture_coordinates_that_are_not_finite_are_0_with_a_warning() -> None:
+    b = Builder()
+    uv = [(np.nan, 1), (2, -np.inf), (np.inf, -1e13)]
+    b.node(mesh=b.mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "TEXCOORD_0": b.accessor(uv)}}))
+    scene = b.read()
+    (mesh,) = meshes(scene)
+    assert mesh.uv0 is not None
+    assert mesh.uv0.tolist() == [[0, 1], [2, 0], [0, np.float32(-1e13)]]
+    assert scene.warnings == ("meshes[0].primitives[0].TEXCOORD_0: numbers that are not finite are read as 0",)
+
+
+@pytest.mark.parametrize(("length", "kept"), [(1.0009, True), (0.9991, True), (1.002, False), (0.998, False)])
+@pytest.mark.parametrize("axis", range(3))
+def test_normals_within_a_thousandth_of_unit_length_are_kept(length: float, kept: bool, axis: int) -> None:
+    b = Builder()
+    normal = np.zeros(3, np.float32)
+    normal[axis] = -length
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "NORMAL": b.accessor([normal] * 3)}}, b)
+    assert mesh.normals is not None
+    assert mesh.normals[0, axis] == (normal[axis] if kept else -1.0)
+
+
+@pytest.mark.parametrize("bad", [(0, 0, 0), (np.nan, 1, 0), (0, np.inf, 0)])
+def test_normals_of_lines_without_a_direction_point_along_z(bad: tuple[float, ...]) -> None:
+    b = Builder()
+    normals = b.accessor([(0, -2, 0), bad, (1, 0, 0)])
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "NORMAL": normals}, "mode": 3}, b)
+    assert mesh.normals is not None
+    assert mesh.normals.tolist() == [[0, -1, 0], [0, 0, 1], [1, 0, 0]]
+
+
+def test_the_size_of_the_meshes_counts_each_once() -> None:
+    b = Builder()
+    shared = b.mesh({"attributes": {"POSITION": b.accessor(TRIANGLE)}}, {"attributes": {"POSITION": 0}})
+    b.node(mesh=shared)
+    b.node(mesh=shared)
+    cache = GltfCache()
+    for _ in range(2):  # new, and from the cache
+        scene = b.read(cache=cache)
+        assert scene.content.mesh_bytes == meshes(scene)[0].nbytes == 3 * 12 + 12
+        assert scene.content.element_counts == {0: 2}
+    assert scene.element_count == 4

@@ -1,0 +1,167 @@
+"""Legacy VTK files: tetrahedra, polygons, binary numbers, damage."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.files.assets.mesh_files import MeshFiles
+from gateway.files.parsers.mesh_data import MeshFaultError
+from gateway.files.parsers.vtk import read_vtk
+from gateway.scene.tree.geometry import Surface
+
+HEAD = "# vtk DataFile Version 3.0\ntest\nASCII\nDATASET UNSTRUCTURED_GRID\n"
+POINTS = "POINTS 5 double\n0 0 0 1 0 0\n0 1 0 0 0 1 1 1 1\n"
+TWO_TETRAHEDRA = f"{HEAD}{POINTS}CELLS 2 10\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 2\n10 10\n"
+VERSION_5 = (
+    f"{HEAD}{POINTS}CELLS 3 8\nOFFSETS vtktypeint64\n0 4 8\nCONNECTIVITY vtktypeint64\n0 1 2 3 1 2 3 4\n"
+    "CELL_TYPES 2\n10\n10\n"
+)
+
+
+def parse(text: str | bytes) -> tuple[np.ndarray, np.ndarray]:
+    return read_vtk(text if isinstance(text, bytes) else text.encode(), 1000, 1000, [])
+
+
+def binary() -> bytes:
+    head = HEAD.replace("ASCII", "BINARY").encode()
+    points = struct.pack(">12d", 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1)
+    cells = struct.pack(">5i", 4, 0, 1, 2, 3)
+    return b"".join(
+        (head, b"POINTS 4 double\n", points, b"\nCELLS 1 5\n", cells, b"\nCELL_TYPES 1\n", struct.pack(">i", 10))
+    )
+
+
+@pytest.mark.parametrize("text", [TWO_TETRAHEDRA, VERSION_5])
+def test_boundary_of_tetrahedra(text: str) -> None:
+    positions, triangles = parse(text)
+    assert positions.shape == (5, 3)
+    assert {tuple(sorted(row)) for row in triangles.tolist()} == {
+        *((0, 1, 2), (0, 1, 3), (0, 2, 3)),
+        *((1, 2, 4), (1, 3, 4), (2, 3, 4)),
+    }, "without the face between the two"
+
+
+def test_normals_point_outwards_and_binary_numbers() -> None:
+    positions, triangles = parse(binary())
+    corners = positions[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert len(triangles) == 4
+    assert ((corners.mean(axis=1) - positions.mean(axis=0)) * normals).sum(axis=1).min() > 0.0
+
+
+def test_polygons() -> None:
+    text = HEAD.replace("UNSTRUCTURED_GRID", "POLYDATA") + POINTS + "POLYGONS 2 9\n4 0 1 4 2\n3 0 1 3\n"
+    assert parse(text)[1].tolist() == [[0, 1, 4], [0, 4, 2], [0, 1, 3]]
+
+
+CUBE = "POINTS 8 float\n0 0 0 1 0 0 1 1 0 0 1 0\n0 0 1 1 0 1 1 1 1 0 1 1\n"
+"""Unit cube, its corners in the order of a hexahedron."""
+
+
+def grid(*cells: tuple[int, ...]) -> str:
+    """Return a file of cells on the corners of the cube: type, then points."""
+    rows = "".join(f"{len(points)} {' '.join(map(str, points))}\n" for _, *points in cells)
+    count, numbers = len(cells), sum(map(len, cells))
+    return (
+        f"{HEAD}{CUBE}CELLS {count} {numbers}\n{rows}CELL_TYPES {count}\n{' '.join(str(each[0]) for each in cells)}\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("cells", "volume", "triangle_count"),
+    [
+        ([(12, 0, 1, 2, 3, 4, 5, 6, 7)], 1.0, 12),
+        ([(11, 0, 1, 3, 2, 4, 5, 7, 6)], 1.0, 12),
+        ([(25, *range(8), *[0] * 12)], 1.0, 12),
+        ([(29, *range(8), *[0] * 19)], 1.0, 12),
+        ([(13, 0, 3, 1, 4, 7, 5), (13, 1, 3, 2, 5, 7, 6)], 1.0, 12),
+        ([(14, 0, 1, 2, 3, 4)], 1 / 3, 6),
+        ([(14, 0, 1, 2, 3, 4), (14, 4, 5, 1, 0, 2)], 2 / 3, 12),
+        ([(14, 0, 1, 2, 3, 6), (10, 0, 1, 6, 5)], 1 / 2, 8),
+    ],
+    ids=[
+        "hexahedron",
+        "voxel",
+        "quadratic",
+        "triquadratic",
+        "two wedges",
+        "pyramid",
+        "two pyramids",
+        "pyramid and tetrahedron",
+    ],
+)
+def test_boundary_of_volumes(cells: list[tuple[int, ...]], volume: float, triangle_count: int) -> None:
+    positions, triangles = parse(grid(*cells))
+    corners = positions[triangles]
+    assert np.linalg.det(corners).sum() / 6 == pytest.approx(volume), "triangles face outwards"
+    assert len(triangles) == triangle_count
+
+
+def test_polygons_pixels_and_strips() -> None:
+    _, triangles = parse(grid((7, 0, 1, 2, 3, 7), (8, 0, 1, 3, 2), (6, 0, 1, 3, 2)))
+    assert triangles.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 7], [0, 1, 2], [0, 2, 3], [0, 1, 3], [2, 3, 1]]
+    strips = (
+        HEAD.replace("UNSTRUCTURED_GRID", "POLYDATA") + CUBE + "POLYGONS 1 4\n3 0 1 2\nTRIANGLE_STRIPS 1 5\n4 0 1 3 2\n"
+    )
+    assert parse(strips)[1].tolist() == [[0, 1, 2], [0, 1, 3], [2, 3, 1]]
+
+
+def test_the_limit_holds_for_all_sections_together() -> None:
+    section = "POLYGONS 1 4\n3 0 1 2\n"
+    with pytest.raises(MeshFaultError, match="it has 6 triangles, the limit is 5"):
+        read_vtk((HEAD + CUBE + 6 * section).encode(), 1000, 5, [])
+
+
+def test_cells_of_other_types_are_a_warning() -> None:
+    warnings: list[str] = []
+    prism = (15, *range(8), 0, 1)
+    read_vtk(grid((5, 0, 1, 2), (3, 0, 1), prism).encode(), 1000, 1000, warnings)
+    assert warnings == ["1 of 3 cells are left out, of VTK's types 15"]
+
+
+def test_points_and_lines_draw_nothing() -> None:
+    mixed = f"{HEAD}{POINTS}CELLS 3 10\n3 0 1 2\n2 0 1\n2 1 2\nCELL_TYPES 3\n5 3 3\n"
+    assert parse(mixed)[1].tolist() == [[0, 1, 2]]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("solid", "does not start as"),
+        (HEAD, "no points or no cells"),
+        (TWO_TETRAHEDRA.replace("4 1 2 3 4", "4 1 2 3 9"), "refers to point 9 of 5"),
+        (TWO_TETRAHEDRA.replace("4 1 2 3 4", "9 1 2 3 4"), "cut off"),
+        (TWO_TETRAHEDRA.replace("POINTS 5", "POINTS 5000"), "the limit is 1000"),
+        (TWO_TETRAHEDRA.replace("POINTS 5", "POINTS x"), "'x' elements"),
+        (TWO_TETRAHEDRA.replace("1 1 1\n", "1 1 z\n"), "cannot be read"),
+        (TWO_TETRAHEDRA.replace("CELL_TYPES 2\n10 10", "CELL_TYPES 1\n10"), "1 types for 2 cells"),
+        (TWO_TETRAHEDRA.replace("4 1 2 3 4", "nan 1 2 3 4"), "cut off"),
+        (VERSION_5.replace("0 4 8", "0 9 8"), "not in order"),
+        (VERSION_5.replace("CONNECTIVITY", "NOTHING"), "no connectivity"),
+        (binary()[:100], "ends within an array"),
+    ],
+)
+def test_damage(text: str | bytes, reason: str) -> None:
+    with pytest.raises(MeshFaultError, match=reason):
+        parse(text)
+
+
+def test_cut_off_and_changed_bytes_never_raise_others() -> None:
+    for whole in (TWO_TETRAHEDRA.encode(), VERSION_5.encode(), binary()):
+        for position in range(len(whole)):
+            for damaged in (whole[:position], whole[:position] + b"\xff" + whole[position + 1 :]):
+                try:
+                    parse(damaged)
+                except MeshFaultError:
+                    pass
+
+
+def test_as_a_mesh_file(tmp_path: Path) -> None:
+    (tmp_path / "two.vtk").write_text(TWO_TETRAHEDRA)
+    (part,) = MeshFiles((tmp_path,)).load("two.vtk")
+    assert isinstance(part.shape, Surface)
+    assert len(part.shape.mesh.elements) == 6

@@ -1,0 +1,77 @@
+"""Up axis of a robot's glTF meshes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from gateway.files.robots.reader import MAX_LINKS_FOR_NOTE, read_robot
+from gateway.scene.tree.geometry import Surface
+from scenegate.robots.files import RobotFiles
+from tests.files.gltf.builder import Builder
+from tests.files.robots.files import link, write
+
+TOWER = np.array([(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 3)], np.float32)
+"""A tetrahedron that is 3 m high in a file with Z up, and lies in one with Y up."""
+
+
+def robot_with(folder: Path, collision: str) -> Path:
+    document = Builder()
+    faces = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)], np.uint16)
+    primitive = {"attributes": {"POSITION": document.accessor(TOWER)}, "indices": document.accessor(faces.ravel(), "H")}
+    document.node(mesh=document.mesh(primitive))
+    (folder / "m.gltf").write_bytes(document.text())
+    visual = '<visual><geometry><mesh filename="m.gltf"/></geometry></visual>'
+    return write(folder, link(visual + f"<collision><geometry>{collision}</geometry></collision>"))
+
+
+@pytest.mark.parametrize(
+    ("gltf_up", "collision", "height"),
+    [
+        ("y", '<box size="0.1 0.1 6"/>', 0.1),
+        ("z", '<box size="0.1 6 0.1"/>', 3.0),
+        ("auto", '<box size="0.1 0.1 6"/>', 3.0),
+        ("auto", '<box size="0.1 6 0.1"/>', 0.1),
+    ],
+)
+def test_up_axis(tmp_path: Path, gltf_up: Literal["y", "z", "auto"], collision: str, height: float) -> None:
+    robot = read_robot(robot_with(tmp_path, collision), gltf_up=gltf_up, strict=True)
+    ((part,),) = robot.parts
+    assert isinstance(part.shape, Surface)
+    vertices = part.shape.mesh.positions @ part.X_node_part[:3, :3].T + part.X_node_part[:3, 3]
+    assert np.ptp(vertices[:, 2]) == pytest.approx(height)
+    if gltf_up == "auto":
+        assert robot.notes[0].startswith(f"glTF meshes are taken as {'Z' if height == 3.0 else 'Y'} up: their bounds")
+    elif gltf_up == "y":
+        assert robot.notes[0].startswith(
+            "glTF meshes are taken as Y up; with --robot-gltf-up z, their bounds are nearer"
+        )
+        assert list(robot.digests) == ["robot.urdf", "m.gltf"]
+    else:
+        assert robot.notes == ()
+
+
+def test_without_a_doubt_about_the_up_axis_there_is_no_note(tmp_path: Path) -> None:
+    assert read_robot(robot_with(tmp_path, '<box size="0.1 6 0.1"/>')).notes == ()
+
+
+def test_the_note_needs_the_collision_meshes_of_a_few_links(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names: list[str] = []
+    find = RobotFiles.find
+
+    def find_and_note(files: RobotFiles, name: str) -> Path:
+        names.append(name)
+        return find(files, name)
+
+    monkeypatch.setattr(RobotFiles, "find", find_and_note)
+    robot_with(tmp_path, "")
+    geometry = "<{0}><geometry><mesh filename='{1}'/></geometry></{0}>"
+    links = (
+        f"<link name='{i}'>{geometry.format('visual', 'm.gltf')}{geometry.format('collision', f'{i}.stl')}</link>"
+        for i in range(2 * MAX_LINKS_FOR_NOTE)
+    )
+    read_robot(write(tmp_path, f"<robot>{''.join(links)}</robot>"))
+    assert [name for name in names if name != "m.gltf"] == [f"{i}.stl" for i in range(MAX_LINKS_FOR_NOTE)]

@@ -1,0 +1,302 @@
+"""MJCF, read with the package mujoco."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.files.robots.limits import RobotLimits
+from gateway.files.robots.reader import read_robot
+from gateway.files.robots.robot import Robot
+from gateway.scene.tree.geometry import Surface
+from renderers.color import linear_from_srgb
+from renderers.stop import StopFlag
+from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
+from scenegate.robots.errors import RobotFileError
+from tests.files.robots.files import TRIANGLE, write
+
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+@pytest.fixture(autouse=True)
+def _mujoco() -> None:
+    pytest.importorskip("mujoco", reason="the package mujoco is not installed (scenegate[robots])")
+
+
+def mjcf(body: str, rest: str = "") -> str:
+    return f'<mujoco model="m">{rest}<worldbody>{body}</worldbody></mujoco>'
+
+
+def read(folder: Path, content: str, **arguments: object) -> Robot:
+    return read_robot(write(folder, content, "robot.xml"), **arguments)  # type: ignore[arg-type]
+
+
+def test_bodies_joints_and_shapes(tmp_path: Path) -> None:
+    robot = read(
+        tmp_path,
+        mjcf(
+            '<body name="a" pos="0 0 1"><joint name="turn" axis="0 0 1" range="-1 1" limited="true"/>'
+            '<geom type="box" size="1 2 3" pos="0 0 0.5" rgba="1 0 0 1"/><geom type="sphere" size="2"/>'
+            '<body pos="1 0 0"><joint name="slide" type="slide" axis="1 0 0" ref="0.5"/>'
+            '<geom type="capsule" size="1 2"/><geom type="cylinder" size="1 2"/><geom type="ellipsoid" size="1 2 3"/>'
+            '</body></body><body name="ball"><freejoint name="free"/><geom size="1"/></body>'
+        ),
+    )
+    assert robot.name == "m"
+    assert robot.links == ("world", "a", "body_2", "ball")
+    assert {name: (joint.kind, joint.default, joint.limits) for name, joint in robot.joints.items()} == {
+        "turn": ("revolute", (0.0,), pytest.approx((-np.pi / 180, np.pi / 180))),
+        "slide": ("prismatic", (0.5,), None),
+        "free": ("floating", (0, 0, 0, 1, 0, 0, 0), None),
+    }
+    assert [[part.shape for part in parts] for parts in robot.parts] == [
+        [],
+        [Box((2.0, 4.0, 6.0)), Sphere(2.0)],
+        [Capsule(1.0, 4.0), Cylinder(1.0, 4.0), Ellipsoid((1.0, 2.0, 3.0))],
+        [Sphere(1.0)],
+    ]
+    box = robot.parts[1][0]
+    assert box.material.base_color == (1.0, 0.0, 0.0, 1.0)
+    np.testing.assert_allclose(box.X_node_part[:3, 3], (0, 0, 0.5))
+    _, a, b, _ = robot.link_poses({"turn": np.pi / 2, "slide": 1.5})
+    np.testing.assert_allclose(a, [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]], atol=1e-15)
+    np.testing.assert_allclose(b[:3, 3], (0, 2, 1), atol=1e-15)
+
+
+def test_which_geometry_is_for_collisions(tmp_path: Path) -> None:
+    """Group 3 and above; and group 0 of a body that has geometry for the eye only."""
+    content = mjcf(
+        '<body name="menagerie"><geom size="1" group="2" contype="0" conaffinity="0"/><geom size="2" group="3"/></body>'
+        '<body name="robosuite"><geom size="3" group="1" contype="0" conaffinity="0"/><geom size="4" group="0"/></body>'
+        '<body name="plain"><geom size="5"/><geom size="6" rgba="1 1 1 0"/></body>'
+    )
+    seen = [[part.shape for part in parts] for parts in read(tmp_path, content).parts]
+    assert seen == [[], [Sphere(1.0)], [Sphere(3.0)], [Sphere(5.0)]]
+    touched = [[part.shape for part in parts] for parts in read(tmp_path, content, geometry="collision").parts]
+    assert touched == [[], [Sphere(2.0)], [Sphere(4.0)], [Sphere(5.0), Sphere(6.0)]]
+
+
+def test_materials_and_textures(tmp_path: Path) -> None:
+    robot = read(
+        tmp_path,
+        mjcf(
+            '<geom type="plane" size="2 1 1" material="floor"/><geom size="1" material="floor"/>'
+            '<geom size="1" material="gold" rgba="0 1 0 1"/><geom size="1" material="gold"/>',
+            '<asset><texture name="t" type="2d" builtin="flat" rgb1="0.2 0.4 0.6" width="8" height="4"/>'
+            '<material name="floor" texture="t" texrepeat="3 5" shininess="0"/>'
+            '<material name="gold" rgba="1 0.8 0 1" metallic="1" roughness="0.3"/></asset>',
+        ),
+    )
+    plane, ball, green, gold = (part.material for part in robot.parts[0])
+    assert plane.base_color_texture is not None
+    pixels = plane.base_color_texture.image.decode()
+    assert pixels.shape == (4, 8, 4)
+    assert pixels[0, 0].tolist() == pytest.approx([51, 102, 153, 255], abs=1)
+    assert plane.base_color == (1.0, 1.0, 1.0, 1.0)
+    assert plane.roughness == 1.0
+    surface = robot.parts[0][0].shape
+    assert isinstance(surface, Surface)
+    np.testing.assert_allclose(surface.mesh.positions.max(axis=0), (2, 1, 0))
+    assert surface.mesh.uv0 is not None
+    np.testing.assert_allclose(np.ptp(surface.mesh.uv0, axis=0), (3, 5))
+    # without texture coordinates: the mean colour
+    assert ball.base_color[2] == pytest.approx(linear_from_srgb(0.6), abs=0.01)
+    assert green.base_color == (0.0, 1.0, 0.0, 1.0)
+    assert gold.base_color == pytest.approx((1, linear_from_srgb(0.8), 0, 1))
+    assert gold.metallic == 1.0
+    assert gold.roughness == pytest.approx(0.3)
+
+
+def test_meshes_keep_their_place(tmp_path: Path) -> None:
+    """MuJoCo moves meshes to their centre of mass, and their geometry back."""
+    write(tmp_path, TETRAHEDRON, "meshes/t.obj")
+    robot = read(
+        tmp_path,
+        mjcf(
+            '<body name="a"><geom type="mesh" mesh="t" pos="0 0 1"/></body>',
+            '<compiler meshdir="meshes"/><asset><mesh file="t.obj" scale="2 2 2"/></asset>',
+        ),
+    )
+    ((), (part,)) = robot.parts
+    assert isinstance(part.shape, Surface)
+    mesh, X = part.shape.mesh, part.X_node_part
+    vertices = mesh.positions @ X[:3, :3].T + X[:3, 3]
+    expected = {(0, 0, 1), (2, 0, 1), (0, 2, 1), (0, 0, 3)}
+    assert {tuple(row) for row in np.round(vertices, 5).tolist()} == expected
+    corners = vertices[mesh.elements]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (np.einsum("ij,ij->i", normals, corners.mean(axis=1) - (0.5, 0.5, 1.5)) > 0).all()
+    assert list(robot.digests) == ["robot.xml", "meshes/t.obj"]
+
+
+def test_joint_equality_is_a_mimic(tmp_path: Path) -> None:
+    body = "".join(
+        f'<body><joint name="{name}" type="slide" ref="{ref}"/><geom size="1"/></body>'
+        for name, ref in (("lead", 1), ("follow", 2), ("free", 0))
+    )
+    robot = read(
+        tmp_path,
+        mjcf(
+            body,
+            '<equality><joint joint1="follow" joint2="lead" polycoef="0.5 2 3 0 0"/>'
+            '<joint joint1="lead" joint2="follow"/><joint joint1="free" polycoef="1 0 0 0 0"/></equality>',
+        ),
+    )
+    assert robot.joint_values({"lead": 2})["follow"] == (2 + 0.5 + 2 + 3,)
+    assert robot.joint_values({})["free"] == (0.0,)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (mjcf('<geom type="cone" size="1"/>'), "MuJoCo cannot compile it: XML Error: invalid keyword: 'cone'"),
+        (mjcf('<body><geom type="mesh" mesh="x"/></body>'), "MuJoCo cannot compile it: "),
+        (
+            mjcf(
+                '<body name="arm"><geom type="mesh" mesh="x"/></body>',
+                '<asset><mesh name="x" file="robot.xml" content_type="model/stl"/></asset>',
+            ),
+            "link 'arm': MuJoCo cannot compile it: ",
+        ),
+        ('<mujoco><include file="none.xml"/></mujoco>', "MuJoCo cannot compile it: "),
+    ],
+)
+def test_errors_are_mujocos(tmp_path: Path, content: str, message: str) -> None:
+    with pytest.raises(RobotFileError) as caught:
+        read(tmp_path, content)
+    assert message in str(caught.value)
+    assert str(caught.value).startswith(str(tmp_path / "robot.xml"))
+
+
+def test_what_needs_a_missing_file_is_left_out(tmp_path: Path) -> None:
+    """The body of the mesh has no other geom, so that MuJoCo needs a mass for it."""
+    robot = read(
+        tmp_path,
+        mjcf(
+            '<body name="arm"><joint/><geom type="mesh" mesh="no"/></body><geom type="hfield" hfield="h"/>'
+            '<geom name="box" type="box" size="1 1 1" material="m"/>',
+            '<asset><mesh file="no.stl"/><hfield name="h" file="no.png" size="1 1 1 1"/>'
+            '<texture name="t" type="2d" file="none.png"/><material name="m" texture="t" rgba="1 0 0 1"/></asset>',
+        ),
+    )
+    drawn = [part for parts in robot.parts for part in parts if part.material.base_color[3] > 0.0]
+    assert len(drawn) == 1
+    assert drawn[0].material.base_color[:3] == pytest.approx((1.0, 0.0, 0.0))
+    left_out = [warning.partition(":")[0] for warning in robot.warnings]
+    assert sorted(left_out) == ["asset 'h'", "asset 'no'", "asset 't'"]
+
+
+def test_warnings_of_the_compiler_are_the_robots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """MuJoCo would write them to a file in the working directory."""
+    import mujoco
+
+    monkeypatch.chdir(tmp_path)
+    robot = read(tmp_path, mjcf('<body><joint/><geom size="1"/></body>', '<compiler settotalmass="1"/>'))
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+    if mujoco.__version__ >= "4":  # earlier versions have nothing against it
+        (warning,) = robot.warnings
+        assert warning.startswith("MuJoCo: compiler attribute 'settotalmass' is deprecated")
+
+
+def test_included_files_are_recorded(tmp_path: Path) -> None:
+    write(tmp_path, "<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", "part.xml")
+    robot = read(tmp_path, '<mujoco><include file="part.xml"/></mujoco>')
+    assert list(robot.digests) == ["robot.xml", "part.xml"]
+    assert [part.shape for part in robot.parts[0]] == [Sphere(1.0)]
+
+
+def test_elements_of_included_files_are_limited(tmp_path: Path) -> None:
+    write(tmp_path, "<mujoco><worldbody><geom size='1'/><include file='part.xml'/></worldbody></mujoco>", "part.xml")
+    document = '<mujoco><include file="part.xml"/><include file="part.xml"/></mujoco>'
+    with pytest.raises(RobotFileError, match="it and its includes have more than 6 XML elements"):
+        read(tmp_path, document, limits=RobotLimits(max_elements=6))
+    with pytest.raises(RobotFileError, match=r"MuJoCo cannot compile it: .*already included"):  # each is read once
+        read(tmp_path, document, limits=RobotLimits(max_elements=7))
+
+
+def test_limits(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError, match="it has 2 geometries, the limit is 1"):
+        read(tmp_path, mjcf('<geom size="1"/><geom size="1"/>'), limits=RobotLimits(max_geometries=1))
+
+
+def test_height_fields_are_a_warning(tmp_path: Path) -> None:
+    robot = read(
+        tmp_path,
+        mjcf('<geom type="hfield" hfield="h"/>', '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset>'),
+    )
+    assert robot.warnings == ("1 geometries of other types (height fields, SDFs) are not shown",)
+
+
+def test_urdf_in_a_file_called_xml(tmp_path: Path) -> None:
+    write(tmp_path, TRIANGLE, "m.obj")
+    assert read(tmp_path, '<robot name="r"><link name="a"/></robot>').links == ("a",)
+
+
+def test_without_mujoco_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ImportError, match=r"MJCF files need the package mujoco .*pip install 'scenegate\[robots\]'"):
+        read(tmp_path, mjcf(""))
+
+
+HEIGHT_FIELD = '<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>'
+HUGE_TEXTURE = '<asset><texture name="t" type="2d" builtin="checker" width="100000" height="100000"/></asset>'
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the memory of a process is limited on Linux only")
+@pytest.mark.parametrize("content", [HEIGHT_FIELD, HUGE_TEXTURE, '<size memory="1000G"/>'])
+def test_memory_of_the_compiler_is_limited(tmp_path: Path, content: str) -> None:
+    with pytest.raises(RobotFileError) as caught:
+        read(tmp_path, mjcf('<body><freejoint/><geom size="1"/></body>', content))
+    assert str(caught.value) == (
+        f"{tmp_path / 'robot.xml'}: MuJoCo cannot compile it: it needs more than max_compiler_bytes = 8589934592 of "
+        "memory, or crashes"
+    )
+
+
+def test_time_of_the_compiler_is_limited(tmp_path: Path) -> None:
+    content = '<geom size="1"/>'
+    for axis in ("1 0 0", "0 1 0", "0 0 1"):
+        content = f'<replicate count="1000" offset="{axis}">{content}</replicate>'
+    with pytest.raises(RobotFileError, match=r"robot\.xml: .* it takes longer than max_compiler_seconds = 1$"):
+        read(tmp_path, mjcf(content), limits=RobotLimits(max_compiler_seconds=1))
+
+
+def test_a_pipe_as_a_mesh_does_not_block(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.stl")
+    for assets in ('<mesh name="m" file="pipe.stl"/>', '<texture name="t" type="cube" fileup="pipe.stl"/>'):
+        with pytest.raises(RobotFileError, match=r"pipe.stl is not a regular file$"):
+            read(tmp_path, mjcf('<geom size="1"/>', f"<asset>{assets}</asset>"))
+    with pytest.raises(RobotFileError, match=r"pipe.stl is not a regular file$"):
+        read(tmp_path, mjcf('<geom size="1"/>', '<include file="pipe.stl"/>'))
+
+
+def test_size_of_the_model_is_limited(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError, match=r"the model has \d+ bytes, the limit is max_model_bytes = 100"):
+        read(tmp_path, mjcf('<geom size="1"/>'), limits=RobotLimits(max_model_bytes=100))
+
+
+def test_a_stop_flag_ends_the_compiler(tmp_path: Path) -> None:
+    flag = StopFlag()
+    flag.set(RuntimeError("late"))
+    with pytest.raises(RuntimeError, match="late"):
+        flag.run(lambda: read(tmp_path, mjcf('<geom size="1"/>')))
+
+
+def test_poses_that_are_no_numbers(tmp_path: Path) -> None:
+    robot = read(tmp_path, mjcf('<body name="a" pos="nan 0 0"><geom size="1"/></body>'))
+    with pytest.raises(RobotFileError, match="the pose of the link 'a' is not finite"):
+        robot.link_poses({})
+
+
+def test_a_keyframe_has_the_joint_values(tmp_path: Path) -> None:
+    body = '<body name="a"><joint name="turn"/><geom size="1"/></body>'
+    keys = '<keyframe><key name="home" qpos="0.5"/><key qpos="1"/></keyframe>'
+    content = mjcf(body, "<compiler angle='radian'/>").replace("</mujoco>", f"{keys}</mujoco>")
+    assert read(tmp_path, content, keyframe="home").joints["turn"].default == (0.5,)
+    assert read(tmp_path, content).joints["turn"].default == (0.0,)
+    with pytest.raises(RobotFileError, match="it has no keyframe 'hom'; did you mean home"):
+        read(tmp_path, content, keyframe="hom")

@@ -1,0 +1,129 @@
+"""Scene files of every format, as --backdrop, --stereo-scene and ``scenegate render`` read them."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.files.assets.scene_file import SceneFileError
+from gateway.files.robots.reader import read_robot
+from gateway.files.robots.scene_files import SceneOptions, read_scene
+from gateway.scene.tree.geometry import Surface
+from renderers.encode import png_rgb
+from scenegate import MeshFile
+from scenegate.robots.errors import RobotFileError
+from tests.files.robots.files import ARM, TRIANGLE, link, write
+from tests.support import forms
+
+REFUSED = re.escape(" (refused: --strict)")
+
+
+def test_a_robot_is_a_node_for_each_link(tmp_path: Path) -> None:
+    path = write(tmp_path, ARM)
+    scene = read_scene(path, SceneOptions(joints=("shoulder=0.5",)))
+    expected = read_robot(path).link_poses({"shoulder": 0.5})[1]
+    X_world_upper = scene.root.world_matrix(("arm", "upper"))
+    assert X_world_upper is not None
+    np.testing.assert_allclose(X_world_upper, expected, atol=1e-15)
+    assert list(scene.digests) == ["robot.urdf"]
+
+
+def test_packages_of_a_robot_are_found_by_the_roots(tmp_path: Path) -> None:
+    write(tmp_path, TRIANGLE, "far/pkg/m.obj")
+    mesh = '<visual><geometry><mesh filename="package://pkg/m.obj"/></geometry></visual>'
+    path = write(tmp_path, link(mesh), "near/deep/robot.urdf")
+    assert "name a folder that contains it with --root" in read_scene(path).warnings[0]
+    assert read_scene(path, SceneOptions(roots=(tmp_path / "far",))).root
+
+
+def test_a_mesh_is_one_node(tmp_path: Path) -> None:
+    scene = read_scene(write(tmp_path, TRIANGLE, "m.OBJ"))
+    (part,) = scene.root.children["m"].parts or ()
+    assert isinstance(part.shape, Surface)
+    assert list(scene.digests) == ["m.OBJ"]
+
+
+@pytest.mark.parametrize(
+    ("name", "image"),
+    [("../textures/t.png", "textures/t.png"), ("t.png", "materials/textures/t.png"), ("..\\tex%20t.png", "tex t.png")],
+)
+def test_textures_of_a_mesh_are_found_as_those_of_robots(tmp_path: Path, name: str, image: str) -> None:
+    (tmp_path / image).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / image).write_bytes(png_rgb(np.zeros((2, 2, 3), np.uint8)))
+    write(tmp_path, f"newmtl a\nmap_Kd {name}\n", "meshes/m.mtl")
+    text = "mtllib m.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n"
+    path = write(tmp_path, text, "meshes/m.obj")
+    scene = read_scene(path, SceneOptions(strict=True))
+    (part,) = scene.root.children["m"].parts or ()
+    assert part.material.base_color_texture is not None
+    assert list(scene.digests) == ["m.obj", "m.mtl", f"../{image}"]
+    assert MeshFile.read(path).files[name] == (tmp_path / image).read_bytes()
+
+
+@pytest.mark.parametrize("folder", [".", "meshes", "meshes/parts"])
+def test_textures_are_found_from_a_relative_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: str) -> None:
+    (tmp_path / "meshes/parts").mkdir(parents=True)
+    (tmp_path / "materials/textures").mkdir(parents=True)
+    (tmp_path / "materials/textures/t.png").write_bytes(b"image")
+    write(tmp_path, "<init_from>t.png</init_from>", "meshes/m.dae")
+    monkeypatch.chdir(tmp_path / folder)
+    assert MeshFile.read(os.path.relpath(tmp_path / "meshes/m.dae")).files == {"t.png": b"image"}
+
+
+def test_gltf_files_have_an_up_axis(tmp_path: Path) -> None:
+    path = write(tmp_path, json.dumps(forms.gltf(generator="other")), "s.gltf")
+    assert not np.array_equal(read_scene(path).root.matrix, np.eye(4))
+    assert np.array_equal(read_scene(path, SceneOptions(up="z")).root.matrix, np.eye(4))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("a.txt", "", "its suffix is not one of .gltf, .glb, .dae, "),
+        ("a.urdf", "<robot>", "no element found|invalid|unclosed|XML"),
+        ("a.obj", "", "no triangles or points|cannot be read as OBJ"),
+        ("a.gltf", "{", "JSON"),
+    ],
+)
+def test_errors_name_the_file_once(tmp_path: Path, name: str, content: str, reason: str) -> None:
+    path = write(tmp_path, content, name)
+    with pytest.raises(SceneFileError, match=reason) as caught:
+        read_scene(path)
+    assert str(caught.value).count(str(path)) == 1
+
+
+@pytest.mark.parametrize("suffix", [".urdf", ".obj", ".glb"])
+def test_a_missing_file_is_an_error(tmp_path: Path, suffix: str) -> None:
+    with pytest.raises(SceneFileError, match=rf"none\{suffix}.*No such file"):
+        read_scene(tmp_path / f"none{suffix}")
+
+
+def test_an_unknown_joint_is_an_error(tmp_path: Path) -> None:
+    path = write(tmp_path, ARM)
+    with pytest.raises(SceneFileError, match=r"robot\.urdf: the robot has no joint 'knee'"):
+        read_scene(path, SceneOptions(joints=("knee=1",)))
+    with pytest.raises(SceneFileError, match=r"robot\.urdf: --joint 'knee': must be name=value"):
+        read_scene(path, SceneOptions(joints=("knee",)))
+
+
+def test_strict_refuses_warnings(tmp_path: Path) -> None:
+    path = write(tmp_path, link("<visual/>"), "a.urdf")
+    assert read_scene(path).warnings == ("link 'a', visual: it has no shape; it is not shown",)
+    with pytest.raises(SceneFileError, match=f"^{path}: link 'a', visual: it has no shape; it is not shown{REFUSED}$"):
+        read_scene(path, SceneOptions(strict=True))
+    with pytest.raises(RobotFileError, match=f"^{path}: link 'a', visual: it has no shape; it is not shown{REFUSED}$"):
+        read_robot(path, strict=True)
+
+
+def test_strict_refuses_a_flaw_of_a_gltf_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.gltf"
+    path.write_text('{"nodes": [{"scale": "big"}]}')
+    warning = 'nodes[0].scale: expected an array, got "big"; it is ignored'
+    assert read_scene(path).warnings == (warning,)
+    with pytest.raises(SceneFileError, match=f"^{path}: {re.escape(warning)}{REFUSED}$"):
+        read_scene(path, SceneOptions(strict=True))

@@ -1,0 +1,489 @@
+"""SDF: poses, frames, nested and included models, joints, geometry, and files with flaws."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.files.robots.reader import read_robot
+from gateway.files.robots.robot import Robot
+from gateway.scene.tree.geometry import Shape, Surface
+from renderers.color import linear_from_srgb
+from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
+from scenegate.robots.errors import RobotFileError
+from scenegate.robots.reader import read_robot as read_robot_of_client
+from tests.files.assets.mesh_files.files import DAE, png
+from tests.files.robots.files import TRIANGLE, write
+from tests.support.waiting import SECONDS
+
+ARM = """
+<sdf version="1.9"><model name="arm" placement_frame="mount">
+  <pose>9 9 9 0 0 0</pose>
+  <link name="upper">
+    <pose>0.1 0.2 0.3 0.1 0.2 0.3</pose>
+    <visual name="v"><geometry><box><size>1 1 1</size></box></geometry></visual>
+  </link>
+  <link name="lower"><pose relative_to="elbow">0 0 -0.2 0 0 0</pose></link>
+  <frame name="mount" attached_to="upper"><pose>0 0 0.5 0 0.3 0</pose></frame>
+  <joint name="elbow" type="revolute">
+    <pose relative_to="upper">0 0 0.4 0.5 0 0</pose>
+    <parent>upper</parent><child>lower</child>
+    <axis>
+      <xyz expressed_in="__model__">0 1 0.5</xyz>
+      <limit><lower>-1</lower><upper>2</upper></limit>
+    </axis>
+  </joint>
+</model></sdf>
+"""
+ROBOT = """
+<sdf version="1.9"><model name="robot">
+  <pose>1 2 3 0 0 0.5</pose>
+  <link name="base">
+    <visual name="v">
+      <pose relative_to="tip_frame">0 0 1 0 0 0</pose>
+      <geometry><sphere><radius>1</radius></sphere></geometry>
+    </visual>
+  </link>
+  <link name="slider">
+    <pose relative_to="base" rotation_format="quat_xyzw">0 0 1   0.5 0.5 0.5 0.5</pose>
+  </link>
+  <joint name="slide" type="prismatic">
+    <pose degrees="true">0 0 0 90 0 0</pose>
+    <parent>base</parent><child>slider</child><axis><xyz>0 0 2</xyz></axis>
+  </joint>
+  <frame name="tip_frame" attached_to="slider"><pose>0.1 0 0 0 0 0.4</pose></frame>
+  <include>
+    <uri>package://arm/model.sdf</uri><name>left</name>
+    <pose relative_to="tip_frame">0 1 0 0 0 0</pose>
+  </include>
+  <joint name="shoulder" type="ball"><parent>slider</parent><child>left::mount</child></joint>
+  <model name="inner">
+    <pose>0 -2 0 0.2 0 0</pose>
+    <link name="wheel"/>
+    <link name="hub"><pose>0 0 1 0 0 0</pose></link>
+    <joint name="spin" type="revolute">
+      <parent>wheel</parent><child>hub</child><axis><xyz>1 0 0</xyz></axis>
+    </joint>
+  </model>
+  <joint name="weld" type="fixed"><parent>base</parent><child>inner::wheel</child></joint>
+</model></sdf>
+"""
+"""Poses relative to frames, quaternions and degrees, a placement frame, an included and a nested model."""
+
+
+def model(content: str, version: str = "1.9") -> str:
+    return f'<sdf version="{version}"><model name="m">{content}</model></sdf>'
+
+
+def geometry(shape: str, rest: str = "") -> str:
+    return model(f'<link name="a"><visual name="v"><geometry>{shape}</geometry>{rest}</visual></link>')
+
+
+def read(folder: Path, content: str) -> Robot:
+    return read_robot(write(folder, content, "robot.sdf"))
+
+
+def robot_with_arm(folder: Path) -> Path:
+    write(folder, ARM, "arm/model.sdf")
+    return write(folder, ROBOT, "robot.sdf")
+
+
+def test_links_of_models_have_their_names(tmp_path: Path) -> None:
+    robot = read_robot(robot_with_arm(tmp_path))
+    assert robot.name == "robot"
+    assert robot.links == ("base", "slider", "left::upper", "left::lower", "inner::wheel", "inner::hub")
+    assert {name: (joint.kind, joint.limits) for name, joint in robot.joints.items()} == {
+        "slide": ("prismatic", None),
+        "left::elbow": ("revolute", (-1.0, 2.0)),
+        "shoulder": ("ball", None),
+        "inner::spin": ("revolute", None),
+    }
+    assert robot.warnings == ()
+    assert list(robot.digests) == ["robot.sdf", "arm/model.sdf"]
+
+
+@pytest.mark.slow
+@pytest.mark.drake
+def test_poses_equal_drakes(tmp_path: Path) -> None:
+    python = os.environ.get("SCENEGATE_DRAKE_PYTHON")
+    if not python:
+        pytest.skip("SCENEGATE_DRAKE_PYTHON does not name an interpreter with pydrake")
+    path = robot_with_arm(tmp_path)
+    joints = {"slide": (0.3,), "elbow": (0.7,), "spin": (-0.4,)}
+    request = [{"file": str(path), "packages": {"arm": str(tmp_path / "arm")}, "joints": joints}]
+    command = [python, str(Path(__file__).with_name("drake_poses.py"))]
+    (theirs,) = json.loads(
+        subprocess.run(
+            command, input=json.dumps(request), capture_output=True, text=True, timeout=SECONDS, check=True
+        ).stdout
+    )
+    robot = read_robot(path)
+    ours = robot.link_poses({"slide": 0.3, "left::elbow": 0.7, "inner::spin": -0.4})
+    assert len(theirs) == len(ours) + 1  # and the world
+    for name, X_world_link in zip(robot.links, ours, strict=True):
+        np.testing.assert_allclose(X_world_link, theirs[name.rpartition("::")[2]], atol=1e-12)
+
+
+def test_unknown_rotation_formats_are_reported(tmp_path: Path) -> None:
+    pose = '<pose rotation_format="quat_wxyz">1 2 3 0 0 0.5</pose>'
+    robot = read(tmp_path, model(f'<link name="a">{pose}</link>'))
+    (warning,) = robot.warnings
+    assert "rotation_format='quat_wxyz' is neither euler_rpy nor quat_xyzw" in warning
+
+
+def test_a_joint_turns_about_its_own_frame(tmp_path: Path) -> None:
+    robot = read(
+        tmp_path,
+        model(
+            '<link name="cart"/><link name="pole"><pose relative_to="hinge">0 0 0.25 0 0 0</pose></link>'
+            '<joint name="hinge" type="revolute"><pose relative_to="cart">0 0 0.05 0 0 0</pose>'
+            "<parent>cart</parent><child>pole</child><axis><xyz>0 1 0</xyz></axis></joint>"
+        ),
+    )
+    np.testing.assert_allclose(robot.link_poses({})[1][:3, 3], (0, 0, 0.3))
+    np.testing.assert_allclose(robot.link_poses({"hinge": np.pi / 2})[1][:3, 3], (0.25, 0, 0.05), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("shape", "expected"),
+    [
+        ("<box><size>1 2 3</size></box>", Box((1.0, 2.0, 3.0))),
+        ("<sphere><radius>2</radius></sphere>", Sphere(2.0)),
+        ("<cylinder><radius>1</radius><length>3</length></cylinder>", Cylinder(1.0, 3.0)),
+        ("<capsule><radius>1</radius><length>3</length></capsule>", Capsule(1.0, 3.0)),
+        ("<ellipsoid><radii>1 2 3</radii></ellipsoid>", Ellipsoid((1.0, 2.0, 3.0))),
+        ("<plane><normal>1 0 0</normal><size>4 5</size></plane>", Box((4.0, 5.0, 0.0))),
+    ],
+)
+def test_shapes(tmp_path: Path, shape: str, expected: Shape) -> None:
+    robot = read(tmp_path, geometry(shape))
+    ((part,),) = robot.parts
+    assert part.shape == expected
+    assert robot.warnings == ()
+    if "plane" in shape:
+        np.testing.assert_allclose(part.X_node_part[:3, 2], (1, 0, 0))
+
+
+def test_a_cone_has_its_origin_halfway_to_the_tip(tmp_path: Path) -> None:
+    robot = read(tmp_path, geometry("<cone><radius>2</radius><length>3</length></cone>"))
+    ((part,),) = robot.parts
+    assert isinstance(part.shape, Surface)
+    points = part.shape.mesh.positions @ part.X_node_part[:3, :3].T + part.X_node_part[:3, 3]
+    assert (points[:, 2].min(), points[:, 2].max()) == (-1.5, 1.5)
+    np.testing.assert_allclose(np.abs(points[points[:, 2] > 0]).max(axis=0), (0, 0, 1.5), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(points[:, :2], axis=1).max(), 2.0)
+    assert robot.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("shape", "reason"),
+    [
+        ("<cone><radius>-2</radius><length>3</length></cone>", "radius='-2' of <cone> must be above 0"),
+        ("<polyline><height>1</height></polyline>", "the shape <polyline> is not supported"),
+        ("<heightmap><uri>a.png</uri></heightmap>", "the shape <heightmap> is not supported"),
+    ],
+)
+def test_other_shapes_are_named(tmp_path: Path, shape: str, reason: str) -> None:
+    assert read(tmp_path, geometry(shape)).warnings == (f"link 'a', visual: {reason}; it is not shown",)
+
+
+@pytest.mark.parametrize(
+    ("material", "color"),
+    [
+        ("<diffuse>1 0 0 0.5</diffuse>", (1, 0, 0, 0.5)),
+        ("<ambient>0 1 0</ambient>", (0, 1, 0, 1)),
+        ("<script><name>Gazebo/Blue</name></script>", (0, 0, 1, 1)),
+        ("", (*[linear_from_srgb(0.9)] * 3, 1)),
+    ],
+)
+def test_materials(tmp_path: Path, material: str, color: tuple[float, ...]) -> None:
+    robot = read(tmp_path, geometry("<sphere><radius>1</radius></sphere>", f"<material>{material}</material>"))
+    assert robot.parts[0][0].material.base_color == pytest.approx(color)
+    assert robot.warnings == ()
+
+
+def test_meshes_lie_beside_the_file_that_names_them(tmp_path: Path) -> None:
+    write(tmp_path, TRIANGLE, "far/thing/meshes/m.obj")
+    mesh = "<mesh><uri>meshes/m.obj</uri><scale>2 2 2</scale></mesh>"
+    write(tmp_path, geometry(mesh), "far/thing/thing-1.6.sdf")
+    write(tmp_path, "<model><sdf version='1.6'>thing-1.6.sdf</sdf></model>", "far/thing/model.config")
+    include = "<include><uri>model://thing</uri><name>{}</name><pose>{} 0 0 0 0 0</pose></include>"
+    world = f'<sdf version="1.9"><world name="w">{include.format("one", 1)}{include.format("two", 2)}</world></sdf>'
+    robot = read_robot(write(tmp_path, world, "near/w.sdf"), roots=[tmp_path / "far"])
+    assert robot.links == ("one::a", "two::a")
+    assert robot.warnings == ()
+    assert [len(parts) for parts in robot.parts] == [1, 1]
+    np.testing.assert_allclose(robot.link_poses({})[:, 0, 3], (1, 2))
+
+
+def test_a_merged_include_has_no_name_of_its_own(tmp_path: Path) -> None:
+    write(tmp_path, model('<link name="b"><pose>1 0 0 0 0 0</pose></link>'), "other/model.sdf")
+    include = '<include merge="true"><uri>other</uri><pose>0 1 0 0 0 0</pose></include>'
+    robot = read(tmp_path, model(f'<pose>0 0 1 0 0 0</pose><link name="a"/>{include}'))
+    assert robot.links == ("a", "b")
+    np.testing.assert_allclose(robot.link_poses({})[:, :3, 3], ((0, 0, 1), (1, 1, 1)))
+
+
+def test_before_version_1_5_axes_are_in_the_frame_of_the_model(tmp_path: Path) -> None:
+    content = (
+        '<link name="a"/><link name="b"><pose>0 0 0 0 0 1.5707963267948966</pose></link>'
+        '<joint name="j" type="prismatic"><parent>a</parent><child>b</child><axis><xyz>1 0 0</xyz></axis></joint>'
+    )
+    for version, expected in (("1.4", (1, 0, 0)), ("1.5", (0, 1, 0))):
+        robot = read(tmp_path, model(content, version))
+        np.testing.assert_allclose(robot.link_poses({"j": 1.0})[1][:3, 3], expected, atol=1e-12)
+
+
+def test_a_joint_may_move_in_the_world(tmp_path: Path) -> None:
+    slide = '<joint name="{}" type="{}"><parent>world</parent><child>{}</child><axis><xyz>1 0 0</xyz></axis></joint>'
+    links = '<link name="cart"><pose>0 2 0 0 0 0</pose></link><link name="base"><pose>0 0 1 0 0 0</pose></link>'
+    joints = slide.format("slide", "prismatic", "cart") + slide.format("weld", "fixed", "base")
+    robot = read(tmp_path, model(links + joints))
+    assert robot.links == ("world", "cart", "base")
+    np.testing.assert_allclose(robot.link_poses({"slide": 3.0})[:, :3, 3], ((0, 0, 0), (3, 2, 0), (0, 0, 1)))
+
+
+def test_a_link_may_be_called_world(tmp_path: Path) -> None:
+    slide = '<joint name="j" type="prismatic"><parent>world</parent><child>cart</child></joint>'
+    links = '<link name="world"/><link name="cart"><pose>0 0 1 0 0 0</pose></link>'
+    robot = read(tmp_path, f'<sdf version="1.6"><world name="w"><model name="m">{links}{slide}</model></world></sdf>')
+    assert robot.links == ("world", "m::cart")
+    np.testing.assert_allclose(robot.link_poses({"m::j": 0.5})[:, :3, 3], ((0, 0, 0), (0, 0, 1.5)))
+
+
+LOOP = "".join(
+    f'<joint name="{parent}{child}" type="fixed"><parent>{parent}</parent><child>{child}</child></joint>'
+    for parent, child in ("ab", "bc", "ca")
+)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ('<link name="b"/><link name="c"/>' + LOOP, "joint 'ca': it closes a loop of links; the joint is left out"),
+        (
+            "<include><uri>model://none</uri></include>",
+            "the included model model://none is not shown: the package 'none'",
+        ),
+        ("<link/>", "a <link> has no name, it is left out"),
+        ('<link name="b"><pose>1 2</pose></link>', "<pose>1 2</pose> must be 6 finite numbers"),
+        ('<link name="b"><pose relative_to="x">0 0 0 0 0 0</pose></link>', "there is no frame 'x'; the world is used"),
+        ('<link name="b"><pose relative_to="b">0 0 0 0 0 0</pose></link>', "the frame 'b' is relative to itself"),
+        ('<joint name="j" type="fixed"><parent>a</parent><child>x</child></joint>', "joint 'j': there is no link 'x'"),
+        (
+            '<link name="b"/><joint name="j" type="screw"><parent>a</parent><child>b</child></joint>',
+            "type='screw' is not one of revolute, continuous, prismatic, ball, fixed; the joint stays at rest",
+        ),
+    ],
+)
+def test_what_cannot_be_used_is_left_out_with_a_warning(tmp_path: Path, content: str, message: str) -> None:
+    robot = read(tmp_path, model('<link name="a"/>' + content))
+    (warning,) = robot.warnings
+    assert message in warning
+    assert np.isfinite(robot.link_poses({})).all()
+
+
+def test_links_of_one_name_are_renamed(tmp_path: Path) -> None:
+    shape = '<visual name="v"><geometry><sphere><radius>1</radius></sphere></geometry></visual>'
+    robot = read(tmp_path, model(f'<link name="a"/><link name="a"><pose>1 0 0 0 0 0</pose>{shape}</link>'))
+    assert robot.links == ("a", "a_1")
+    assert robot.warnings == ("a second link is called 'a', it is called 'a_1'",)
+    assert len(robot.parts[1]) == 1
+    assert robot.link_poses({})[:, 0, 3].tolist() == [0, 1]
+
+
+def test_models_of_one_name_are_renamed(tmp_path: Path) -> None:
+    one = '<model name="m"><link name="a"/></model>'
+    robot = read(tmp_path, f'<sdf version="1.9"><world name="w">{one}{one}</world></sdf>')
+    assert robot.links == ("m::a", "m_::a")
+    assert robot.warnings == ("a second model is called 'm', it is called 'm_'",)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ('<sdf version="1.9"/>', "it has no links"),
+        ("<model name='m'>" * 30, "nested more than 20 deep"),
+    ],
+)
+def test_errors(tmp_path: Path, content: str, message: str) -> None:
+    if content.startswith("<model"):
+        content = f'<sdf version="1.9">{content}{"</model>" * 30}</sdf>'
+    with pytest.raises(RobotFileError, match=message):
+        read(tmp_path, content)
+
+
+def test_a_model_that_includes_itself_ends(tmp_path: Path) -> None:
+    twice = "<include><uri>.</uri><name>x</name></include><include><uri>.</uri><name>y</name></include>"
+    with pytest.raises(RobotFileError, match=r"nested more than 20 deep|includes more than 1000 models"):
+        read_robot(write(tmp_path, model(f'<link name="a"/>{twice}'), "model.sdf"))
+
+
+@pytest.mark.parametrize("uri", ["hand", "model://hand"])
+def test_models_are_found_by_name(tmp_path: Path, uri: str) -> None:
+    write(tmp_path, "<sdf><model name='hand'><link name='palm'/></model></sdf>", "models/hand/model.sdf")
+    path = write(tmp_path, model(f"<include><uri>{uri}</uri></include><link name='a'/>"), "models/arm/model.sdf")
+    robot = read_robot(path)
+    assert (robot.links, robot.warnings) == (("hand::palm", "a"), ())
+
+
+@pytest.mark.parametrize(
+    ("uri", "reason"),
+    [
+        ("model://gone", "the package 'gone' is not above or beside the robot file"),
+        ("https://fuel.gazebosim.org/1.0/models/hand", "only files, package:// and file:// can be read"),
+    ],
+)
+def test_an_included_model_that_is_missing_is_a_warning(tmp_path: Path, uri: str, reason: str) -> None:
+    """The model's own folder, which has a ``model.config``, is not taken for it."""
+    write(tmp_path, "<model><sdf>robot.sdf</sdf></model>", "model.config")
+    robot = read(tmp_path, model(f"<include><uri>{uri}</uri></include><link name='a'/>"))
+    assert robot.links == ("a",)
+    (warning,) = robot.warnings
+    assert f"the included model {uri} is not shown: {reason}" in warning
+
+
+def test_an_included_light_gives_no_warning(tmp_path: Path) -> None:
+    write(tmp_path, "<sdf version='1.9'><light name='sun'/></sdf>", "sun/model.sdf")
+    assert read(tmp_path, model("<include><uri>model://sun</uri></include><link name='a'/>")).warnings == ()
+
+
+@pytest.mark.parametrize(
+    "uri", ["model://sun", "model://sun/", "https://fuel.gazebosim.org/1.0/OpenRobotics/models/Sun/2"]
+)
+def test_the_sun_of_gazebo_may_be_missing(tmp_path: Path, uri: str) -> None:
+    assert read(tmp_path, model(f"<include><uri>{uri}</uri></include><link name='a'/>")).warnings == ()
+
+
+def test_models_of_a_world_are_found_in_the_folder_beside_it(tmp_path: Path) -> None:
+    write(tmp_path, model("<link name='a'/>"), "models/hand/model.sdf")
+    world = "<sdf version='1.9'><world name='w'><include><uri>model://hand</uri></include></world></sdf>"
+    assert read_robot(write(tmp_path, world, "worlds/w.world")).links == ("m::a",)
+
+
+def test_the_root_element_before_version_1_3(tmp_path: Path) -> None:
+    old = "<gazebo version='1.2'><model name='m'><link name='a'><pose>1 0 0 0 0 0</pose></link></model></gazebo>"
+    robot = read(tmp_path, old)
+    assert (robot.links, robot.warnings) == (("a",), ())
+    assert robot.link_poses({})[0, 0, 3] == 1.0
+
+
+def test_a_joint_with_the_name_of_a_link_is_renamed(tmp_path: Path) -> None:
+    """As by libsdformat."""
+    joint = "<joint name='wheel' type='revolute'><parent>a</parent><child>wheel</child></joint>"
+    robot = read(tmp_path, model(f"{joint}<link name='a'/><link name='wheel'><pose>0 1 0 0 0 0</pose></link>", "1.4"))
+    assert ([*robot.joints], robot.warnings) == (["wheel_joint"], ())
+    assert robot.link_poses({})[1, 1, 3] == 1.0
+
+
+SCRIPT = """// a material of Gazebo
+material Other
+{
+}
+material Model/Paint
+{
+  technique
+  {
+    pass
+    {
+      diffuse 0.5 1 0.5
+      texture_unit
+      {
+        texture paint.png
+      }
+    }
+  }
+}
+"""
+
+
+def test_material_scripts_replace_the_materials_of_meshes(tmp_path: Path) -> None:
+    write(tmp_path, SCRIPT, "m/materials/scripts/m.material")
+    write(tmp_path, png((255, 0, 0), (255, 0, 0)), "m/materials/textures/paint.png")
+    write(tmp_path, "mtllib m.mtl\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl own\nf 1/1 2/1 3/1"), "m/mesh/m.obj")
+    write(tmp_path, "newmtl own\nKd 0 0 1\n", "m/mesh/m.mtl")
+    uris = "<uri>model://m/materials/scripts</uri><uri>file://media/none</uri>"
+    material = f"<material><script>{uris}<name>Model/Paint</name></script></material>"
+    mesh = "<mesh><uri>model://m/mesh/m.obj</uri></mesh>"
+    robot = read(tmp_path, geometry(mesh, material))
+    assert robot.warnings == ()
+    ((part,),) = robot.parts
+    assert part.material.base_color_texture is not None
+    np.testing.assert_allclose(part.material.base_color, np.ones(4))
+    box = read(tmp_path, geometry("<box><size>1 1 1</size></box>", material))
+    np.testing.assert_allclose(box.parts[0][0].material.base_color[:3], (1, 0, 0), atol=1e-6)
+    unknown = read(tmp_path, geometry(mesh, material.replace("Model/Paint", "Paint")))
+    assert unknown.warnings == (
+        "link 'a', visual: the material script 'Paint' is not known, the default colour is used",
+    )
+
+
+def test_joints_of_one_name_get_unique_names(tmp_path: Path) -> None:
+    joint = "<joint name='j' type='revolute'><parent>{}</parent><child>{}</child></joint>"
+    links = "".join(f"<link name='{name}'/>" for name in "wxyz")
+    robot = read(tmp_path, model(links + "".join(joint.format(*ends) for ends in ("wx", "xy", "yz"))))
+    assert [*robot.joints] == ["j", "j_joint", "j_joint2"]
+    assert robot.warnings == (
+        "a second joint is called 'j', it is called 'j_joint'",
+        "a second joint is called 'j', it is called 'j_joint2'",
+    )
+
+
+def test_a_submesh_is_the_only_node_that_is_shown(tmp_path: Path) -> None:
+    """Its bounds are 0 0 0 to 1 2 0, 10 above the origin. The unnamed node above it belongs to the named one."""
+    start, _, end = DAE.format(asset="").partition('<node id="n">')
+    node = '<node name="wheel"><node><translate>0 0 5</translate>'
+    body = '<node name="body"><instance_geometry url="#g"/></node>'
+    write(tmp_path, f"{start}{body}{node}{end.replace('</node>', '</node></node>', 1)}", "m.dae")
+    mesh = "<mesh><uri>m.dae</uri><scale>2 2 2</scale><submesh><name>{}</name><center>{}</center></submesh></mesh>"
+    for center, offset in (("false", (0, 0, 20)), ("1", (-1, -2, 0))):
+        robot = read(tmp_path, geometry(mesh.format("wheel", center)))
+        assert robot.warnings == ()
+        ((part,),) = robot.parts
+        np.testing.assert_allclose(part.X_node_part[:3, 3], offset)
+    (warning,) = read(tmp_path, geometry(mesh.format("door", "false"))).warnings
+    assert warning.endswith("m.dae is not shown: it has no node 'door' with geometry")
+    write(tmp_path, TRIANGLE, "m.obj")
+    (warning,) = read(tmp_path, geometry(mesh.format("wheel", "false").replace(".dae", ".obj"))).warnings
+    assert warning.endswith("<submesh> is ignored, the whole mesh is shown")
+
+
+def test_a_client_warns_that_it_does_not_centre_a_mesh(tmp_path: Path) -> None:
+    write(tmp_path, TRIANGLE, "m.obj")
+    mesh = "<mesh><uri>m.obj</uri><submesh><center>true</center></submesh></mesh>"
+    robot = read_robot_of_client(write(tmp_path, geometry(mesh), "robot.sdf"))
+    (warning,) = robot.warnings
+    assert warning.endswith("m.obj: <center> is ignored, the mesh is not moved")
+
+
+@pytest.mark.parametrize("name", ["paint.png", "model://other/materials/textures/paint.png"])
+def test_textures_of_meshes_in_the_folders_of_gazebo(tmp_path: Path, name: str) -> None:
+    folder = "m" if name == "paint.png" else "other"
+    write(tmp_path, png((255, 0, 0), (255, 0, 0)), f"{folder}/materials/textures/paint.png")
+    write(tmp_path, "mtllib m.mtl\nvt 0 0\n" + TRIANGLE.replace("f 1 2 3", "usemtl own\nf 1/1 2/1 3/1"), "m/mesh/m.obj")
+    write(tmp_path, f"newmtl own\nmap_Kd {name}\n", "m/mesh/m.mtl")
+    robot = read(tmp_path, geometry("<mesh><uri>model://m/mesh/m.obj</uri></mesh>"))
+    assert robot.warnings == ()
+    assert robot.parts[0][0].material.base_color_texture is not None
+
+
+def test_colors_and_empty_geometry_of_visuals(tmp_path: Path) -> None:
+    """Three numbers have no warning, as the opacity is optional in SDF. Nor has geometry that is empty on purpose."""
+    visual = "<visual name='v'><material><diffuse>{}</diffuse></material><geometry>{}</geometry></visual>"
+    box = "<box><size>1 1 1</size></box>"
+    visuals = visual.format("255 0 0 255", box) + visual.format("0 1 0", box) + visual.format("1 1 1", "<empty/>")
+    sdf = f"<sdf version='1.9'><model name='m'><link name='l'>{visuals}</link></model></sdf>"
+    robot = read_robot(write(tmp_path, sdf, "m.sdf"))
+    assert [part.material.base_color for part in robot.parts[0]] == [(1, 0, 0, 1), (0, 1, 0, 1)]
+    assert robot.warnings == ("link 'l', visual 'v': diffuse='255 0 0 255' is read as 0 to 255",)
+
+
+def test_a_world_of_which_nothing_is_shown_says_why(tmp_path: Path) -> None:
+    sdf = "<sdf version='1.9'><world name='w'><include><uri>model://none</uri></include></world></sdf>"
+    with pytest.raises(RobotFileError, match=r"it has no links: the included model model://none is not shown: "):
+        read_robot(write(tmp_path, sdf, "w.sdf"))

@@ -1,0 +1,76 @@
+"""xacro files, expanded with the package xacro."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from gateway.files.robots.reader import read_robot
+from scenegate.messages.geometry import Sphere
+from scenegate.robots.errors import RobotFileError
+from tests.files.robots.files import write
+
+NAMESPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+BALL = """<xacro:macro name="ball" params="name r">
+  <link name="${name}"><visual><geometry><sphere radius="${r * 2}"/></geometry></visual></link>
+</xacro:macro>"""
+
+
+@pytest.fixture(autouse=True)
+def _xacro() -> None:
+    pytest.importorskip("xacro", reason="the package xacro is not installed (scenegate[robots])")
+
+
+def xacro(content: str) -> str:
+    return f'<robot name="r" {NAMESPACE}>{content}</robot>'
+
+
+@pytest.mark.parametrize("name", ["robot.urdf.xacro", "robot.urdf"])
+def test_macros_includes_and_packages(tmp_path: Path, name: str) -> None:
+    write(tmp_path, xacro(BALL), "balls/macros/ball.xacro")
+    include = '<xacro:include filename="$(find balls)/macros/ball.xacro"/>'
+    path = write(
+        tmp_path, xacro(f'{include}<xacro:property name="x" value="0.5"/><xacro:ball name="a" r="${{x}}"/>'), name
+    )
+    robot = read_robot(path)
+    assert robot.links == ("a",)
+    assert [part.shape for part in robot.parts[0]] == [Sphere(1.0)]
+    assert robot.warnings == ()
+    assert set(robot.digests) == {name, "balls/macros/ball.xacro"}
+
+
+def test_pipes_are_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for content in ('<xacro:include filename="pipe"/>', "<link name=\"${xacro.load_yaml('pipe')}\"/>"):
+        with pytest.raises(RobotFileError, match="it is not a regular file"):
+            read_robot(write(tmp_path, xacro(content), "robot.urdf.xacro"))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (
+            '<xacro:include filename="$(find none)/a.xacro"/>',
+            "xacro cannot expand it: the package 'none' is not found; name a folder that contains it with --root$",
+        ),
+        (BALL, "it has no links, perhaps only macros: name the file that uses them"),
+        ("<xacro:none/>", "xacro cannot expand it: unknown macro name: xacro:none"),
+        ('<link name="${none}"/>', "xacro cannot expand it: .*'none' is not defined"),
+    ],
+)
+def test_errors(tmp_path: Path, content: str, message: str) -> None:
+    with pytest.raises(RobotFileError, match=message):
+        read_robot(write(tmp_path, xacro(content), "robot.urdf.xacro"))
+
+
+def test_rests_of_an_expanded_file_are_ignored(tmp_path: Path) -> None:
+    content = xacro('<link name="a"/><xacro:unknown/>')
+    robot = read_robot(write(tmp_path, content, "robot.urdf"))
+    assert robot.links == ("a",)
+    (warning,) = robot.warnings
+    assert warning.startswith("xacro cannot expand it: ")
+    assert warning.endswith("; its xacro elements are ignored")
+    with pytest.raises(RobotFileError, match="xacro cannot expand it: "):
+        read_robot(write(tmp_path, content, "robot.xacro"))

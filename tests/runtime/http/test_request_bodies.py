@@ -1,0 +1,201 @@
+"""Request bodies on a real connection: pieces, early responses, disconnects, 100-continue, Upgrade."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass, field
+
+import pytest
+from fastapi import FastAPI, Request, Response
+from starlette.requests import ClientDisconnect
+
+from gateway.runtime.http.disconnect import while_connected
+from tests.runtime.http.listening import listening
+from tests.support.waiting import SECONDS, until
+
+Address = tuple[asyncio.StreamReader, asyncio.StreamWriter]
+
+
+@dataclass
+class Application:
+    """Endpoint that reads bodies, and how that ended for each request."""
+
+    received: int = 0
+    outcomes: list[str] = field(default_factory=list)
+    reject_at: int | None = None
+    """Bytes after which a request is rejected."""
+    hold: asyncio.Event | None = None
+    """Awaited before the response."""
+
+    async def __call__(self, http: Request) -> Response:
+        body = bytearray()
+        try:
+            async for piece in http.stream():
+                self.received += len(piece)
+                body += piece
+                if self.reject_at is not None and len(body) >= self.reject_at:
+                    raise ValueError
+            if self.hold is not None:
+                await while_connected(http, self.hold.wait())
+        except (ValueError, ClientDisconnect) as error:
+            self.outcomes.append(type(error).__name__)
+            return Response(type(error).__name__, 418)
+        self.outcomes.append("complete")
+        return Response(bytes(body[:10]) + b"%d" % sum(body))
+
+
+@asynccontextmanager
+async def serving(endpoint: Application) -> AsyncIterator[Callable[[], AbstractAsyncContextManager[Address]]]:
+    app = FastAPI()
+
+    @app.post("/take")
+    async def take(request: Request) -> Response:
+        return await endpoint(request)
+
+    async with listening(app) as port, asyncio.timeout(SECONDS):
+
+        @asynccontextmanager
+        async def connect() -> AsyncIterator[Address]:
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            try:
+                yield reader, writer
+            finally:
+                writer.close()
+
+        yield connect
+
+
+def post(body: bytes, *headers: bytes) -> bytes:
+    return b"\r\n".join((b"POST /take HTTP/1.1", b"host: h", b"content-length: %d" % len(body), *headers, b"", body))
+
+
+async def answer(reader: asyncio.StreamReader) -> tuple[int, bytes]:
+    head = await reader.readuntil(b"\r\n\r\n")
+    length = next(int(line[15:]) for line in head.split(b"\r\n") if line.startswith(b"content-length:"))
+    return int(head.split()[1]), await reader.readexactly(length)
+
+
+def summary(body: bytes) -> bytes:
+    return body[:10] + b"%d" % sum(body)
+
+
+@pytest.mark.parametrize("step", [1, 7, 997, 65_536, 1 << 20])
+async def test_body_arrives_whole_in_pieces_of_any_size(step: int) -> None:
+    endpoint = Application()
+    body = bytes(range(256)) * (4 if step < 100 else 4000)
+    async with serving(endpoint) as connect, connect() as (reader, writer):
+        for _ in range(3):  # on one connection: the next head is found behind the body
+            whole = post(body)
+            head = len(whole) - len(body)
+            writer.write(whole[:head])
+            await writer.drain()
+            for at in range(head, len(whole), step):
+                writer.write(whole[at : at + step])
+                await writer.drain()
+                if step < 100:
+                    await asyncio.sleep(0)
+            assert await answer(reader) == (200, summary(body))
+    assert endpoint.outcomes == ["complete"] * 3
+    assert endpoint.received == 3 * len(body)
+
+
+async def test_small_requests_in_one_packet() -> None:
+    endpoint = Application()
+    async with serving(endpoint) as connect, connect() as (reader, writer):
+        writer.write(post(b"first") + post(b"second") + post(b"third"))
+        for body in (b"first", b"second", b"third"):
+            assert await answer(reader) == (200, summary(body))
+    assert endpoint.outcomes == ["complete"] * 3
+
+
+async def test_pipelined_requests_with_bodies() -> None:
+    endpoint = Application()
+    first, second = b"a" * 100_000, b"b" * 100_000
+    async with serving(endpoint) as connect, connect() as (reader, writer):
+        writer.write(post(first) + post(second) + post(b""))
+        for body in (first, second, b""):
+            assert await answer(reader) == (200, summary(body))
+    assert endpoint.outcomes == ["complete"] * 3
+
+
+async def test_connection_is_reused_after_an_early_response() -> None:
+    endpoint = Application(reject_at=50_000)
+    async with serving(endpoint) as connect, connect() as (reader, writer):
+        whole = post(b"x" * 1_000_000)
+        writer.write(whole[:300_000])
+        assert await answer(reader) == (418, b"ValueError")
+        endpoint.reject_at = None
+        writer.write(whole[300_000:] + post(b"y" * 100_000))
+        assert await answer(reader) == (200, summary(b"y" * 100_000))
+    assert endpoint.outcomes == ["ValueError", "complete"]
+
+
+async def test_disconnect_within_the_body_is_detected() -> None:
+    endpoint = Application()
+    async with serving(endpoint) as connect:
+        async with connect() as (_, writer):
+            writer.write(post(b"x" * 100_000)[:50_000])
+            await until(lambda: endpoint.received > 0)
+        await until(lambda: endpoint.outcomes == ["ClientDisconnect"])
+
+
+@pytest.mark.parametrize("size", [10, 100_000])
+async def test_disconnect_before_the_response_is_detected(size: int) -> None:
+    endpoint = Application(hold=asyncio.Event())
+    async with serving(endpoint) as connect:
+        async with connect() as (_, writer):
+            writer.write(post(b"x" * size))
+            await until(lambda: endpoint.received == size)
+        await until(lambda: endpoint.outcomes == ["ClientDisconnect"])
+
+
+async def test_expect_100_continue() -> None:
+    endpoint = Application()
+    body = b"z" * 100_000
+    async with serving(endpoint) as connect, connect() as (reader, writer):
+        whole = post(body, b"expect: 100-continue")
+        writer.write(whole[: -len(body)])
+        assert await reader.readuntil(b"\r\n\r\n") == b"HTTP/1.1 100 Continue\r\n\r\n"
+        writer.write(body)
+        assert await answer(reader) == (200, summary(body))
+    assert endpoint.received == len(body)
+
+
+@pytest.mark.parametrize("protocol", [b"h2c", b"websocket"])
+@pytest.mark.parametrize("more", [b"content-length: 300000", b"transfer-encoding: chunked"])
+async def test_upgrade_with_a_body_is_refused(protocol: bytes, more: bytes) -> None:
+    endpoint = Application()
+    head = b"POST /take HTTP/1.1\r\nhost: h\r\nconnection: Upgrade\r\nupgrade: %s\r\n%s\r\n\r\n" % (protocol, more)
+    async with serving(endpoint) as connect, connect() as (reader, writer):
+        writer.write(head + bytes(300_000))
+        status, text = await answer(reader)
+        assert (status, await reader.read()) == (400, b"")
+        assert b"Upgrade" in text
+    assert endpoint.outcomes == []
+
+
+async def test_refused_upgrade_waits_for_an_earlier_response(received: list[int]) -> None:
+    app = FastAPI()
+
+    @app.post("/take")
+    async def take() -> Response:
+        await until(lambda: sum(received) >= len(first))
+        return Response(b"taken")
+
+    first = b"POST /take HTTP/1.1\r\nhost: h\r\ncontent-length: 1\r\n\r\nx"
+    other = b"POST /take HTTP/1.1\r\nhost: h\r\nconnection: Upgrade\r\nupgrade: h2c\r\ncontent-length: 1\r\n\r\nx"
+    async with listening(app) as port, asyncio.timeout(SECONDS):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(first + other)
+        assert await answer(reader) == (200, b"taken")
+        writer.close()
+
+
+async def test_unsupported_upgrade_without_a_body_is_ignored() -> None:
+    endpoint = Application()
+    async with serving(endpoint) as connect, connect() as (reader, writer):
+        writer.write(b"GET /take HTTP/1.1\r\nhost: h\r\nconnection: Upgrade\r\nupgrade: h2c\r\n\r\n")
+        status, _ = await answer(reader)
+        assert status == 405
