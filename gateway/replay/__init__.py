@@ -1,1 +1,1 @@
-"""LCM logs as states of the tree over time. ``timeline.open_log`` is the entry."""
+"""LCM logs as states of the tree over time, and as MCAP files. ``timeline.open_log`` is the entry."""

@@ -1,10 +1,8 @@
-"""The process around the interfaces.
+"""The process around the adapters.
 
-- ``worker_pool``, ``scheduling``: work off the event loop. ``shared_results``: work once for all callers.
-- ``process_tuning``: allocator, sockets, garbage collection.
-- ``kernels``: compiled kernels.
-- ``service_registry``: states of the interfaces. ``supervisor``, ``worker_reports``: several processes (``--workers``).
-- ``metrics_registry``, ``render_record``, ``logs``, ``recent_logs``: what the process reports.
-- ``limited_process``: parsers of files from strangers.
+- ``http``: the HTTP edge. ``lcm``: the TCPQ hub.
+- ``workers``: work off the event loop, in threads and child processes; several processes (``--workers``).
+- ``kernels``: compiled kernels. ``state``: the tree and parameters in a file (``--state``). ``settings``: every option.
+- ``logs``: what the process reports. ``service_registry``: states of the interfaces.
 - ``diagnostics``, ``instance_probe``: ``scenegate doctor``.
 """

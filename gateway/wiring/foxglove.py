@@ -2,7 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from functools import partial
+from typing import Any, Final
+
+from gateway.adapters.stereo.service import StereoService
+from gateway.adapters.stereo.stream.set_kind import SetKind
+from gateway.adapters.stereo.stream.subscriptions import Subscription
+from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
 from gateway.wiring.context import Context
+
+_NODES: Final = ("rc_camera", "rc_stereomatching", "rc_iocontrol")
+"""Nodes of the device whose parameters Foxglove shows."""
 
 
 async def setup(context: Context) -> None:
@@ -14,7 +26,25 @@ async def setup(context: Context) -> None:
 
     port = context.settings.foxglove_port
     assert port is not None
-    sensor = context.stereo_sensor
-    rig = (lambda snapshot: None) if sensor is None else sensor.rig
-    service = FoxgloveService(port, context.tree, context.stereo_service, rig)
+    sensor, stereo = context.stereo_sensor, context.stereo_service
+    scene_frames = SnapshotFrames if sensor is None else partial(SnapshotFrames, sensor.rig)
+    service = FoxgloveService(port, context.tree, scene_frames, StereoCamera(stereo) if stereo else None)
     context.run_service("foxglove", service, where="Foxglove: ws://127.0.0.1, --foxglove-port")
+
+
+class StereoCamera:
+    """The stereo camera as Foxglove's service uses it: ``gateway.adapters.foxglove.sources.CameraSource``."""
+
+    def __init__(self, service: StereoService) -> None:
+        self._service = service
+        self.baseline = service.config.model.baseline
+
+    def parameters(self) -> Mapping[str, Any]:
+        """Return the camera's parameters, ``node.name``."""
+        values = self._service.parameters.values
+        return {f"{node}.{name}": value for node in _NODES for name, value in values(node).items()}
+
+    def subscribe(self, left: bool, right: bool, disparity: bool) -> AbstractContextManager[Subscription]:
+        """Return a subscription to sets of these images for the duration of the block."""
+        color = self._service.config.color
+        return self._service.hub.subscribe(SetKind(left=left, right=right, disparity=disparity, color=color))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 import foxglove
@@ -36,7 +36,7 @@ _sdk_log: Final = _SdkLog()
 class Channels(ServerListener):
     """A server with channels. Thread-safe."""
 
-    def __init__(self, on_subscription: Callable[[str], None], parameters: Callable[[], dict[str, Any]]) -> None:
+    def __init__(self, on_subscription: Callable[[str], None], parameters: Callable[[], Mapping[str, Any]]) -> None:
         """
         Args:
             on_subscription: called in a thread of the server with a topic when a subscription begins or ends.

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine, Iterable, Mapping
+from collections.abc import Coroutine, Iterable, Mapping
 from contextlib import suppress
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import structlog
 
 from gateway.adapters.foxglove.channels import Channels
-from gateway.adapters.stereo.service import StereoService
-from gateway.adapters.stereo.stream.set_kind import SetKind
-from gateway.adapters.stereo.stream.subscriptions import LimitError, StreamError
-from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
-from gateway.adapters.viewer.sources import StereoRig
+from gateway.adapters.foxglove.sources import CameraSource, NewSceneFrames, SceneFrames
 from gateway.scene.tree.live import LiveTree, Snapshot
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.recording.camera_values import CameraConverter
@@ -41,29 +37,32 @@ WHOLE_SCENE_SECONDS: Final = 30.0
 _log = structlog.get_logger("foxglove")
 
 
+class _WantedImages(NamedTuple):
+    """Images that subscribers need."""
+
+    left: bool
+    right: bool
+    disparity: bool
+    points: bool
+    """True for a point cloud of left image and disparity."""
+
+
 class FoxgloveService:
     """Serves Foxglove's protocol on a port of this machine."""
 
-    def __init__(
-        self,
-        port: int,
-        tree: LiveTree,
-        camera: StereoService | None,
-        rig: Callable[[Snapshot], StereoRig | None] = lambda snapshot: None,
-    ) -> None:
+    def __init__(self, port: int, tree: LiveTree, scene_frames: NewSceneFrames, camera: CameraSource | None) -> None:
         """
         Args:
             port: 0 for a free one.
-            rig: returns pose and intrinsics of the camera in a snapshot.
         """
         self.port = port
         """The actual port while the service is ready."""
         self.ready = False
         self._tree = tree
+        self._scene_frames = scene_frames
         self._camera = camera
-        self._rig = rig
         self._profile = Profile("foxglove", _log.warning)
-        self._channels = Channels(self._on_subscription, self._parameters)
+        self._channels = Channels(self._on_subscription, camera.parameters if camera else dict)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._scene_changed = asyncio.Event()
         """Set when the tree has changed, or a subscription to the scene begins or ends."""
@@ -104,14 +103,6 @@ class FoxgloveService:
         assert self._loop is not None
         _notify(self._loop, self._scene_changed if _is_of_scene(topic) else self._camera_changed)
 
-    def _parameters(self) -> dict[str, Any]:
-        """Return the camera's parameters, ``node.name``."""
-        if self._camera is None:
-            return {}
-        nodes = ("rc_camera", "rc_stereomatching", "rc_iocontrol")
-        values = self._camera.parameters.values
-        return {f"{node}.{name}": value for node in nodes for name, value in dict(values(node)).items()}
-
     async def _send_scene(self) -> None:
         """Send changes of the scene, and all of it from time to time, while there are subscribers."""
         loop = asyncio.get_running_loop()
@@ -126,42 +117,41 @@ class FoxgloveService:
             if not any(_is_of_scene(topic) for topic in self._channels.topics):
                 feed = None
                 continue
-            feed = feed or _SceneFeed(self._channels, self._profile, SnapshotFrames(self._rig))
+            feed = feed or _SceneFeed(self._channels, self._profile, self._scene_frames())
             await feed.send(self._tree.snapshot, new_subscribers)
             await asyncio.sleep(max(0.0, begin + 1.0 / MAX_UPDATE_RATE - loop.time()))
 
-    async def _send_images(self, camera: StereoService) -> None:
+    async def _send_images(self, camera: CameraSource) -> None:
         """Send images while there are subscribers. The camera makes none otherwise."""
         while True:
             self._camera_changed.clear()
-            wanted = self._wanted_images(camera)
-            if wanted is None or not await self._stream(camera, *wanted):
+            wanted = self._wanted_images()
+            if wanted is None or not await self._stream(camera, wanted):
                 await self._camera_changed.wait()
 
-    def _wanted_images(self, camera: StereoService) -> tuple[SetKind, bool] | None:
-        """Return the images that subscribers need, and whether they need points; None without subscribers."""
+    def _wanted_images(self) -> _WantedImages | None:
+        """Return the images that subscribers need; None without subscribers."""
         topics = {topic for topic in self._channels.topics if not _is_of_scene(topic)}
         if not topics:
             return None
-        kind = SetKind(
+        return _WantedImages(
             left=CLOUD_TOPIC in topics or not topics.isdisjoint(IMAGE_TOPICS["left"]),
             right=not topics.isdisjoint(IMAGE_TOPICS["right"]),
             disparity=not topics.isdisjoint((*IMAGE_TOPICS["depth"], DISPARITY_TOPIC, CLOUD_TOPIC)),
-            color=camera.config.color,
+            points=CLOUD_TOPIC in topics,
         )
-        return kind, CLOUD_TOPIC in topics
 
-    async def _stream(self, camera: StereoService, kind: SetKind, has_points: bool) -> bool:
+    async def _stream(self, camera: CameraSource, wanted: _WantedImages) -> bool:
         """Send image sets; return True as soon as subscribers need others, and False if the camera gives none."""
-        converter = CameraConverter(camera.config.model.baseline, cloud=has_points)
+        converter = CameraConverter(camera.baseline, cloud=wanted.points)
         try:
-            with camera.hub.subscribe(kind) as subscription:
-                while self._wanted_images(camera) == (kind, has_points):
+            with camera.subscribe(wanted.left, wanted.right, wanted.disparity) as sets:
+                while self._wanted_images() == wanted:
                     self._camera_changed.clear()
-                    data = await _unless(self._camera_changed, subscription.get())
+                    data = await _unless(self._camera_changed, sets.get())
                     if data is not None:
                         await asyncio.to_thread(self._send_set, converter, data)
-        except (LimitError, StreamError) as error:
+        except RuntimeError as error:
             _log.warning(f"Foxglove gets no images: {error}")
             return False
         return True
@@ -175,7 +165,7 @@ class FoxgloveService:
 class _SceneFeed:
     """The scene as clients have it."""
 
-    def __init__(self, channels: Channels, profile: Profile, frames: SnapshotFrames) -> None:
+    def __init__(self, channels: Channels, profile: Profile, frames: SceneFrames) -> None:
         self._channels = channels
         self._profile = profile
         self._frames = frames

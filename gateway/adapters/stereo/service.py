@@ -60,7 +60,7 @@ class StereoService:
         """Waits until the parameters are stored (--state); returns an error message, empty on success. Set before
         ``run``. None: no state file."""
         self.earlier_state: Callable[[float], Awaitable[SceneState]] | None = None
-        """Returns the scene at an earlier time, as ``timeline.state_at``. Set before ``run``. None: the scene is a file."""
+        """Returns the scene at an earlier time, as ``timeline.state_at``. Set before ``run``. None: it is a file."""
         self.scene_imaging = Imaging(config, renderer)
         """Source of rendered images, also while recorded pairs are shown."""
         self.workers = workers

@@ -1,0 +1,1 @@
+"""Reports of the process: log lines, metrics, spans and lists of warnings."""

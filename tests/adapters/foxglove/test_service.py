@@ -27,6 +27,7 @@ from gateway.adapters.stereo.stream.subscriptions import ImageSetHub
 from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
 from gateway.scene.tree.geometry import Part, PointCloud
 from gateway.scene.tree.live import LiveTree
+from gateway.wiring.foxglove import StereoCamera
 from renderers.drawlist import Material
 from scenegate.messages.geometry import Box
 from tests.adapters.foxglove.client import SUBPROTOCOL, FoxgloveClient
@@ -66,7 +67,7 @@ def tree_with_box() -> LiveTree:
 
 async def test_a_late_client_gets_the_whole_scene_and_then_changes() -> None:
     tree = tree_with_box()
-    async with running(FoxgloveService(0, tree, None)) as service, client_of(service) as first:
+    async with running(FoxgloveService(0, tree, SnapshotFrames, None)) as service, client_of(service) as first:
         await first.subscribe("/tf", "/scene")
         assert set(first.channels) == {"/tf", "/scene"}  # there is no camera
         found = await first.messages_of("/tf", "/scene")
@@ -98,7 +99,7 @@ async def test_point_clouds_have_channels_of_their_own() -> None:
     with tree.edit() as edit:
         cloud = PointCloud(np.ones((5, 3), np.float32))
         edit.set_parts(("scan",), (Part(cloud, Material()),))
-    async with running(FoxgloveService(0, tree, None)) as service, client_of(service) as client:
+    async with running(FoxgloveService(0, tree, SnapshotFrames, None)) as service, client_of(service) as client:
         await client.subscribe("/tf")
         await client.subscribe("/scene/points/scan")
         found = await client.messages_of("/scene/points/scan")
@@ -115,7 +116,7 @@ async def test_channels_of_removed_clouds_are_withdrawn() -> None:
             edit.set_parts(("scan",), (Part(PointCloud(np.ones((5, 3), np.float32)), Material()),))
 
     publish()
-    async with running(FoxgloveService(0, tree, None)) as service, client_of(service) as client:
+    async with running(FoxgloveService(0, tree, SnapshotFrames, None)) as service, client_of(service) as client:
         await client.subscribe("/tf")
         for _ in range(2):
             await client.subscribe(topic)
@@ -129,7 +130,7 @@ async def test_channels_of_removed_clouds_are_withdrawn() -> None:
 
 async def test_what_the_sdk_reports_of_clients_is_a_sentence_of_ours() -> None:
     with capture_logs() as log:
-        async with running(FoxgloveService(0, LiveTree(), None)) as service:
+        async with running(FoxgloveService(0, LiveTree(), SnapshotFrames, None)) as service:
             _, writer = await asyncio.open_connection("127.0.0.1", service.port)
             writer.write(b"GET / HTTP/1.1\r\n\r\n")
             await writer.drain()
@@ -160,7 +161,10 @@ async def test_nothing_is_made_without_subscribers(monkeypatch: pytest.MonkeyPat
         for _ in range(100):
             await asyncio.sleep(0)
 
-    async with running(FoxgloveService(0, tree, camera)) as service, client_of(service) as client:
+    async with (
+        running(FoxgloveService(0, tree, SnapshotFrames, StereoCamera(camera))) as service,
+        client_of(service) as client,
+    ):
         await client.get_parameters()  # connected
         await move()
         assert not advanced
@@ -181,7 +185,10 @@ async def test_images_intrinsics_depth_and_points(start: Start) -> None:
     camera = (await start(rate="max")).service
     topics = [f"/stereo/{name}" for name in ("left/image_rect", "left/camera_info", "right/camera_info", "points2")]
     topics += ["/stereo/depth/image_rect", "/stereo/disparity"]
-    async with running(FoxgloveService(0, LiveTree(), camera)) as service, client_of(service) as client:
+    async with (
+        running(FoxgloveService(0, LiveTree(), SnapshotFrames, StereoCamera(camera))) as service,
+        client_of(service) as client,
+    ):
         await client.subscribe(*topics)
         found = await client.messages_of(*topics)
     model = camera.config.model
@@ -203,7 +210,10 @@ async def test_the_camera_is_left_at_once_without_images() -> None:
     hub = ImageSetHub(max_clients=1, max_kinds=1)
     camera: Any = SimpleNamespace(hub=hub, config=SimpleNamespace(color=False, model=SimpleNamespace(baseline=0.1)))
     left, right = "/stereo/left/image_rect", "/stereo/right/image_rect"
-    async with running(FoxgloveService(0, LiveTree(), camera)) as service, client_of(service) as client:
+    async with (
+        running(FoxgloveService(0, LiveTree(), SnapshotFrames, StereoCamera(camera))) as service,
+        client_of(service) as client,
+    ):
         await client.subscribe(left)
         await until(lambda: any(kind.left for kind in hub.kinds))
         await client.subscribe(right)
@@ -215,7 +225,7 @@ async def test_the_camera_is_left_at_once_without_images() -> None:
 async def test_a_client_that_does_not_read_delays_no_other(start: Start) -> None:
     camera = (await start(rate="max")).service
     topic = "/stereo/left/image_rect"
-    service = FoxgloveService(0, LiveTree(), camera)
+    service = FoxgloveService(0, LiveTree(), SnapshotFrames, StereoCamera(camera))
     async with running(service), client_of(service) as silent, client_of(service) as reading:
         await silent.subscribe(topic)
         await reading.subscribe(topic)
@@ -226,7 +236,10 @@ async def test_a_client_that_does_not_read_delays_no_other(start: Start) -> None
 
 async def test_parameters_are_read_only(start: Start) -> None:
     camera: StereoService = (await start()).service
-    async with running(FoxgloveService(0, LiveTree(), camera)) as service, client_of(service) as client:
+    async with (
+        running(FoxgloveService(0, LiveTree(), SnapshotFrames, StereoCamera(camera))) as service,
+        client_of(service) as client,
+    ):
         values = await client.get_parameters()
         assert values["rc_camera.fps"] == camera.parameters.values("rc_camera")["fps"]
         assert {name.partition(".")[0] for name in values} == {"rc_camera", "rc_stereomatching", "rc_iocontrol"}
@@ -237,7 +250,7 @@ async def test_parameters_are_read_only(start: Start) -> None:
 
 async def test_a_taken_port() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        service = FoxgloveService(taken.getsockname()[1], LiveTree(), None)
+        service = FoxgloveService(taken.getsockname()[1], LiveTree(), SnapshotFrames, None)
         with pytest.raises(OSError, match=r"Foxglove's server cannot listen on 127.0.0.1 port \d+: "):
             await service.run()
 
@@ -281,7 +294,7 @@ async def test_repetitions_delete_what_slow_clients_have_missed(monkeypatch: pyt
     tree = tree_with_box()
     with tree.edit() as edit:
         edit.set_parts(("scan",), (Part(PointCloud(np.ones((5, 3), np.float32)), Material()),))
-    async with running(FoxgloveService(0, tree, None)) as service, client_of(service) as connected:
+    async with running(FoxgloveService(0, tree, SnapshotFrames, None)) as service, client_of(service) as connected:
         for each in ("/scene", "/scene/points/scan"):
             await connected.subscribe(each)
             await connected.messages_of(each)
