@@ -75,7 +75,6 @@ check: lint $(if $(NODE),check-web) ## lint, format, types, import contracts, co
 	$(BIN)/check-jsonschema --builtin-schema vendor.dependabot .github/dependabot.yml
 	$(BIN)/check-jsonschema --builtin-schema vendor.github-issue-config .github/ISSUE_TEMPLATE/config.yml
 	$(BIN)/check-jsonschema --builtin-schema vendor.github-issue-forms .github/ISSUE_TEMPLATE/[!c]*.yml
-	$(BIN)/check-jsonschema --builtin-schema vendor.citation-file-format CITATION.cff
 
 .PHONY: check-deploy dist dist-test publish image image-test image-push image-index release
 
@@ -98,7 +97,7 @@ publish: $(VENV)/.tools ## upload dist/ to the package index, first the client t
 	$(UV) publish $(ARGS) dist/scenegate-*
 
 image: ## build the container image (ENGINE=podman, IMAGE=name, TAG=latest)
-	DOCKER_BUILDKIT=1 $(ENGINE) build -t $(IMAGE):$(TAG) $(if $(CA),--secret id=ca$(comma)src=$(CA)) .
+	DOCKER_BUILDKIT=1 $(ENGINE) build -t $(IMAGE):$(TAG) $(if $(CA),--secret id=ca$(comma)src=$(CA)) -f deploy/Dockerfile .
 
 image-test: $(VENV)/.installed-dev ## build the images and run every profile of docker-compose.yml with ENGINE
 	$(BIN)/python -m pytest tests/compose/test_containers.py -k $(ENGINE) $(ARGS)
@@ -106,13 +105,13 @@ image-test: $(VENV)/.installed-dev ## build the images and run every profile of 
 # The default builder cannot attach an SBOM and provenance.
 image-push: ## build and push the image of this machine's architecture, with SBOM and provenance
 	docker buildx inspect scenegate >/dev/null 2>&1 || docker buildx create --name scenegate --driver docker-container
-	docker buildx build --builder scenegate --push --sbom=true --provenance=mode=max -t $(IMAGE):$(TAG) .
+	docker buildx build --builder scenegate --push --sbom=true --provenance=mode=max -t $(IMAGE):$(TAG) -f deploy/Dockerfile .
 
 image-index: ## join the pushed TAG-amd64 and TAG-arm64 as TAG and latest
 	docker buildx imagetools create -t $(IMAGE):$(TAG) -t $(IMAGE):latest $(IMAGE):$(TAG)-amd64 $(IMAGE):$(TAG)-arm64
 
 release: ## set VERSION=1.2.3 in all files that name it, commit, tag; pushing the tag publishes
-	@$(PYTHON) release.py "$(VERSION)"
+	@$(PYTHON) tools/release.py "$(VERSION)"
 
 bench: $(VENV)/.installed-dev ## measure against real peers, write bench/results.md (BENCH=stream: that one only)
 	$(BIN)/python -m $(if $(BENCH),bench.$(BENCH),bench $(if $(PEERS),--peers $(PEERS)) --write bench/results.md) $(ARGS)
@@ -154,12 +153,12 @@ $(WEB)/node_modules/.package-lock.json: $(WEB)/package-lock.json
 COMPILE := $(UV) pip compile pyproject.toml --no-emit-package scenegate-client --quiet --universal --python-version 3.11 --generate-hashes --no-header
 
 lock: $(VENV)/.tools ## resolve the locks again (ARGS="--upgrade" for newer versions)
-	$(COMPILE) $(ARGS) -o requirements.lock
-	$(COMPILE) $(ARGS) --group dev -c requirements.lock -o requirements-dev.lock
+	$(COMPILE) $(ARGS) -o tools/locks/requirements.lock
+	$(COMPILE) $(ARGS) --group dev -c tools/locks/requirements.lock -o tools/locks/requirements-dev.lock
 	$(UV) pip compile $(ARGS) --quiet --universal --python-version 3.11 --generate-hashes --no-header \
-		--group tools -c requirements-dev.lock -o requirements-tools.lock
+		--group tools -c tools/locks/requirements-dev.lock -o tools/locks/requirements-tools.lock
 	$(UV) pip compile $(ARGS) --quiet --universal --python-version 3.11 --generate-hashes --no-header \
-		--group site -o requirements-site.lock
+		--group site -o tools/locks/requirements-site.lock
 
 clean: ## remove what the recipes made
 	rm -rf $(VENV) $(SITE_VENV) .venv-lowest out/site out/site.log .cache .ci-cache .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
@@ -173,21 +172,21 @@ $(VENV)/.made:
 		echo "$(PYTHON) cannot make virtual environments (on Debian and Ubuntu: apt install python3-venv)."; exit 1; }
 	@touch $@
 
-$(VENV)/.tools: requirements-tools.lock | $(VENV)/.made
+$(VENV)/.tools: tools/locks/requirements-tools.lock | $(VENV)/.made
 	@echo "Setting up $(VENV) ..."
-	@$(PIP) install --quiet --require-hashes -r requirements-tools.lock
+	@$(PIP) install --quiet --require-hashes -r tools/locks/requirements-tools.lock
 	@touch $@
 
-$(VENV)/.installed: requirements.lock pyproject.toml client/pyproject.toml | $(VENV)/.tools
-	@$(call install,--require-hashes -r requirements.lock)
+$(VENV)/.installed: tools/locks/requirements.lock pyproject.toml client/pyproject.toml | $(VENV)/.tools
+	@$(call install,--require-hashes -r tools/locks/requirements.lock)
 	@$(call install,--no-deps --no-build-isolation --editable ./client --editable .)
 	@touch $@
 
-$(VENV)/.installed-dev: requirements-dev.lock | $(VENV)/.installed
-	@$(call install,--require-hashes -r requirements-dev.lock)
+$(VENV)/.installed-dev: tools/locks/requirements-dev.lock | $(VENV)/.installed
+	@$(call install,--require-hashes -r tools/locks/requirements-dev.lock)
 	@touch $@
 
-$(SITE_VENV)/.installed: requirements-site.lock | $(VENV)/.tools
+$(SITE_VENV)/.installed: tools/locks/requirements-site.lock | $(VENV)/.tools
 	@$(UV) venv --quiet --clear --python $(BIN)/python $(SITE_VENV)
-	@$(UV) pip install --quiet --python $(SITE_VENV)/bin/python --require-hashes -r requirements-site.lock
+	@$(UV) pip install --quiet --python $(SITE_VENV)/bin/python --require-hashes -r tools/locks/requirements-site.lock
 	@touch $@

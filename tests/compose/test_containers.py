@@ -20,7 +20,7 @@ from tests.support.waiting import SECONDS
 
 pytestmark = [pytest.mark.compose, pytest.mark.slow]
 
-IMAGES = {"scenegate": "Dockerfile", "scenegate-test": "tests/compose/Dockerfile"}
+IMAGES = {"scenegate": "deploy/Dockerfile", "scenegate-test": "tests/compose/Dockerfile"}
 RECORDED = 250
 """Image sets of docker-compose.yml's recorder."""
 RENDERS = 120

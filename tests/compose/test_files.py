@@ -36,7 +36,7 @@ def test_compose_reads_every_profile(compose: str) -> None:
 def test_only_services_that_serve_have_the_image_s_health_check() -> None:
     services = YAML(typ="safe").load(ROOT / "docker-compose.yml")["services"]
     assert set(services) == SERVICES
-    assert "HEALTHCHECK" in (ROOT / "Dockerfile").read_text()
+    assert "HEALTHCHECK" in (ROOT / "deploy" / "Dockerfile").read_text()
     for name, service in services.items():
         serves = "entrypoint" not in service and service.get("command", ["serve"])[0] == "serve"
         check = service.get("healthcheck", {})
@@ -58,7 +58,7 @@ def test_services_cannot_change_their_image() -> None:
 def test_images_of_others_are_named_by_digest() -> None:
     services = YAML(typ="safe").load(ROOT / "docker-compose.yml")["services"].values()
     pinned = [service["image"] for service in services if not service["image"].startswith("scenegate")]
-    files = (ROOT / "Dockerfile", ROOT / "tests/compose/Dockerfile")
+    files = (ROOT / "deploy" / "Dockerfile", ROOT / "tests/compose/Dockerfile")
     bases = [base for file in files for base in re.findall(r"^FROM (\S+:\S+)", file.read_text(), re.MULTILINE)]
     assert len(set(bases)) == 1, "both of our images have one base"
     assert [image for image in (*pinned, *bases) if not DIGEST.search(image)] == []

@@ -130,7 +130,7 @@ def test_installed_wheel_serves_the_demo(wheel: Path, client_wheel: Path, tmp_pa
     run(UV, "venv", "--quiet", "--python", sys.executable, tmp_path / "environment")
     install: list[str | Path] = [UV, "pip", "install", "--quiet", "--python", python]
     try:
-        run(*install, "--require-hashes", "-r", ROOT / "requirements.lock", cwd=tmp_path)
+        run(*install, "--require-hashes", "-r", ROOT / "tools" / "locks" / "requirements.lock", cwd=tmp_path)
     except AssertionError as error:
         pytest.skip(f"the dependencies cannot be installed: {str(error)[-200:]}")
     run(*install, "--offline", "--find-links", wheel.parent, "scenegate", cwd=tmp_path)  # finds the client there

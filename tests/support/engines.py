@@ -18,7 +18,7 @@ from tests.support.ports import free_ports
 ROOT = Path(__file__).parents[2]
 BASE = "python:3.11-slim-bookworm"
 """Base image of both of our images, without its digest."""
-DOCKERFILES = ("Dockerfile", "tests/compose/Dockerfile")
+DOCKERFILES = ("deploy/Dockerfile", "tests/compose/Dockerfile")
 COMPOSE = "docker-compose.yml"
 MOUNTED = ("deploy", "examples")
 """Folders that docker-compose.yml mounts."""
@@ -46,12 +46,12 @@ class Engine:
         Args:
             folder: an empty folder, which gets the copies.
         """
+        for name in MOUNTED:
+            shutil.copytree(ROOT / name, folder / name)
         for name in (COMPOSE, *DOCKERFILES):
             copy = folder / name
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.write_text(re.sub(r"@sha256:[0-9a-f]{64}", "", (self.files / name).read_text()))
-        for name in MOUNTED:
-            (folder / name).symlink_to(ROOT / name)
         return replace(self, files=folder)
 
     def build(self, tag: str, dockerfile: str) -> subprocess.CompletedProcess[str]:
@@ -77,7 +77,7 @@ class Engine:
 
     def has_base(self) -> bool:
         """Return True if the base image of the Dockerfile is present or can be pulled."""
-        named = re.search(r"^FROM (\S+)", (self.files / "Dockerfile").read_text(), re.MULTILINE)
+        named = re.search(r"^FROM (\S+)", (self.files / "deploy" / "Dockerfile").read_text(), re.MULTILINE)
         assert named is not None
         return self.has(named[1])
 

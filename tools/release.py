@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import Final
 
-ROOT: Final = Path(__file__).parent
+ROOT: Final = Path(__file__).parents[1]
 _NUMBER: Final = r"\d+\.\d+\.\d+"
 
 FIRST_RELEASE: Final = {
@@ -49,8 +49,6 @@ def release(version: str, root: Path = ROOT) -> None:
     replace(ros2 / "package.xml", rf"(<version>){_NUMBER}<", rf"\g<1>{version}<")
     replace(ros2 / "setup.py", rf'(version=)"{_NUMBER}"', rf'\g<1>"{version}"')
     replace(root / "CHANGELOG.md", r"^## \[Unreleased\]\n", rf"\g<0>\n## [{version}] - {today}\n")
-    replace(root / "CITATION.cff", r"^(date-released: .*\n)?version: .*\n", "")
-    replace(root / "CITATION.cff", r"^license: ", rf'version: {version}\ndate-released: "{today}"\n\g<0>')
     if not released:
         for name, texts in FIRST_RELEASE.items():
             for before, after in texts.items():
