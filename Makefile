@@ -118,7 +118,7 @@ bench: $(VENV)/.installed-dev ## measure against real peers, write bench/results
 
 mutants: $(VENV)/.installed-dev ## measure how many small faults the tests notice (ARGS="--rooms scene --sample 10")
 	SCENEGATE_PYTHON=$(abspath $(BIN))/python $(UV) run --quiet --no-project --python $(BIN)/python \
-		--with cosmic-ray==$(COSMIC_RAY) python bench/mutants.py $(ARGS)
+		--with cosmic-ray==$(COSMIC_RAY) python tools/mutants.py $(ARGS)
 
 docs: $(VENV)/.installed-dev ## write the pages of docs/ that are generated from the source
 	$(BIN)/python -m tools.docs_pages docs

@@ -75,17 +75,6 @@ class Result:
     details: str
 
 
-def stream_rows(text: str) -> list[Row]:
-    """Parse the live camera's lines: name, clients, sets/s, MB/s, CPU, ms/set ..."""
-    rows = []
-    for rate, clients, sets, cpu in re.findall(r"live \S+ \S+ (max|device) +(\d+) +([\d.]+) +\d+ +([\d.]+)", text):
-        what = f"stereo stream, {clients} clients, rate {rate}: sets per second and client (server {cpu} cores)"
-        per_client = float(sets) / int(clients)
-        goal = per_client >= 24.5 if rate == "max" else None
-        rows.append(Row(what, f"{per_client:.1f} Hz", "", "", "≥ 25 Hz" if rate == "max" else "", goal))
-    return rows
-
-
 def tree_rows(text: str) -> list[Row]:
     """Parse lines such as ``ratio meshcat / ours, udp, 1 transform: 31.2``."""
     found = re.findall(r"ratio (.+?) / ([^:]+): ([\d.]+)$", text, re.MULTILINE)
@@ -107,7 +96,6 @@ def viewer_rows(text: str) -> list[Row]:
 BENCHES = {
     "raster": Bench(quick=("--frames", "5"), peers=("vtk", "panda3d")),
     "shading": Bench(quick=("--frames", "3"), peers=("vtk",)),
-    "stores": Bench(),
     "render": Bench(quick=("--frames", "3"), peers=("vtk",)),
     "codecs": Bench(),
     "concurrency": Bench(),
@@ -116,7 +104,7 @@ BENCHES = {
         ("--cold", "--scenes", "10000", "--plot", PLOT),
         quick=("--starts", "1", "--scenes", "100", "--plot", os.devnull),
     ),
-    "stream": Bench(("--live", "--clients", "1", "4", "--seconds", "4"), rows=stream_rows),
+    "stream": Bench(quick=("--seconds", "1", "--qualities", "High", "--clients", "1")),
     "treeviewer": Bench(("--seconds", "1"), peers=("viser", "meshcat"), rows=tree_rows),
     "treeviewer_binary": Bench(("--seconds", "2"), peers=("meshcat",)),
     "viewer": Bench(("--clients", "1,10", "--seconds", "4"), peers=("viser", "meshcat"), rows=viewer_rows),

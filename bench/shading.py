@@ -30,7 +30,6 @@ from unittest.mock import patch
 import numpy as np
 
 from bench.frame_task import read_frame
-from bench.gallery import checks, dents, sphere
 from bench.raster import SIZES, Process, scenes, view, write
 from bench.raster_stages import laps
 from bench.table import Row, at_least, show, skipped
@@ -45,6 +44,7 @@ from renderers.raster.msaa.edges import draw_samples, find_edges, shade_mixed
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
 from renderers.visibility_buffer import BAND_ROWS
+from tools.pictures.gallery import checks, dents, sphere
 
 FRAMES = 11
 DARK = Rig(surroundings=None, shadow_size=0)

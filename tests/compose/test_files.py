@@ -62,22 +62,3 @@ def test_images_of_others_are_named_by_digest() -> None:
     bases = [base for file in files for base in re.findall(r"^FROM (\S+:\S+)", file.read_text(), re.MULTILINE)]
     assert len(set(bases)) == 1, "both of our images have one base"
     assert [image for image in (*pinned, *bases) if not DIGEST.search(image)] == []
-
-
-def test_haproxy_reads_its_configuration() -> None:
-    if shutil.which("haproxy") is None:
-        pytest.skip("there is no haproxy")
-    read = run("haproxy", "-c", "-f", "deploy/haproxy/haproxy.cfg")
-    assert read.returncode == 0, read.stderr
-
-
-@pytest.mark.slow
-def test_a_killed_replica_is_hidden_by_the_balancer() -> None:
-    if shutil.which("haproxy") is None:
-        pytest.skip("there is no haproxy")
-    from bench.render_requests import textured
-    from bench.scale import killed
-
-    scene = textured("label", copies=1, unique=1, side=64)
-    rows = list(killed([scene.next_body(160, 120) for _ in range(60)]))
-    assert [row.what for row in rows if row.met is False] == []

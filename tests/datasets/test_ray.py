@@ -15,9 +15,9 @@ import cv2
 import msgspec
 import pytest
 
-from bench.ray_nodes import ENVIRONMENT as RAY_ENVIRONMENT
 from gateway.datasets.errors import DatasetError
 from tests.datasets.conftest import FACET, SETTINGS, TREE, Draw, contents, job_of
+from tests.datasets.ray_nodes import ENVIRONMENT as RAY_ENVIRONMENT
 from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS
 
@@ -68,7 +68,7 @@ def cluster(python: str, folders: tuple[Path, Path]) -> Iterator[dict[str, Any]]
     scenes, out = folders
     errors = out.with_name("errors.txt")
     settings = msgspec.json.encode(SETTINGS).decode()
-    command = [python, "-m", "bench.ray_nodes", str(scenes), str(out), str(ORBIT), settings]
+    command = [python, "-m", "tests.datasets.ray_nodes", str(scenes), str(out), str(ORBIT), settings]
     with errors.open("w") as file:
         process = subprocess.Popen(
             command, cwd=ROOT, env=environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=file, text=True

@@ -1,6 +1,6 @@
 """Well-behaved, slow, half-open and vanishing clients of every interface leave no resources behind.
 
-The short form of ``python -m bench.soak --parts churn``.
+The short form of ``python -m tests.soak --parts churn``.
 """
 
 from __future__ import annotations
@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from bench import soak, soak_clients
+from tests.soak import __main__ as soak
+from tests.soak import clients as soak_clients
 
 
 @pytest.mark.slow

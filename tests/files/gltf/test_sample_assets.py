@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.fidelity import GENERATOR
 from gateway.files.assets.scene_file import SceneFileError, read_scene_file
 from gateway.scene.draw.cameras import parse_camera
 from gateway.scene.draw.flatten import flatten
@@ -30,7 +29,7 @@ REASONS = (
 
 @pytest.mark.skipif(not FOLDER, reason="SCENEGATE_FIDELITY names no checkout of KhronosGroup/glTF-Render-Fidelity")
 def test_every_model_is_drawn_or_a_gltf_error() -> None:
-    root = Path(FOLDER) / GENERATOR / "glTF-Sample-Assets" / "Models"
+    root = Path(FOLDER) / "glTF-Render-Fidelity-Generator" / "glTF-Sample-Assets" / "Models"
     renderer = CpuRenderer()
     drawn: list[Path] = []
     refused: list[str] = []

@@ -1,12 +1,12 @@
 """Load the whole gateway with clients of every kind; check for leaks, growth and overload handling.
 
-    python -m bench.soak [--clients 1000] [--minutes 3] [--plot soak.svg] [--parts churn,overload,turns,mixed]
+    python -m tests.soak [--clients 1000] [--minutes 3] [--parts churn,overload,turns,mixed]
 
 ``churn``: so many well-behaved, slow, half-open and vanishing clients on HTTP, render, WebSocket, gRPC and TCPQ; then
 the tasks, threads, descriptors and memory of the gateway beside those of before. ``overload``: the render endpoint with
 its queue just full, then with ten times as many clients; p99 of what was accepted, and how soon others are refused.
 ``turns``: how long each kind of work holds the event loop. ``mixed``: everything at once with a state file,
-for so many minutes; the slope of the memory over the second half, the stalls of the event loop, and a plot of both. All
+for so many minutes; the slope of the memory over the second half, and the stalls of the event loop. All
 on loopback, in one gateway, two processes.
 """
 
@@ -30,12 +30,11 @@ from typing import Any
 
 import uvloop
 
-from bench import soak_clients as clients
-from bench.soak_clients import BEHAVIOURS, KINDS, Ports
-from bench.soak_overload import overload
-from bench.soak_plot import plot
-from bench.soak_turns import turns
 from gateway.runtime.workers.process_tuning import tune
+from tests.soak import clients
+from tests.soak.clients import BEHAVIOURS, KINDS, Ports
+from tests.soak.overload import overload
+from tests.soak.turns import turns
 
 QUEUE = 32
 THREADS = 2
@@ -77,7 +76,7 @@ async def gateway(state: Path) -> AsyncIterator[Gateway]:
     port = random.randrange(20000, 60000)
     flags = ["host=127.0.0.1", f"http_port={port}", "grpc_port=0", "tcpq_port=0", "lcm_url=off", f"state={state}"]
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "bench.soak_server", *flags, f"queue={QUEUE}", f"threads={THREADS}"),
+        *(sys.executable, "-m", "tests.soak.server", *flags, f"queue={QUEUE}", f"threads={THREADS}"),
         stdout=asyncio.subprocess.PIPE,
     )
     running = Gateway(process, Ports(port, 0, 0))
@@ -159,8 +158,8 @@ async def _wave(ports: Ports, count: int) -> Counter[str]:
 # --- mixed load
 
 
-async def mixed(running: Gateway, minutes: float, target: Path) -> None:
-    """Run all kinds of load at once and plot memory and stalls."""
+async def mixed(running: Gateway, minutes: float) -> None:
+    """Run all kinds of load at once; print memory and stalls."""
     counts: Counter[str] = Counter()
 
     def count(what: str) -> None:
@@ -197,9 +196,6 @@ async def mixed(running: Gateway, minutes: float, target: Path) -> None:
         f"  CPU time of the loop between two ticks: p99 median {median(s['turn_p99_ms'] for s in samples):.1f} ms, "
         f"longest of a second {median(turns):.1f} ms, largest {max(turns):.1f} ms; the machine's load {load:.1f}"
     )
-    told = f"{minutes:g} minutes of mixed load; memory {slope:+.2f} MB a minute over the second half"
-    await asyncio.to_thread(target.write_text, plot(samples, told), "utf-8")
-    print(f"  plot: {target}")
 
 
 async def _churning(ports: Ports, count: Any) -> None:
@@ -232,7 +228,7 @@ async def run(given: argparse.Namespace) -> None:
                 elif part == "turns":
                     await turns(running)
                 elif part == "mixed":
-                    await mixed(running, given.minutes, given.plot)
+                    await mixed(running, given.minutes)
 
 
 def main() -> None:
@@ -240,7 +236,6 @@ def main() -> None:
     parser.add_argument("--clients", type=int, default=1000)
     parser.add_argument("--minutes", type=float, default=3.0)
     parser.add_argument("--overload-seconds", type=float, default=10.0)
-    parser.add_argument("--plot", type=Path, default=Path("soak.svg"))
     parser.add_argument("--parts", default="churn,overload,turns,mixed")
     tune()
     uvloop.run(run(parser.parse_args()))

@@ -1,6 +1,6 @@
 """The picture of docs/rasterizer.md: one small frame at each stage, its pixels enlarged.
 
-python -m bench.rasterizer_figure OUT.webp
+python -m tools.pictures.rasterizer_figure OUT.webp
 """
 
 from __future__ import annotations

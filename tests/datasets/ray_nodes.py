@@ -1,8 +1,8 @@
 """A Ray cluster of two nodes on this machine makes a dataset while one of its workers is killed.
 
-    python -m bench.ray_nodes SCENES OUT ORBIT SETTINGS
+    python -m tests.datasets.ray_nodes SCENES OUT ORBIT SETTINGS
 
-Run by ``bench.cluster`` and by the tests, with an interpreter that has Ray and Scenegate. SETTINGS are those of a
+Run with an interpreter that has Ray and Scenegate. SETTINGS are those of a
 dataset as JSON. Prints a line of JSON: what was drawn, how many workers were killed, and the cluster's address, which
 lives until standard input ends.
 """

@@ -1,6 +1,6 @@
 """The pictures of docs/gallery.md, drawn by this repository's own renderer from scenes that are made here.
 
-    python -m bench.gallery [FOLDER [NAME ...]]
+    python -m tools.pictures.gallery [FOLDER [NAME ...]]
 
 FOLDER (default: docs/images/gallery) gets one JPEG each, or those that are named. The same sources give the same pixels
 every time.

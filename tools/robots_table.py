@@ -1,6 +1,6 @@
 """Read the robot files of packages, and write the table of docs/robots.md.
 
-    python -m bench.robots FOLDER [--write docs/robots.md]
+    python -m tools.robots_table FOLDER [--write docs/robots.md]
 
 FOLDER has a folder for each package, as ``pip install --no-deps --target FOLDER/NAME NAME==VERSION`` makes it.
 """
@@ -18,7 +18,7 @@ from gateway.files.robots.reader import read_robot
 from scenegate.robots.errors import RobotFileError
 
 PATTERNS: Final = ("*.urdf", "*.sdf")
-START: Final = "<!-- robots: python -m bench.robots -->\n"
+START: Final = "<!-- robots: python -m tools.robots_table -->\n"
 END: Final = "<!-- end of robots -->\n"
 
 

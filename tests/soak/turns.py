@@ -1,6 +1,6 @@
 """Measure how long each kind of work blocks the gateway's event loop, one kind at a time.
 
-The gateway itself measures (bench/soak_server.py): CPU time of the loop's thread between two ticks 1 ms apart, which
+The gateway itself measures (tests/soak/server.py): CPU time of the loop's thread between two ticks 1 ms apart, which
 other programs on the machine cannot extend.
 """
 
@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from bench.soak_clients import BOUNDARY, Ports, http_request, pose, render_body, tree_request
 from scenegate.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, subscription_frame
+from tests.soak.clients import BOUNDARY, Ports, http_request, pose, render_body, tree_request
 
 SECONDS = 6.0
 NODES = 50_000

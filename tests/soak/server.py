@@ -1,6 +1,6 @@
 """The gateway of the soak: as ``scenegate serve``, and once a second a line of JSON about itself.
 
-python -m bench.soak_server FLAGS…
+python -m tests.soak.server FLAGS…
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The plot of docs/performance.md: the table's times as bars, as SVG without any library.
 
-python -m bench.performance_plot
+python -m tools.pictures.performance_plot
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from html import escape
 from pathlib import Path
 from typing import Final
 
-ROOT: Final = Path(__file__).parents[1]
+ROOT: Final = Path(__file__).parents[2]
 PAGE: Final = ROOT / "docs" / "performance.md"
 PLOT: Final = ROOT / "docs" / "images" / "performance.svg"
 TIME: Final = re.compile(r"(?:([^\d,|][^,|]*?) )?([\d.]+) (ms|s)\b")

@@ -1,7 +1,7 @@
 """The pictures of docs/render-server.md: RenderEngineVtk beside the looks ``auto`` and ``gltf``.
 
     python -m tests.drake.capture CAPTURED      (by an interpreter with pydrake)
-    python -m bench.looks CAPTURED OUT.png
+    python -m tools.pictures.looks CAPTURED OUT.png
 
 Every row is a scene of tests/drake/scenes.py, twice as large.
 """

@@ -14,7 +14,7 @@ from functools import partial
 from statistics import median
 from typing import Any
 
-from bench.soak_clients import http_request, render_body
+from tests.soak.clients import http_request, render_body
 
 TIMES = 10
 """So many clients for each place."""

@@ -1,7 +1,7 @@
 """Images for docs/stereo-models.md's section on realism, and the CPU time of each part.
 
-python -m bench.realism docs/images      (writes realism-demo.webp and realism-parts.webp)
-python -m bench.realism --seconds 3      (prints the CPU ms of both grey camera images of the demo scene, for each part)
+python -m tools.pictures.realism docs/images      (writes realism-demo.webp and realism-parts.webp)
+python -m tools.pictures.realism --seconds 3      (prints the CPU ms of both grey images of the demo, for each part)
 """
 
 from __future__ import annotations

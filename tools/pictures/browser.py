@@ -1,6 +1,6 @@
 """The pictures of docs/view.md: the page in Chromium, in front of gateways of its own.
 
-    python -m bench.browser [FOLDER [NAME ...]]
+    python -m tools.pictures.browser [FOLDER [NAME ...]]
 
 FOLDER (default: docs/images) gets view-demo.png, view-empty.png, view-robot.png, view-cloud.png and view-phone.png, or
 those that are named (``demo``). The robot is of recorded requests, in the folder that SCENEGATE_CORPUS names; without

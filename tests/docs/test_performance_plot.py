@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench.performance_plot import PAGE, PLOT, plot, times_of
+from tools.pictures.performance_plot import PAGE, PLOT, plot, times_of
 
 
 def test_reads_programs_and_times() -> None:
@@ -13,4 +13,4 @@ def test_reads_programs_and_times() -> None:
 def test_the_plot_is_that_of_the_page() -> None:
     rows = times_of(PAGE.read_text("utf-8"))
     assert len(rows) > 5
-    assert PLOT.read_text("utf-8") == plot(rows), "python -m bench.performance_plot draws it anew"
+    assert PLOT.read_text("utf-8") == plot(rows), "python -m tools.pictures.performance_plot draws it anew"

@@ -1,6 +1,6 @@
 """The README's animation: the demo scene, the left image of its stereo camera, and the disparity image.
 
-    python -m bench.demo_animation [OUT.webp [QUALITY]]
+    python -m tools.pictures.demo_animation [OUT.webp [QUALITY]]
 
 OUT (default: docs/images/demo.webp) shows one period of the demo at twice its speed. The pixels are reproducible.
 """
@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from bench.gallery import camera, stereo_tiles
 from gateway.demo import Demo
 from gateway.demo.motion import PERIOD
 from gateway.scene.draw.flatten import flatten
@@ -24,6 +23,7 @@ from gateway.scene.tree.live import LiveTree
 from renderers.drawlist import DrawList
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer, warmup
+from tools.pictures.gallery import camera, stereo_tiles
 
 WIDTH, HEIGHT = 640, 480
 """Size of the scene's image, pixels. The two others have half of it."""
