@@ -30,39 +30,25 @@ from cosmic_ray.operators.operator import Operator
 from cosmic_ray.plugins import get_operator, operator_names
 
 ROOT = Path(__file__).parents[1]
-ROOMS = {
-    "assets": ("tests/files/assets", "tests/adapters/treeviewer"),
-    "cli": ("tests/cli", "tests/e2e"),
-    "client": ("tests/client", "tests/datasets"),
-    "datasets": ("tests/datasets",),
-    "demo": ("tests/demo",),
-    "gltf": ("tests/files/gltf", "tests/adapters/render"),
-    "lcm": ("tests/runtime/lcm", "tests/adapters/treeviewer"),
-    "render": ("tests/adapters/render",),
-    "runtime": ("tests/runtime", "tests/runtime/http"),
-    "scene": ("tests/scene", "tests/adapters/sceneapi", "tests/adapters/treeviewer"),
-    "sceneapi": ("tests/adapters/sceneapi",),
-    "server": ("tests/runtime/http", "tests/security"),
-    "settings": ("tests/runtime/settings",),
-    "state": ("tests/runtime/state",),
-    "stereo": ("tests/renderers/stereo", "tests/adapters/stereo"),
-    "treeviewer": ("tests/adapters/treeviewer", "tests/runtime/lcm"),
-    "viewer": ("tests/adapters/viewer", "tests/adapters/sceneapi"),
-    "wiring": ("tests/wiring", "tests/test_app.py", "tests/e2e"),
+PACKAGES = ("gateway", "renderers", "client/scenegate")
+NEIGHBOURS = {
+    "adapters/render": ("tests/drake",),
+    "adapters/sceneapi": ("tests/e2e/test_interfaces.py",),
+    "adapters/treeviewer": ("tests/runtime/lcm",),
+    "adapters/viewer": ("tests/adapters/sceneapi",),
+    "cli": ("tests/e2e",),
+    "client": ("tests/adapters/treeviewer", "tests/runtime/lcm", "tests/datasets"),
+    "files/assets": ("tests/adapters/treeviewer",),
+    "files/gltf": ("tests/adapters/render",),
+    "files/parsers": ("tests/files/assets",),
+    "replay": ("tests/e2e/test_view.py",),
+    "runtime/http": ("tests/security",),
+    "runtime/lcm": ("tests/adapters/treeviewer",),
+    "scene": ("tests/adapters/sceneapi", "tests/adapters/treeviewer"),
+    "stereo": ("tests/adapters/stereo",),
+    "wiring": ("tests/test_app.py", "tests/e2e"),
 }
-"""Rooms of ``gateway`` and the tests that mirror them, nearest first."""
-KERNEL_ROOMS = {
-    "compiler": ("tests/renderers/compiler", "tests/renderers"),
-    "encode": ("tests/renderers",),
-    "gltf": ("tests/files/gltf",),
-    "raster": ("tests/renderers/raster", "tests/renderers"),
-    "renderers": ("tests/renderers",),
-    "scene": ("tests/scene",),
-    "shading": ("tests/renderers/shading", "tests/renderers"),
-    "stereo": ("tests/renderers/stereo", "tests/adapters/stereo"),
-    "treeviewer": ("tests/adapters/treeviewer",),
-}
-"""Rooms with kernels, of ``renderers`` and of ``gateway``; "renderers" is what lies in no room."""
+"""Further tests of rooms, by the end of the room's name: they run after those in the folder that mirrors it."""
 EQUIVALENT = ("_Eq_Is", "_NotEq_IsNot", "_Is_Eq", "_IsNot_NotEq")
 """Endings of operators that swap equality and identity: the same for None, booleans, enums and interned strings."""
 OPERATORS = (
@@ -104,8 +90,25 @@ class Fault:
 
     @property
     def room(self) -> str:
-        """Name in ``ROOMS`` or ``KERNEL_ROOMS``."""
-        return self.module.parts[1] if len(self.module.parts) > 2 else self.module.parts[0]
+        """The folder below tests/ that mirrors the module's."""
+        return room_of(self.module)
+
+
+def room_of(module: Path) -> str:
+    """Return the folder below tests/ that mirrors a module's, or the nearest one above that does."""
+    package, *folders = module.parent.parts
+    if package == "client":
+        return "client"
+    room = Path(*folders) if package == "gateway" else Path(package, *folders)
+    while not (ROOT / "tests" / room / "__init__.py").exists():
+        room = room.parent
+    return "" if room == Path() else room.as_posix()
+
+
+def tests_of(room: str) -> tuple[str, ...]:
+    """Return the paths of a room's tests, nearest first."""
+    further = [paths for end, paths in NEIGHBOURS.items() if room.split("/")[-1] == end or room.endswith(end)]
+    return (f"tests/{room}" if room else "tests/test_app.py", *(path for paths in further for path in paths))
 
 
 def main() -> None:
@@ -117,11 +120,11 @@ def main() -> None:
     parser.add_argument("--list", action="store_true", help="print the faults and run nothing")
     options = parser.parse_args()
 
-    tests = KERNEL_ROOMS if options.kernels else ROOMS
-    rooms = sorted(options.rooms or tests)
-    if unknown := set(rooms) - set(tests):
-        parser.error(f"there is no room {', '.join(sorted(unknown))}; there are {', '.join(sorted(tests))}")
-    faults = draw_faults(rooms, options.sample, random.Random(options.seed), options.kernels)
+    modules = modules_of_rooms(options.kernels)
+    rooms = sorted(options.rooms or modules)
+    if unknown := set(rooms) - set(modules):
+        parser.error(f"there is no room {', '.join(sorted(unknown))}; there are {', '.join(sorted(modules))}")
+    faults = draw_faults({room: modules[room] for room in rooms}, options.sample, random.Random(options.seed))
     if options.list:
         for fault in faults:
             print(f"{fault.module}:{fault.line} {fault.operator}", difference(fault), sep="\n")
@@ -130,10 +133,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         tree = copy_of_repository(Path(folder, "tree"))
         for room in sorted({fault.room for fault in faults}):
-            if tests_fail(tree, tests[room], recompile=False):
-                raise SystemExit(f"the tests of {room} fail without any fault: {' '.join(tests[room])}")
+            if tests_fail(tree, tests_of(room), recompile=False):
+                raise SystemExit(f"the tests of {room} fail without any fault: {' '.join(tests_of(room))}")
         for fault in faults:
-            noticed = is_noticed(tree, fault, tests[fault.room])
+            noticed = is_noticed(tree, fault)
             caught.setdefault(fault.room, []).append(noticed)
             print(f"{'caught ' if noticed else 'MISSED '} {fault.module}:{fault.line} {fault.operator}", flush=True)
             if not noticed:
@@ -145,34 +148,35 @@ def main() -> None:
     print(f"{'all':<12} {sum(total):>6} / {len(total)}  {sum(total) / len(total):.0%}")
 
 
-def draw_faults(rooms: list[str], count: int, chance: random.Random, kernels: bool) -> list[Fault]:
-    """Draw at most one fault a module, from rooms in turn, so that small rooms are in the sample.
+def modules_of_rooms(kernels: bool) -> dict[str, list[Path]]:
+    """Return the modules of each room.
 
     Args:
         kernels: modules with kernels; else the others.
     """
-    modules = {room: _modules(room, kernels) for room in rooms}
+    rooms: dict[str, list[Path]] = {}
+    for file in sorted(file for package in PACKAGES for file in (ROOT / package).rglob("*.py")):
+        if bool(KERNEL.search(file.read_text("utf-8"))) is kernels and not file.name.endswith("_pb2.py"):
+            module = file.relative_to(ROOT)
+            rooms.setdefault(room_of(module), []).append(module)
+    return rooms
+
+
+def draw_faults(modules: dict[str, list[Path]], count: int, chance: random.Random) -> list[Fault]:
+    """Draw at most one fault a module, from rooms in turn, so that small rooms are in the sample."""
     for each in modules.values():
         chance.shuffle(each)
     faults: list[Fault] = []
     while len(faults) < count and any(modules.values()):
-        for room in rooms:
-            if modules[room] and len(faults) < count:
-                module = modules[room].pop()
+        for left in modules.values():
+            if left and len(faults) < count:
+                module = left.pop()
                 if possible := list(_faults_of(module)):
                     operator, occurrence, line = chance.choice(possible)
                     code = mutate_code((ROOT / module).read_text("utf-8"), operator[1], occurrence)
                     assert code is not None
                     faults.append(Fault(module, line, operator[0], code))
     return faults
-
-
-def _modules(room: str, kernels: bool) -> list[Path]:
-    packages = ("gateway", "renderers") if kernels else ("gateway",)
-    files = sorted(file for package in packages for file in (ROOT / package / room).rglob("*.py"))
-    if room == "renderers":
-        files = sorted((ROOT / room).glob("*.py"))
-    return [file.relative_to(ROOT) for file in files if bool(KERNEL.search(file.read_text("utf-8"))) is kernels]
 
 
 def _faults_of(module: Path) -> Iterator[tuple[tuple[str, Operator], int, int]]:
@@ -199,16 +203,15 @@ def copy_of_repository(folder: Path) -> Path:
     return folder
 
 
-def is_noticed(tree: Path, fault: Fault, tests: tuple[str, ...]) -> bool:
-    """Return True if one of the tests that mirror the fault's room fails with the fault in the copy."""
+def is_noticed(tree: Path, fault: Fault) -> bool:
+    """Return True if one of the tests of the fault's room fails with the fault in the copy."""
     file = tree / fault.module
-    package, *folders = fault.module.parts[:-1]
-    mirror = Path("tests", *(() if package == "gateway" else (package,)), *folders, f"test_{fault.module.name}")
+    mirror = Path("tests", fault.room, f"test_{fault.module.name}")
     paths = (str(mirror),) if (tree / mirror).exists() else ()
     original = file.read_text("utf-8")
     file.write_text(fault.code, "utf-8")
     try:
-        return tests_fail(tree, (*paths, *tests), recompile=bool(KERNEL.search(original)))
+        return tests_fail(tree, (*paths, *tests_of(fault.room)), recompile=bool(KERNEL.search(original)))
     finally:
         file.write_text(original, "utf-8")
 

@@ -18,7 +18,7 @@ STATIC: Final = files("gateway.adapters.viewer") / "static"
 """Folder with the files of the page, built from ``web``."""
 RECORDING_ID: Final = "recording"
 """Id of the element with the recording, by which the page finds it."""
-_SCRIPT_TAG: Final = re.compile(r"<script [^>]*></script>")
+_SCRIPT_TAG: Final = re.compile(r"<script [^<>]*></script>")
 _STYLE_TAG: Final = re.compile(r'<link rel="stylesheet"[^>]*>')
 _ASSET: Final = re.compile(r'/assets/([^/"]+)"')
 _SCRIPT_END: Final = re.compile(r"<(/script|!--)", re.IGNORECASE)
