@@ -38,18 +38,6 @@ class GatewayAddress(NamedTuple):
     """TLS context; None: the connection is not encrypted."""
 
 
-class Stream(NamedTuple):
-    """A response whose body is read as it arrives."""
-
-    socket: socket.socket
-    body: http.client.HTTPResponse
-
-    def close(self) -> None:
-        """Disconnect."""
-        self.body.close()
-        self.socket.close()
-
-
 def parse_address(address: str, credentials: Credentials) -> GatewayAddress:
     """Parse the address of a gateway, ``http://HOST:PORT``, or of its page.
 
@@ -70,16 +58,16 @@ def parse_address(address: str, credentials: Credentials) -> GatewayAddress:
     return GatewayAddress(url.hostname, port, path, credentials.context() if url.scheme == "https" else None)
 
 
-def open_stream(
-    address: str, path: str, credentials: Credentials, wanted: str, timeout: float = CONNECT_SECONDS, **query: object
-) -> Stream:
-    """Return the response to ``GET path``, of which only the headers have been read.
+def fetch(
+    address: str, path: str, credentials: Credentials, wanted: str, timeout: float = FETCH_SECONDS, **query: object
+) -> bytes:
+    """Return the body of the response to ``GET path``.
 
     Args:
         address: of the gateway's HTTP port, ``http://HOST:PORT``, or of its page.
-        path: such as ``stereo/imu``.
+        path: such as ``stereo/truth.npz``.
         credentials: token and certificates.
-        wanted: what the response has, for errors: ``IMU samples``.
+        wanted: what the response has, for errors: ``ground truth``.
         timeout: seconds for the connection, and for each part of the response.
         query: parameters of the request. None: left out.
 
@@ -96,29 +84,16 @@ def open_stream(
     )
     parameters = urlencode({key: value for key, value in query.items() if value is not None})
     try:
-        connection.connect()
-        connected = connection.sock
         connection.request("GET", f"{prefix}/{path}?{parameters}", headers=dict(credentials.metadata))
-        stream = Stream(connected, connection.getresponse())
-    except (OSError, http.client.HTTPException) as error:
-        connection.close()
-        raise GatewayError(f"{address} gives no {wanted}: {reason_of(error)}") from None
-    if stream.body.status == http.client.OK:
-        return stream
-    raise GatewayRequestError(f"{address} gives no {wanted}: {stream.body.status}: {_refusal(stream)}")
-
-
-def fetch(
-    address: str, path: str, credentials: Credentials, wanted: str, timeout: float = FETCH_SECONDS, **query: object
-) -> bytes:
-    """Return the whole body of a response; see ``open_stream`` for arguments and errors."""
-    stream = open_stream(address, path, credentials, wanted, timeout, **query)
-    try:
-        return stream.body.read()
+        response = connection.getresponse()
+        if response.status == http.client.OK:
+            return response.read()
+        refusal = _refusal(response)
     except (OSError, http.client.HTTPException) as error:
         raise GatewayError(f"{address} gives no {wanted}: {reason_of(error)}") from None
     finally:
-        stream.close()
+        connection.close()
+    raise GatewayRequestError(f"{address} gives no {wanted}: {response.status}: {refusal}")
 
 
 def reason_of(error: Exception) -> str:
@@ -144,13 +119,11 @@ def reason_of(error: Exception) -> str:
             return str(error) or type(error).__name__
 
 
-def _refusal(stream: Stream) -> str:
-    """Return the message of an error response, its first line, or the reason phrase of HTTP; close the connection."""
+def _refusal(response: http.client.HTTPResponse) -> str:
+    """Return the message of an error response, its first line, or the reason phrase of HTTP."""
     text = ""
     try:
-        text = stream.body.read(_MAX_ERROR_BYTES).decode("utf-8", "replace")
+        text = response.read(_MAX_ERROR_BYTES).decode("utf-8", "replace")
         return str(json.loads(text)["message"])
     except (OSError, ValueError, KeyError, TypeError, http.client.HTTPException):
-        return text.strip().partition("\n")[0] or stream.body.reason
-    finally:
-        stream.close()
+        return text.strip().partition("\n")[0] or response.reason

@@ -15,16 +15,13 @@ from gateway.adapters.stereo.device.parameter_specs import NODES
 from gateway.adapters.stereo.device.profile import read_profile
 from gateway.adapters.stereo.device.stream_settings import StreamSettings
 from gateway.adapters.stereo.imaging.pair_files import find_pairs, read_geometry
-from gateway.adapters.stereo.imaging.recorded_pairs import pair_imaging
+from gateway.adapters.stereo.imaging.recorded_pairs import RecordedPairs
 from gateway.adapters.stereo.imaging.scene_view import OtherProjector, ProjectorSource, SceneState, SceneView
-from gateway.adapters.stereo.imu.imu_service import PoseLog
 from gateway.adapters.stereo.routes.camera_routes import camera_router
 from gateway.adapters.stereo.routes.fault_routes import fault_router
-from gateway.adapters.stereo.routes.imu_routes import imu_router
 from gateway.adapters.stereo.routes.node_routes import node_router
 from gateway.adapters.stereo.routes.system_routes import system_router
 from gateway.adapters.stereo.routes.truth_routes import truth_router
-from gateway.adapters.stereo.routes.upload_routes import upload_router
 from gateway.adapters.stereo.service import StereoService
 from gateway.adapters.stereo.stream.set_kind import SetKind
 from gateway.adapters.viewer.sources import ImageName, StereoImages, StereoRig
@@ -76,10 +73,8 @@ async def setup(context: Context) -> None:
     for app in apps:
         app.include_router(system_router(*services))
         app.include_router(node_router(*services))
-        app.include_router(upload_router(*services))
     context.app.include_router(camera_router(*services))
     context.app.include_router(truth_router(*services))
-    context.app.include_router(imu_router(*services))
     context.app.include_router(fault_router(*services))
 
 
@@ -125,24 +120,25 @@ def _start_camera(
         snapshot = await state_at(context.history, time)
         return await context.camera_workers.run(view.state_in, snapshot, Flattener(context.labels))
 
+    pairs = None
+    if settings.stereo_images is not None:
+        sequence = find_pairs(settings.stereo_images, config.max_pairs, config.max_pair_pixels)
+        geometry = read_geometry(settings.stereo_images) or (config.model.focal_factor, config.model.baseline)
+        pairs = RecordedPairs(sequence, *geometry)
     service = StereoService(
         config,
         view.state,
         context.renderer,
         context.camera_workers,
-        None if config.simulated_clock else PoseLog(view.tree, view.pose_in),
         on_streaming,
         view.tree.has_unapplied_before,
+        pairs,
     )
     service.earlier_state = earlier_state if live else None
     if settings.stereo_projectors == "shared" and config.projector and config.dot_light > 0.0:
         projectors[view] = lambda snapshot: OtherProjector(
             view.pose_in(snapshot), config.model, config.dot_light, service.settings
         )
-    if settings.stereo_images is not None:
-        pairs = find_pairs(settings.stereo_images, config.max_pairs, config.max_pair_pixels)
-        geometry = read_geometry(settings.stereo_images) or (config.model.focal_factor, config.model.baseline)
-        service.show_pairs(pair_imaging(service.scene_imaging, pairs, *geometry))
     if context.state is not None:
         context.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
         service.wait_until_stored = context.state.commits.wait_until_stored

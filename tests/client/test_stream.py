@@ -225,7 +225,7 @@ def test_flags_of_the_command(flags: tuple[str, ...], monkeypatch: pytest.Monkey
 
 
 def test_options_for_files_need_a_folder() -> None:
-    for option in (["--gpio"], ["--imu", "http://127.0.0.1:1"]):
+    for option in (["--gpio"], ["--truth", "http://127.0.0.1:1"]):
         result = scenegate("stream", "127.0.0.1:1", *option)
         assert result.exit_code == 2
         assert "-o FOLDER" in result.stderr

@@ -1,4 +1,4 @@
-"""``scenegate record --mcap`` with a gateway: scene, camera and IMU, and what a killed recorder leaves."""
+"""``scenegate record --mcap`` with a gateway: scene and camera, and what a killed recorder leaves."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def command(out: Path, url: str, *options: str) -> list[str]:
 
 
 @pytest.mark.parametrize("profile", ["foxglove", "ros2"])
-def test_scene_camera_and_imu(gateway: str, tmp_path: Path, profile: str) -> None:
+def test_scene_and_camera(gateway: str, tmp_path: Path, profile: str) -> None:
     out = tmp_path / "all.mcap"
-    camera = ("--camera", f"127.0.0.1:{grpc_port(gateway)}", "--imu")
+    camera = ("--camera", f"127.0.0.1:{grpc_port(gateway)}")
     with subprocess.Popen(
         command(out, gateway, *camera, "--profile", profile), stderr=subprocess.PIPE, text=True
     ) as process:
@@ -55,7 +55,7 @@ def test_scene_camera_and_imu(gateway: str, tmp_path: Path, profile: str) -> Non
     counts = {
         summary.channels[number].topic: count for number, count in summary.statistics.channel_message_counts.items()
     }
-    for topic in ("/tf", "/scene", "/scene/points/demo/scanner", "/stereo/imu", "/stereo/disparity", "/stereo/points2"):
+    for topic in ("/tf", "/scene", "/scene/points/demo/scanner", "/stereo/disparity", "/stereo/points2"):
         assert counts[topic], topic
     for name in ("left", "right", "depth"):
         assert counts[f"/stereo/{name}/image_rect"] == counts[f"/stereo/{name}/camera_info"] > 1
@@ -96,7 +96,7 @@ def test_what_cannot_be_recorded(tmp_path: Path, gateway: str) -> None:
     out = tmp_path / "a.mcap"
     out.write_text("an earlier recording")
     for options, sentence in (
-        (("--no-scene",), "nothing is recorded: --no-scene needs --camera or --imu"),
+        (("--no-scene",), "nothing is recorded: --no-scene needs --camera"),
         (("--keep", "2"), "--keep needs --max-mb"),
         (("--gateway", "ftp://x"), "the address of the gateway is 'ftp://x'; it must be like http://HOST:PORT"),
         (("--gateway", "http://127.0.0.1:1"), "http://127.0.0.1:1 gives no scene: "),

@@ -173,17 +173,6 @@ def test_new_subscribers_get_all_markers(gateway: dict[str, str], start: Start) 
         wait_for_repetition(node)  # and so for a look at the number of subscribers, which is 0
 
 
-def test_samples_of_the_imu(gateway: dict[str, str], start: Start) -> None:
-    node = start(**gateway)
-    with node.topics["stereo/imu"].subscriber() as topic:
-        samples = topic.wait_for(count=20)
-    stamps = [stamp(each) for each in samples]
-    assert stamps == sorted(stamps)
-    force = samples[0].linear_acceleration
-    assert np.linalg.norm((force.x, force.y, force.z)) == pytest.approx(9.81, abs=1.0)
-    assert samples[0].orientation_covariance[0] == -1
-
-
 def test_the_clock_is_that_of_the_images(start: Start) -> None:
     (grpc_port,) = free_ports(1)
     flags = ("--demo", "--clock", "simulated", "--grpc-port", str(grpc_port), "--tcpq-port", "0", "--lcm-url", "off")

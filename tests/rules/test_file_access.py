@@ -31,7 +31,6 @@ ALLOWED = {
     "datasets/show/app.py": "the page, a part of this package",
     "adapters/render/failures.py": "files that it writes",
     "lcm/replay.py": "the log, which it writes; reading is by open_regular",
-    "camera/imu.py": "the file that it writes",
     "recording/mcap_file.py": "the files that it writes",
     "recording/ros2_messages.py": "definitions of messages, a part of this package",
 }

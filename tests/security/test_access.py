@@ -19,9 +19,6 @@ from websockets.exceptions import InvalidStatus
 from websockets.typing import Origin
 
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.imu import ImuRecorder
-from scenegate.credentials import Credentials
-from scenegate.gateway_http import GatewayError
 from tests.support import clients
 from tests.support.certificates import certificate
 from tests.support.command import Ran, scenegate
@@ -99,26 +96,8 @@ async def test_browser_view_works_with_a_token(secured: Secured) -> None:
         await websocket(url, ssl=secured.context)
 
 
-async def test_imu_requires_the_token(secured: Secured, tmp_path: Path) -> None:
-    with secured.http() as http:
-        assert http.get("/stereo/imu").status_code == 401
-    url = secured.url.replace("https", "wss") + "/stereo/imu/ws"
-    with pytest.raises(InvalidStatus):
-        await websocket(url, ssl=secured.context)
-    async with websocket(url, ssl=secured.context, additional_headers=BEARER) as socket:
-        async with asyncio.timeout(SECONDS):
-            assert "angular_velocity" in str(await socket.recv())
-    (tmp_path / "ca.pem").write_bytes(secured.pem)
-    ca, path = tmp_path / "ca.pem", tmp_path / "imu.csv"
-    with ImuRecorder(secured.url, path, Credentials(TOKEN, ca=ca)) as recorder:
-        assert await asyncio.to_thread(recorder.wait_for_sample, 0, SECONDS)
-    with pytest.raises(GatewayError, match="401: A token is needed"):
-        ImuRecorder(secured.url, path, Credentials(CAMERA, ca=ca))
-
-
-@pytest.mark.parametrize("path", ["/view/ws", "/stereo/imu/ws"])
-async def test_cross_site_websocket_is_refused(secured: Secured, path: str) -> None:
-    url = secured.url.replace("https", "wss") + path
+async def test_cross_site_websocket_is_refused(secured: Secured) -> None:
+    url = secured.url.replace("https", "wss") + "/view/ws"
     with pytest.raises(InvalidStatus) as caught:
         await websocket(url, ssl=secured.context, additional_headers=BEARER, origin=Origin("https://evil.example"))
     assert caught.value.response.status_code == 403

@@ -58,7 +58,6 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Rejected requests", "gateway.runtime.workers.worker_pool", ("MAX_RETRY_AFTER",)),
     ("gRPC", "gateway.adapters.stereo.stream.grpc_server", ("MAX_CALLS",)),
     ("The device's REST interface", "gateway.adapters.stereo.routes.node_routes", ("MAX_BODY", "NUMBER_TEXT_LIMIT")),
-    ("Uploaded stereo pairs", "gateway.adapters.stereo.routes.upload_routes", ("MAX_CONTENT_TYPE",)),
     (
         "Camera profiles",
         "gateway.adapters.stereo.device.profile",

@@ -1,4 +1,4 @@
-"""Receives the image sets of Scenegate's stereo camera or of a real rc_visard over gRPC, and samples of its IMU.
+"""Receives the image sets of Scenegate's stereo camera or of a real rc_visard over gRPC.
 
 Needs grpcio and protobuf: ``scenegate-client[camera]``.
 """
@@ -17,7 +17,6 @@ from scenegate.camera.files import intrinsics as intrinsics
 from scenegate.camera.files import pixels as pixels
 from scenegate.camera.files import preview as preview
 from scenegate.camera.files import save as save
-from scenegate.camera.imu import ImuRecorder as ImuRecorder
 from scenegate.camera.stream import StreamOptions as StreamOptions
 from scenegate.camera.stream import receive as receive
 from scenegate.camera.stream import receive_all as receive_all

@@ -8,14 +8,13 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import grpc
 
 from scenegate.camera import files
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.imu import ImuRecorder
 from scenegate.camera.truth import fetch_truth
 from scenegate.credentials import Credentials
 from scenegate.gateway_http import parse_address
@@ -24,9 +23,6 @@ METHOD = "/ImageInterface/StreamImageSets"
 """The gRPC method of the stream."""
 CONNECT_SECONDS = 10.0
 """Timeout for the connection to the camera."""
-IMU_SECONDS = 1.0
-"""Maximum time to wait for IMU samples before the first set and after the last one; they are 0.4 s late. With a
-simulated clock there are none while no frames are made."""
 
 _CHANNEL_OPTIONS = [
     ("grpc.max_receive_message_length", -1),  # complete meshes have 55 MB, and gRPC's default limit is 4 MB
@@ -92,11 +88,8 @@ class StreamOptions:
     truth: str | None = None
     """Address of the gateway's HTTP port, ``http://HOST:PORT``, from which to write the ground truth of each set to
     ``output``; None: do not write it."""
-    imu: str | None = None
-    """Address of the gateway's HTTP port, ``http://HOST:PORT``, from which to write IMU samples to ``imu.csv`` in
-    ``output``; None: do not write them."""
     pipeline: int = 0
-    """Number of the camera whose ground truth and IMU samples are written."""
+    """Number of the camera whose ground truth is written."""
 
     def request(self) -> pb.ImageSetRequest:
         """Return the gRPC request. If neither image nor mesh is chosen, it is for left and disparity."""
@@ -136,10 +129,6 @@ class Progress:
     """Time from the first to the newest set, in seconds."""
     timestamp: str = ""
     """Timestamp of the newest set, ``sec.nsec``."""
-    imu_samples: int = 0
-    """Number of IMU samples written."""
-    imu_lost: int = 0
-    """Number of IMU samples lost because they were read too slowly."""
     _last_second: int = 0
     """``seconds``, rounded down, at the last call of ``second_passed``."""
 
@@ -158,12 +147,7 @@ class Progress:
         text = f"{self.sets} sets"
         if self.seconds > 0:
             text += f", {self.rate:.1f} per second, {self.bytes / 1e6 / self.seconds:.1f} MB/s"
-        text += f", newest {self.timestamp}"
-        if self.imu_samples:
-            text += f", {self.imu_samples} IMU samples"
-        if self.imu_lost:
-            text += f", {self.imu_lost} lost"
-        return text
+        return f"{text}, newest {self.timestamp}"
 
 
 def receive(options: StreamOptions) -> Generator[tuple[pb.ImageSet, int], None, None]:
@@ -224,27 +208,15 @@ def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lam
     Raises:
         StreamFailure: as ``receive``.
         OSError: a certificate cannot be read, or a file cannot be written.
-        GatewayError: ground truth or IMU samples cannot be received.
+        GatewayError: ground truth cannot be received.
     """
     if options.truth is not None:
         parse_address(options.truth, options.credentials)
     if options.output is not None:
         options.output.mkdir(parents=True, exist_ok=True)
-    if options.output is None or options.imu is None:
-        return _receive_sets(options, report, None)
-    path = options.output / "imu.csv"
-    with ImuRecorder(options.imu, path, options.credentials, options.pipeline) as recorder:
-        recorder.wait_for_sample(0, IMU_SECONDS)
-        return _receive_sets(options, report, recorder)
-
-
-def _receive_sets(options: StreamOptions, report: Callable[[Progress], None], recorder: ImuRecorder | None) -> Progress:
-    """Receive and write sets; see ``receive_all``."""
     progress = Progress()
     start = time.monotonic()
-    # With a recorder, the stream stays open until the samples up to the last set have arrived.
-    sets = receive(options if recorder is None else replace(options, count=0))
-    for image_set, size in sets:
+    for image_set, size in receive(options):
         now = time.monotonic()
         if progress.sets == 0:
             start = now
@@ -259,13 +231,5 @@ def _receive_sets(options: StreamOptions, report: Callable[[Progress], None], re
                 (options.output / f"image_{progress.timestamp}_truth.npz").write_bytes(truth)
         if options.preview is not None:
             files.write_image(options.preview, files.preview(image_set))
-        if recorder is not None:
-            recorder.check()
-            if progress.sets == options.count:
-                recorder.wait_for_sample(files.nanoseconds(image_set.timestamp), IMU_SECONDS)
-            progress.imu_samples, progress.imu_lost = recorder.samples, recorder.lost
         report(progress)
-        if recorder is not None and progress.sets == options.count:
-            sets.close()
-            break
     return progress

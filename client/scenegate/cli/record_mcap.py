@@ -1,4 +1,4 @@
-"""``scenegate record --mcap``: write the live scene, a camera's images and IMU samples to MCAP files."""
+"""``scenegate record --mcap``: write the live scene and a camera's images to MCAP files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NEEDED: Final = ("mcap", "mcap_protobuf", "mcap_ros2", "foxglove_schemas_protobu
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of recordings to MCAP files."""
-    add = parser.add_argument_group("MCAP files", "Live scene, images and IMU, for Foxglove and ROS 2.").add_argument
+    add = parser.add_argument_group("MCAP files", "Live scene and images, for Foxglove and ROS 2.").add_argument
     help_text = "file to write, which is replaced, instead of an LCM log"
     add("--mcap", type=Path, metavar="OUT.mcap", help=help_text)
     help_text = "messages: Foxglove's schemas, or those of ROS 2 (default: foxglove)"
@@ -38,9 +38,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     help_text = "record left, right, disparity, depth and points of this stereo camera; the default port is 50051"
     add("--camera", metavar="HOST:PORT", help=help_text)
     add("--color", action="store_true", help="with --camera: left and right in colour")
-    add("--imu", action="store_true", help="record IMU samples of the gateway's camera")
-    help_text = "number of the camera of --imu, if there are several (default: 0)"
-    add("--pipeline", type=at_least(0), default=0, metavar="N", help=help_text)
     help_text = "begin a new file, OUT_1.mcap, OUT_2.mcap, after this many megabytes, at least 1; 0: never (default: 0)"
     add("--max-mb", type=at_least(0.0), default=0.0, metavar="MB", help=help_text)
     help_text = "with --max-mb: keep only this number of files, the newest ones; 0: all (default: 0)"
@@ -53,7 +50,6 @@ def check_mode(options: argparse.Namespace) -> None:
     if options.mcap is None:
         given = {
             "--camera": options.camera,
-            "--imu": options.imu,
             "--color": options.color,
             "--no-scene": not options.scene,
             "--max-mb": options.max_mb,
@@ -115,8 +111,8 @@ def _recording(options: argparse.Namespace) -> RecordingOptions:
     from scenegate.camera.stream import StreamOptions
     from scenegate.recording.recorder import RecordingOptions
 
-    if not (options.scene or options.camera or options.imu):
-        raise argparse.ArgumentTypeError("nothing is recorded: --no-scene needs --camera or --imu")
+    if not (options.scene or options.camera):
+        raise argparse.ArgumentTypeError("nothing is recorded: --no-scene needs --camera")
     if 0.0 < options.max_mb < MIN_FILE_MB:
         raise argparse.ArgumentTypeError(
             f"--max-mb is {options.max_mb:g}; it must be 0, or at least {MIN_FILE_MB:g}: messages are written in "
@@ -137,8 +133,6 @@ def _recording(options: argparse.Namespace) -> RecordingOptions:
         options.profile,
         scene=options.gateway if options.scene else None,
         camera=camera,
-        imu=options.gateway if options.imu else None,
-        pipeline=options.pipeline,
         credentials=credentials,
         max_bytes=int(options.max_mb * 1e6),
         keep=options.keep,

@@ -44,9 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_file("--gpio", action="store_true", help=help_text)
     help_text = "with -o: write exact depth and labels of each set, from this gateway's HTTP port http://HOST:PORT"
     add_file("--truth", metavar="URL", help=help_text)
-    help_text = "with -o: write imu.csv with accelerations and angular velocities, from this gateway's HTTP port"
-    add_file("--imu", metavar="URL", help=help_text)
-    help_text = "number of the camera of --truth and --imu, if there are several (default: 0)"
+    help_text = "number of the camera of --truth, if there are several (default: 0)"
     add_file("--pipeline", type=at_least(0), default=0, metavar="N", help=help_text)
     help_text = "image of the newest set, all images side by side, disparity in colours"
     add_file("--preview", type=Path, metavar="FILE", help=help_text)
@@ -63,8 +61,8 @@ def run(options: argparse.Namespace) -> None:
 
     values = vars(options)
     output = values.pop("out")
-    if output is None and (values["exposure"] or values["gpio"] or values["truth"] or values["imu"]):
-        raise argparse.ArgumentTypeError("--exposure, --gpio, --truth and --imu need -o FOLDER")
+    if output is None and (values["exposure"] or values["gpio"] or values["truth"]):
+        raise argparse.ArgumentTypeError("--exposure, --gpio and --truth need -o FOLDER")
     credentials = pop_credentials(values)
     timeout = values.pop("timeout") or None
     stream = StreamOptions(**values, output=output, credentials=credentials, timeout=timeout)

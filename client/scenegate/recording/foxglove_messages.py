@@ -10,28 +10,15 @@ from functools import cache
 from importlib import import_module
 from typing import Any, Final
 
-import msgspec
 import numpy as np
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from scenegate.camera.imu import ImuSample
 from scenegate.recording import message_fields
 from scenegate.recording.mcap_file import EncodedMessage, Schema
 from scenegate.recording.message_fields import DISTORTION_MODEL, IDENTITY, Fields, Message, quaternion, vector
 from scenegate.recording.topics import CLOUD_TOPIC, DISPARITY_TOPIC, IMAGE_TOPICS, SCENE_TOPIC, TF_TOPIC
 from scenegate.recording.values import Calibration, CameraImage, Cloud, Disparity, Entity, FrameTransform
 
-_VECTOR_SCHEMA: Final = {"type": "object", "properties": {axis: {"type": "number"} for axis in "xyz"}}
-_IMU_TYPE: Final = "scenegate.Imu"
-_IMU_SCHEMA: Final = {
-    "type": "object",
-    "properties": {
-        "timestamp": {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}},
-        "linear_acceleration": _VECTOR_SCHEMA,
-        "angular_velocity": _VECTOR_SCHEMA,
-    },
-}
-"""Schema of IMU samples, for which Foxglove has none: they are JSON."""
 _DELETE_ONE, _DELETE_ALL = 0, 1  # foxglove.SceneEntityDeletion.Type
 _UINT8, _FLOAT32 = 1, 7  # foxglove.PackedElementField.NumericType
 _LINE_LIST: Final = 2  # foxglove.LinePrimitive.Type
@@ -60,9 +47,7 @@ def schemas() -> dict[str, Schema]:
 
 @cache
 def _schema_and_encoder(name: str) -> tuple[Schema, Callable[[Fields], bytes]]:
-    """Return the schema and the encoder of a type: ``_IMU_TYPE``, or Foxglove's name without ``foxglove.``."""
-    if name == _IMU_TYPE:
-        return Schema(name, "jsonschema", msgspec.json.encode(_IMU_SCHEMA), "json"), msgspec.json.encode
+    """Return the schema and the encoder of a type, Foxglove's name without ``foxglove.``."""
     message_class: Any = getattr(import_module(f"foxglove_schemas_protobuf.{name}_pb2"), name)
     descriptors = build_file_descriptor_set(message_class).SerializeToString()
     schema = Schema(message_class.DESCRIPTOR.full_name, "protobuf", descriptors, "protobuf")
@@ -150,16 +135,6 @@ def cloud(value: Cloud, time_ns: int) -> Message:
     records = message_fields.packed_points(value, channels=(0, 1, 2), alpha=255)
     content = {"pose": IDENTITY, "point_stride": records.itemsize, "fields": columns, "data": records.tobytes()}
     return Message("PointCloud", _header(value.frame, time_ns) | content)
-
-
-def imu(sample: ImuSample) -> Message:
-    """Return ``scenegate.Imu``, a sample of an IMU."""
-    fields = {  # the JSON schemas of Foxglove call the parts of a time sec and nsec
-        "timestamp": {"sec": sample.time_ns // 10**9, "nsec": sample.time_ns % 10**9},
-        "linear_acceleration": vector(sample.acceleration),
-        "angular_velocity": vector(sample.angular_velocity),
-    }
-    return Message(_IMU_TYPE, fields)
 
 
 def joints(values: Mapping[str, float], time_ns: int) -> Message:

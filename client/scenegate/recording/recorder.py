@@ -14,14 +14,13 @@ from pathlib import Path
 from typing import Final
 
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.imu import ImuSample
 from scenegate.camera.stream import StreamOptions
 from scenegate.credentials import Credentials
 from scenegate.gateway_http import GatewayError
 from scenegate.recording.camera_values import CameraConverter
 from scenegate.recording.mcap_file import McapFiles
 from scenegate.recording.scene_mirror import SceneMirror
-from scenegate.recording.sources import QUEUED_ITEMS, Received, camera_sets, imu_samples, scene_frames, start_receiving
+from scenegate.recording.sources import QUEUED_ITEMS, Received, camera_sets, scene_frames, start_receiving
 from scenegate.recording.topics import Messages, Profile, ProfileName
 from scenegate.recording.values import SceneChange
 from scenegate.recording.view_frames import ViewFrame
@@ -48,10 +47,6 @@ class RecordingOptions:
     """Address of the gateway whose live scene is recorded, ``http://HOST:PORT``; None: none."""
     camera: StreamOptions | None = None
     """Camera whose images are recorded; None: none."""
-    imu: str | None = None
-    """Address of the gateway whose IMU samples are recorded; None: none."""
-    pipeline: int = 0
-    """Number of the camera whose IMU samples are recorded."""
     credentials: Credentials = field(default_factory=Credentials)
     max_bytes: int = 0
     """Size of a file after which the next one begins; 0: no limit."""
@@ -75,7 +70,7 @@ class SceneWriter:
         """Sentences about what of the scene is left out."""
         return [*self._mirror.warnings.values(), *self._profile.clouds.warnings]
 
-    def write(self, value: ViewFrame | pb.ImageSet | ImuSample, log_time_ns: int, *, is_first: bool = False) -> None:
+    def write(self, value: ViewFrame | pb.ImageSet, log_time_ns: int, *, is_first: bool = False) -> None:
         """Write a received value.
 
         Args:
@@ -100,9 +95,7 @@ class SceneWriter:
             is_update = isinstance(value, ViewFrame) and value.header["kind"] == "update"
             if self._whole_scene_ns is None and is_update:  # the first one has the whole scene
                 self._plan_whole(log_time_ns, size)
-        if isinstance(value, ImuSample):
-            self._write_all(self._profile.imu(value), log_time_ns, value.time_ns)
-        elif isinstance(value, pb.ImageSet):
+        if isinstance(value, pb.ImageSet):
             for exposure in self._camera.convert(value):
                 self._write_all(self._profile.camera(exposure), log_time_ns, exposure.time_ns)
 
@@ -157,8 +150,6 @@ def record(
         start_receiving("scene", partial(scene_frames, options.scene, options.credentials), received)
     if options.camera is not None:
         start_receiving("camera", partial(camera_sets, options.camera), received)
-    if options.imu is not None:
-        start_receiving("IMU", partial(imu_samples, options.imu, options.credentials, options.pipeline), received)
     values = _received(received, stop)
     first = next(filter(None, values), None)
     if first is None:

@@ -14,20 +14,17 @@ from typing import Final
 import numpy as np
 from mcap_ros2.writer import serialize_dynamic
 
-from scenegate.camera.imu import ImuSample
 from scenegate.recording import message_fields
 from scenegate.recording.mcap_file import EncodedMessage, Schema
 from scenegate.recording.message_fields import (
     DISTORTION_MODEL,
     IDENTITY,
-    NO_ROTATION,
     Fields,
     Message,
     quaternion,
     vector,
 )
 from scenegate.recording.values import (
-    IMU_FRAME,
     Calibration,
     CameraImage,
     Cloud,
@@ -135,20 +132,6 @@ def cloud(value: Cloud, time_ns: int) -> Message:
         "is_dense": True,
     }
     return Message("sensor_msgs/msg/PointCloud2", message)
-
-
-def imu(sample: ImuSample) -> Message:
-    """Return ``sensor_msgs/Imu`` without an orientation (REP 145: its first covariance is -1)."""
-    fields = {
-        "header": header(IMU_FRAME, sample.time_ns),
-        "orientation": NO_ROTATION,
-        "orientation_covariance": [-1.0] + [0.0] * 8,
-        "angular_velocity": vector(sample.angular_velocity),
-        "angular_velocity_covariance": [0.0] * 9,
-        "linear_acceleration": vector(sample.acceleration),
-        "linear_acceleration_covariance": [0.0] * 9,
-    }
-    return Message("sensor_msgs/msg/Imu", fields)
 
 
 def joints(values: Mapping[str, float], time_ns: int) -> Message:

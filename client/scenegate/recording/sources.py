@@ -1,4 +1,4 @@
-"""Threads that receive the scene, images and IMU samples, and put them into a queue. A full queue makes them wait.
+"""Threads that receive the scene and images, and put them into a queue. A full queue makes them wait.
 
 Their servers skip what a slow client has no time for, so nothing else is bounded.
 """
@@ -17,7 +17,6 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosedOK, InvalidStatus, WebSocketException
 
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.imu import ImuSample, open_imu_stream, read_samples
 from scenegate.camera.stream import StreamOptions, receive
 from scenegate.credentials import Credentials
 from scenegate.gateway_http import CONNECT_SECONDS, GatewayError, parse_address, reason_of
@@ -36,14 +35,14 @@ ACKNOWLEDGEMENTS: Final = {"update": "k", "controls": "c"}
 class Received(NamedTuple):
     """Something that a source has received."""
 
-    value: ViewFrame | pb.ImageSet | ImuSample
+    value: ViewFrame | pb.ImageSet
     time_ns: int
     """Time of reception, nanoseconds since the epoch."""
     is_first: bool
     """True for the first value of a connection."""
 
 
-Receive = Callable[[], Iterator[ViewFrame | pb.ImageSet | ImuSample]]
+Receive = Callable[[], Iterator[ViewFrame | pb.ImageSet]]
 
 
 def start_receiving(name: str, receive: Receive, received: queue.Queue[Received | Exception]) -> None:
@@ -128,20 +127,3 @@ def camera_sets(options: StreamOptions) -> Iterator[pb.ImageSet]:
     """Yield the image sets of a camera; see ``receive`` for its errors."""
     for image_set, _ in receive(options):
         yield image_set
-
-
-def imu_samples(address: str, credentials: Credentials, pipeline: int) -> Iterator[ImuSample]:
-    """Yield the samples of a camera's IMU.
-
-    Raises:
-        GatewayError: the gateway does not respond, the camera has no IMU, or the connection has ended.
-        OSError: a certificate cannot be read.
-    """
-    stream = open_imu_stream(address, credentials, pipeline)
-    try:
-        for sample in read_samples(stream):
-            if isinstance(sample, ImuSample):
-                yield sample
-    finally:
-        stream.close()
-    raise GatewayError(f"{address} has ended the stream of IMU samples")

@@ -12,7 +12,6 @@ from importlib import import_module
 from itertools import count
 from typing import Final, Literal
 
-from scenegate.camera.imu import ImuSample
 from scenegate.recording.mcap_file import EncodedMessage
 from scenegate.recording.values import ExposureImages, SceneChange
 
@@ -24,7 +23,6 @@ IMAGE_TOPICS: Final = {
 """Topics of each image and of its intrinsics. The disparity image has the intrinsics of ``depth``."""
 DISPARITY_TOPIC: Final = "/stereo/disparity"
 CLOUD_TOPIC: Final = "/stereo/points2"
-IMU_TOPIC: Final = "/stereo/imu"
 TF_TOPIC: Final = "/tf"
 SCENE_TOPIC: Final = "/scene"
 SCENE_CLOUDS_TOPIC: Final = "/scene/points"
@@ -134,7 +132,3 @@ class Profile:
             yield messages.encode(DISPARITY_TOPIC, messages.disparity(exposure.disparity, time_ns))
         if exposure.cloud is not None and wanted(CLOUD_TOPIC):
             yield messages.encode(CLOUD_TOPIC, messages.cloud(exposure.cloud, time_ns))
-
-    def imu(self, sample: ImuSample) -> Messages:
-        """Yield the message of a sample of the IMU."""
-        yield self._messages.encode(IMU_TOPIC, self._messages.imu(sample))

@@ -18,8 +18,6 @@ LEFT_FRAME: Final = "stereo_left_optical_frame"
 """Name of the left camera's optical frame: +Z forward, +X right, +Y down."""
 RIGHT_FRAME: Final = "stereo_right_optical_frame"
 """Name of the right camera's optical frame."""
-IMU_FRAME: Final = LEFT_FRAME
-"""Name of the frame of IMU samples: the transform between camera and IMU is the identity."""
 
 Color = tuple[float, float, float, float]
 """sRGB and alpha, 0 to 1."""

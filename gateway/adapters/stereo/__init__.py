@@ -8,6 +8,5 @@
   matching images (``matched_depth``), and recorded pairs in place of the scene.
 * ``stream``: ``frame_scheduler`` captures frames while clients stream, ``frame`` makes each image of a frame once,
   ``frame_publisher`` passes image sets to ``subscriptions``, and ``grpc_server`` sends them.
-* ``imu``: samples of the camera's IMU and their clients.
 * ``routes``: REST interface of the device, camera images on request, ground truth, fault injection.
 """

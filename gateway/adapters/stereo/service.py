@@ -5,17 +5,16 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable, Iterable
-from typing import Any
+from typing import Any, Final
 
 import structlog
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.device.parameters import Parameters
 from gateway.adapters.stereo.device.stream_settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings, read_settings
-from gateway.adapters.stereo.imaging.recorded_pairs import PairImaging
+from gateway.adapters.stereo.imaging.recorded_pairs import PairImaging, RecordedPairs, pair_imaging
 from gateway.adapters.stereo.imaging.rendered_images import Imaging, MeteredExposure
 from gateway.adapters.stereo.imaging.scene_view import Capture, SceneReader, SceneSource, SceneState
-from gateway.adapters.stereo.imu.imu_service import Imu, PoseLog
 from gateway.adapters.stereo.stream.client_queues import MessageHub
 from gateway.adapters.stereo.stream.faults import FaultInjector
 from gateway.adapters.stereo.stream.frame import FrameImages, FrameRecord
@@ -40,9 +39,9 @@ class StereoService:
         scene: SceneSource,
         renderer: Renderer,
         workers: WorkerPool,
-        pose_log: PoseLog | None = None,
         on_streaming: Callable[[bool], None] = lambda streaming: None,
         has_unapplied_before: Callable[[int], bool] = lambda timestamp: False,
+        pairs: RecordedPairs | None = None,
     ) -> None:
         """
         Args:
@@ -50,9 +49,13 @@ class StereoService:
             scene: returns scene and pose at a time; called in worker threads.
             renderer: thread-safe renderer.
             workers: threads for rendering, depth, serialisation and ground truth.
-            pose_log: poses for the IMU; None: those of the captured frames.
             on_streaming: called with True when clients begin to stream images, and with False when there are none.
             has_unapplied_before: see ``LiveTree.has_unapplied_before``.
+            pairs: recorded pairs, whose images take the place of the scene; None: the scene is rendered.
+
+        Raises:
+            ImageError: an image of the first pair cannot be decoded.
+            ValueError: size, focal length or baseline of the pairs are beyond the limits of a stereo camera.
         """
         self.hub = ImageSetHub(config.max_clients, config.max_kinds, follows_demand=config.rate == "max")
         self.parameters = Parameters(config.limits, self._parameters_changed)
@@ -61,11 +64,12 @@ class StereoService:
         ``run``. None: no state file."""
         self.earlier_state: Callable[[float], Awaitable[SceneState]] | None = None
         """Returns the scene at an earlier time, as ``timeline.state_at``. Set before ``run``. None: it is a file."""
-        self.scene_imaging = Imaging(config, renderer)
-        """Source of rendered images, also while recorded pairs are shown."""
+        self.imaging: Final = Imaging(config, renderer) if pairs is None else pair_imaging(config, renderer, pairs)
+        """Source of images: the scene, or recorded pairs."""
+        self.config: Final = self.imaging.config
+        """Fixed configuration. With recorded pairs, it has their camera model and depth mode."""
         self.workers = workers
         self.events = MessageHub("event", config.max_clients, config.max_events)
-        self.imu = Imu(config, pose_log)
         self.injector: FaultInjector | None = None
         """Injects faults; None: they are not permitted."""
         if config.faults:
@@ -77,12 +81,11 @@ class StereoService:
         """Counters since start."""
         self._reader = SceneReader(scene, workers, config, has_unapplied_before)
         self._scheduler = FrameScheduler(
-            self.scene_imaging,
+            self.imaging,
             self._reader,
             workers,
             self._publisher,
             read_settings(self.parameters),
-            self.imu.frame_captured if pose_log is None else None,
             on_streaming,
         )
         self._captures = 0
@@ -92,21 +95,6 @@ class StereoService:
 
     def _parameters_changed(self) -> None:
         self._scheduler.settings = read_settings(self.parameters)
-        self.hub.start_generation()
-
-    @property
-    def imaging(self) -> Imaging:
-        """Source of the images of new frames: the scene, or recorded pairs."""
-        return self._scheduler.imaging
-
-    @property
-    def config(self) -> StereoConfig:
-        """Fixed configuration. While recorded pairs are shown, it has their camera model and depth mode."""
-        return self.imaging.config
-
-    def show_pairs(self, pairs: PairImaging | None) -> None:
-        """Show recorded pairs from the next frame on; None: the scene."""
-        self._scheduler.imaging = pairs or self.scene_imaging
         self.hub.start_generation()
 
     @property
@@ -143,16 +131,12 @@ class StereoService:
         async with serving(self.hub, self.events, self.injector, self.config) as self._port:
             model = self.config.model
             _log.info(f"{model.name} on port {self._port}", baseline=model.baseline, depth=self.config.depth_mode)
-            tasks = [asyncio.create_task(part.run()) for part in (self._scheduler, self.imu)]
             try:
-                await asyncio.gather(*tasks)
+                await self._scheduler.run()
             finally:
                 self._port = None
-                for streams in (self.hub, self.events, self.imu.hub):
+                for streams in (self.hub, self.events):
                     streams.close("the stereo camera is shutting down")
-                for task in tasks:
-                    task.cancel()
-                await asyncio.gather(*tasks, return_exceptions=True)
 
     async def capture(self, kind: SetKind, scene_time: float | None = None) -> FrameImages:
         """Capture the scene apart from the stream, with the current parameters, and return a frame for sets of a kind.
@@ -219,7 +203,6 @@ class StereoService:
             "port": self.port,
             "clients": len(self.hub),
             "event_clients": len(self.events),
-            "imu_clients": len(self.imu.hub),
             "kinds": sorted(map(str, self.hub.kinds)),
             "depth_mode": self.config.depth_mode,
             "quality": self.settings.quality.value,

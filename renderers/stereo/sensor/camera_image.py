@@ -127,8 +127,6 @@ class NoiseStream(IntEnum):
     LEFT_SECOND = 6
     RIGHT_SECOND = 7
     COLOR_CAMERA = 10
-    RAW_LEFT = 11
-    RAW_RIGHT = 12
 
     @property
     def is_right(self) -> bool:

@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
+from gateway.adapters.stereo.imaging.recorded_pairs import RecordedPairs
 from gateway.adapters.stereo.imaging.scene_view import SceneSource, SceneState
 from gateway.adapters.stereo.service import StereoService
 from gateway.runtime.kernels.parts import PARTS
@@ -92,10 +93,11 @@ async def running(
     config: StereoConfig,
     state: SceneSource,
     seconds: float | None = None,
+    pairs: RecordedPairs | None = None,
 ) -> AsyncIterator[Camera]:
     workers = WorkerPool(2, seconds=seconds, limit_name="--render-seconds")
 
-    service = StereoService(config, state, renderer, workers)
+    service = StereoService(config, state, renderer, workers, pairs=pairs)
     task = asyncio.create_task(service.run())
     await until(lambda: service.ready or task.done())
     if task.done():
@@ -110,19 +112,20 @@ async def running(
 
 @pytest.fixture
 async def start(renderer: CpuRenderer) -> AsyncIterator[Start]:
-    """Return a function that starts a camera; arguments are ``scene`` or ``state``, and fields of config."""
+    """Return a function that starts a camera; arguments are ``scene`` or ``state``, ``pairs``, and fields of config."""
     async with AsyncExitStack() as stack:
 
         async def begin(
             scene: Callable[[], tuple[DrawList, int]] | None = None,
             state: SceneSource | None = None,
+            pairs: RecordedPairs | None = None,
             **fields: Any,
         ) -> Camera:
             drawn = table()
 
             config = StereoConfig(**{"port": 0, "model": SMALL, "look": "phong", **fields})
             return await stack.enter_async_context(
-                running(renderer, config, state or seen(scene or (lambda: (drawn, 1))))
+                running(renderer, config, state or seen(scene or (lambda: (drawn, 1))), pairs=pairs)
             )
 
         yield begin

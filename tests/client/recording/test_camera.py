@@ -11,13 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 from scenegate.camera import image_interface_pb2 as pb
-from scenegate.camera.imu import ImuSample
 from scenegate.recording.ros2_messages import definition
-from scenegate.recording.topics import ProfileName
 from tests.client.recording.conftest import write_values
 from tests.client.recording.readers import (
     foxglove_messages,
-    mcap_reader,
     ros2_messages,
     rosbags_typesys,
 )
@@ -165,28 +162,10 @@ def test_foxglove_has_the_same_values(tmp_path: Path) -> None:
     np.testing.assert_array_equal(ours["rgba"][:, :3], theirs["rgba"][:, 2::-1])
 
 
-@pytest.mark.parametrize("profile", ["foxglove", "ros2"])
-def test_imu(tmp_path: Path, profile: ProfileName) -> None:
-    write_values(tmp_path / "a.mcap", profile, [ImuSample(5_000_000_123, (0.1, -9.8, 0.3), (1.0, 2.0, 3.0))])
-    if profile == "ros2":
-        ((_, message),) = [(each.topic, each.value) for each in ros2_messages(tmp_path / "a.mcap")]
-        assert (message.header.stamp.sec, message.header.stamp.nanosec) == (5, 123)
-        assert message.orientation_covariance[0] == -1.0
-        force, rate = message.linear_acceleration, message.angular_velocity
-        assert (force.x, force.y, force.z, rate.x, rate.y, rate.z) == (0.1, -9.8, 0.3, 1.0, 2.0, 3.0)
-        return
-    with (tmp_path / "a.mcap").open("rb") as file:
-        ((schema, channel, record),) = mcap_reader.make_reader(file).iter_messages()
-    assert (schema.encoding, channel.message_encoding, channel.topic) == ("jsonschema", "json", "/stereo/imu")
-    text = record.data.decode()
-    assert '"timestamp":{"sec":5,"nsec":123}' in text
-    assert '"linear_acceleration":{"x":0.1,"y":-9.8,"z":0.3}' in text
-
-
 def test_definitions_are_those_of_ros_2() -> None:
     """rosbags has the definitions of all releases; those of Humble and Jazzy are ours without constants."""
     types = (
-        "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Imu",
+        "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/PointCloud2",
         "sensor_msgs/msg/JointState", "stereo_msgs/msg/DisparityImage", "tf2_msgs/msg/TFMessage",
         "visualization_msgs/msg/MarkerArray",
     )  # fmt: skip

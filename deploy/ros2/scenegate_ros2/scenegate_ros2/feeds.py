@@ -1,4 +1,4 @@
-"""A thread for each of camera, scene and IMU publishes what it receives.
+"""A thread for each of camera and scene publishes what it receives.
 
 The camera's images are requested while they have subscribers. A connection that is lost is made again.
 """
@@ -16,11 +16,10 @@ from scenegate.camera import BadImageError, StreamFailure, StreamOptions
 from scenegate.recording.camera_values import CameraConverter
 from scenegate.recording.mcap_file import EncodedMessage
 from scenegate.recording.scene_mirror import SceneMirror
-from scenegate.recording.sources import camera_sets, imu_samples, scene_frames
+from scenegate.recording.sources import camera_sets, scene_frames
 from scenegate.recording.topics import (
     CLOUD_TOPIC,
     DISPARITY_TOPIC,
-    IMU_TOPIC,
     JOINTS_TOPIC,
     SCENE_TOPIC,
     TF_TOPIC,
@@ -82,7 +81,6 @@ class Feeds:
         feeds = {
             "camera": (self._publish_camera, self._parameters.camera),
             "scene": (self._publish_scene, self._parameters.url if self._parameters.scene else ""),
-            "imu": (self._publish_imu, self._parameters.url),
         }
         for name, (publish, address) in feeds.items():
             if address:
@@ -197,13 +195,3 @@ class Feeds:
     def _now_ns(self) -> int:
         """Return the current time, nanoseconds since the epoch; 0 if the simulated clock has not begun."""
         return time.time_ns() if self._simulated_time is None else self._simulated_time()
-
-    def _publish_imu(self) -> None:
-        """Publish samples of the IMU while they have subscribers."""
-        if not self._topics.subscribers(IMU_TOPIC):
-            self._stopping.wait(POLL_SECONDS)
-            return
-        for sample in imu_samples(self._parameters.url, self._credentials, self._parameters.pipeline):
-            self._send(self._profile.imu(sample))
-            if self._stopping.is_set() or not self._topics.subscribers(IMU_TOPIC):
-                return

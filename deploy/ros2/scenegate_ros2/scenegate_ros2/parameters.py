@@ -20,7 +20,6 @@ class NodeParameters:
     ca: str = ""
     certificate: str = ""
     key: str = ""
-    pipeline: int = 0
     color: bool = False
     scene: bool = True
     reliability: str = "reliable"

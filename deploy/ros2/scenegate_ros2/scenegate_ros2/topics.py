@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from scenegate.recording.topics import CLOUD_TOPIC, DISPARITY_TOPIC, IMAGE_TOPICS, IMU_TOPIC, SCENE_TOPIC, TF_TOPIC
+from scenegate.recording.topics import CLOUD_TOPIC, DISPARITY_TOPIC, IMAGE_TOPICS, SCENE_TOPIC, TF_TOPIC
 
 LEFT, RIGHT, DEPTH = (IMAGE_TOPICS[name] for name in ("left", "right", "depth"))
 CLOCK_TOPIC = "/clock"
@@ -21,7 +21,6 @@ TYPES = {
     **{topic: "sensor_msgs/msg/CameraInfo" for _, topic in IMAGE_TOPICS.values()},
     DISPARITY_TOPIC: "stereo_msgs/msg/DisparityImage",
     CLOUD_TOPIC: "sensor_msgs/msg/PointCloud2",
-    IMU_TOPIC: "sensor_msgs/msg/Imu",
     SCENE_TOPIC: "visualization_msgs/msg/MarkerArray",
     TF_TOPIC: "tf2_msgs/msg/TFMessage",
 }
@@ -42,4 +41,4 @@ class Topics(Protocol):
 
 def queue_length(topic: str) -> int:
     """Return the number of messages that wait for a slow subscriber."""
-    return 100 if topic in (TF_TOPIC, IMU_TOPIC) else 5
+    return 100 if topic == TF_TOPIC else 5

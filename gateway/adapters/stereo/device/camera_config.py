@@ -15,7 +15,6 @@ from gateway.adapters.stereo.device.profile import DEFAULT_PROFILE, Profile, rea
 from gateway.runtime.http.tokens import Tokens
 from renderers.interface import LookName
 from renderers.stereo.lens.color_camera import ColorCamera
-from renderers.stereo.lens.distortion import Distortion
 from renderers.stereo.model import Intrinsics, StereoModel
 from renderers.stereo.realism import RealismPart
 
@@ -53,8 +52,6 @@ class StereoConfig:
     """Bearer tokens of the image stream; None: no token is needed, as on the device."""
     model: StereoModel = field(default_factory=lambda: read_profile(DEFAULT_PROFILE).model)
     """Geometry of the camera."""
-    distortion: Distortion = field(default_factory=Distortion)
-    """Lenses and alignment before rectification."""
     limits: DeviceLimits = field(default_factory=DeviceLimits)
     """Limits and defaults of the device's parameters."""
     color: bool = True
@@ -103,16 +100,12 @@ class StereoConfig:
     max_pair_pixels: int = 20_000_000
     """Maximum number of pixels of a recorded image: 16 times the device's. Such an image takes 60 MB when decoded, and
     eight are cached."""
-    max_upload: int = 64 << 20
-    """Maximum number of bytes of an uploaded pair: four compressed images of ``max_pair_pixels``."""
     faults: bool = False
     """True if fault injection over REST is permitted."""
     max_late_bytes: int = 256 << 20
     """Maximum number of bytes of sets that an injected delay holds back: 10 s of 1280x960 camera images at 10 Hz."""
     max_events: int = 64
     """Maximum number of image events in a client's queue: 2.5 s at the highest rate, about 2 kB."""
-    max_imu_samples: int = 2000
-    """Maximum number of IMU samples in a client's queue: 10 s, about 350 kB. Beyond it, the oldest are dropped."""
     max_kinds: int = 16
     """Maximum number of different requests: each is serialised separately, and meshes take up to 0.1 s each."""
     history: int = 100
@@ -127,7 +120,6 @@ class StereoConfig:
         projector = profile.projector
         return cls(
             model=profile.model,
-            distortion=profile.distortion,
             limits=profile.limits,
             color=profile.stereo.color,
             color_camera=profile.color_camera,

@@ -15,7 +15,6 @@ import msgspec
 
 from gateway.adapters.stereo.device.parameter_specs import DeviceLimits
 from renderers.stereo.lens.color_camera import ColorCamera
-from renderers.stereo.lens.distortion import Distortion, check_distortion
 from renderers.stereo.model import MAX_DISPARITIES, Intrinsics, Quality, StereoModel
 from scenegate.regular_files import read_regular
 
@@ -45,8 +44,6 @@ Depth = Annotated[float, msgspec.Meta(ge=0.01, le=100)]
 """Metres along the optical axis."""
 Rate = Annotated[float, msgspec.Meta(ge=1, le=1000)]
 """Images per second."""
-Coefficient = Annotated[float, msgspec.Meta(ge=-100, le=100)]
-"""Coefficient of a lens's distortion."""
 MinusOneToOne = Annotated[float, msgspec.Meta(ge=-1, le=1)]
 
 
@@ -55,7 +52,7 @@ class ProfileError(ValueError):
 
 
 class StereoSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The two stereo cameras, with a global shutter. Fields describe rectified images unless they say otherwise."""
+    """The two stereo cameras, with a global shutter. Images are rectified."""
 
     size: tuple[ImageSide, ImageSide]
     """Width and height of the images, pixels."""
@@ -67,10 +64,6 @@ class StereoSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Principal point, pixels from the left and the upper edge; None: the centre of the image."""
     color: bool = True
     """True if left and right images can have colour."""
-    distortion: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient] = (0.0, 0.0, 0.0, 0.0, 0.0)
-    """k1, k2, p1, p2, k3 of both lenses in OpenCV's model, in images before rectification."""
-    right_rotation: tuple[MinusOneToOne, MinusOneToOne, MinusOneToOne] = (0.0, 0.0, 0.0)
-    """Orientation of the right camera before rectification, in its rectified frame: rotation vector, radians."""
     noise: Annotated[float, msgspec.Meta(ge=0, le=100)] = 1.0
     """Factor of the image noise; 1 is the rc_visard's."""
     fps: Rate = 25.0
@@ -147,11 +140,6 @@ class Profile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         )
 
     @property
-    def distortion(self) -> Distortion:
-        """Distortion of the lenses and rotation of the right camera, before rectification."""
-        return Distortion(self.stereo.distortion, self.stereo.right_rotation)
-
-    @property
     def color_camera(self) -> ColorCamera | None:
         """The separate colour camera; None if there is none."""
         color = self.color
@@ -218,10 +206,6 @@ def _check(profile: Profile) -> None:
         raise ValueError(f"color.rotation has the length {norm:g}, the minimum is {MIN_ROTATION_NORM:g}")
     if profile.model.nearest_depth(nearest, farthest, 1) >= farthest:
         raise ValueError(f"depth.range: nothing nearer than {farthest:g} m can be measured with this baseline")
-    try:
-        check_distortion(profile.distortion, profile.model.intrinsics())
-    except ValueError as error:
-        raise ValueError(f"stereo.distortion: {error}") from None
 
 
 def _check_intrinsics(section: str, size: tuple[int, int], focal_length: float) -> None:

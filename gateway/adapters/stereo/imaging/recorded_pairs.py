@@ -13,12 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.device.stream_settings import StreamSettings
 from gateway.adapters.stereo.imaging.rendered_images import COLOR, ImageRequest, Imaging, MeteredExposure
 from gateway.adapters.stereo.imaging.scene_view import Capture
 from renderers.drawlist import ImageError
 from renderers.images import decode_image
-from renderers.interface import Frame, Output
+from renderers.interface import Frame, Output, Renderer
 from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor.camera_image import SensorImage
@@ -101,8 +102,8 @@ class PairImaging(Imaging):
     """Source of recorded images. Depth is matched.
 
     Exposure, noise and the projector's light are as recorded: the settings do not change them. Of the methods that
-    ``stream.frame`` calls, ``measure`` is inherited: it reads only images that were made. The colour camera and raw
-    images, which render by other methods, do not exist for recorded pairs.
+    ``stream.frame`` calls, ``measure`` is inherited: it reads only images that were made. The colour camera, which
+    renders by another method, does not exist for recorded pairs.
     """
 
     pairs: PairSequence
@@ -135,24 +136,33 @@ def _grey(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
 
 
-def pair_imaging(imaging: Imaging, pairs: PairSequence, focal: float, baseline: float) -> PairImaging:
-    """Return a source of recorded pairs. Decodes the first pair: call this in a worker thread.
+@dataclass(frozen=True, slots=True)
+class RecordedPairs:
+    """Pairs and the geometry of the camera that recorded them."""
+
+    sequence: PairSequence
+    focal: float
+    """Focal length; see ``MAX_FOCAL_FACTOR``."""
+    baseline: float
+    """Metres."""
+
+
+def pair_imaging(config: StereoConfig, renderer: Renderer, recorded: RecordedPairs) -> PairImaging:
+    """Return a source of recorded pairs. Decodes the first pair.
 
     Args:
-        imaging: source of the scene; its configuration applies, but for the camera model and the depth mode.
-        pairs: recorded pairs.
-        focal: focal length; see ``MAX_FOCAL_FACTOR``.
-        baseline: metres.
+        config: applies, but for the camera model and the depth mode.
 
     Raises:
         ImageError: an image of the first pair cannot be decoded.
         ValueError: size, focal length or baseline are beyond the limits of a stereo camera.
     """
+    pairs, focal = recorded.sequence, recorded.focal
     left = pairs.image(0, high=False, right=False)
     for high, right in ((False, True), (True, False), (True, True)):
         pairs.image(0, high=high, right=right)  # raises ImageError if the image is broken
     height, width = left.shape[:2]
     focal_factor = focal if focal < MAX_FOCAL_FACTOR else focal / width
-    model = StereoModel(_TEST_MODEL_NAME, width, height, focal_factor, baseline)
-    config = replace(imaging.config, model=model, color_camera=None, depth_mode="matched")
-    return PairImaging(config=config, renderer=imaging.renderer, pairs=pairs)
+    model = StereoModel(_TEST_MODEL_NAME, width, height, focal_factor, recorded.baseline)
+    config = replace(config, model=model, color_camera=None, depth_mode="matched")
+    return PairImaging(config=config, renderer=renderer, pairs=pairs)

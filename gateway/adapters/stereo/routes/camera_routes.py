@@ -11,7 +11,6 @@ from fastapi.responses import Response
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.timestamps import timestamp_text
-from gateway.adapters.stereo.imaging.recorded_pairs import PairImaging
 from gateway.adapters.stereo.routes.rest_common import RestError, error_responses, new_router
 from gateway.adapters.stereo.routes.rgbd import rgbd_npz
 from gateway.adapters.stereo.service import StereoService
@@ -25,7 +24,7 @@ from renderers.encode import png_gray8, png_gray16, png_rgb
 from renderers.stereo.model import Intrinsics
 from renderers.stereo.sensor.camera_image import NoiseStream
 
-ImageName = Literal["color", "depth", "left", "right", "disparity", "confidence", "raw_left", "raw_right"]
+ImageName = Literal["color", "depth", "left", "right", "disparity", "confidence"]
 _SETS_BY_IMAGE: Final[Mapping[ImageName, SetKind]] = {
     "color": SetKind(color_camera=True),
     "depth": SetKind(depth_mm=True),
@@ -33,10 +32,8 @@ _SETS_BY_IMAGE: Final[Mapping[ImageName, SetKind]] = {
     "right": SetKind(right=True),
     "disparity": SetKind(disparity=True),
     "confidence": SetKind(confidence=True),
-    "raw_left": SetKind(),
-    "raw_right": SetKind(),
 }
-"""Image set to capture for each image. Raw images belong to no set."""
+"""Image set to capture for each image."""
 _RGBD: Final = SetKind(color_camera=True, depth_mm=True)
 _INTRINSICS_EXAMPLE: Final = {
     "width": 848,
@@ -110,8 +107,7 @@ def camera_router(*services: StereoService) -> APIRouter:
             ImageName,
             Path(
                 description="color: RGB. depth: 16 bits, millimetres, 0: invalid. left, right: grey. "
-                "disparity: 16 bits, 1/16 pixel, 0: invalid. confidence: 8 bits, 1/255. "
-                "raw_left, raw_right: grey, before rectification",
+                "disparity: 16 bits, 1/16 pixel, 0: invalid. confidence: 8 bits, 1/255.",
                 openapi_examples=example("color"),
             ),
         ],
@@ -120,8 +116,6 @@ def camera_router(*services: StereoService) -> APIRouter:
         time: float | None = TIME_PARAMETER,
     ) -> Response:
         service = _find_with_color(services, name) if image == "color" else _find(services, name)[1]
-        if image in ("raw_left", "raw_right") and isinstance(service.imaging, PairImaging):
-            raise RestError(404, "the camera shows recorded pairs, which are rectified")
         frame = await _capture(service, _SETS_BY_IMAGE[image], time)
         pixels = await _compute(_pixels(frame, image, aligned=aligned))
         return _response(await service.workers.run(_png, pixels), "image/png", frame)
@@ -163,12 +157,6 @@ def _describe(number: int, service: StereoService) -> dict[str, Any]:
         "baseline": config.model.baseline,
         "images": images,
     }
-    description["raw"] = {
-        "K": left["K"],
-        "K_opencv": left["K_opencv"],
-        "distortion": list(config.distortion.coefficients),
-        "right_rotation": list(config.distortion.right_rotation),
-    }
     if config.color or config.color_camera is not None:
         images["color"] = _intrinsics(config.color_intrinsics)
         description["X_left_color"] = config.X_left_color.tolist()
@@ -206,8 +194,6 @@ async def _pixels(frame: FrameImages, name: ImageName, *, aligned: bool) -> NDAr
     if name in ("left", "right"):
         stream = NoiseStream.LEFT if name == "left" else NoiseStream.RIGHT
         return (await frame.image(stream, color=False)).image
-    if name in ("raw_left", "raw_right"):
-        return (await frame.raw_image(right=name == "raw_right")).image
     images = await frame.depth_images()
     return images.disparity if name == "disparity" else images.confidence
 

@@ -57,10 +57,7 @@ def truth_router(*services: StereoService) -> APIRouter:
         except ValueError as error:
             raise RestError(400, str(error)) from None
         try:
-            history = service.history
-            if nanoseconds is None:  # the camera may have changed between the scene and recorded images
-                history = [record for record in history if record.imaging is service.imaging]
-            data = await service.workers.run(ground_truth_npz, find_frame(history, nanoseconds))
+            data = await service.workers.run(ground_truth_npz, find_frame(service.history, nanoseconds))
         except LookupError as error:
             raise RestError(404, str(error)) from None
         return Response(data, media_type="application/zip", headers={"Cache-Control": "no-store"})

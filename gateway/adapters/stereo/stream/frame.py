@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.stream_settings import StreamSettings
 from gateway.adapters.stereo.imaging.color_images import expose_color_camera
-from gateway.adapters.stereo.imaging.raw_images import raw_image
 from gateway.adapters.stereo.imaging.rendered_images import (
     COLOR,
     GREY,
@@ -209,12 +208,6 @@ class FrameImages:
         if aligned and self._config.color_camera is not None:
             return self._config.color_intrinsics
         return self._config.model.intrinsics(self._settings.quality.divisor)
-
-    async def raw_image(self, *, right: bool) -> SensorImage:
-        """Return the grey image of one camera before rectification."""
-        capture = self._camera_capture
-        exposure = (await self.metered(capture)).exposure
-        return await self._workers.run(raw_image, self._imaging, capture, exposure, right)
 
     async def _image_message(self, stream: NoiseStream, color: bool) -> list[Chunk]:
         """Return the left or right image as a message, and set ``left_metered`` if it is the left one."""

@@ -11,9 +11,6 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gateway.adapters.stereo.device.camera_config import Rate
 from gateway.adapters.stereo.device.stream_settings import ALTERNATE_GAP_NS, StreamSettings
 from gateway.adapters.stereo.device.timestamps import NANOSECONDS_PER_SECOND
@@ -180,17 +177,13 @@ class FrameScheduler:
         workers: WorkerPool,
         publisher: FramePublisher,
         settings: StreamSettings,
-        on_capture: Callable[[int, NDArray[np.float64]], None] | None = None,
         on_streaming: Callable[[bool], None] = lambda streaming: None,
     ) -> None:
         """
         Args:
-            on_capture: called after each capture of camera images with its true timestamp, nanoseconds since the epoch,
-                and X_world_left, (4, 4) float64.
             on_streaming: called with True before the first frame for clients, and with False when there are none.
         """
-        self.imaging = imaging
-        """Image source of the next frames."""
+        self._imaging = imaging
         self.settings = settings
         """Parameters of the next frames."""
         self.history: deque[FrameRecord] = deque(maxlen=imaging.config.history)
@@ -202,7 +195,6 @@ class FrameScheduler:
         self._publisher = publisher
         self._hub = publisher.hub
         self._counts = publisher.counts
-        self._on_capture = on_capture
         self._on_streaming = on_streaming
         self._unlimited = imaging.config.rate == "max"
         self._clock = FrameClock(imaging.config.rate, simulated=imaging.config.simulated_clock)
@@ -291,7 +283,7 @@ class FrameScheduler:
 
     async def _has_room(self, frames: FramesInFlight) -> bool:
         """Return False if too many frames are in flight. If frames must not be skipped, wait instead."""
-        config = self.imaging.config
+        config = self._imaging.config
         is_matching = config.depth_mode == "matched" and frames is self._depth_frames
         limit = 1 if is_matching or self._clock.simulated else config.frames_in_flight
         while len(frames) >= limit:
@@ -323,9 +315,7 @@ class FrameScheduler:
             return
         self._frame_number = number
         clock.timestamp = timestamp
-        if self._on_capture is not None:
-            self._on_capture(timestamp, capture.X_world_left)
-        record = FrameRecord(self.imaging, settings, capture, capture, generation)
+        record = FrameRecord(self._imaging, settings, capture, capture, generation)
         if depth_kinds:
             clock.schedule_next_depth(settings, timestamp)
             self.trigger_time = None

@@ -1,8 +1,7 @@
-"""Recorded stereo pairs, from a folder or uploaded."""
+"""Recorded stereo pairs, from a folder."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
@@ -14,25 +13,24 @@ import pytest
 from fastapi import FastAPI
 
 from gateway.adapters.stereo.device.camera_config import StereoConfig
-from gateway.adapters.stereo.device.timestamps import timestamp_text
 from gateway.adapters.stereo.imaging.pair_files import find_pairs, read_geometry
-from gateway.adapters.stereo.imaging.recorded_pairs import Pair, PairSequence, pair_imaging
-from gateway.adapters.stereo.imaging.rendered_images import ImageRequest, Imaging
+from gateway.adapters.stereo.imaging.recorded_pairs import Pair, PairSequence, RecordedPairs, pair_imaging
+from gateway.adapters.stereo.imaging.rendered_images import ImageRequest
 from gateway.adapters.stereo.imaging.scene_view import Capture
 from gateway.adapters.stereo.routes.node_routes import node_router
 from gateway.adapters.stereo.routes.system_routes import system_router
 from gateway.adapters.stereo.routes.truth_routes import truth_router
-from gateway.adapters.stereo.routes.upload_routes import upload_router
 from renderers.drawlist import ImageError
 from renderers.stereo.sensor.camera_image import NoiseStream, SensorImage
 from renderers.stereo.sensor.exposure import Exposure
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.camera.files import save
-from tests.adapters.stereo.conftest import SMALL, Camera, Start, pixels
+from tests.adapters.stereo.conftest import SMALL, Start, pixels
 from tests.adapters.stereo.imaging.test_exposure import capture_set
 
 LIMIT = 1_000_000
-PATH = "/api/v2/pipelines/0/test/set"
+NO_RENDERER: Any = None
+"""Recorded images are not rendered."""
 
 
 def png(array: np.ndarray) -> bytes:
@@ -47,28 +45,12 @@ async def recorded(start: Start) -> pb.ImageSet:
     return await capture_set(camera, left_enabled=True, right_enabled=True, disparity_enabled=True)
 
 
-@pytest.fixture
-async def camera(start: Start) -> Camera:
-    return await start(rate="max")
-
-
-@pytest.fixture
-async def rest_client(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
-    app = FastAPI()
-    app.include_router(node_router(camera.service))
-    app.include_router(system_router(camera.service))
-    app.include_router(upload_router(camera.service))
-    app.include_router(truth_router(camera.service))
-    async with httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url="http://camera") as client:
-        yield client
-
-
-async def test_shows_a_folder_written_by_our_client(recorded: pb.ImageSet, camera: Camera, tmp_path: Path) -> None:
+async def test_shows_a_folder_written_by_our_client(recorded: pb.ImageSet, start: Start, tmp_path: Path) -> None:
     save(recorded, tmp_path)
     geometry = read_geometry(tmp_path)
     assert geometry is not None
     assert list(geometry) == [pytest.approx(SMALL.focal_factor), pytest.approx(SMALL.baseline)]
-    camera.service.show_pairs(pair_imaging(camera.service.scene_imaging, find_pairs(tmp_path, 10, LIMIT), *geometry))
+    camera = await start(rate="max", pairs=RecordedPairs(find_pairs(tmp_path, 10, LIMIT), *geometry))
     image_set = await capture_set(
         camera, left_enabled=True, right_enabled=True, disparity_enabled=True, mesh_enabled=True
     )
@@ -83,35 +65,19 @@ async def test_shows_a_folder_written_by_our_client(recorded: pb.ImageSet, camer
     difference = pixels(image_set.disparity.image).astype(int) - pixels(recorded.disparity.image).astype(int)
     assert np.median(np.abs(difference[valid_in_both])) <= 4
     assert image_set.mesh.data.startswith(b"ply")
-    camera.service.show_pairs(None)
-    back = await capture_set(camera, left_enabled=True, disparity_enabled=True)
-    assert camera.service.config.depth_mode == "modelled"
-    assert (pixels(back.left) != pixels(recorded.left)).any()
 
 
-async def test_ground_truth_of_the_newest_frame_is_not_that_of_a_scene_shown_before(
-    recorded: pb.ImageSet, camera: Camera, rest_client: httpx.AsyncClient
-) -> None:
-    scene_set = await capture_set(camera, left_enabled=True)
+async def test_status_and_truth_with_pairs(recorded: pb.ImageSet, start: Start, tmp_path: Path) -> None:
+    """Out1 switches between the images without and with the projector's light, as they were recorded."""
     left, right = pixels(recorded.left), pixels(recorded.right)
-    files = {"left_out1_low": png(left), "right_out1_low": png(right)}
-    assert (await rest_client.post(PATH, files=files)).status_code == 200
-    newest = await rest_client.get("/stereo/truth.npz")
-    assert (newest.status_code, newest.json()["message"][:22]) == (404, "no frame was taken yet")
-    time = timestamp_text(scene_set.timestamp.sec * 10**9 + scene_set.timestamp.nsec)
-    assert (await rest_client.get("/stereo/truth.npz", params={"timestamp": time})).status_code == 200
-
-
-async def test_shows_an_uploaded_pair_in_test_mode(
-    recorded: pb.ImageSet, camera: Camera, rest_client: httpx.AsyncClient
-) -> None:
-    left, right = pixels(recorded.left), pixels(recorded.right)
-    files = {
-        "left_out1_low": png(left // 2), "right_out1_low": png(right // 2),
-        "left_out1_high": png(left), "right_out1_high": png(right),
-    }  # fmt: skip
-    response = await rest_client.post(PATH, files=files, data={"f": "270.368", "t": "0.2"})
-    assert (response.status_code, response.json()["return_code"]["value"]) == (200, 0)
+    for level, images in (("low", (left // 2, right // 2)), ("high", (left, right))):
+        for side, image in zip(("left", "right"), images, strict=True):
+            (tmp_path / f"a_{side}_out1_{level}.png").write_bytes(png(image))
+    pairs = RecordedPairs(find_pairs(tmp_path, 10, LIMIT), 270.368, 0.2)
+    camera = await start(rate="max", pairs=pairs)
+    app = FastAPI()
+    for router in (node_router, system_router, truth_router):
+        app.include_router(router(camera.service))
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
     image_set = await capture_set(camera, left_enabled=True, disparity_enabled=True, color=True)
     assert (pixels(image_set.left)[:, :, 1] == left // 2).all()
@@ -121,93 +87,44 @@ async def test_shows_an_uploaded_pair_in_test_mode(
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
     lit = await capture_set(camera, left_enabled=True)
     assert (pixels(lit.left) == left).all()
-    status = (await rest_client.get("/api/v2/pipelines/0/nodes/rc_camera/status")).json()["values"]
-    assert (status["test"], status["baseline"]) == ("1", "0.2")
-    assert (await rest_client.get("/api/v2/system")).json()["model_name"] == "rc_test"
-    truth = await rest_client.get("/stereo/truth.npz")
-    assert truth.status_code == 404
-    assert "there is no ground truth" in truth.json()["message"]
-    assert (await rest_client.delete(PATH)).status_code == 200
-    assert (await rest_client.get("/api/v2/system")).json()["model_name"] == "small"
-
-
-@pytest.mark.parametrize(
-    ("files", "data", "sentence"),
-    [
-        ({"left_out1_low": png(np.zeros((64, 64), np.uint8))}, {}, "needs the files left_out1_low and right_out1_low"),
-        ({"left_out1_low": b"GIF89a", "right_out1_low": b"x"}, {}, "GIF images are"),
-        ({}, {"f": "1"}, "needs the files"),
-        ("pair", {"f": "soft"}, "f: 'soft' is not a number"),
-        ("pair", {"t": "nan"}, "baseline nan m must be within"),
-        ("pair", {"f": "0.001"}, "focal_factor 0.001 must be within"),
-        ("sizes", {}, "has 32x32 pixels, the first one 64x64"),
-        ("high", {}, "the right image of pair 1: an image that starts with b'broken'"),
-        ("tiny", {}, "size 8x8 must be within"),
-    ],
-)
-async def test_invalid_uploads_are_rejected_without_effect(
-    rest_client: httpx.AsyncClient, camera: Camera, files: dict[str, bytes] | str, data: dict[str, str], sentence: str
-) -> None:
-    side = 8 if files == "tiny" else 64
-    blank = png(np.zeros((side, side), np.uint8))
-    if isinstance(files, str):
-        other = png(np.zeros((32, 32), np.uint8)) if files == "sizes" else blank
-        lit = {"left_out1_high": blank, "right_out1_high": b"broken"} if files == "high" else {}
-        files = {"left_out1_low": blank, "right_out1_low": other, **lit}
-    response = await rest_client.post(PATH, files=files or {"x": b"y"}, data=data)
-    assert response.status_code == 400
-    assert sentence in response.json()["message"]
-    assert camera.service.config.model is SMALL
-
-
-async def test_uploads_are_limited(start: Start) -> None:
-    camera = await start(max_upload=10_000)
-    app = FastAPI()
-    app.include_router(upload_router(camera.service))
     async with httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url="http://camera") as client:
-        response = await client.post(PATH, files={"left_out1_low": b"x" * 20_000})
-        assert (response.status_code, response.json()["message"]) == (413, "the form is larger than 10000 bytes")
-        many = {f"file{i}": b"x" for i in range(9)}
-        assert (await client.post(PATH, files=many)).status_code == 400
-        assert (await client.post(PATH, json={"f": 1})).status_code == 400
-        bomb = PairSequence([Pair((png(np.zeros((2000, 2000), np.uint8)),) * 2)], LIMIT)
-        with pytest.raises(ImageError, match="2000x2000 pixels are more than the limit of 1000000"):
-            bomb.image(0, high=False, right=False)
+        status = (await client.get("/api/v2/pipelines/0/nodes/rc_camera/status")).json()["values"]
+        assert (status["test"], status["baseline"]) == ("1", "0.2")
+        assert (await client.get("/api/v2/system")).json()["model_name"] == "rc_test"
+        truth = await client.get("/stereo/truth.npz")
+        assert (truth.status_code, "no ground truth" in truth.json()["message"]) == (404, True)
 
 
 @pytest.mark.parametrize(
-    ("kind", "sentence"),
-    [
-        ("multipart/form-data; " + "a=b;" * 15_000, "Content-Type has 60021 characters, the limit is 1024"),
-        ("multipart/form-data", "multipart/form-data with a boundary is needed"),
-        ("multipart/form-data-not; boundary=x", "multipart/form-data with a boundary is needed"),
-        ("application/json", "multipart/form-data with a boundary is needed"),
-        ('multipart/form-data; boundary="\\"\\\\"', "the form needs the files"),
-    ],
+    ("focal", "baseline", "field"), [(0.8, float("nan"), "baseline nan"), (0.001, 0.1, "focal_factor 0.001")]
 )
-async def test_the_content_type_of_a_form(rest_client: httpx.AsyncClient, kind: str, sentence: str) -> None:
-    body = b'--"\\\r\nContent-Disposition: form-data; name="f"\r\n\r\n1\r\n--"\\--\r\n'
-    response = await rest_client.post(PATH, content=body, headers={"Content-Type": kind})
-    assert response.status_code == 400
-    assert sentence in response.json()["message"]
+def test_impossible_geometry_is_refused(tmp_path: Path, focal: float, baseline: float, field: str) -> None:
+    pairs = PairSequence([Pair((png(np.zeros((64, 64), np.uint8)),) * 2)], LIMIT)
+    with pytest.raises(ValueError, match=field):
+        pair_imaging(StereoConfig(model=SMALL), NO_RENDERER, RecordedPairs(pairs, focal, baseline))
 
 
-async def test_the_charset_of_a_form_is_ignored(rest_client: httpx.AsyncClient) -> None:
-    body = b'--x\r\nContent-Disposition: form-data; name="f"\r\n\r\nMQ==\r\n--x--\r\n'
-    for charset in ("idna", "undefined", "utf-16"):  # the first takes a minute for a megabyte, the second any name
-        response = await rest_client.post(
-            PATH, content=body, headers={"Content-Type": f"multipart/form-data; boundary=x; charset={charset}"}
-        )
-        assert "the form needs the files" in response.json()["message"]
+def test_images_have_limits() -> None:
+    bomb = PairSequence([Pair((png(np.zeros((2000, 2000), np.uint8)),) * 2)], LIMIT)
+    with pytest.raises(ImageError, match="2000x2000 pixels are more than the limit of 1000000"):
+        bomb.image(0, high=False, right=False)
+    blank = png(np.zeros((64, 64), np.uint8))
+    for left, right, high, what in (
+        (blank, png(np.zeros((32, 32), np.uint8)), None, "32x32"),
+        (blank, blank, (blank, b"broken"), "right image of pair 1"),
+        (png(np.zeros((8, 8), np.uint8)), png(np.zeros((8, 8), np.uint8)), None, "8x8"),
+    ):
+        pairs = RecordedPairs(PairSequence([Pair((left, right), high)], LIMIT), 0.8, 0.1)
+        with pytest.raises((ImageError, ValueError), match=what):
+            pair_imaging(StereoConfig(model=SMALL), NO_RENDERER, pairs)
 
 
-async def test_a_broken_later_image_ends_the_stream_with_the_reason(camera: Camera, tmp_path: Path) -> None:
+async def test_a_broken_later_image_ends_the_stream_with_the_reason(start: Start, tmp_path: Path) -> None:
     good = png(np.zeros((64, 64), np.uint8))
     for number, right in enumerate((good, b"\x89PNG\r\n\x1a\n broken")):
         (tmp_path / f"{number}_left.png").write_bytes(good)
         (tmp_path / f"{number}_right.png").write_bytes(right)
-    imaging = pair_imaging(camera.service.scene_imaging, find_pairs(tmp_path, 10, LIMIT), 0.8, 0.1)
-    camera.service.show_pairs(imaging)
+    camera = await start(rate="max", pairs=RecordedPairs(find_pairs(tmp_path, 10, LIMIT), 0.8, 0.1))
     call = camera.stream(left_enabled=True, right_enabled=True)
     with pytest.raises(grpc.aio.AioRpcError, match=r"1_right\.png"):
         async for _ in call:
@@ -252,36 +169,11 @@ def test_brightness_is_the_mean_of_the_recorded_image() -> None:
 
 
 def exposed(image: np.ndarray) -> SensorImage:
-    renderer: Any = None
     scene: Any = None
-    pairs = PairSequence([Pair((png(image), png(image)))], LIMIT)
-    imaging = pair_imaging(Imaging(StereoConfig(model=SMALL), renderer), pairs, 0.8, 0.1)
+    pairs = RecordedPairs(PairSequence([Pair((png(image), png(image)))], LIMIT), 0.8, 0.1)
+    imaging = pair_imaging(StereoConfig(model=SMALL), NO_RENDERER, pairs)
     request = ImageRequest(Exposure(), NoiseStream.LEFT, frozenset((True,)))
     return imaging.expose(Capture(0, scene, 1, np.eye(4), 0, 1), request)[True]
-
-
-async def test_showing_other_images_is_a_change(camera: Camera) -> None:
-    """Sets that were made before it are not sent any more."""
-    before = camera.service.hub.generation
-    camera.service.show_pairs(None)
-    assert camera.service.hub.generation == before + 1
-
-
-@pytest.mark.parametrize("name", ["left_out1_high", "right_out1_high"])
-async def test_images_of_the_projector_come_in_pairs(rest_client: httpx.AsyncClient, name: str) -> None:
-    image = png(np.zeros((64, 64), np.uint8))
-    files = dict.fromkeys(("left_out1_low", "right_out1_low", name), image)
-    response = await rest_client.post(PATH, files=files)
-    assert response.status_code == 400
-    assert "left_out1_high and right_out1_high need each other" in response.json()["message"]
-
-
-@pytest.mark.parametrize("missing", ["left_out1_low", "right_out1_low"])
-async def test_both_images_are_needed(rest_client: httpx.AsyncClient, missing: str) -> None:
-    image = png(np.zeros((64, 64), np.uint8))
-    files = {key: image for key in ("left_out1_low", "right_out1_low") if key != missing}
-    response = await rest_client.post(PATH, files=files)
-    assert (response.status_code, "needs the files" in response.json()["message"]) == (400, True)
 
 
 def test_damaged_geometry_files_are_named(tmp_path: Path) -> None:

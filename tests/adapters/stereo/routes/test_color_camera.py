@@ -144,7 +144,6 @@ async def test_images_over_http(start: Start) -> None:
         "K": [[300.0, 0.0, 200.0], [0.0, 300.0, 150.0], [0.0, 0.0, 1.0]],
         "K_opencv": [[300.0, 0.0, 199.5], [0.0, 300.0, 149.5], [0.0, 0.0, 1.0]],
     }
-    assert set(description["raw"]) == {"K", "K_opencv", "distortion", "right_rotation"}
     assert np.array(description["X_left_color"])[:3, 3].tolist() == [0.02, 0.0, 0.0]
     for name, shape, dtype in (
         ("color", (300, 400, 3), np.uint8),
@@ -154,8 +153,6 @@ async def test_images_over_http(start: Start) -> None:
         ("right", (240, 320), np.uint8),
         ("disparity", (240, 320), np.uint16),
         ("confidence", (240, 320), np.uint8),
-        ("raw_left", (240, 320), np.uint8),
-        ("raw_right", (240, 320), np.uint8),
     ):
         response = await get(camera, f"/cameras/stereo/{name}")
         image = decoded(response)

@@ -15,7 +15,6 @@ from gateway.adapters.stereo.routes.fault_routes import fault_router
 from gateway.adapters.stereo.routes.node_routes import MAX_BODY, NUMBER_TEXT_LIMIT, node_router
 from gateway.adapters.stereo.routes.system_routes import system_router
 from gateway.adapters.stereo.routes.truth_routes import truth_router
-from gateway.adapters.stereo.routes.upload_routes import upload_router
 from gateway.runtime.logs import log_setup
 from tests.adapters.stereo.conftest import Camera, Start
 
@@ -40,7 +39,7 @@ async def camera(start: Start) -> Camera:
 @pytest.fixture
 async def client(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
     app = FastAPI()
-    for router in (node_router, system_router, truth_router, upload_router, fault_router):
+    for router in (node_router, system_router, truth_router, fault_router):
         app.include_router(router(camera.service))
     async with httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url="http://device") as http_client:
         yield http_client
@@ -116,8 +115,6 @@ async def test_documented_statuses(client: httpx.AsyncClient) -> None:
         "GET /api/v2/nodes": [],
         "GET ": [],
         "GET /stereo/truth.npz": ["400", "404", "503"],
-        "POST /test/set": ["400", "413", "503"],
-        "DELETE /test/set": [],
         "GET /stereo/faults": ["403", "404"],
         "PUT /stereo/faults": ["400", "403", "404", "413"],
         "DELETE /stereo/faults": ["403", "404"],
