@@ -21,6 +21,8 @@ from bench.viewer import cpu_of
 
 FIELDS = ("left", "right", "disparity", "disparity_error", "confidence")
 SECONDS_TO_SETTLE = 2.0
+MIN_SETS = 3
+"""Minimum number of sets whose rate is measured."""
 
 
 def client(port: int, seconds: float) -> None:
@@ -41,7 +43,7 @@ def client(port: int, seconds: float) -> None:
         assert all(each.HasField(name) for name in FIELDS)
         if (now := time.monotonic()) >= settled:
             times.append(now)
-            if now > settled + seconds:
+            if now > settled + seconds and len(times) > MIN_SETS:
                 break
     print((len(times) - 1) / (times[-1] - times[0]), flush=True)
 

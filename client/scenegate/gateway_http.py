@@ -85,10 +85,10 @@ def fetch(
     parameters = urlencode({key: value for key, value in query.items() if value is not None})
     try:
         connection.request("GET", f"{prefix}/{path}?{parameters}", headers=dict(credentials.metadata))
-        response = connection.getresponse()
-        if response.status == http.client.OK:
-            return response.read()
-        refusal = _refusal(response)
+        with connection.getresponse() as response:
+            if response.status == http.client.OK:
+                return response.read()
+            refusal = _refusal(response)
     except (OSError, http.client.HTTPException) as error:
         raise GatewayError(f"{address} gives no {wanted}: {reason_of(error)}") from None
     finally:

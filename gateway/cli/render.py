@@ -114,6 +114,8 @@ def _check_options(options: RenderOptions, types: tuple[ImageType, ...], *, is_i
     from scenegate.robots.joint_text import parse_joints
 
     _check_stereo(types, options.baseline, options.stereo_profile)
+    if options.depth_mode is not None and "measured" not in types:
+        raise ValueError("--depth-mode is for --type measured")
     if is_image and (len(options.scenes) != 1 or options.scenes[0].is_dir() or len(types) != 1 or options.cameras):
         raise ValueError(f"{options.out} is one image: for more scenes, types or cameras name a folder with -o")
     names = options.format_names or []

@@ -62,9 +62,13 @@ class RenderOptions:
         Option(
             metavar="NAME",
             help="Camera profile (rgbd, rc_visard_160c …, or a .toml file), for stereo and measured images: its size, "
-            "lens, baseline and depth errors.",
+            "lens, baseline and depth.",
         ),
     ] = ""
+    depth_mode: Annotated[
+        Literal["matched", "ground_truth"] | None,
+        Option(help="Depth of measured images: by a matcher, or exact. The default is the profile's."),
+    ] = None
     width: Annotated[int, Option(min=1, max=16384, help="Image width in pixels.")] = 640
     height: Annotated[int, Option(min=1, max=16384, help="Image height in pixels.")] = 480
     camera: Annotated[

@@ -18,7 +18,7 @@ import numpy as np
 from gateway.adapters.render.config import RenderConfig
 from gateway.adapters.render.pipeline import Pipeline, camera_of, posted_document
 from gateway.adapters.render.request import RenderRequest
-from gateway.adapters.stereo.device.profile import Profile
+from gateway.adapters.stereo.device.profile import DepthMode, Profile
 from gateway.datasets.annotated_scene import AnnotatedScene
 from gateway.datasets.annotations import ANNOTATION_OUTPUTS, annotate
 from gateway.datasets.derived_images import (
@@ -117,6 +117,8 @@ class SampleInputs:
     """Distance of the right camera in metres, for ``stereo``."""
     profile: Profile | None = None
     """Profile of the camera that measures depth, for ``measured``."""
+    depth_mode: DepthMode | None = None
+    """Source of its depth; None: the profile's."""
     noise_seed: int = 0
     """Seed of that camera's noise."""
 
@@ -164,7 +166,10 @@ def render_sample(
         _finish(right, scene, right_view, renderer, look, style)
         images["stereo"] = _encode(right, "color", formats["stereo"])
     if "measured" in formats and inputs.profile is not None:
-        measured = measured_depth(renderer, inputs.profile, scene.draw_list, camera, look, inputs.noise_seed)
+        depth_mode = inputs.depth_mode or inputs.profile.depth.mode
+        measured = measured_depth(
+            renderer, inputs.profile, depth_mode, scene.draw_list, camera, look, inputs.noise_seed
+        )
         images["measured"] = png_gray16(measured)
     if "flow" in formats and inputs.next_camera is not None:
         images["flow"] = _flow(frame, inputs, inputs.next_camera)

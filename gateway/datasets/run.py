@@ -40,7 +40,7 @@ CONVENTIONS: Final = {
     "amodal": "JSON: run lengths of each object's silhouette down the columns, as COCO's uncompressed RLE",
     "flow": "Middlebury .flo: float32 pixels to the right and down, to the next view; beyond 1e9 is not known",
     "stereo": "as color, from the camera at (baseline, 0, 0) in the optical frame, of the same intrinsics",
-    "measured": "16-bit grey: millimetres along the optical axis, with the errors of stereo_profile; 0 is nothing",
+    "measured": "16-bit grey: millimetres along the optical axis, as stereo_profile measures it; 0 is nothing",
     "objects": "X_camera_object: 4 x 4, pose in the optical frame; p of the model is scale * p in the object",
     "boxes": "x, y, width, height in whole pixels; box_amodal may reach beyond the image, by its size at most",
 }

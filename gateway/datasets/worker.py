@@ -136,6 +136,7 @@ def _inputs(task: Task, scene: LoadedScene, annotated: AnnotatedScene | None, sa
         next_scene=None if next_scene is scene_at_frame else next_scene,
         baseline=settings.baseline,
         profile=cached_profile(settings.stereo_profile) if settings.stereo_profile else None,
+        depth_mode=settings.depth_mode,
         noise_seed=zlib.crc32(sample.id.encode()),
     )
 

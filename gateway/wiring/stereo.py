@@ -58,6 +58,9 @@ async def setup(context: Context) -> None:
         _start_camera(context, number, replace(config, tokens=context.security.grpc), mount, scene, projectors)
         for number, (config, mount) in enumerate(zip(configs, mounts, strict=True))
     ]
+    if not settings.stereo_noise and any(config.depth_mode == "matched" for config in configs):
+        warning = "images have no noise, but depth is matched; exact depth is --depth-mode ground_truth"
+        context.registry.warn("stereo", "--no-stereo-noise", warning)
     metrics.watch_stereo(context.metrics, services)
     apps = [context.app]
     if settings.rest_port is not None:
@@ -194,7 +197,7 @@ def config_of(settings: Settings, number: int = 0, camera: MountedCamera | None 
         host=settings.host,
         port=settings.grpc_port + number if settings.grpc_port else 0,
         tls=tls,
-        depth_mode=settings.depth_mode,
+        depth_mode=settings.depth_mode or profile.depth.mode,
         rate=settings.stereo_rate,
         simulated_clock=settings.clock == "simulated",
         seed=settings.stereo_seed + number,

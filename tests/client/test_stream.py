@@ -168,7 +168,7 @@ async def test_the_command(start: Start, tmp_path: Path) -> None:
 
 
 async def test_truth_is_written_for_each_set(start: Start, tmp_path: Path) -> None:
-    camera = await start(rate="max")
+    camera = await start(rate="max", depth_mode="ground_truth")
     app = FastAPI()
     app.include_router(truth_router(camera.service))
     http = PortService(app, "127.0.0.1", 0)

@@ -1,11 +1,11 @@
 """Load the whole gateway with clients of every kind; check for leaks, growth and overload handling.
 
-    python -m tests.soak [--clients 1000] [--minutes 3] [--parts churn,overload,turns,mixed]
+    python -m tests.soak [--clients 1000] [--minutes 3] [--parts churn,overload,mixed]
 
 ``churn``: so many well-behaved, slow, half-open and vanishing clients on HTTP, render, WebSocket, gRPC and TCPQ; then
 the tasks, threads, descriptors and memory of the gateway beside those of before. ``overload``: the render endpoint with
 its queue just full, then with ten times as many clients; p99 of what was accepted, and how soon others are refused.
-``turns``: how long each kind of work holds the event loop. ``mixed``: everything at once with a state file,
+``mixed``: everything at once with a state file,
 for so many minutes; the slope of the memory over the second half, and the stalls of the event loop. All
 on loopback, in one gateway, two processes.
 """
@@ -34,7 +34,6 @@ from gateway.runtime.workers.process_tuning import tune
 from tests.soak import clients
 from tests.soak.clients import BEHAVIOURS, KINDS, Ports
 from tests.soak.overload import overload
-from tests.soak.turns import turns
 
 QUEUE = 32
 THREADS = 2
@@ -225,8 +224,6 @@ async def run(given: argparse.Namespace) -> None:
                     await churn(running, given.clients)
                 elif part == "overload":
                     await overload(running, QUEUE, THREADS, given.overload_seconds)
-                elif part == "turns":
-                    await turns(running)
                 elif part == "mixed":
                     await mixed(running, given.minutes)
 
@@ -236,7 +233,7 @@ def main() -> None:
     parser.add_argument("--clients", type=int, default=1000)
     parser.add_argument("--minutes", type=float, default=3.0)
     parser.add_argument("--overload-seconds", type=float, default=10.0)
-    parser.add_argument("--parts", default="churn,overload,turns,mixed")
+    parser.add_argument("--parts", default="churn,overload,mixed")
     tune()
     uvloop.run(run(parser.parse_args()))
 

@@ -270,7 +270,8 @@ class Sensor:
         pose = np.eye(4)
         pose[:3, 3] = 1, 2, 3
         scene_view = SceneView(self.tree, Flattener(LabelTable()), Mount(pose))
-        config = StereoConfig(model=StereoModel("small", 64, 48, 0.8449, 0.160), look="phong", noise=False)
+        model = StereoModel("small", 64, 48, 0.8449, 0.160)
+        config = StereoConfig(model=model, look="phong", depth_mode="ground_truth")
         self.service = StereoService(config, scene_view.state, CpuRenderer(1), self.workers)
         self.source = stereo.StereoSensor(self.service, scene_view, live=live)
 

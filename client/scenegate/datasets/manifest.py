@@ -106,6 +106,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Name or path of the camera profile of ``measured`` images; empty: there are none."""
     stereo_profile_sha256: str | None = None
     """SHA-256 of the content of the profile; None: no profile."""
+    depth_mode: Literal["matched", "ground_truth"] | None = None
+    """Source of the depth of ``measured`` images: a matcher, or exact depth; None: the profile's."""
     strict: bool = False
     """True: a scene with a warning is not rendered."""
 

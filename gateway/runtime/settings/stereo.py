@@ -51,10 +51,10 @@ class StereoSettings(BaseSettings):
         "TOML file (docs/camera-profiles.md).",
     )
     stereo_rate: Literal["device", "max"] = stereo("device", "Frame rate: the device's, or as high as possible.")
-    depth_mode: Literal["modelled", "matched", "ground_truth"] = stereo(
-        "modelled",
-        "Disparity computed from the exact depth with the errors of a matcher, matched from the rendered images, or "
-        "computed from the exact depth without errors.",
+    depth_mode: Literal["matched", "ground_truth"] | None = stereo(
+        None,
+        "Disparity by a matcher from the camera images, or exact, which is also faster. The default is the profile's: "
+        "matched, but for rgbd.",
     )
     stereo_realism: Realism = stereo(
         None,
@@ -65,7 +65,7 @@ class StereoSettings(BaseSettings):
         "own",
         "Projectors whose dots a camera sees: its own, or those of all cameras (--stereo-cameras) while they are on.",
     )
-    stereo_noise: bool = stereo(True, "Add noise to images and the IMU, and errors to modelled depth.")
+    stereo_noise: bool = stereo(True, "Add noise to camera images. Exact depth is --depth-mode ground_truth.")
     clock: Literal["real", "simulated"] = stereo(
         "real",
         "Image timestamps: the computer's clock, or a fixed start plus one period per frame, which makes runs "

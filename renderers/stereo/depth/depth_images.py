@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.jit import kernel
-from renderers.stereo.model import DISPARITY_SCALE
 
 OCCLUSION_STEP: Final = 1.0
 """Disparity difference in pixels from which a nearer surface in the right image occludes a point: the tolerance of the
@@ -26,11 +25,9 @@ class DepthImages:
     disparity: NDArray[np.uint16]
     """(H, W) uint16, units of 1/16 pixel, 0: invalid."""
     error: NDArray[np.uint8]
-    """(H, W) uint8, units of ``error_scale`` pixels, 0 where invalid."""
+    """(H, W) uint8, units of 1/16 pixel, 0 where invalid."""
     confidence: NDArray[np.uint8]
     """(H, W) uint8, units of 1/255, 0 where invalid."""
-    error_scale: float = DISPARITY_SCALE
-    """Pixels per unit of ``error``: 1/16 divided by a power of two."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -74,7 +74,7 @@ def apply_filters(depth: DepthImages, filters: Filters, focal_times_baseline: fl
     max_units = min(int(np.floor(focal_times_baseline / filters.mindepth / unit + 1e-9)), _MAX_UNITS)
     _apply_limits(
         depth.disparity, depth.error, depth.confidence, filters.min_confidence, min_units, max_units,
-        float(focal_times_baseline * depth.error_scale / unit**2), float(filters.maxdeptherr),
+        float(focal_times_baseline / unit), float(filters.maxdeptherr),
     )  # fmt: skip
     min_size = round(filters.seg * 4 / divisor**2)
     if min_size > 1:

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor.camera_image import SensorImage
 from renderers.stereo.sensor.exposure import Exposure
@@ -28,7 +27,6 @@ class ImagePair:
     right: SensorImage
     exposure: Exposure
     """Exposure of both images, which determines their noise."""
-    kind: ImageKind
 
     def reduced(self, model: StereoModel, divisor: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
         """Return both images at 1/``divisor`` of the resolution, (H, W) uint16 each, units of 1/``FINE`` level."""

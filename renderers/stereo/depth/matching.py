@@ -19,11 +19,12 @@ from renderers.stereo.depth.match_confidence import (
     match_features,
     with_texture,
 )
-from renderers.stereo.depth.pixel_classes import MIN_NOISE_SIGMA
 from renderers.stereo.depth.residual_shift import residual_shift, without_local_mean
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stop import check_stop
 
+MIN_NOISE_SIGMA: Final = 0.3
+"""Minimum standard deviation of the image noise, grey levels: images without noise still have rounding errors."""
 WINDOW: Final = 5
 """Side of the matching window, pixels."""
 REFINEMENT_RADIUS: Final = 4
@@ -110,7 +111,7 @@ def _semi_global_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disp
         uniquenessRatio=5,
         speckleWindowSize=0,
         speckleRange=0,
-        mode=cv2.StereoSGBM_MODE_SGBM,
+        mode=cv2.StereoSGBM_MODE_SGBM_3WAY,  # 155 instead of 257 ms at High, as many matches, fewer wrong
     )
     matches = np.asarray(matcher.compute(padded[0], padded[1]), np.int16)[:, searched_count:]
     check_stop()  # OpenCV cannot be stopped while it matches: half a second for 1280 x 960 pixels

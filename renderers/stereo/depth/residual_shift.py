@@ -5,8 +5,7 @@ One step of Lucas and Kanade (1981). Over a window, the shift is the least-squar
 
     shift = -sum(gradient * difference) / (sum(gradient²) + prior)
 
-It follows from the texture, the projector's dots, the sub-pixel phase and the image noise. At disparities of a matcher
-it refines them; at exact disparities it is the error that any local matcher would make.
+It follows from the texture, the projector's dots, the sub-pixel phase and the image noise.
 """
 
 from __future__ import annotations
@@ -71,7 +70,6 @@ def residual_shift(
     disparity: NDArray[np.float32],
     radius: int,
     noise_sigma: float,
-    expected: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:
     """Return the shift to add to each disparity, (H, W) float32, pixels; 0 where the disparity is unknown.
 
@@ -81,26 +79,22 @@ def residual_shift(
         disparity: (H, W) float32, pixels, 0: unknown.
         radius: pixels on each side of a window's centre, up to ``MAX_RADIUS``.
         noise_sigma: standard deviation of the image noise, grey levels.
-        expected: (H, W) float32, shift of windows without texture, pixels; None: 0.
     """
     # Both images have the noise. Gradients have units of 1/32 level per pixel.
     prior = 2.0 * (noise_sigma**2 + ROUNDING_NOISE**2) * (32.0 / PRIOR_SHIFT) ** 2
     shift = np.empty(left.shape, np.float32)
-    expected = np.zeros_like(shift) if expected is None else expected
-    _residual_shift(left, right, disparity, radius, prior, expected, _WEIGHTS, shift)
+    _residual_shift(left, right, disparity, radius, prior, _WEIGHTS, shift)
     return shift
 
 
-@kernel(
-    "void(uint16[:,::1], uint16[:,::1], float32[:,::1], int64, float64, float32[:,::1], int32[:,::1], float32[:,::1])"
-)
-def _residual_shift(left, right, disparity, radius, prior, expected, weights, shift):
+@kernel("void(uint16[:,::1], uint16[:,::1], float32[:,::1], int64, float64, int32[:,::1], float32[:,::1])")
+def _residual_shift(left, right, disparity, radius, prior, weights, shift):
     """Write the result of ``residual_shift``, whose arguments these are.
 
     All sums are of integers: their results do not depend on the order.
 
     Args:
-        prior: weight of the expected shift per pixel of the window, squared units of the gradient.
+        prior: weight of a shift of 0 per pixel of the window, squared units of the gradient.
         weights: (``PHASES``, 4) int32, ``_interpolation_weights``.
         shift: (H, W) float32, output, pixels.
     """
@@ -116,7 +110,7 @@ def _residual_shift(left, right, disparity, radius, prior, expected, weights, sh
     # With rows from -radius in place of the first loop, LLVM takes arrays for overlapping, and is slower.
     for center in range(height):
         _replace_row(left, right, disparity, center + radius, radius, weights, ring, sums)
-        _write_row(disparity[center], expected[center], prior, window, sums, window_sums, shift[center])
+        _write_row(disparity[center], prior, window, sums, window_sums, shift[center])
 
 
 @device_function
@@ -144,13 +138,12 @@ def _replace_row(left, right, disparity, row, radius, weights, ring, sums):
 
 
 @inlined
-def _write_row(disparity, expected, prior, window, sums, window_sums, shift):
+def _write_row(disparity, prior, window, sums, window_sums, shift):
     """Write the shift of the pixels of one row from the sums down the columns of their windows.
 
     Args:
         disparity: (W,) float32, pixels, 0: unknown.
-        expected: (W,) float32, pixels.
-        prior: weight of the expected shift per pixel of the window, squared units of the gradient.
+        prior: weight of a shift of 0 per pixel of the window, squared units of the gradient.
         window: side of a window, pixels.
         sums: (3, W + ``window`` - 1) int32: gradient times difference, squared gradient, pixels with a known disparity.
         window_sums: (3, W) int32, working memory: the sums over windows.
@@ -175,7 +168,7 @@ def _write_row(disparity, expected, prior, window, sums, window_sums, shift):
     for column in range(len(disparity)):
         prior_sum = np.float32(prior) * np.float32(max(counts[column], np.int32(1)))
         # Differences have units of 1/16 level, gradients of 1/32 level per pixel.
-        value = np.float32(-2.0) * np.float32(products[column]) + prior_sum * expected[column]
+        value = np.float32(-2.0) * np.float32(products[column])
         value /= np.float32(squares[column]) + prior_sum
         shift[column] = value if disparity[column] > np.float32(0.0) else np.float32(0.0)
 

@@ -14,7 +14,7 @@ import pytest
 from numba.core import config as numba_config
 
 import renderers.raster
-import renderers.stereo.depth.modelled_errors  # noqa: F401 - they define kernels
+import renderers.stereo.depth.residual_shift  # noqa: F401 - they define kernels
 from renderers.compiler import cache_folder as kernel_cache
 from renderers.compiler.cache_locator import CACHED_KERNELS, cached_njit, folder_of
 

@@ -31,11 +31,9 @@ def test_the_shift_of_a_textured_pair_is_found(shift: float, disparity: float) -
     assert abs(found.mean()) < 0.02
 
 
-def test_windows_without_texture_have_the_expected_shift() -> None:
+def test_windows_without_texture_have_no_shift() -> None:
     grey = np.full((30, 80), 1600, np.uint16)
-    expected = np.linspace(-0.1, 0.1, grey.size, dtype=np.float32).reshape(grey.shape)
     disparity = np.full(grey.shape, 7.5, np.float32)
-    np.testing.assert_allclose(residual_shift(grey, grey, disparity, MAX_RADIUS, 0.3, expected)[:, 8:], expected[:, 8:])
     assert (residual_shift(grey, grey, disparity, 3, 0.0) == 0).all()
 
 

@@ -13,8 +13,6 @@ from renderers.stereo.depth.filters import Filters, apply_filters, fill_holes
 from renderers.stereo.depth.image_pair import fine_means
 from renderers.stereo.depth.matching import match_pair
 from renderers.stereo.depth.metric_depth import align_depth
-from renderers.stereo.depth.modelled_errors import ErrorModel, measured_images
-from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.lens.motion_blur import write_mean_light
 from renderers.stereo.light.key_light import light_factors
@@ -62,13 +60,13 @@ def test_every_kernel_is_called_with_the_types_of_its_signature() -> None:
     fine = fine_means(image, 1, 24, 40)
     match_pair(fine, fine, 16, 0.3)
     true = true_disparity(depth, depth, 8.0, DepthRange(0.4, 100.0))
-    images = measured_images(true, fine, fine, ErrorModel(sigma=0.25, noise_sigma=0.3, kind=ImageKind.DOTS))
+    images = exact_images(true)
     apply_filters(images, Filters(), 8.0, 2)
     k = Intrinsics(40, 24, 40.0, 20.0, 12.0)
     disparity_mesh(images.disparity, k, 0.2, MeshOptions(watertight=True, textured=True), image)
     align_depth(np.full((24, 40), 2000, np.uint16), k, ColorCamera(k, (0.0, 0.0, 0.0)))
     kernels = [kernel for kernel in KERNELS if kernel.py_func.__module__.startswith("renderers.stereo.")]
-    assert len(kernels) == 31
+    assert len(kernels) == 26
     for kernel in kernels:
         assert kernel.signatures, f"{kernel.py_func.__name__} was not called"
         kernel.compile()

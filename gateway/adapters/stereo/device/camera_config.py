@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.adapters.stereo.device.parameter_specs import DeviceLimits
-from gateway.adapters.stereo.device.profile import DEFAULT_PROFILE, Profile, read_profile
+from gateway.adapters.stereo.device.profile import DEFAULT_PROFILE, DepthMode, Profile, read_profile
 from gateway.runtime.http.tokens import Tokens
 from renderers.interface import LookName
 from renderers.stereo.lens.color_camera import ColorCamera
 from renderers.stereo.model import Intrinsics, StereoModel
 from renderers.stereo.realism import RealismPart
 
-DepthMode = Literal["modelled", "matched", "ground_truth"]
 Rate = Literal["device", "max"]
 METERING_DIVISOR: Final = 8
 """Width of the camera images divided by that of the image that automatic exposure meters."""
@@ -58,8 +57,8 @@ class StereoConfig:
     """True if the left and right images can have colour."""
     color_camera: ColorCamera | None = None
     """Separate colour camera; None: colour images come from the left camera."""
-    depth_mode: DepthMode = "modelled"
-    """Source of depth images: rendered depth with modelled errors, matched rendered images, or exact rendered depth."""
+    depth_mode: DepthMode = "matched"
+    """Source of depth images: matched camera images, or exact rendered depth."""
     rate: Rate = "device"
     """``device``: the real camera's rates; ``max``: as fast as rendering and clients allow."""
     simulated_clock: bool = False
@@ -67,11 +66,9 @@ class StereoConfig:
     seed: int = 0
     """Seed of all noise. Seed, scene and frame number determine every byte except timestamps."""
     noise: bool = True
-    """True: images and IMU have noise, and modelled depth has errors; False: modelled depth is exact."""
+    """True: camera images have noise."""
     image_noise: float = 1.0
     """Factor of the standard deviation of the image noise."""
-    disparity_error: float = 0.25
-    """Standard deviation of the disparity, pixels at full resolution (``d_eps``; the manual's typical value)."""
     realism: frozenset[RealismPart] = frozenset()
     """Effects of real lenses and lights that camera images have."""
     look: LookName = "gltf"
@@ -124,7 +121,7 @@ class StereoConfig:
             color=profile.stereo.color,
             color_camera=profile.color_camera,
             image_noise=profile.stereo.noise,
-            disparity_error=profile.depth.disparity_error,
+            depth_mode=profile.depth.mode,
             projector=projector is not None,
             dot_light=projector.light if projector is not None else 0.0,
         )
@@ -133,16 +130,6 @@ class StereoConfig:
     def noise_factor(self) -> float:
         """``image_noise``, or 0 if noise is disabled."""
         return self.image_noise if self.noise else 0.0
-
-    @cached_property
-    def models_errors(self) -> bool:
-        """True if rendered depth gets modelled errors."""
-        return self.depth_mode == "modelled" and self.noise
-
-    @cached_property
-    def measures_images(self) -> bool:
-        """True if depth is computed from the camera images: by matching, or for the errors of modelled depth."""
-        return self.depth_mode == "matched" or self.models_errors
 
     @cached_property
     def full_dot_light(self) -> float:

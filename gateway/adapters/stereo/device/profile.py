@@ -36,6 +36,7 @@ PROFILE_NAMES: Final = tuple(sorted(path.stem for path in _FOLDER.glob("*.toml")
 
 ImageSide = Annotated[int, msgspec.Meta(ge=16, le=8192)]
 """Width or height of an image, pixels."""
+DepthMode = Literal["matched", "ground_truth"]
 Pixels = Annotated[float, msgspec.Meta(ge=-100_000, le=100_000)]
 FocalLength = Annotated[float, msgspec.Meta(gt=0, le=100_000)]
 """Pixels."""
@@ -75,8 +76,8 @@ class DepthSection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     range: tuple[Depth, Depth] = (0.1, 100.0)
     """Nearest and farthest depth, metres: the limits of the parameters ``mindepth`` and ``maxdepth``."""
-    disparity_error: Annotated[float, msgspec.Meta(ge=0, le=5)] = 0.25
-    """Standard deviation of the disparity on good texture, pixels of a camera image."""
+    mode: DepthMode = "matched"
+    """Source of depth: a matcher, as in the rc_visard, or exact depth, as in simulators' RGB-D cameras."""
     max_disparities: Annotated[int, msgspec.Meta(ge=16, le=MAX_DISPARITIES)] = MAX_DISPARITIES
     """Number of disparities that are searched at quality ``Full``, which limits the nearest depth."""
     quality: Quality = Quality.HIGH

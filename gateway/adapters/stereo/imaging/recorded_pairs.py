@@ -20,7 +20,6 @@ from gateway.adapters.stereo.imaging.scene_view import Capture
 from renderers.drawlist import ImageError
 from renderers.images import decode_image
 from renderers.interface import Frame, Output, Renderer
-from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor.camera_image import SensorImage
 from scenegate.regular_files import read_regular
@@ -115,9 +114,6 @@ class PairImaging(Imaging):
             LookupError: always.
         """
         raise LookupError("the camera shows recorded images; there is no ground truth")
-
-    def image_kind(self, capture: Capture) -> ImageKind:
-        return ImageKind.of(dots=capture.out1_high, realistic=True)
 
     def meter(self, capture: Capture, settings: StreamSettings) -> MeteredExposure:
         left = self.pairs.image(capture.frame_number, high=capture.out1_high, right=False)

@@ -22,8 +22,7 @@ from renderers.interface import Frame, Look, Output, Renderer
 from renderers.stereo.depth.depth_images import DepthImages, exact_images, true_disparity
 from renderers.stereo.depth.filters import apply_filters
 from renderers.stereo.depth.image_pair import ImagePair
-from renderers.stereo.depth.modelled_errors import ErrorModel, choose_error_scale, measured_images
-from renderers.stereo.depth.pixel_classes import ImageKind
+from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor.camera_image import (
     LENS_BLUR,
     Lens,
@@ -201,31 +200,26 @@ class Imaging:
             for color in request.colors
         }
 
-    def image_kind(self, capture: Capture) -> ImageKind:
-        """Return the kind of a capture's images."""
-        dots = capture.has_projection(self.config) or bool(capture.projectors)
-        return ImageKind.of(dots=dots, realistic=bool(self.config.realism))
-
     def measure(
         self, capture: Capture, settings: StreamSettings, pair: ImagePair | None, dark_pair: ImagePair | None = None
     ) -> DepthImages:
-        """Return the depth images of a capture, by matching or from rendered depth.
+        """Return the depth images of a capture, by matching, or exact from rendered depth.
 
         Args:
             capture: scene and pose.
             settings: parameters of the frame.
-            pair: images of the same exposure, to match or for modelled errors; None: no errors.
+            pair: images of the same exposure, to match; None: depth is exact.
             dark_pair: see ``matched_depth``.
         """
         config = self.config
-        if pair is not None and config.depth_mode == "matched":
+        if pair is not None:
             return matched_depth(config, pair, settings, dark_pair)
-        render, divisor = self.render_lit if config.models_errors else self.render, settings.quality.divisor
-        left = render(capture, 0.0, divisor, Output.DEPTH).depth
-        right = render(capture, config.model.baseline, divisor, Output.DEPTH).depth
+        divisor = settings.quality.divisor
+        left = self.render(capture, 0.0, divisor, Output.DEPTH).depth
+        right = self.render(capture, config.model.baseline, divisor, Output.DEPTH).depth
         assert left is not None
         assert right is not None
-        return rendered_depth(config, left, right, pair, settings)
+        return exact_depth(config.model, left, right, settings)
 
     def scene_light(self, scene: DrawList, half: Callable[[], Camera], dots: NDArray[np.uint16] | None) -> SceneLight:
         """Return the light on the scene besides the rendered one.
@@ -317,43 +311,26 @@ def _metered_region(values: NDArray[np.float32], settings: StreamSettings) -> ND
     return inside if inside.size else values
 
 
-def rendered_depth(
-    config: StereoConfig,
-    left_depth: NDArray[np.float32],
-    right_depth: NDArray[np.float32],
-    pair: ImagePair | None,
-    settings: StreamSettings,
+def exact_depth(
+    model: StereoModel, left_depth: NDArray[np.float32], right_depth: NDArray[np.float32], settings: StreamSettings
 ) -> DepthImages:
-    """Return depth images from rendered depth, exact or with a window matcher's errors (``modelled_errors``).
+    """Return depth images from rendered depth.
 
-    ``double_shot`` has no effect: it fills holes where matching fails. In exact images, all holes and segments are
-    true, so ``minconf``, ``seg`` and ``fill`` have no effect, either.
+    All holes and segments are true, so ``double_shot``, ``minconf``, ``seg`` and ``fill`` have no effect.
 
     Args:
-        config: model of the camera, disparity error, and factor of the noise.
+        model: model of the camera.
         left_depth: (H, W) float32 depth from the left camera at the depth images' resolution, metres.
         right_depth: (H, W) float32 depth from the right camera, metres.
-        pair: images of the same exposure, from which the errors follow; None: no errors.
         settings: parameters of the frame.
     """
-    model, divisor, filters = config.model, settings.quality.divisor, settings.filters
+    divisor, filters = settings.quality.divisor, replace(settings.filters, minconf=0.0, seg=0, fill=0)
     focal_times_baseline = model.focal_times_baseline(divisor)
-    limits = filters.measurable_depths(model, divisor)
-    disparity = true_disparity(left_depth, right_depth, focal_times_baseline, limits)
+    disparity = true_disparity(
+        left_depth, right_depth, focal_times_baseline, settings.filters.measurable_depths(model, divisor)
+    )
     if settings.depth_region is not None:
         settings.depth_region.clear_outside(disparity, divisor)
-    if pair is None:
-        images, filters = exact_images(disparity), replace(filters, minconf=0.0, seg=0, fill=0)
-    else:
-        sigma = config.disparity_error / divisor / settings.averaged_images**0.5
-        errors = ErrorModel(
-            sigma,
-            pair.noise_sigma(config.noise_factor, settings.averaged_images, divisor),
-            pair.kind,
-            choose_error_scale(sigma, model.disparity_count(divisor, filters.mindepth, filters.maxdepth)),
-        )
-        images = measured_images(disparity, *pair.reduced(model, divisor), errors)
-        if settings.depth_region is not None:
-            settings.depth_region.clear_outside(images.disparity, divisor)
+    images = exact_images(disparity)
     apply_filters(images, filters, focal_times_baseline, divisor)
     return images

@@ -32,7 +32,7 @@ from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.image_pair import ImagePair
 from renderers.stereo.depth.metric_depth import align_depth, millimetres_from_disparity
 from renderers.stereo.mesh.disparity_mesh import MeshOptions, disparity_mesh
-from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
+from renderers.stereo.model import Intrinsics
 from renderers.stereo.sensor.camera_image import NoiseStream, SensorImage
 from scenegate.camera.image_interface_pb2 import ImageSet
 
@@ -105,7 +105,7 @@ class FrameImages:
         self._camera_capture, self._depth_capture = record.camera_capture, record.depth_capture
         self._config = config = record.imaging.config
         self._measures_streamed_images = (
-            config.measures_images
+            config.depth_mode == "matched"
             and self._camera_capture is self._depth_capture
             and self._settings.averaged_images == 1
         )
@@ -155,11 +155,11 @@ class FrameImages:
 
     @once
     async def depth_images(self) -> DepthImages:
-        """Return the disparity, error and confidence images, by matching or from rendered depth."""
+        """Return the disparity, error and confidence images, by matching, or exact from rendered depth."""
         capture, settings, config = self._depth_capture, self._settings, self._config
         with tracing.span("depth"):
             pair = dark_pair = None
-            if config.measures_images:
+            if config.depth_mode == "matched":
                 pair = await self._image_pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
             dark_capture = replace(capture, gpio=settings.camera_gpio)
             is_darker = capture.has_projection(config) and not dark_capture.out1_high
@@ -221,14 +221,11 @@ class FrameImages:
         capture, config = self._depth_capture, self._config
         images = await self.depth_images()
         pixels: NDArray[np.uint8] | NDArray[np.uint16] = getattr(images, name)
-        if name == "disparity" and images.error_scale < DISPARITY_SCALE:
-            # The message has one scale for disparity and error.
-            pixels = pixels * np.uint16(DISPARITY_SCALE / images.error_scale)
         intrinsics = config.model.intrinsics(self._settings.quality.divisor)
         image = self._image_chunks(pixels, intrinsics, capture, await self._depth_metered(kind))
         if name != "disparity":
             return image
-        return messages.disparity(image, capture.timestamp, config.model.baseline, images.error_scale)
+        return messages.disparity(image, capture.timestamp, config.model.baseline)
 
     async def _color_camera_message(self) -> list[Chunk]:
         color, capture = await self.color_camera_image(), self._camera_capture
@@ -249,7 +246,7 @@ class FrameImages:
                 return replace(metered, brightness=(await self.image(NoiseStream.LEFT, color)).brightness)
             except ImageError:  # a broken texture prevents images, but not depth in every mode
                 return replace(metered, brightness=0.0)
-        if self._config.measures_images:  # the images have been made for depth
+        if self._config.depth_mode == "matched":  # the images have been made for depth
             image = await self._depth_image(self._depth_capture, NoiseStream.LEFT_DEPTH)
             return replace(metered, brightness=image.brightness)
         return metered
@@ -299,7 +296,7 @@ class FrameImages:
         else:
             images = await _gather([self._depth_image(capture, left), self._depth_image(capture, right)])
         exposure = (await self.metered(capture)).exposure
-        return ImagePair(images[0], images[1], exposure, self._imaging.image_kind(capture))
+        return ImagePair(images[0], images[1], exposure)
 
     async def _depth_image(self, capture: Capture, stream: NoiseStream) -> SensorImage:
         """Return a grey image from which depth is measured, and which no client gets."""

@@ -105,20 +105,17 @@ def image(
     return [header.SerializeToString(), *field(10, [data])]
 
 
-def disparity(
-    image_chunks: list[Chunk], timestamp: int, baseline: float, scale: float = DISPARITY_SCALE
-) -> list[Chunk]:
+def disparity(image_chunks: list[Chunk], timestamp: int, baseline: float) -> list[Chunk]:
     """Return a ``DisparityImage``.
 
     Args:
         image_chunks: the ``Image`` that holds the disparities.
         timestamp: nanoseconds since the epoch.
         baseline: metres.
-        scale: pixels per unit of the disparity and error images.
     """
     header = pb.DisparityImage(
         timestamp=time_message(timestamp),
-        scale=scale,
+        scale=DISPARITY_SCALE,
         offset=0.0,
         invalid_data_value=0.0,
         baseline=baseline,

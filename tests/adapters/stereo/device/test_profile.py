@@ -73,7 +73,7 @@ def test_the_smallest_profile(tmp_path: Path) -> None:
     k = config.model.intrinsics(2)
     assert (k.width, k.height, k.cx, k.cy) == (320, 200, 160.0, 100.0)
     assert k.focal_length == pytest.approx(352.0)
-    assert (config.color, config.projector, config.disparity_error, config.image_noise) == (True, False, 0.25, 1.0)
+    assert (config.color, config.projector, config.depth_mode, config.image_noise) == (True, False, "matched", 1.0)
     assert config.model.disparity_count(1, 0.1) == 282  # ceil(704 * 0.05 / (2.5 * 0.05))
 
 

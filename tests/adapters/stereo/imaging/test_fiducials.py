@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from bench.sensor_fiducials import PATTERNS, TEXELS, View, circles, pattern_errors, tag_texture
 from renderers.raster import CpuRenderer
 from renderers.stereo.realism import RealismPart
+from tests.adapters.stereo.imaging.fiducials import PATTERNS, TEXELS, View, circles, pattern_errors, tag_texture
 
 CELL: Final = 0.01
 """Side of a cell, metres."""

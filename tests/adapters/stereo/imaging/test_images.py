@@ -19,7 +19,6 @@ from renderers.raster import CpuRenderer
 from renderers.stereo.depth.depth_images import DepthRange, true_disparity
 from renderers.stereo.depth.image_pair import fine_means
 from renderers.stereo.depth.matching import match_pair
-from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.light.projector import FULL_LIGHT, projected_dots, returned_shares
 from renderers.stereo.model import Quality
 from renderers.stereo.sensor.camera_image import NoiseStream, SceneLight, frame_key
@@ -222,7 +221,6 @@ def test_another_camera_at_the_same_place_has_the_light_of_the_own_projector(ren
     imaging = Imaging(StereoConfig(noise=False), renderer)
     own, other = Capture(0, table(), 1, pose(), 1), Capture(0, table(), 1, pose(), 0)
     other = replace(other, projectors=(replace(other_projector(0.0, 0.0), X_world_left=pose()),))
-    assert imaging.image_kind(other) is ImageKind.DOTS
     exposures = [imaging.meter(each, read_settings(Parameters())).exposure for each in (own, other)]
     assert exposures[0].light == pytest.approx(exposures[1].light, rel=0.05)
     for stream in (NoiseStream.LEFT, NoiseStream.RIGHT):

@@ -102,9 +102,8 @@ async def test_images_on_request_show_the_time_of_the_request(start: Start) -> N
     assert frame.record.camera_capture.timestamp == frame.record.depth_capture.timestamp == scene.times[-1]
 
 
-@pytest.mark.parametrize("depth_mode", ["modelled", "matched"])
-async def test_depth_on_request_has_the_outputs_of_a_depth_exposure(start: Start, depth_mode: str) -> None:
-    camera = await start(depth_mode=depth_mode, noise=False)
+async def test_depth_on_request_has_the_outputs_of_a_depth_exposure(start: Start) -> None:
+    camera = await start(noise=False)
     valid = {}
     for mode in ("Low", "High", "ExposureAlternateActive"):
         camera.service.parameters.set("rc_iocontrol", [("out1_mode", mode)])
@@ -112,8 +111,7 @@ async def test_depth_on_request_has_the_outputs_of_a_depth_exposure(start: Start
         assert frame.record.camera_capture.gpio == (mode == "High")
         valid[mode] = (await frame.depth_images()).disparity
     assert np.array_equal(valid["ExposureAlternateActive"], valid["High"])
-    if depth_mode == "matched":
-        assert not np.array_equal(valid["High"], valid["Low"])
+    assert not np.array_equal(valid["High"], valid["Low"])
 
 
 def state(timestamp: int, changed: int, revision: int = 1) -> SceneState:

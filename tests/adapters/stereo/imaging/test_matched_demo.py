@@ -20,7 +20,6 @@ from renderers.interface import Output
 from renderers.raster import CpuRenderer
 from renderers.stereo.depth.depth_images import true_disparity
 from renderers.stereo.depth.image_pair import ImagePair
-from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.sensor.camera_image import NoiseStream
 
 
@@ -41,7 +40,7 @@ def test_matched_depth_of_the_demo_scene(renderer: CpuRenderer, seconds: float) 
         imaging.expose(capture, ImageRequest(exposure, stream, frozenset((False,))))[False]
         for stream in (NoiseStream.LEFT, NoiseStream.RIGHT)
     )
-    images = matched_depth(imaging.config, ImagePair(left, right, exposure, ImageKind.DOTS), settings, None)
+    images = matched_depth(imaging.config, ImagePair(left, right, exposure), settings, None)
     seen = imaging.render(capture, 0.0, divisor, Output.DEPTH)
     other = imaging.render(capture, model.baseline, divisor, Output.DEPTH)
     assert seen.depth is not None

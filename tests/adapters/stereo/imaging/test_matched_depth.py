@@ -15,7 +15,6 @@ from gateway.adapters.stereo.device.stream_settings import StreamSettings, read_
 from gateway.adapters.stereo.imaging.matched_depth import matched_depth
 from renderers.stereo.depth.depth_images import DepthImages
 from renderers.stereo.depth.image_pair import ImagePair
-from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor.camera_image import SensorImage
 from renderers.stereo.sensor.exposure import Exposure
@@ -58,7 +57,7 @@ def settings(**values: object) -> StreamSettings:
 
 def pair(gain: float = 0.0) -> ImagePair:
     image = SensorImage(np.zeros((MODEL.height, MODEL.width), np.uint8), 0.0)
-    return ImagePair(image, image, Exposure(0.005, gain), ImageKind.PLAIN)
+    return ImagePair(image, image, Exposure(0.005, gain))
 
 
 def match(monkeypatch: pytest.MonkeyPatch, matcher: FakeMatcher, *given: Any, **config: Any) -> DepthImages:

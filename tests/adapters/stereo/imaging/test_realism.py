@@ -23,7 +23,6 @@ from renderers.interface import Output
 from renderers.raster import CpuRenderer
 from renderers.stereo.depth.depth_images import DepthRange, true_disparity
 from renderers.stereo.depth.image_pair import ImagePair
-from renderers.stereo.depth.pixel_classes import ImageKind
 from renderers.stereo.model import Quality
 from renderers.stereo.realism import REALISM_PARTS, RealismPart
 from renderers.stereo.sensor.camera_image import NoiseStream
@@ -98,7 +97,7 @@ def test_the_projector_keeps_the_demo_matchable(renderer: CpuRenderer, quality: 
     assert seen.depth is not None
     assert other.depth is not None
     true = true_disparity(seen.depth, other.depth, model.focal_times_baseline(divisor), DepthRange(0.4, 100.0))
-    measured = matched_depth(imaging.config, ImagePair(left, right, exposure, ImageKind.DOTS), settings, None)
+    measured = matched_depth(imaging.config, ImagePair(left, right, exposure), settings, None)
     valid = (true > 0) & (measured.disparity > 0)
     assert valid.sum() / (true > 0).sum() >= 0.95
     errors = np.abs(measured.disparity / 16 - true)[valid]

@@ -325,7 +325,7 @@ async def test_the_depth_range_at_full_quality_is_limited_by_memory(start: Start
         assert await range_at(mindepth=0.7) == (0.7, "0")
 
 
-@pytest.mark.parametrize("mode", ["modelled", "matched", "ground_truth"])
+@pytest.mark.parametrize("mode", ["matched", "ground_truth"])
 async def test_status_has_the_nearest_measured_depth(start: Start, mode: str) -> None:
     model = StereoModel("small", 320, 240, 0.8449, 0.160, full_max_disparities=30)
     camera = await start(model=model, rate="max", depth_mode=mode, noise=False)

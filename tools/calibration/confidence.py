@@ -1,7 +1,7 @@
-"""Fit ``renderers/stereo/depth/match_confidence.json``: ``python -m bench.sensor_confidence [--cross-validate]``.
+"""Fit ``renderers/stereo/depth/match_confidence.json``: ``python -m tools.calibration.confidence [--cross-validate]``.
 
-Matches images of the scenes of ``sensor_scenes`` and ``sensor_plain_scenes`` without and with realism, and compares
-the matches with the exact disparity. ``bench.sensor`` judges the result with other seeds and with the demo, which the
+Matches images of the scenes of ``scenes`` and ``plain_scenes`` without and with realism, and compares
+the matches with the exact disparity. ``errors`` judges the result with other seeds and with the demo, which the
 fit never sees; ``--cross-validate`` judges fits without a scene on that scene.
 """
 
@@ -16,11 +16,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.sensor import print_reliability, reliability_of
-from bench.sensor_fit import all_samples
-from bench.sensor_images import Sample
-from bench.sensor_plain_scenes import PLAIN_SCENES
-from bench.sensor_scenes import SCENES
 from renderers.stereo.depth.match_confidence import (
     ERROR_BORDERS,
     FEATURES,
@@ -30,8 +25,12 @@ from renderers.stereo.depth.match_confidence import (
     match_features,
     with_texture,
 )
-from renderers.stereo.depth.pixel_classes import MIN_NOISE_SIGMA
+from renderers.stereo.depth.matching import MIN_NOISE_SIGMA, find_matches
 from renderers.stereo.model import Quality
+from tools.calibration.errors import print_reliability, reliability_of
+from tools.calibration.plain_scenes import PLAIN_SCENES
+from tools.calibration.samples import Sample, samples
+from tools.calibration.scenes import SCENES
 
 SEEDS: Final = {Quality.HIGH: range(100, 112), Quality.MEDIUM: range(100, 103)}
 """Seeds of the scenes. Of few, the trees learn in which of them a plain wall happened to be right."""
@@ -226,8 +225,9 @@ def main() -> None:
         each
         for realism in (False, True)
         for quality, seeds in SEEDS.items()
-        for pair in all_samples((quality,), seeds, realism=realism, scenes=(*SCENES, *PLAIN_SCENES))
-        for each in collect(*pair)
+        for seed in seeds
+        for sample in samples(quality, seed, realism=realism, scenes=(*SCENES, *PLAIN_SCENES))
+        for each in collect(sample, find_matches(sample.left, sample.right, sample.disparity_count, sample.noise_sigma))
     ]
     if options.cross_validate:
         cross_validate(matches)

@@ -1,4 +1,4 @@
-"""Stereo images of the scenes of ``sensor_scenes``, with their exact disparity."""
+"""Stereo images of ``scenes``, with their exact disparity."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.sensor_scenes import POSE, SCENES, Scene, make_scene
 from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.device.parameters import Parameters
 from gateway.adapters.stereo.device.stream_settings import StreamSettings, read_settings
@@ -27,6 +26,7 @@ from renderers.stereo.depth.image_pair import ImagePair
 from renderers.stereo.model import Quality
 from renderers.stereo.realism import REALISM_PARTS
 from renderers.stereo.sensor.camera_image import NoiseStream
+from tools.calibration.scenes import POSE, SCENES, Scene, make_scene
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,8 +55,6 @@ class Sample:
     """Parameters of the frame."""
     pair: ImagePair
     """Images at full resolution."""
-    depth: tuple[NDArray[np.float32], NDArray[np.float32]]
-    """(H, W) float32 each, depth from both cameras, metres."""
     capture: Capture
     """Scene, pose and number of the frame."""
 
@@ -107,7 +105,7 @@ def make_sample(name: str, imaging: Imaging, settings: StreamSettings, capture: 
         imaging.expose(capture, ImageRequest(exposure, stream, frozenset((False,))))[False]
         for stream in (NoiseStream.LEFT, NoiseStream.RIGHT)
     )
-    pair = ImagePair(left, right, exposure, imaging.image_kind(capture))
+    pair = ImagePair(left, right, exposure)
     small_left, small_right = pair.reduced(model, divisor)
     left_view = imaging.render_lit(capture, 0.0, divisor, Output.DEPTH)
     right_view = imaging.render_lit(capture, model.baseline, divisor, Output.DEPTH)
@@ -128,6 +126,5 @@ def make_sample(name: str, imaging: Imaging, settings: StreamSettings, capture: 
         imaging,
         settings,
         pair,
-        depth,
         capture,
     )

@@ -1,4 +1,4 @@
-"""Rooms of plain, pale, tiled and wooden things, for ``sensor_confidence``.
+"""Rooms of plain, pale, tiled and wooden things, for ``confidence``.
 
 A window of such surfaces sees a single line. At a silhouette, a match belongs to one of its sides; on a tile's seam or
 a plank's grain, it is right on both.
@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.sensor_scenes import Scene, at, box, image_of, plain, room, textured
 from gateway.scene.tree.geometry import Part
 from renderers.drawlist import Material, Texture
 from scenegate.messages.geometry import Cylinder, Sphere
+from tools.calibration.scenes import Scene, at, box, image_of, plain, room, textured
 
 
 def patterned(pattern: NDArray[np.float64], tint: NDArray[np.float64]) -> Material:

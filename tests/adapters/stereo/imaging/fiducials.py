@@ -1,7 +1,4 @@
-"""Ranges of flat patterns in camera images against ideal images of the same pose, with OpenCV's detectors.
-
-``report_tags`` is a part of ``python -m bench.sensor``.
-"""
+"""Ranges of flat patterns in camera images against ideal images of the same pose, with OpenCV's detectors."""
 
 from __future__ import annotations
 
@@ -31,11 +28,9 @@ LATTICE: Final = 17
 WHITE: Final = 0.8
 """Albedo of white cells."""
 TAG_SIDE: Final = 0.08
-"""Side of the black square, and width of the grid, of ``report_tags``, metres."""
-DISTANCES: Final = (0.6, 0.8, 1.0, 1.2, 1.5)
-"""Distances of ``report_tags``, metres."""
+"""Side of the black square, and width of the grid, metres."""
 PLACEMENTS: Final = 8
-"""Sub-pixel placements for each distance: one alone is right or wrong by chance."""
+"""Sub-pixel placements: one alone is right or wrong by chance."""
 GRID: Final = (4, 3)
 """Columns and rows of circles of a grid."""
 PATTERNS: Final[dict[str, int | None]] = {
@@ -223,18 +218,3 @@ def pattern_errors(
         )
         errors.append(100.0 * (measured / ideal - 1.0))
     return np.array(errors)
-
-
-def report_tags(renderer: CpuRenderer) -> None:
-    """Print by how much ranges of frontal patterns differ from those of ideal images, by distance."""
-    print(f"\nrange of patterns of {TAG_SIDE * 1e3:.0f} mm against ideal images of {PLACEMENTS} placements:")
-    print("  pattern, realism, distance m, side px, mean error %, worst %")
-    for pattern in PATTERNS:
-        for parts in ((), ("lens-blur",)):
-            for distance in DISTANCES:
-                errors = pattern_errors(pattern, distance, parts, renderer)
-                pixels = TAG_SIDE / distance * StereoConfig().model.intrinsics().focal_length
-                print(
-                    f"  {pattern:15} {', '.join(parts) or 'off':10} {distance:5.2f} {pixels:6.1f}"
-                    f" {errors.mean():8.3f} {np.abs(errors).max():7.3f}"
-                )
