@@ -83,8 +83,9 @@ def fetch(
         else http.client.HTTPSConnection(host, port, timeout=timeout, context=context)
     )
     parameters = urlencode({key: value for key, value in query.items() if value is not None})
+    target = f"{prefix}/{path}" + (f"?{parameters}" if parameters else "")
     try:
-        connection.request("GET", f"{prefix}/{path}?{parameters}", headers=dict(credentials.metadata))
+        connection.request("GET", target, headers=dict(credentials.metadata))
         with connection.getresponse() as response:
             if response.status == http.client.OK:
                 return response.read()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gateway.adapters.sceneapi.config import SceneApiConfig
-from gateway.adapters.sceneapi.motion import motion_router
 from gateway.adapters.sceneapi.routes import router
 from gateway.adapters.sceneapi.service import SceneApi
 from gateway.wiring.context import Context
@@ -18,6 +17,4 @@ async def setup(context: Context) -> None:
     config = SceneApiConfig(style=replace(style_of(settings), look="auto", samples=0), max_pixels=settings.max_pixels)
     service = SceneApi(context.live_scene, context.renderer, context.workers, config)
     context.app.include_router(router(service))
-    if context.timeline is not None:
-        context.app.include_router(motion_router(context.tree, context.timeline, config.max_export_bytes))
     context.registry.ready("scene", where="/scene", figures=service.status)

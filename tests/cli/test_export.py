@@ -12,9 +12,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from gateway.cli.commands import app
-from gateway.files.gltf import AnimationTime, read_gltf
-from gateway.files.gltf.export import MotionWriter
-from gateway.scene.tree.live import Snapshot
+from gateway.files.gltf import read_gltf
+from gateway.files.gltf.export import export_glb
 from gateway.scene.tree.nodes import Node
 from scenegate.lcm.event_log import pack_event
 from tests.adapters.treeviewer.conversation import BOX, message
@@ -23,9 +22,7 @@ from tests.adapters.viewer.test_scene_file import recording_of
 
 REQUEST = "DIRECTOR_TREE_VIEWER_REQUEST_<a>"
 CYLINDER = {"type": "cylinder", "radius": 1, "length": 1}
-MOTION = MotionWriter()
-MOTION.add(0, Snapshot(Node(), 0))
-GLB = MOTION.finish(0)
+GLB = export_glb(Node())
 TURNED = {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}
 
 
@@ -67,16 +64,16 @@ def test_a_log_as_html(log: Path, tmp_path: Path) -> None:
     assert len({update["revision"] for update in updates}) == 2
 
 
-def test_a_log_as_gltf(log: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("options", "x"), [((), 1.5), (("--start", "1.2"), 1.0)])
+def test_a_moment_of_a_log_as_gltf(log: Path, tmp_path: Path, options: tuple[str, ...], x: float) -> None:
     out = tmp_path / "scene.glb"
-    result = export(log, out, "--rate", "2")
+    result = export(log, out, *options)
     assert result.exit_code == 0, result.stderr
-    assert "the file has the first geometry of 1 nodes, such as a" in result.stderr
-    scene = read_gltf(out.read_bytes(), animation=AnimationTime("motion", 1.25))
+    scene = read_gltf(out.read_bytes())
     [path] = [path for path, _ in scene.root.walk() if path and path[-1] == "a"]
     matrix = scene.root.world_matrix(path)
     assert matrix is not None
-    assert matrix[0, 3] == pytest.approx(1.25)
+    assert matrix[0, 3] == pytest.approx(x)
 
 
 @pytest.mark.parametrize(
@@ -86,6 +83,7 @@ def test_a_log_as_gltf(log: Path, tmp_path: Path) -> None:
         (("missing", "scene.html"), "missing: there is no such log; the address of a gateway begins with http://"),
         (("{log}", "scene.html", "--start", "3"), "run.lcmlog: --start 3 is after its end, at 2.0 s"),
         (("{text}", "scene.html"), "text.lcmlog: "),
+        (("{log}", "scene.glb", "--duration", "3"), "--duration is for OUT.html"),
         (("http://127.0.0.1:1", "scene.html", "--start", "3"), "--start is for logs: of a gateway, --duration has"),
         (("{log}", "scene.html", "--rate", "200", "--duration", "1e9"), ""),
     ],
@@ -112,7 +110,7 @@ def gateway() -> Iterator[tuple[str, list[tuple[str, str | None]]]]:
         def do_GET(self) -> None:
             requests.append((self.path, self.headers["Authorization"]))
             status, body = (413, b"the recording is too large") if "rate=240" in self.path else (200, b"file")
-            body = GLB if "motion.glb" in self.path else body
+            body = GLB if "scene.glb" in self.path else body
             self.send_response(status)
             self.end_headers()
             self.wfile.write(body)
@@ -136,7 +134,7 @@ def test_the_scene_of_a_gateway(gateway: tuple[str, list[tuple[str, str | None]]
     assert export(f"{url}/view?theme=dark#eye=1,2,3", tmp_path / "scene.glb").exit_code == 0
     assert requests == [
         ("/view/scene.html?seconds=5.0&rate=30.0", "Bearer secret"),
-        ("/scene/motion.glb?rate=30.0", None),
+        ("/scene.glb", None),
     ]
     refused = export(url, out, "--rate", "240")
     assert str(refused.exception) == f"{url} gives no view/scene.html: 413: the recording is too large"

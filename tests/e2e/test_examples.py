@@ -12,7 +12,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from gateway.adapters.viewer.routes import ACKNOWLEDGE, ACKNOWLEDGE_CONTROLS
 from tests.support import clients
@@ -50,7 +49,6 @@ def test_examples_are_short_and_all_here() -> None:
         "ray_serve.py",
         "read_dataset.py",
         "render_http.py",
-        "rerun_stream.py",
         "stream_stereo.py",
         "train_detector.py",
     ]
@@ -146,40 +144,3 @@ def test_stream_stereo(gateway: dict[str, str], tmp_path: Path) -> None:
     assert points.shape[1] == 3
     assert len(points) > 10_000
     assert np.isfinite(points).all()
-
-
-def test_rerun_stream(gateway: dict[str, str], tmp_path: Path) -> None:
-    """Rerun's own reader finds images, depth and points that fit together, on the floor of the scene."""
-    chunk = pytest.importorskip("rerun.chunk", reason="rerun-sdk is not installed: pip install rerun-sdk")
-    run("rerun_stream.py", gateway["grpc"], gateway["http"], tmp_path / "demo.rrd", "2")
-    columns: dict[str, Any] = {}
-    for part in chunk.RrdReader(tmp_path / "demo.rrd").stream():
-        batch = part.to_record_batch()
-        for name in batch.schema.names:
-            columns.setdefault(f"{part.entity_path} {name}", batch.column(name))
-
-    def first(name: str) -> NDArray[Any]:
-        values = columns[name].slice(0, 1)
-        while hasattr(values, "flatten") and values.type.num_fields:
-            values = values.flatten()
-        array: NDArray[Any] = values.to_numpy(zero_copy_only=False)
-        return array
-
-    for side in ("left", "right"):
-        image = first(f"/world/{side}/image Image:buffer")
-        assert image.size == 1280 * 960 * 3
-        assert image.std() > 20
-        np.testing.assert_allclose(first(f"/world/{side}/image Pinhole:resolution"), (1280, 960))
-    depth = first("/world/left/depth DepthImage:buffer").view("<f4").reshape(480, 640)
-    points = first("/world/left/points Points3D:positions").reshape(-1, 3)
-    assert len(points) == (depth > 0).sum() > 10_000
-    K = first("/world/left/depth Pinhole:image_from_camera").reshape(3, 3).T
-    projected = points @ K.T
-    column, row = (projected[:, :2] / projected[:, 2:]).T.astype(int)
-    np.testing.assert_allclose(depth[row, column], points[:, 2], rtol=1e-6)
-    rotation = first("/world/left Transform3D:mat3x3").reshape(3, 3).T
-    left, right = (first(f"/world/{side} Transform3D:translation") for side in ("left", "right"))
-    height = (points @ rotation.T + left)[:, 2]
-    assert (abs(height) < 0.05).mean() > 0.02, "the floor is at 0"
-    np.testing.assert_allclose((right - left) @ rotation, (0.16, 0, 0), atol=1e-5)
-    assert first("/world/scene Asset3D:blob")[:4].tobytes() == b"glTF"

@@ -15,10 +15,10 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -27,7 +27,8 @@ from gateway.adapters.viewer.frames import ALIGNMENT, FrameBuilder, encode
 from gateway.adapters.viewer.messages import Message, RecordedChannel, RecordedImage, RecordingEnd
 from gateway.adapters.viewer.resources import Resources, channel_values
 from gateway.scene.tree.live import Snapshot
-from gateway.scene.tree.sampling import FileTooLargeError
+from gateway.scene.tree.sampling import FileTooLargeError, samples
+from gateway.scene.tree.timeline import Timeline
 from renderers.drawlist import ImageError
 from renderers.encode import png_rgba
 
@@ -42,7 +43,7 @@ _GZIP: Final = 16 + zlib.MAX_WBITS
 
 
 class Recorder:
-    """Encodes snapshots as a recording: a ``SectionWriter``. Not thread-safe."""
+    """Encodes snapshots as a recording. Not thread-safe."""
 
     def __init__(self, page_frame: bytes, max_bytes: int = MAX_BYTES) -> None:
         """
@@ -139,3 +140,31 @@ class Recorder:
         builder = FrameBuilder()
         span = builder.add_array(np.frombuffer(data, np.uint8))
         self.add_frame(time, builder.finish(message(data=span)))
+
+
+async def record_section(
+    recorder: Recorder,
+    timeline: Timeline,
+    start: int,
+    end: int,
+    rate: float,
+    to_thread: Callable[..., Awaitable[Any]],
+    on_progress: Callable[[float], None] = lambda done: None,
+) -> bytes:
+    """Return the recording of a section of a timeline, in the recorder's format.
+
+    Args:
+        start: first time, nanoseconds since the epoch.
+        end: last time. Equal to ``start``: one state.
+        rate: samples per second.
+        to_thread: calls a function with arguments in another thread, as ``asyncio.to_thread``.
+        on_progress: called now and then with the fraction that is done.
+
+    Raises:
+        FileTooLargeError: the recording would be too large, or has too many samples.
+    """
+    async for sample in samples(timeline, start, end, rate):
+        await to_thread(recorder.add, sample.time, sample.snapshot)
+        on_progress(sample.done)
+    data: bytes = await to_thread(recorder.finish, end)
+    return data

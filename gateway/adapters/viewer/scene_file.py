@@ -26,7 +26,7 @@ _SCRIPT_END: Final = re.compile(r"<(/script|!--)", re.IGNORECASE)
 
 
 class SceneFileWriter(Recorder):
-    """Writes states of the scene as one HTML file: a ``SectionWriter``. Not thread-safe."""
+    """Writes states of the scene as one HTML file. Not thread-safe."""
 
     def __init__(self, page: LivePage, view: str = "", max_bytes: int = MAX_BYTES) -> None:
         """

@@ -1,9 +1,9 @@
-"""Files with the motion of a section of a timeline, which is sampled at a rate."""
+"""States of a section of a timeline, which is sampled at a rate."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Awaitable, Callable
-from typing import Any, Final, NamedTuple, Protocol
+from collections.abc import AsyncIterator
+from typing import Final, NamedTuple
 
 from gateway.scene.tree.live import Snapshot
 from gateway.scene.tree.timeline import Timeline
@@ -14,24 +14,6 @@ MAX_SAMPLES: Final = 200_000
 
 class FileTooLargeError(ValueError):
     """A file of the scene, or the number of its samples, is above the limit; the message is one sentence."""
-
-
-class SectionWriter(Protocol):
-    """Writes the states of a section as a file. Times are nanoseconds since the epoch."""
-
-    def add(self, time: int, snapshot: Snapshot) -> None:
-        """Append a state.
-
-        Raises:
-            FileTooLargeError: The file would be too large.
-        """
-
-    def finish(self, end: int) -> bytes:
-        """Return the file.
-
-        Args:
-            end: Time until which the last state is valid.
-        """
 
 
 class Sample(NamedTuple):
@@ -72,31 +54,3 @@ async def samples(
         if snapshot.revision != last_revision and (not is_empty or number == count):
             last_revision = snapshot.revision
             yield Sample(time, snapshot, number / count)
-
-
-async def write_section(
-    writer: SectionWriter,
-    timeline: Timeline,
-    start: int,
-    end: int,
-    rate: float,
-    to_thread: Callable[..., Awaitable[Any]],
-    on_progress: Callable[[float], None] = lambda done: None,
-) -> bytes:
-    """Return the file of a section of a timeline.
-
-    Args:
-        start: First time, nanoseconds since the epoch.
-        end: Last time. Equal to ``start``: one state.
-        rate: Samples per second.
-        to_thread: Calls a function with arguments in another thread, as ``asyncio.to_thread``.
-        on_progress: Called now and then with the fraction that is done.
-
-    Raises:
-        FileTooLargeError: The file would be too large, or has too many samples.
-    """
-    async for sample in samples(timeline, start, end, rate):
-        await to_thread(writer.add, sample.time, sample.snapshot)
-        on_progress(sample.done)
-    data: bytes = await to_thread(writer.finish, end)
-    return data

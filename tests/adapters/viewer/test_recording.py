@@ -11,12 +11,12 @@ import pytest
 from PIL import Image as Pillow
 
 from gateway.adapters.viewer.encoder import encode_page
-from gateway.adapters.viewer.recording import MAX_BYTES, Recorder
+from gateway.adapters.viewer.recording import MAX_BYTES, Recorder, record_section
 from gateway.adapters.viewer.resources import sample_order
 from gateway.scene.page.live_page import LivePage
 from gateway.scene.tree.geometry import Part, PointCloud
 from gateway.scene.tree.live import LiveTree, Snapshot
-from gateway.scene.tree.sampling import FileTooLargeError, write_section
+from gateway.scene.tree.sampling import FileTooLargeError
 from renderers.drawlist import Material, Texture
 from renderers.images import image_from_bytes
 from scenegate.messages.geometry import Box, Sphere
@@ -49,7 +49,7 @@ def moving_scene(count: int) -> States:
 
 async def record(states: States, start: int, end: int, rate: float, max_bytes: int = MAX_BYTES) -> bytes:
     """Return the recording of a section."""
-    return await write_section(Recorder(PAGE, max_bytes), states, start, end, rate, asyncio.to_thread)
+    return await record_section(Recorder(PAGE, max_bytes), states, start, end, rate, asyncio.to_thread)
 
 
 async def test_each_update_and_each_keyframe_leads_to_the_state_of_its_time() -> None:

@@ -9,13 +9,9 @@ the tree. Hidden subtrees are left out, and so are nodes whose transform is not 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gateway.files.gltf.export.glb_document import (
     INDEX_TARGET,
@@ -55,69 +51,20 @@ def export_glb(root: Node, *, camera: Camera | None = None, max_bytes: int = MAX
     return GlbWriter(max_bytes).write(root, camera)
 
 
-@dataclass(frozen=True, slots=True)
-class Channel:
-    """Values of a node's property over time."""
-
-    path: str
-    """``translation``, ``rotation`` or ``scale``."""
-    times: NDArray[np.float32]
-    """(N,) seconds, ascending."""
-    values: NDArray[np.float32]
-    """(N, 3) or, for quaternions x, y, z, w, (N, 4)."""
-    is_step: bool
-    """True: a value holds until the next one. False: values between two are interpolated."""
-
-
-@dataclass(frozen=True, slots=True)
-class AnimatedNode:
-    """A node that moves."""
-
-    node: Node
-    first: dict[str, list[float]]
-    """Translation, rotation and scale when it is first shown."""
-    channels: tuple[Channel, ...]
-
-
 class GlbWriter:
     """Writes one file."""
 
-    def __init__(self, max_bytes: int, warnings: Sequence[str] = ()) -> None:
+    def __init__(self, max_bytes: int) -> None:
         self._document = GltfDocument(GENERATOR, max_bytes)
-        self._document.warnings = list(warnings)
         self._materials = MaterialWriter(self._document)
-        self._json_nodes: dict[int, tuple[int, dict[str, Any]]] = {}
-        """Index and JSON of the nodes by ``id``."""
 
-    def write(self, root: Node, camera: Camera | None, animated: Sequence[AnimatedNode] = ()) -> bytes:
+    def write(self, root: Node, camera: Camera | None) -> bytes:
         json_root: dict[str, Any] = {"name": "Z up to Y up", "matrix": column_major(Y_UP_TO_Z_UP.T)}
         root_index = self._document.add("nodes", json_root)
         self._add_nodes(root, json_root)
         if camera is not None:
             self._add_camera(camera, json_root)
-        animation: dict[str, list[Any]] = {"channels": [], "samplers": []}
-        for each in animated:
-            if id(each.node) in self._json_nodes:  # not below a node that is never shown
-                self._animate(each, animation)
-        if animation["channels"]:
-            self._document.add("animations", {"name": "motion", **animation})
         return self._document.glb(root_index)
-
-    def _animate(self, node: AnimatedNode, animation: dict[str, list[Any]]) -> None:
-        """Write a node's first transform, and add its channels to an animation."""
-        index, json_node = self._json_nodes[id(node.node)]
-        json_node.update(node.first)
-        add_accessor = self._document.add_accessor
-        for channel in node.channels:
-            times = partial(add_accessor, channel.times[:, None], None, bounds=True)
-            sampler = {
-                "input": self._document.get_or_add("times", channel.times.tobytes(), times),
-                "output": add_accessor(channel.values, None),
-                "interpolation": "STEP" if channel.is_step else "LINEAR",
-            }
-            target = {"node": index, "path": channel.path}
-            animation["channels"].append({"sampler": len(animation["samplers"]), "target": target})
-            animation["samplers"].append(sampler)
 
     def _add_nodes(self, root: Node, json_root: dict[str, Any]) -> None:
         """Add ``root`` and its descendants below the JSON node ``json_root``."""
@@ -132,7 +79,6 @@ class GlbWriter:
             if node.matrix is not IDENTITY and not np.array_equal(node.matrix, IDENTITY):
                 json_node["matrix"] = column_major(node.matrix)
             index = self._document.add("nodes", json_node)
-            self._json_nodes[id(node)] = index, json_node
             json_parent.setdefault("children", []).append(index)
             self._add_geometry(node, json_node, opacity)
             children = reversed(node.children.items())

@@ -64,7 +64,7 @@ class GltfDocument:
 
         Args:
             array: (N, 1 .. 4) float32, uint16 or uint32.
-            target: ``VERTEX_TARGET`` or ``INDEX_TARGET``; None for keys of animations.
+            target: ``VERTEX_TARGET`` or ``INDEX_TARGET``.
             bounds: True to write ``min`` and ``max``, as positions and times require.
         """
         item: dict[str, Any] = {
