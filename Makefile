@@ -124,12 +124,12 @@ docs: $(VENV)/.installed-dev ## write the pages of docs/ that are generated from
 	$(BIN)/python -m tools.docs_pages docs
 
 # zensical does not count griffe's warnings, which are about docstrings.
-docs-site: $(SITE_VENV)/.installed ## build the documentation site into out/site; a warning is an error
+docs-site: docs $(SITE_VENV)/.installed ## build the documentation site into out/site; a warning is an error
 	@mkdir -p out
 	@$(SITE_ENV) $(SITE_VENV)/bin/zensical build --strict --clean >out/site.log 2>&1; code=$$?; cat out/site.log; \
 		test $$code -eq 0 && ! grep -q '^griffe: ' out/site.log
 
-docs-serve: $(SITE_VENV)/.installed ## serve the site on http://127.0.0.1:8008, built again on each change
+docs-serve: docs $(SITE_VENV)/.installed ## serve the site on http://127.0.0.1:8008, built again on each change
 	$(SITE_ENV) $(SITE_VENV)/bin/zensical serve --dev-addr 127.0.0.1:8008
 
 generate: $(VENV)/.tools ## write the protobuf classes from protos/ (needs Python 3.11 or 3.12)

@@ -46,8 +46,6 @@ class LinkMaterial:
     """sRGB and opacity, 0 to 1; None: the file gives no colour."""
     texture: str | None
     """Name of an image file; None: the material has none."""
-    overrides: bool = False
-    """True: a mesh file's own materials are replaced, too."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,6 @@ from scenegate.robots.errors import RobotFileError, no_links
 from scenegate.robots.files import RobotFiles
 from scenegate.robots.limits import RobotFileLimits, check_count
 from scenegate.robots.link_model import Link, LinkGeometry, LinkJoint, LinkModel, MeshReference
-from scenegate.robots.material_scripts import MaterialScripts
 from scenegate.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind
 from scenegate.robots.ros_packages import split_url
 from scenegate.robots.sdf_frames import WORLD, Frame, Frames, read_pose
@@ -93,7 +92,6 @@ class _SdfReader:
         self._links: dict[str, tuple[Element, _Scope]] = {}
         self._joints: dict[str, tuple[Element, _Scope]] = {}
         self._include_count = 0
-        self._scripts = MaterialScripts(files)
 
     def read(self, root: Element) -> LinkModel:
         scope = _Scope(WORLD, WORLD, self._files.path.parent, _version(root), 0)
@@ -228,7 +226,7 @@ class _SdfReader:
             X_world_link = self._frames.X_world(name)
             return np.linalg.inv(X_world_link) @ self._frames.X_world(scope.frame(frame))
 
-        geometries = read_geometries(element, name, self._use, X_link, self._scripts, self._warnings)
+        geometries = read_geometries(element, name, self._use, X_link, self._warnings)
         return Link(name, tuple(_in_folder(geometry, scope.folder) for geometry in geometries))
 
     def _tree(self) -> tuple[tuple[LinkJoint, ...], dict[str, NDArray[np.float64]]]:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from scenegate.messages.geometry import Box
 from scenegate.robots.link_model import Cone, LinkGeometry, LinkMaterial, LinkShape, MeshReference
-from scenegate.robots.material_scripts import MaterialScripts
 from scenegate.robots.robot import GeometryUse
 from scenegate.robots.sdf_frames import read_pose
 from scenegate.robots.shared_elements import read_color, read_shape, sizes
@@ -48,14 +47,12 @@ def read_geometries(
     name: str,
     use: GeometryUse,
     X_link: Callable[[str], NDArray[np.float64]],
-    scripts: MaterialScripts,
     warnings: list[str],
 ) -> tuple[LinkGeometry, ...]:
     """Return the geometries of a link. Those without a shape that can be drawn are left out with a warning.
 
     Args:
         X_link: Function that returns X_link_frame, (4, 4), for the name of a frame of the model.
-        scripts: Material scripts of models.
     """
     geometries = []
     for element, where in named_elements(link, use, f"link {name!r}, {use}"):
@@ -69,7 +66,7 @@ def read_geometries(
         except InvalidAttributeError as error:
             warnings.append(f"{where}: {error}; it is not shown")
             continue
-        geometries.append(LinkGeometry(shape, X @ X_shape, _material(element, where, scripts, warnings)))
+        geometries.append(LinkGeometry(shape, X @ X_shape, _material(element, where, warnings)))
     return tuple(geometries)
 
 
@@ -113,7 +110,7 @@ def _plane(plane: Element, where: str, warnings: list[str]) -> tuple[Box, NDArra
     return Box((width, height, 0.0)), X
 
 
-def _material(element: Element, where: str, scripts: MaterialScripts, warnings: list[str]) -> LinkMaterial | None:
+def _material(element: Element, where: str, warnings: list[str]) -> LinkMaterial | None:
     material = element.find("material")
     if material is None:
         return None
@@ -130,8 +127,5 @@ def _material(element: Element, where: str, scripts: MaterialScripts, warnings: 
     color = _GAZEBO_COLORS.get(script.removeprefix("Gazebo/"))
     if color is not None:
         return LinkMaterial((*color, 1.0), texture)
-    found = scripts.material(script, [(uri.text or "").strip() for uri in material.findall("script/uri")])
-    if found is not None:
-        return found
-    warnings.append(f"{where}: the material script {script[:60]!r} is not known, the default colour is used")
+    warnings.append(f"{where}: the material script {script[:60]!r} is not read, the default colour is used")
     return LinkMaterial(None, texture)

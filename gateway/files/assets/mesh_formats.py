@@ -117,21 +117,18 @@ def parse_mesh(
     return without_broken_textures(parts, limits.max_total_image_pixels, warnings)
 
 
-def with_default_materials(
-    parts: Iterable[Part], plain: Material, textured: Material, *, replace_own: bool = False
-) -> tuple[Part, ...]:
+def with_default_materials(parts: Iterable[Part], plain: Material, textured: Material) -> tuple[Part, ...]:
     """Return parts with materials in place of ``PLAIN_MATERIAL``. The file's own materials are kept, as in RViz.
 
     Args:
         plain: Material of meshes without texture coordinates.
         textured: Material of the others.
-        replace_own: True: the file's own materials are replaced, too. Vertex colours stay: a material multiplies them.
     """
 
     def material_of(part: Part) -> Material:
         mesh = part.shape.mesh if isinstance(part.shape, Surface) else None
         has_own = part.material != PLAIN_MATERIAL or (mesh is not None and mesh.colors is not None)
-        if has_own and not replace_own:
+        if has_own:
             return part.material
         return textured if mesh is not None and mesh.uv0 is not None else plain
 

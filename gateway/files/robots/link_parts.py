@@ -62,8 +62,7 @@ class LinkParts:
         parts = self._link_files.mesh(link, shape, lambda path, data: self._read_mesh(link, shape, path, data)) or ()
         if shape.center and parts:
             X = X @ translation(*-_centre(parts))
-        replace_own = geometry.material is not None and geometry.material.overrides
-        parts = with_default_materials(parts, material, textured, replace_own=replace_own)
+        parts = with_default_materials(parts, material, textured)
         return [msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in parts]
 
     def _materials(self, link: str, material: LinkMaterial | None) -> tuple[Material, Material]:
