@@ -10,9 +10,6 @@ import typer
 app = typer.Typer(help="Commands for datasets written by `scenegate render`, and for scenarios.", no_args_is_help=True)
 MAX_SHOWN: Final = 100
 """Maximum number of problems and of notes that are printed; the others are counted."""
-
-SHEET_SUFFIXES: Final = (".jpg", ".jpeg", ".png")
-"""Suffixes of contact sheets."""
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", exists=True, file_okay=False, help="Dataset folder.")]
 ExportFormat = Literal["bop", "coco", "webdataset", "hdf5"]
 
@@ -96,23 +93,19 @@ def export_dataset(folder: Path, destination: Path, format_name: ExportFormat, *
 @app.command()
 def show(
     folder: Folder,
-    sheet: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write a contact sheet (.jpg, .png) instead of serving the page."),
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE.html", help="File to write. Default: FOLDER.html.")
     ] = None,
-    samples: Annotated[int, typer.Option(min=1, max=400, help="Maximum number of samples of the contact sheet.")] = 16,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page on 127.0.0.1; 0: any.")] = 8010,
+    samples: Annotated[int, typer.Option(min=1, max=2000, help="Maximum number of samples, chosen at random.")] = 100,
 ) -> None:
-    """Look at a dataset in a browser: samples with masks, boxes and poses, filters, distributions."""
+    """Write a contact sheet: samples with masks and boxes, by class, in one HTML file for a browser."""
+    from gateway.datasets.contact_sheet import contact_sheet
+    from gateway.datasets.files import write_atomically
     from scenegate.datasets import Dataset
 
-    if sheet is not None:
-        if sheet.suffix.lower() not in SHEET_SUFFIXES:
-            raise ValueError(f"--sheet {sheet}: must end in {', '.join(SHEET_SUFFIXES)}")
-        from gateway.datasets.show.overlay import LAYERS, contact_sheet
-
-        contact_sheet(Dataset(folder), samples, LAYERS).save(sheet)
-        return
-    from gateway.datasets.show.app import serve_dataset
-
-    serve_dataset(Dataset(folder), port, lambda url: typer.echo(f"{folder} is at {url} until Ctrl+C.", err=True))
+    path = out or folder.resolve().with_name(f"{folder.resolve().name}.html")
+    if path.suffix.lower() != ".html":
+        raise ValueError(f"{path}: the file must end with .html")
+    page = contact_sheet(Dataset(folder), samples).encode()
+    write_atomically(path, page)
+    typer.echo(f"{path}: {len(page) / 1e6:.1f} MB", err=True)

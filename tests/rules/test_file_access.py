@@ -28,7 +28,6 @@ ALLOWED = {
     "datasets/files.py": "folders, and files that it writes",
     "datasets/run.py": "the journal, which it writes",
     "datasets/formats/coco_format.py": "the file that it writes",
-    "datasets/show/app.py": "the page, a part of this package",
     "adapters/render/failures.py": "files that it writes",
     "lcm/replay.py": "the log, which it writes; reading is by open_regular",
     "recording/mcap_file.py": "the files that it writes",
