@@ -150,7 +150,7 @@ $(WEB)/node_modules/.package-lock.json: $(WEB)/package-lock.json
 	cd $(WEB) && npm ci --no-audit --no-fund
 
 # No index names get into the locks: --no-header, and no --emit-index-url. The client is installed from client/.
-COMPILE := $(UV) pip compile pyproject.toml --no-emit-package scenegate-client --quiet --universal --python-version 3.11 --generate-hashes --no-header
+COMPILE := $(UV) pip compile pyproject.toml --extra draco --no-emit-package scenegate-client --quiet --universal --python-version 3.11 --generate-hashes --no-header
 
 lock: $(VENV)/.tools ## resolve the locks again (ARGS="--upgrade" for newer versions)
 	$(COMPILE) $(ARGS) -o tools/locks/requirements.lock

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from importlib.util import find_spec
 from typing import Any, Final
 
 import msgspec
@@ -96,6 +97,8 @@ class DracoMeshes:
 
 def decode_in_child(meshes: list[bytes], limits: GltfLimits) -> list[DecodedMesh | str]:
     """Decompress meshes in a child process. Return a mesh, or the reason of a failure, for each."""
+    if find_spec("DracoPy") is None:
+        return ["Draco's decoder is not installed: pip install 'scenegate[draco]'"] * len(meshes)
     arguments = (meshes, limits.max_mesh_bytes)
     process_limits = ProcessLimits(limits.max_draco_bytes, _DECODER_SECONDS)
     try:

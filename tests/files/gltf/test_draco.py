@@ -235,3 +235,10 @@ def test_damaged_data_ends_with_an_error_or_a_mesh(level: int) -> None:
     results = decode_in_child(views, GltfLimits())
     assert len(results) == len(views)
     assert len({result for result in results if isinstance(result, str)}) >= 1
+
+
+def test_a_missing_decoder_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.files.gltf.draco.find_spec", lambda name: None)
+    (reason,) = decode_in_child([encoded()], GltfLimits())
+    assert isinstance(reason, str)
+    assert "scenegate[draco]" in reason
