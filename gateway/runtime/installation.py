@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
-from importlib.util import find_spec
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
@@ -59,7 +59,9 @@ def installation_findings() -> Iterator[Finding]:
 
 def _libraries() -> Iterator[Finding]:
     """Yield what ``pip check`` says of our distributions."""
-    if find_spec("pip") is None:
+    try:
+        version("pip")
+    except PackageNotFoundError:
         meaning = "The versions of the libraries are not compared with what Scenegate requires."
         yield Finding("libraries", Verdict.NOTE, "there is no pip", meaning, "uv pip check, or python -m ensurepip")
         return

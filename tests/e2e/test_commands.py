@@ -48,7 +48,7 @@ def test_help_of_serve_lists_every_setting_once() -> None:
 def test_doctor_is_one_table_and_needs_no_kernels() -> None:
     result = scenegate("doctor", SCENEGATE_HTTP_PORT="0", SCENEGATE_TCPQ_PORT="0", SCENEGATE_GRPC_PORT="0")
     assert result.returncode == 0, result.stdout + result.stderr
-    for word in ("scenegate", "Python", "numba", "threads", "kernels", "multicast", "receive buffer"):
+    for word in ("scenegate", "Python", "libraries", "threads", "kernels", "multicast", "receive buffer"):
         assert any(line.startswith(word) for line in result.stdout.splitlines()), word
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,10 @@ def test_conflicts_of_our_distributions_are_errors(monkeypatch: pytest.MonkeyPat
 
 
 def test_an_environment_without_pip_is_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(installation, "find_spec", lambda name: None)
+    def no_pip(name: str) -> str:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(installation, "version", no_pip)
     (row,) = [each for each in installation_findings() if each.subject == "libraries"]
     assert row.verdict is Verdict.NOTE
 
