@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.adapters.treeviewer.packed_arrays import unpack
+from gateway.adapters.treeviewer.number_arrays import unpack
 from gateway.scene.tree.materials import material
 from gateway.scene.tree.transforms import from_pose
 from scenegate import (

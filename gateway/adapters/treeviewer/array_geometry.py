@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gateway.adapters.treeviewer.context import ReadContext, scale_colors
 from gateway.adapters.treeviewer.fields import is_unicode
-from gateway.adapters.treeviewer.packed_arrays import ArrayError, PackedArray
+from gateway.adapters.treeviewer.number_arrays import ArrayError, PackedArray
 from gateway.scene.draw.crease_normals import smooth_mesh
 from gateway.scene.tree.geometry import Line, Part, PointCloud, Surface
 from gateway.scene.tree.materials import POINT_SIZE, Color, material

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from gateway.adapters.treeviewer.config import Limits
 from gateway.adapters.treeviewer.images import CheckedImage, read_image
-from gateway.adapters.treeviewer.number_arrays import NumberArrays
-from gateway.adapters.treeviewer.packed_arrays import ArrayError, PackedArray
+from gateway.adapters.treeviewer.number_arrays import ArrayError, NumberArrays, PackedArray
 from gateway.scene.tree.geometry import Part
 from scenegate.messages.field_kinds import CommandError, show
 
