@@ -147,5 +147,9 @@ class TreeViewerProtocol:
         except RequestRefused as refused:
             return refused.response
         applier.apply()
-        update_page(self.page, applier.request, client, comms.utime)
-        return applier.response(comms.utime)
+        return self.respond(applier, client, comms.utime)
+
+    def respond(self, applier: RequestApplier, client: PageClient | None, utime: int) -> AnyResponse:
+        """Execute the commands for the page of a request that was applied, and return the response."""
+        update_page(self.page, applier.request, client, utime)
+        return applier.response(utime)
