@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import msgspec
 import numpy as np
@@ -18,7 +18,7 @@ from gateway.adapters.treeviewer import fields
 from gateway.adapters.treeviewer.context import ReadContext
 from gateway.adapters.treeviewer.geometry import read_parts
 from gateway.adapters.treeviewer.number_arrays import ArrayError
-from gateway.adapters.treeviewer.regular_commands import parts_of, pose_of
+from gateway.adapters.treeviewer.regular_commands import parts_of
 from gateway.adapters.treeviewer.requests import ControlChange, Finding, Request
 from gateway.scene.draw.cameras import LookAtCamera
 from gateway.scene.tree.geometry import Part
@@ -114,6 +114,11 @@ def _read_transform(_index: int, path: Path, element: Mapping[str, Any], context
     if not all(map(math.isfinite, pose)):
         context.warnings.append("transform is not finite, so nothing below it is drawn")
     return path, pose
+
+
+def _pose_of_regular(element: Any) -> Pose:
+    """Return the pose of a typed ``settransform``."""
+    return cast("Pose", element.transform.translation + element.transform.quaternion)
 
 
 def _read_property(
@@ -235,7 +240,7 @@ COMMANDS: Final[Mapping[str, Command]] = {
         results="geometries", read=_read_geometry, read_regular=parts_of, older_name="load", is_newer=False
     ),
     "settransform": Command(
-        results="transforms", read=_read_transform, read_regular=pose_of, older_name="draw", is_newer=False
+        results="transforms", read=_read_transform, read_regular=_pose_of_regular, older_name="draw", is_newer=False
     ),
     "setproperty": Command(results="properties", read=_read_property),
     "setview": Command(results="view", read=_read_view, is_atomic=True, single=True),

@@ -85,12 +85,13 @@ class Dispatcher:
         except wire.WireError as error:
             self._count_undecodable(message.channel, error)
             return
-        request = ReceivedRequest(message, comms, Recipient(publish, message.channel, comms.format), sender)
+        client = (sender, message.channel, message.is_local)
+        request = ReceivedRequest(message, comms, Recipient(publish, message.channel, comms.format), client, sender)
         storage_full = self._store is not None and self._store.full
         response: AnyResponse | None = None
         if self._closing:
             self._delivery.refuse(request.recipient, comms.utime, "the viewer is shutting down")
-        elif request.client not in self.queues and not storage_full and (response := self._respond_at_once(request)):
+        elif client not in self.queues.clients and not storage_full and (response := self._respond_at_once(request)):
             self._delivery.send_when_stored(request.recipient, response)
         elif storage_full or self.queues.waiting_bytes + request.memory > self._config.waiting_bytes:
             self.counters.dropped += 1

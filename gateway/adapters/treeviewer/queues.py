@@ -22,6 +22,8 @@ class ReceivedRequest:
     """The decoded message."""
     recipient: Recipient
     """Kept by what waits, without the data of the request."""
+    client: Hashable
+    """Identifies the client, whose requests are handled in order."""
     sender: HubConnection | None
     """Connection that is paused while many of its requests wait; None: clients of the network cannot be paused."""
 
@@ -29,11 +31,6 @@ class ReceivedRequest:
     def memory(self) -> int:
         """Memory that the request takes in a queue, in bytes."""
         return len(self.message.data) + OVERHEAD_BYTES
-
-    @property
-    def client(self) -> Hashable:
-        """Identifies the client, whose requests are handled in order."""
-        return self.sender, self.message.channel, self.message.is_local
 
 
 @dataclass(slots=True, eq=False)
@@ -60,24 +57,21 @@ class ClientQueues:
         self._handle = handle
         self._arrivals = arrivals
         self._client_bytes = client_bytes
-        self._queues: dict[Hashable, _ClientQueue] = {}
+        self.clients: dict[Hashable, _ClientQueue] = {}
+        """Queues that are not empty, by client."""
         self._tasks: set[asyncio.Task[None]] = set()
         self.waiting_bytes = 0
         """Bytes in all queues."""
 
-    def __contains__(self, client: Hashable) -> bool:
-        """Return True if requests of a client wait or are being handled."""
-        return client in self._queues
-
     def __len__(self) -> int:
         """Return the number of requests in all queues."""
-        return sum(len(queue.requests) for queue in self._queues.values())
+        return sum(len(queue.requests) for queue in self.clients.values())
 
     def add(self, request: ReceivedRequest) -> None:
         """Handle a request after the earlier ones of its client."""
-        queue = self._queues.get(request.client)
+        queue = self.clients.get(request.client)
         if queue is None:
-            queue = self._queues[request.client] = _ClientQueue()
+            queue = self.clients[request.client] = _ClientQueue()
             task = asyncio.get_running_loop().create_task(self._handle_all(request.client, queue))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
@@ -94,7 +88,7 @@ class ClientQueues:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        queues, self._queues = self._queues, {}
+        queues, self.clients = self.clients, {}
         remaining = [request for queue in queues.values() for request in queue.requests]
         for request in remaining:
             del self._arrivals[request]
@@ -112,4 +106,4 @@ class ClientQueues:
             del self._arrivals[request]
             if request.sender is not None and queue.size < self._client_bytes // 2:
                 request.sender.resume_reading()
-        del self._queues[client]
+        del self.clients[client]

@@ -7,7 +7,7 @@ reads them command by command. A type here may be stricter than the protocol, bu
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, Union, cast
+from typing import Annotated, Any, Final, Union
 
 import msgspec
 
@@ -15,7 +15,6 @@ from gateway.adapters.treeviewer.config import Limits
 from gateway.adapters.treeviewer.fields import IDENTITY_QUATERNION, ZERO_TRANSLATION, matrix_of
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.materials import WHITE, material
-from gateway.scene.tree.nodes import Pose
 from gateway.scene.tree.transforms import IDENTITY
 from scenegate.messages.field_kinds import MAX_DISTANCE, CommandError
 from scenegate.messages.geometry import Solid, fields_of
@@ -72,11 +71,6 @@ def parts_of(command: Any) -> tuple[Part, ...]:
     if command.geometries is None:
         raise CommandError("geometries is missing")
     return tuple(map(_part, command.geometries))
-
-
-def pose_of(command: Any) -> Pose:
-    """Return the pose of a regular settransform command."""
-    return cast("Pose", command.transform.translation + command.transform.quaternion)
 
 
 def _part(message: _SolidMessage) -> Part:
