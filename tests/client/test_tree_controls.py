@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gateway.adapters.treeviewer import request_reader
+from gateway.adapters.treeviewer.commands import COMMANDS
 from gateway.adapters.treeviewer.config import TreeViewerConfig
 from gateway.adapters.treeviewer.protocol import RESPONSE
 from gateway.adapters.treeviewer.responses import ReadyMessage, encode
@@ -385,7 +386,8 @@ async def test_controls_of_a_program_that_dies_are_removed() -> None:
 
 
 async def test_an_older_viewer_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(request_reader, "NEWER_COMMANDS", {})
+    known = {name: command for name, command in COMMANDS.items() if not command.is_newer}
+    monkeypatch.setattr(request_reader, "COMMANDS", known)
     async with serving() as service:
 
         def talk() -> None:

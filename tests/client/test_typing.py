@@ -46,7 +46,7 @@ print([sample.color.shape for sample in Dataset("out")], read_robot("arm.urdf").
 """
 MISTAKES = {
     'TreeViewer().publish("a")': '"TreeViewer" has no attribute "publish"',
-    'TreeViewer()["a"].move((0, 0, 1))': '"Node" has no attribute "move"',
+    'TreeViewer()["a"].move((0, 0, 1))': '"NodeHandle" has no attribute "move"',
     "Box((1, 1, 1), colour='red')": 'Unexpected keyword argument "colour" for "Box"',
     "AsyncTreeViewer().clear()": '"AsyncTreeViewer" has no attribute "clear"',
     'AsyncTreeViewer().robot("arm")': "Too few arguments",

@@ -298,7 +298,7 @@ class PlainMesh(Geometry, frozen=True):
     faces: Faces
 
 
-class Mesh(PlainMesh, frozen=True):
+class MeshGeometry(PlainMesh, frozen=True):
     """Triangle mesh, in one colour, with colours of its vertices, or with an image.
 
     A viewer that is not Scenegate refuses meshes with ``colors`` or an ``image``, and shows all others.

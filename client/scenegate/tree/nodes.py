@@ -1,6 +1,6 @@
-"""``Node``, which changes one path of the tree, and ``Batch``, which collects changes for one request.
+"""``NodeHandle``, which changes one path of the tree, and ``Batch``, which collects changes for one request.
 
-Indexing a viewer, a batch or a node returns a ``Node``.
+Indexing a viewer, a batch or a node returns a ``NodeHandle``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Sender(Protocol):
         """Send changes and wait for the response, or collect them."""
 
 
-class Node:
+class NodeHandle:
     """A path of the tree. Indexing gives the paths below: ``node["arm"][0]``, ``node["arm", 0]``, ``node["arm/x"]``."""
 
     __slots__ = ("_sender", "path")
@@ -35,8 +35,8 @@ class Node:
         self._sender = sender
         self.path = path
 
-    def __getitem__(self, key: Key) -> Node:
-        return Node(self._sender, self.path + path_of(key))
+    def __getitem__(self, key: Key) -> NodeHandle:
+        return NodeHandle(self._sender, self.path + path_of(key))
 
     def set(self, *geometries: Geometry, transform: Transform | ArrayLike | None = None) -> Answer:
         """Replace the geometries of this path, and its transform if one is given. Paths below stay as they are."""
@@ -79,8 +79,8 @@ class Batch:
         self.answer: Answer | None = None
         """Result of the request; None until the block has ended."""
 
-    def __getitem__(self, key: Key) -> Node:
-        return Node(self, path_of(key))
+    def __getitem__(self, key: Key) -> NodeHandle:
+        return NodeHandle(self, path_of(key))
 
     def send(self, changes: Changes) -> Answer:
         """Add changes to the batch. The result is a placeholder: the viewer has not received them yet."""

@@ -26,7 +26,7 @@ from scenegate.tree.answer import UNSUPPORTED, Answer, TreeViewerError, answer_o
 from scenegate.tree.callbacks import Callback, CallbackThreads, ClickListener
 from scenegate.tree.control_panel import ControlPanel
 from scenegate.tree.controls import ControlFolder
-from scenegate.tree.nodes import Batch, Node, transforms_of
+from scenegate.tree.nodes import Batch, NodeHandle, transforms_of
 from scenegate.tree.notebook import NotebookViews
 from scenegate.tree.requests import Requests
 from scenegate.tree.robot import PublishedRobot, read_robot_for
@@ -83,8 +83,8 @@ class TreeViewer(NotebookViews, Closing):
         """URL of the LCM network."""
         return self.requests.connection.url
 
-    def __getitem__(self, key: Key) -> Node:
-        return Node(self, path_of(key))
+    def __getitem__(self, key: Key) -> NodeHandle:
+        return NodeHandle(self, path_of(key))
 
     def close(self) -> None:
         """Close the connection. The published geometry stays in the viewer; the controls are removed."""
@@ -107,7 +107,7 @@ class TreeViewer(NotebookViews, Closing):
 
     def delete(self) -> Answer:
         """Delete everything in the viewer, including the geometry of other clients."""
-        return Node(self, ()).delete()
+        return NodeHandle(self, ()).delete()
 
     def set_view(
         self,

@@ -87,7 +87,7 @@ _TYPES: Final[Mapping[str, tuple[type[Geometry], Callable[..., tuple[Part, ...]]
     **{solid.kind: (solid, None) for solid in Solid.__subclasses__()},
     "line": (messages.Line, array_geometry.line),
     "mesh_data": (messages.PlainMesh, array_geometry.mesh_data),
-    "mesh": (messages.Mesh, image_geometry.mesh),
+    "mesh": (messages.MeshGeometry, image_geometry.mesh),
     "pointcloud": (messages.PointCloud, array_geometry.pointcloud),
     "planar_lidar": (messages.PlanarLidar, array_geometry.planar_lidar),
     "mesh_file": (MeshFile, mesh_file_geometry.mesh_file),

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from gateway.adapters.treeviewer import json_kernels
 from gateway.adapters.treeviewer.json_kernels import TextArray
-from gateway.adapters.treeviewer.requests import RequestError
+from gateway.adapters.treeviewer.requests import UnreadableRequestError
 
 MIN_NUMBERS: Final = 256
 """Shorter arrays stay in the JSON text. Paths must stay there, and Python decodes few numbers quickly."""
@@ -223,7 +223,7 @@ class NumberArrays:
         numbers, error_at = json_kernels.read_numbers(self._text, array.begin, array.end, array.number_count)
         if error_at >= 0:
             excerpt = bytes(self._text[error_at : error_at + 12]).decode("ascii", "replace")
-            raise RequestError(
+            raise UnreadableRequestError(
                 f"the request is not valid JSON at byte {error_at}: {excerpt!r} where a number should be"
             )
         return numbers.reshape(array.rows, array.columns) if array.dimensions == 2 else numbers

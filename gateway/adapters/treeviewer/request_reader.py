@@ -23,7 +23,7 @@ from gateway.adapters.treeviewer.config import Limits
 from gateway.adapters.treeviewer.context import ReadContext
 from gateway.adapters.treeviewer.number_arrays import EXTENSION, unpack
 from gateway.adapters.treeviewer.regular_commands import list_types
-from gateway.adapters.treeviewer.requests import Request, RequestError
+from gateway.adapters.treeviewer.requests import Request, UnreadableRequestError
 from scenegate.messages.field_kinds import show
 
 DECODE_ERRORS: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
@@ -77,7 +77,7 @@ class RequestReader(ABC):
         if message is None:
             return request
         if not isinstance(message, dict):
-            raise RequestError(f"the request must be {self.type_text}, not {show(message)}")
+            raise UnreadableRequestError(f"the request must be {self.type_text}, not {show(message)}")
         for name, command in COMMANDS.items():
             used_name = command.older_name if command.older_name and command.older_name in message else name
             if (value := message.get(used_name)) is not None:
@@ -125,7 +125,9 @@ class JsonReader(RequestReader):
         """Return the JSON text without its long arrays."""
         json_text = context.arrays.extract(data)
         if len(json_text) > self.limits.json_bytes:
-            raise RequestError(f"the request has {len(json_text)} bytes of JSON, the limit is {self.limits.json_bytes}")
+            raise UnreadableRequestError(
+                f"the request has {len(json_text)} bytes of JSON, the limit is {self.limits.json_bytes}"
+            )
         return json_text
 
     def decode_plain(self, data: bytes | memoryview) -> Any:
@@ -133,11 +135,13 @@ class JsonReader(RequestReader):
         try:
             return json.loads(bytes(data).decode())
         except UnicodeDecodeError as error:
-            raise RequestError(f"the request is not valid JSON text: {error.reason} at byte {error.start}") from None
+            raise UnreadableRequestError(
+                f"the request is not valid JSON text: {error.reason} at byte {error.start}"
+            ) from None
         except RecursionError:
-            raise RequestError("the request is nested too deeply") from None
+            raise UnreadableRequestError("the request is nested too deeply") from None
         except ValueError as error:  # not JSON, or an integer of more digits than Python converts
-            raise RequestError(f"the request is not valid JSON ({error})") from None
+            raise UnreadableRequestError(f"the request is not valid JSON ({error})") from None
 
 
 class UnknownExtension:
@@ -167,9 +171,9 @@ class MsgpackReader(RequestReader):
         limit = self.limits.binary_objects
         count_or_error = msgpack_kernels.count_values(np.frombuffer(data, np.uint8), limit)
         if count_or_error in SYNTAX_ERRORS:
-            raise RequestError(f"the request is not valid MessagePack ({SYNTAX_ERRORS[count_or_error]})")
+            raise UnreadableRequestError(f"the request is not valid MessagePack ({SYNTAX_ERRORS[count_or_error]})")
         if count_or_error > limit:
-            raise RequestError(f"the request has more than {limit} objects besides its arrays, the limit")
+            raise UnreadableRequestError(f"the request has more than {limit} objects besides its arrays, the limit")
         return data
 
     def decode_plain(self, data: bytes | memoryview) -> Any:
@@ -177,4 +181,4 @@ class MsgpackReader(RequestReader):
         try:
             return self.any_decoder.decode(data)
         except DECODE_ERRORS as error:
-            raise RequestError(f"the request is not valid MessagePack ({error})") from None
+            raise UnreadableRequestError(f"the request is not valid MessagePack ({error})") from None

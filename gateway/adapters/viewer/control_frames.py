@@ -34,7 +34,7 @@ class ControlFrames:
         if frame is None:
             builder = FrameBuilder()
             samples = [(control_id, builder.add_array(rows)) for control_id, rows in store.samples_since(revision)]
-            header = messages.ControlsMessage(
+            header = messages.PageControls(
                 controls=store.controls_since(revision), values=store.values_since(revision), samples=samples
             )
             frame = self._frames[revision] = builder.finish(header)

@@ -82,8 +82,8 @@ class DracoMeshes:
         """Decompress all primitives of the document; return the results by the index of their buffer view."""
         data_by_view: dict[int, bytes] = {}
         for mesh in self._document.meshes or ():
-            for primitive in (mesh.primitives or ()) if isinstance(mesh, schema.Mesh) else ():
-                if not isinstance(primitive, schema.Primitive):
+            for primitive in (mesh.primitives or ()) if isinstance(mesh, schema.GltfMesh) else ():
+                if not isinstance(primitive, schema.GltfPrimitive):
                     continue
                 with as_warning([], ""):  # ignored here: ``read`` raises the error again if the primitive is drawn
                     source = extension(primitive.extensions, EXTENSION, schema.DracoCompression, "", [])

@@ -103,7 +103,7 @@ def _with_nodes(nodes: SceneNodes, added: list[_AddedNodes]) -> SceneNodes:
     for original, parent, X_parent_node in added:
         count, mesh = len(X_parent_node), meshes[original]
         indices += [indices[original]] * count
-        sources += [schema.Node(name=sources[original].name, mesh=mesh)] * count
+        sources += [schema.GltfNode(name=sources[original].name, mesh=mesh)] * count
         parents += [parent] * count
         meshes[original] = None
         meshes += [mesh] * count

@@ -31,7 +31,7 @@ from gateway.files.gltf.nodes import INSTANCING, NodeParts, SceneNodes, read_nod
 from gateway.files.gltf.parser import check_extensions, check_version, parse_document
 from gateway.files.gltf.part_reader import PartReader, count_elements
 from gateway.files.gltf.scene import GltfScene, mesh_names, read_cameras
-from gateway.files.gltf.schema import DRAKE_MERGER, Mesh
+from gateway.files.gltf.schema import DRAKE_MERGER, GltfMesh
 from gateway.files.gltf.textures import Textures
 from renderers.cache import CacheBudget
 from renderers.stop import check_stop
@@ -106,7 +106,9 @@ def read_gltf(
         posed_parts=posed_parts,
         mesh_names=names,
         element_counts={mesh: count_elements(mesh_parts) for mesh, mesh_parts in parts.items()},
-        morphed_mesh_count=sum(isinstance(mesh, Mesh) and any(mesh.weights or ()) for mesh in document.meshes or ()),
+        morphed_mesh_count=sum(
+            isinstance(mesh, GltfMesh) and any(mesh.weights or ()) for mesh in document.meshes or ()
+        ),
         warnings=tuple(warnings),
         mesh_bytes=meshes.nbytes,
     )

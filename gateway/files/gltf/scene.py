@@ -97,11 +97,13 @@ class GltfScene:
         if not self.content.cameras:
             return None
         source = self.content.cameras[0]
-        return _camera(source if isinstance(source, schema.Camera) else schema.Camera(), 0, "", OPENGL_FROM_OPTICAL)
+        return _camera(
+            source if isinstance(source, schema.GltfCamera) else schema.GltfCamera(), 0, "", OPENGL_FROM_OPTICAL
+        )
 
 
 def read_cameras(
-    document_cameras: list[schema.Camera | None], nodes: SceneNodes, warnings: list[str]
+    document_cameras: list[schema.GltfCamera | None], nodes: SceneNodes, warnings: list[str]
 ) -> tuple[GltfCamera, ...]:
     """Return the camera of each node that has one, parents first. A reference to no camera gives a warning."""
     cameras = []
@@ -109,7 +111,7 @@ def read_cameras(
         if node.camera is None:
             continue
         source = document_cameras[node.camera] if 0 <= node.camera < len(document_cameras) else None
-        if isinstance(source, schema.Camera):
+        if isinstance(source, schema.GltfCamera):
             cameras.append(_camera(source, node.camera, node.name, _optical_pose(X_world_node)))
             continue
         with as_warning(warnings, "the node has no camera"):
@@ -117,7 +119,7 @@ def read_cameras(
     return tuple(cameras)
 
 
-def _camera(source: schema.Camera, index: int, node_name: str | None, X_world_camera: Matrix) -> GltfCamera:
+def _camera(source: schema.GltfCamera, index: int, node_name: str | None, X_world_camera: Matrix) -> GltfCamera:
     """Return a camera of the document with a pose. A perspective wins over an orthographic projection beside it."""
     is_perspective = source.perspective is not None
     projection = source.perspective or source.orthographic or schema.Projection()
@@ -147,7 +149,7 @@ def _optical_pose(X_world_node: Matrix) -> Matrix:
     return pose
 
 
-def mesh_names(nodes: SceneNodes, meshes: list[schema.Mesh | None] | None) -> dict[int, str]:
+def mesh_names(nodes: SceneNodes, meshes: list[schema.GltfMesh | None] | None) -> dict[int, str]:
     """Return a name for each mesh in use, by mesh index. Meshes without a name are called after their first node.
 
     Args:
@@ -158,7 +160,7 @@ def mesh_names(nodes: SceneNodes, meshes: list[schema.Mesh | None] | None) -> di
     for position, mesh in enumerate(nodes.meshes):
         if mesh is not None and mesh not in names:
             source = meshes[mesh] if meshes is not None and 0 <= mesh < len(meshes) else None
-            name = (source.name if isinstance(source, schema.Mesh) else "") or nodes.sources[position].name
+            name = (source.name if isinstance(source, schema.GltfMesh) else "") or nodes.sources[position].name
             names[mesh] = _unique(name or f"mesh{mesh}", used)
     return names
 

@@ -95,7 +95,7 @@ class Textures:
             return Texture(image, self._sampler(texture.sampler, index), name=image_name)
         return None
 
-    def _webp_source(self, texture: schema.Texture, index: int) -> int | None:
+    def _webp_source(self, texture: schema.GltfTexture, index: int) -> int | None:
         """Return the image of EXT_texture_webp, for a texture without a source of its own."""
         # When Drake's client merges several files, it does not adapt the indices in extensions.
         webp = None if self._document.from_drake else texture.extensions
