@@ -20,7 +20,7 @@ from gateway.files.gltf.materials import DEFAULT_MATERIAL as DEFAULT_MATERIAL
 from gateway.files.gltf.materials import label_from_material as label_from_material
 from gateway.files.gltf.reader import read_gltf as read_gltf
 from gateway.files.gltf.reader import read_mesh_names as read_mesh_names
-from gateway.files.gltf.scene import GltfCamera as GltfCamera
+from gateway.files.gltf.scene import PlacedCamera as PlacedCamera
 from gateway.files.gltf.scene import GltfScene as GltfScene
 from gateway.files.gltf.schema import DRAKE_GENERATORS as DRAKE_GENERATORS
 from gateway.files.gltf.schema import DRAKE_MERGER as DRAKE_MERGER

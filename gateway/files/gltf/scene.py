@@ -23,7 +23,7 @@ _SCALE_TOLERANCE: Final = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GltfCamera:
+class PlacedCamera:
     """A camera, with the pose of the node that refers to it."""
 
     index: int
@@ -51,7 +51,7 @@ class GltfScene:
     nodes: SceneNodes
     parts: NodeParts
     """Primitives of each node."""
-    cameras: tuple[GltfCamera, ...]
+    cameras: tuple[PlacedCamera, ...]
     """One for every node with a camera, parents first."""
     lights: tuple[Light, ...]
     """Lights of KHR_lights_punctual, in the document's world frame."""
@@ -85,7 +85,7 @@ class GltfScene:
         return self.generator in DRAKE_GENERATORS
 
     @property
-    def camera(self) -> GltfCamera | None:
+    def camera(self) -> PlacedCamera | None:
         """The camera of a render request: camera 0 of the document, at the first node that refers to it.
 
         Without such a node, it is at the origin and looks along -Z. The result is None for a document without cameras:
@@ -104,7 +104,7 @@ class GltfScene:
 
 def read_cameras(
     document_cameras: list[schema.GltfCamera | None], nodes: SceneNodes, warnings: list[str]
-) -> tuple[GltfCamera, ...]:
+) -> tuple[PlacedCamera, ...]:
     """Return the camera of each node that has one, parents first. A reference to no camera gives a warning."""
     cameras = []
     for index, node, X_world_node in zip(nodes.indices, nodes.sources, nodes.X_world_node, strict=True):
@@ -119,11 +119,11 @@ def read_cameras(
     return tuple(cameras)
 
 
-def _camera(source: schema.GltfCamera, index: int, node_name: str | None, X_world_camera: Matrix) -> GltfCamera:
+def _camera(source: schema.GltfCamera, index: int, node_name: str | None, X_world_camera: Matrix) -> PlacedCamera:
     """Return a camera of the document with a pose. A perspective wins over an orthographic projection beside it."""
     is_perspective = source.perspective is not None
     projection = source.perspective or source.orthographic or schema.Projection()
-    return GltfCamera(
+    return PlacedCamera(
         index=index,
         name=source.name or node_name or "",
         X_world_camera=X_world_camera,
