@@ -25,7 +25,7 @@ from gateway.datasets.objects import SceneObject, objects_of
 from gateway.datasets.scenario.catalogue import Catalogue, read_catalogue
 from gateway.datasets.scenario.choices import SceneChoices
 from gateway.datasets.scenario.tables import ScenarioError
-from gateway.datasets.sources import Source, SourceKind
+from gateway.datasets.scene_sources import Source, SourceKind
 from gateway.datasets.views import SceneCamera, View, scene_views, usable_camera
 from gateway.files.assets.mesh_formats import MESH_LIMITS, parse_mesh
 from gateway.files.assets.scene_file import FolderFiles, SceneFileError

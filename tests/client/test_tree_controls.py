@@ -16,7 +16,7 @@ from gateway.adapters.treeviewer.protocol import RESPONSE
 from gateway.adapters.treeviewer.responses import ReadyMessage, encode
 from gateway.adapters.treeviewer.service import TreeViewerService
 from gateway.runtime.lcm.config import LcmConfig
-from gateway.scene.page.controls import ControlStore
+from gateway.scene.page.control_store import ControlStore
 from gateway.scene.tree.live import LiveTree
 from scenegate import AsyncTreeViewer, Box, TreeViewer, TreeViewerError
 from scenegate.messages.controls import Pose

@@ -14,8 +14,8 @@ import pytest
 from gateway.datasets.camera_file import CameraFile, read_camera_file
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.job import make_job
+from gateway.datasets.scene_sources import find_sources
 from gateway.datasets.scenes import load_scene
-from gateway.datasets.sources import find_sources
 from gateway.datasets.views import Intrinsics, View, camera_of, record_of, usable_camera
 from gateway.files.gltf import PlacedCamera
 from gateway.scene.draw.cameras import CameraError, OrbitCamera

@@ -11,9 +11,9 @@ import numpy as np
 
 from scenegate.messages.geometry import Geometry, MeshGeometry, Transform
 from scenegate.messages.mesh_file import MeshFile, referenced_files
-from scenegate.robots.files import RobotFiles
 from scenegate.robots.link_files import LinkFiles, color_of
 from scenegate.robots.link_model import Cone, Link, LinkGeometry, MeshReference
+from scenegate.robots.robot_files import RobotFiles
 
 _CONE_SEGMENTS: Final = 48
 

@@ -16,8 +16,8 @@ from scenegate.tree.callbacks import Callback
 from scenegate.tree.control_panel import ControlHandle, V
 from scenegate.tree.controls import ButtonHandle, ControlFolder, MaybePose, PlotHandle
 from scenegate.tree.joint_sliders import JointSliders
-from scenegate.tree.nodes import Batch, NodeHandle
-from scenegate.tree.robot import PublishedRobot
+from scenegate.tree.node_handles import Batch, NodeHandle
+from scenegate.tree.published_robot import PublishedRobot
 from scenegate.tree.viewer import TreeViewer
 
 Blocking = TypeVar("Blocking")

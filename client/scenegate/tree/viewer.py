@@ -26,10 +26,10 @@ from scenegate.tree.answer import UNSUPPORTED, Answer, TreeViewerError, answer_o
 from scenegate.tree.callbacks import Callback, CallbackThreads, ClickListener
 from scenegate.tree.control_panel import ControlPanel
 from scenegate.tree.controls import ControlFolder
-from scenegate.tree.nodes import Batch, NodeHandle, transforms_of
+from scenegate.tree.node_handles import Batch, NodeHandle, transforms_of
 from scenegate.tree.notebook import NotebookViews
+from scenegate.tree.published_robot import PublishedRobot, read_robot_for
 from scenegate.tree.requests import Requests
-from scenegate.tree.robot import PublishedRobot, read_robot_for
 from scenegate.warning_text import strict_refusal
 
 if TYPE_CHECKING:

@@ -20,9 +20,9 @@ from gateway.files.gltf import (
     DRAKE_MERGER,
     DocumentContent,
     GltfCache,
-    PlacedCamera,
     GltfScene,
     HashedDocument,
+    PlacedCamera,
     label_from_material,
     read_gltf,
 )

@@ -8,7 +8,7 @@ this order:
 - ``protocol``: the protocol without I/O. ``wire`` decodes the message.
 - ``request_reader``: turns the data in the message, JSON or MessagePack, into a ``requests.Request``. The table in
   ``commands`` says how each command is read, ``regular_commands`` has the types of frequent ones, which msgspec reads;
-  ``fields``, ``geometry`` and the files that it names read the values in commands.
+  ``fields``, ``geometry_reader`` and the files that it names read the values in commands.
 - ``number_arrays``, ``json_kernels``, ``msgpack_kernels``: long arrays in JSON and MessagePack.
 - ``apply``: executes the request on the live tree within the limits of ``quota``, and on the page.
 - ``delivery``: sends the response (``responses``), and delays those that Director's client would lose.

@@ -1,4 +1,4 @@
-"""Make parts of lines, meshes, point clouds and planar lidars. ``geometry`` calls these functions.
+"""Make parts of lines, meshes, point clouds and planar lidars. ``geometry_reader`` calls these functions.
 
 "Drawable" means finite and within ``MAX_DISTANCE``.
 """

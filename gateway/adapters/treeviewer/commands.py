@@ -16,7 +16,7 @@ import numpy as np
 
 from gateway.adapters.treeviewer import fields
 from gateway.adapters.treeviewer.context import ReadContext
-from gateway.adapters.treeviewer.geometry import read_parts
+from gateway.adapters.treeviewer.geometry_reader import read_parts
 from gateway.adapters.treeviewer.number_arrays import ArrayError
 from gateway.adapters.treeviewer.regular_commands import parts_of
 from gateway.adapters.treeviewer.requests import ControlChange, Finding, Request

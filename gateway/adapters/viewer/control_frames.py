@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from gateway.adapters.viewer import messages
 from gateway.adapters.viewer.frames import FrameBuilder
-from gateway.scene.page.controls import ControlStore
+from gateway.scene.page.control_store import ControlStore
 from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import Pose
 from scenegate.messages import controls

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from gateway.files.gltf import DRAKE_GENERATORS, AnimationTime, PlacedCamera, GltfError, read_gltf
+from gateway.files.gltf import DRAKE_GENERATORS, AnimationTime, GltfError, PlacedCamera, read_gltf
 from gateway.scene.tree.nodes import Node
 from gateway.scene.tree.nodes import Path as TreePath
 from gateway.scene.tree.transforms import Y_UP_TO_Z_UP

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.files.gltf.accessors import Accessor, Accessors
-from gateway.files.gltf.errors import GltfError, as_warning
+from gateway.files.gltf.gltf_errors import GltfError, as_warning
 from gateway.files.gltf.schema import GltfPrimitive
 from gateway.files.gltf.vertex_attributes import Floats
 from renderers.stop import check_stop

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from gateway.files.gltf import schema
-from gateway.files.gltf.errors import GltfError, as_warning, checked_item
+from gateway.files.gltf.gltf_errors import GltfError, as_warning, checked_item
 from gateway.files.gltf.nodes import SceneNodes
 from gateway.files.gltf.parser import extension, vector_or_default
 from gateway.scene.tree.transforms import Matrix

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import TypeAlias
 
 from gateway.files.gltf.deformation import REST, MeshPose
-from gateway.files.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.files.gltf.limits import GltfLimits
-from gateway.files.gltf.materials import Materials
+from gateway.files.gltf.material_reader import Materials
 from gateway.files.gltf.meshes import Meshes
 from gateway.files.gltf.nodes import SceneNodes
 from gateway.files.gltf.schema import Document, GltfMesh

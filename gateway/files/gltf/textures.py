@@ -9,7 +9,7 @@ from typing import Final
 from gateway.files.gltf import schema
 from gateway.files.gltf.buffers import Buffers
 from gateway.files.gltf.document_cache import ContentKey
-from gateway.files.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.files.gltf.limits import GltfLimits
 from gateway.files.gltf.parser import extension, vector_or_default
 from renderers.cache import Cache

@@ -16,7 +16,7 @@ from scenegate.messages.geometry import Geometry
 from scenegate.messages.wire import OK
 from scenegate.transforms import quaternions_of
 from scenegate.tree.answer import Answer
-from scenegate.tree.nodes import NodeHandle, Sender
+from scenegate.tree.node_handles import NodeHandle, Sender
 from scenegate.warning_text import NOTHING_DRAWN
 
 _NEEDS_SERVER: Final = (
@@ -109,7 +109,7 @@ def read_robot_for(
     """
     from importlib.metadata import entry_points  # these are slow to import, and most clients publish no robots
 
-    from scenegate.robots.reader import NeedsServerError, read_robot
+    from scenegate.robots.robot_reader import NeedsServerError, read_robot
 
     needs_server = NeedsServerError(_NEEDS_SERVER)
     if textures and not keyframe and options["gltf_up"] != "auto" and reads_files():

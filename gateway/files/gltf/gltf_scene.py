@@ -10,7 +10,7 @@ import numpy as np
 
 from gateway.files.gltf import schema
 from gateway.files.gltf.document_cache import DocumentContent
-from gateway.files.gltf.errors import as_warning, checked_item
+from gateway.files.gltf.gltf_errors import as_warning, checked_item
 from gateway.files.gltf.nodes import NodeParts, SceneNodes
 from gateway.files.gltf.schema import DRAKE_GENERATORS
 from gateway.scene.tree.nodes import Node, Path, PathElement

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any, Final, TypeVar
 
 from gateway.files.gltf import schema
-from gateway.files.gltf.errors import as_warning, checked_item
+from gateway.files.gltf.gltf_errors import as_warning, checked_item
 from gateway.files.gltf.parser import extension, vector_or_default
 from gateway.files.gltf.textures import Textures
 from renderers.drawlist import LABEL_NONE, AlphaMode, Material
