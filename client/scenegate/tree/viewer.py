@@ -55,7 +55,7 @@ class TreeViewer(NotebookViews, Closing):
         Args:
             url: LCM URL (``tcpq://host:7700``, ``udpm://...``); None: the environment variable LCM_DEFAULT_URL, or
                 else LCM's default.
-            timeout: seconds to wait for a response, or for a hub.
+            timeout: seconds to wait for a hub, or for a response, with a second more for every 10 MB of the request.
             binary: format of requests. True: MessagePack; False: JSON, which has no NaN and infinite numbers: ``null``
                 is sent in their place; None: MessagePack if the viewer supports it.
 
