@@ -80,7 +80,7 @@ def asking(url: str) -> Ask:
     }
     for name, count in POINTS.items():
         points, rgb = cloud_arrays(count)
-        geometries[name] = PointCloud(points, rgb=(255.0 * rgb).astype("u1") if "bytes" in name else rgb)
+        geometries[name] = PointCloud(points, colors=(255.0 * rgb).astype("u1") if "bytes" in name else rgb)
 
     paths = [f"swarm/{index}" for index in range(POSES)]
     with viewer.batch() as batch:

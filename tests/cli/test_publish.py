@@ -100,7 +100,7 @@ def test_points_are_moved_and_keep_their_colours() -> None:
     (points,) = geometries_of(Part(shape, Material(), translation(0.0, 0.0, 3.0)), None)
     assert isinstance(points, PointCloud)
     np.testing.assert_array_equal(points.points, [(0, 0, 3), (1, 2, 6)])
-    np.testing.assert_array_equal(points.rgb, rgb)
+    np.testing.assert_array_equal(points.colors, rgb)
 
 
 def test_the_texture_of_a_shape_gives_its_mean_colour() -> None:

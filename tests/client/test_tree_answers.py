@@ -238,6 +238,18 @@ def test_a_request_beyond_lcms_limit_is_not_sent(viewer: TreeViewer, monkeypatch
     assert connection(viewer).requests == [], "it is not recorded, either"
 
 
+def test_representations_and_geometry_of_the_root(viewer: TreeViewer) -> None:
+    connection(viewer).bodies = [{"status": 0}] * 2
+    node = viewer["robot", "a/b"][0]
+    assert repr(viewer) == "<TreeViewer tcpq://fake>"
+    assert repr(node) == "<NodeHandle robot/a/b/0 of <TreeViewer tcpq://fake>>"
+    with viewer.batch() as batch:
+        batch["a"].set(Sphere(1))
+        assert repr(batch["a"]) == "<NodeHandle a of <Batch of 1 paths>>"
+    viewer.set(Sphere(2))
+    assert connection(viewer).requests[-1]["setgeometry"][0]["path"] == []
+
+
 def test_the_response_to_a_big_request_may_take_longer(viewer: TreeViewer, monkeypatch: pytest.MonkeyPatch) -> None:
     times: list[float | None] = []
     future: Future[Response] = Future()

@@ -195,6 +195,7 @@ class AsyncTreeViewer:
     def __getitem__(self, key: Key) -> AsyncNode[NodeHandle]:
         return AsyncNode(NodeHandle(self._blocking, path_of(key)))
 
+    set = _in_thread(TreeViewer.set)
     delete = _in_thread(TreeViewer.delete)
     set_transforms = _in_thread(TreeViewer.set_transforms)
     set_view = _in_thread(TreeViewer.set_view)

@@ -35,6 +35,9 @@ class NodeHandle:
         self._sender = sender
         self.path = path
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {'/'.join(map(str, self.path)) or '/'} of {self._sender!r}>"
+
     def __getitem__(self, key: Key) -> NodeHandle:
         return NodeHandle(self._sender, self.path + path_of(key))
 
@@ -47,7 +50,10 @@ class NodeHandle:
         return self._send_entry(Entry([geometry.body() for geometry in geometries], transform_body))
 
     def transform(self, value: Transform | ArrayLike) -> Answer:
-        """Replace X_parent_node: a ``Transform``, (4, 4), or three numbers (a translation in metres)."""
+        """Replace X_parent_node: a ``Transform``, (4, 4), three numbers (a translation in metres), or seven.
+
+        Seven numbers are a pose: x, y, z in metres, and the quaternion w, x, y, z.
+        """
         return self._send_entry(Entry(transform=Transform.of(value).body()))
 
     def set_visible(self, visible: bool) -> Answer:
@@ -78,6 +84,9 @@ class Batch:
         self.changes = Changes()
         self.answer: Answer | None = None
         """Result of the request; None until the block has ended."""
+
+    def __repr__(self) -> str:
+        return f"<Batch of {len(self.changes.entries)} paths>"
 
     def __getitem__(self, key: Key) -> NodeHandle:
         return NodeHandle(self, path_of(key))

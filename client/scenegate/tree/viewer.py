@@ -20,6 +20,7 @@ from scenegate.messages.arguments import describe
 from scenegate.messages.changes import Changes, Key, Path, path_of
 from scenegate.messages.colors import rgba
 from scenegate.messages.field_kinds import number_list
+from scenegate.messages.geometry import Geometry, Transform
 from scenegate.messages.request_encoding import Response
 from scenegate.messages.wire import MISSING_PATHS, OK
 from scenegate.tree.answer import UNSUPPORTED, Answer, TreeViewerError, answer_of
@@ -83,6 +84,9 @@ class TreeViewer(NotebookViews, Closing):
         """URL of the LCM network."""
         return self.requests.connection.url
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.url}>"
+
     def __getitem__(self, key: Key) -> NodeHandle:
         return NodeHandle(self, path_of(key))
 
@@ -104,6 +108,10 @@ class TreeViewer(NotebookViews, Closing):
             ValueError: the shapes differ, a number is not finite, or a quaternion is zero.
         """
         return self.send(transforms_of(paths, poses))
+
+    def set(self, *geometries: Geometry, transform: Transform | ArrayLike | None = None) -> Answer:
+        """Replace the geometries of the root. See ``NodeHandle.set``."""
+        return NodeHandle(self, ()).set(*geometries, transform=transform)
 
     def delete(self) -> Answer:
         """Delete everything in the viewer, including the geometry of other clients."""

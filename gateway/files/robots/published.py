@@ -65,7 +65,7 @@ def geometries_of(part: Part, images: PartImages | None) -> Iterator[Geometry]:
     X, shape = part.X_node_part, part.shape
     if isinstance(shape, scene.PointCloud):
         points = shape.points @ X[:3, :3].T + X[:3, 3]
-        yield PointCloud(points, rgb=shape.channels.get("rgb"), color=_color(part.material))
+        yield PointCloud(points, colors=shape.channels.get("rgb"), color=_color(part.material))
         return
     if isinstance(shape, Solid) and is_rotation(X[:3, :3], _RIGID_TOLERANCE):
         transform = Transform(X[:3, 3].tolist(), quaternions_of(X[None, :3, :3])[0].tolist())
