@@ -19,11 +19,13 @@ from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
 from scenegate.messages.arguments import as_array, describe
-from scenegate.messages.colors import ImageLike, color_rows, image_field, rgba
+from scenegate.messages.colors import RANGE_TOLERANCE, ImageLike, color_rows, image_field, rgba
 from scenegate.messages.request_encoding import empty_with_header
 from scenegate.transforms import Vector
 from scenegate.warning_text import NOTHING_DRAWN
 
+MAX_COLOR: Final = 1.0 + RANGE_TOLERANCE
+"""Colours above it are reported."""
 MAX_DISTANCE: Final = 1e15
 """Maximum of drawable lengths and coordinates, in metres. The squares of larger ones may overflow float32."""
 MAX_PIXELS: Final = 256.0
@@ -141,6 +143,8 @@ def read_color(value: Any, name: str, reader: FieldReader) -> tuple[float, float
         reader.warnings.append(f"{name} has {len(value)} numbers, the first 4 are used")
         value = value[:4]
     r, g, b, *alpha = numbers(value, name, len(value))
+    if max(r, g, b) > MAX_COLOR:
+        reader.warnings.append(f"{name} has {max(r, g, b):g}, colours are from 0 to 1; it counts as 1")
     return _clamp(r), _clamp(g), _clamp(b), _clamp(alpha[0]) if alpha else 1.0
 
 

@@ -142,7 +142,7 @@ def _channel_arrays(value: Any, count: int, context: ReadContext) -> dict[str, N
             context.warnings.append(f"channel {show(name)} has {len(array)} values for {count} points; it is ignored")
             continue
         if name in ("rgb", "intensity"):
-            scale_colors(array, values)
+            scale_colors(array, values, f"channel {show(name)}", context.warnings)
         channels[name] = array
     return channels
 

@@ -42,7 +42,9 @@ def _solid_type(solid: type[Solid]) -> type[msgspec.Struct]:
         (field.name, field.kind.regular) if field.required else (field.name, field.kind.regular, field.default)
         for field in fields_of(solid)
     ]
-    return msgspec.defstruct(solid.kind, fields, bases=(_SolidMessage,), gc=False, kw_only=True, tag=solid.kind)
+    return msgspec.defstruct(
+        solid.kind, fields, bases=(_SolidMessage,), gc=False, kw_only=True, tag=solid.kind, forbid_unknown_fields=True
+    )
 
 
 _SOLIDS: Final[Mapping[type[msgspec.Struct], tuple[type[Solid], tuple[str, ...]]]] = {
