@@ -31,7 +31,7 @@ from bench.running import tree_of
 from bench.table import Row, at_least, at_most, show, skipped
 from bench.treeviewer_clients import Figures, process, started
 from bench.treeviewer_peers import MILLION, cloud_arrays, mesh_arrays
-from scenegate import Box, Geometry, Heightmap, ImagePlane, Mesh, PointCloud, TreeViewer
+from scenegate import Box, Geometry, Heightmap, ImagePlane, MeshGeometry, PointCloud, TreeViewer
 
 OURS = ("ours, tcpq", "ours, udp")
 PEER = "meshcat"
@@ -73,14 +73,14 @@ def asking(url: str) -> Ask:
     vertices, faces = mesh_arrays()
     pixels = np.random.default_rng(1).integers(0, 256, (1000, 1000, 3), np.uint8)
     geometries: dict[str, Geometry] = {
-        "mesh 100k": Mesh(vertices, faces),
-        "mesh 100k, image": Mesh(vertices, faces, uv=vertices[:, :2], image=pixels[:256, :256]),
+        "mesh 100k": MeshGeometry(vertices, faces),
+        "mesh 100k, image": MeshGeometry(vertices, faces, uv=vertices[:, :2], image=pixels[:256, :256]),
         "heightmap 300 x 300": Heightmap(pixels[:300, :300, 0] / 255.0, (1.0, 1.0)),
         "image 1 megapixel": ImagePlane(pixels, width=1.0),
     }
     for name, count in POINTS.items():
         points, rgb = cloud_arrays(count)
-        geometries[name] = PointCloud(points, rgb=(255.0 * rgb).astype("u1") if "bytes" in name else rgb)
+        geometries[name] = PointCloud(points, colors=(255.0 * rgb).astype("u1") if "bytes" in name else rgb)
 
     paths = [f"swarm/{index}" for index in range(POSES)]
     with viewer.batch() as batch:

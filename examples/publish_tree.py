@@ -29,7 +29,7 @@ with TreeViewer(network) as viewer:
     points = np.random.default_rng(1).normal(scale=0.2, size=(20_000, 3)).astype(np.float32)
     rgb = np.clip(128 + 300 * points, 0, 255).astype(np.uint8)
     with viewer.batch() as batch:  # everything of it becomes visible at once
-        batch["cloud"].set(PointCloud(points, rgb=rgb))
+        batch["cloud"].set(PointCloud(points, colors=rgb))
         batch["cloud"].transform((0.8, 0.8, 0.3))
 
     for step in range(50):

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway.files.robots.reader import read_robot
-from scenegate.robots.errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError
 
 PATTERNS: Final = ("*.urdf", "*.sdf")
 START: Final = "<!-- robots: python -m tools.robots_table -->\n"

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from scenegate.messages.geometry import Ellipsoid as Ellipsoid
     from scenegate.messages.geometry import Geometry as Geometry
     from scenegate.messages.geometry import Line as Line
-    from scenegate.messages.geometry import Mesh as Mesh
+    from scenegate.messages.geometry import MeshGeometry as MeshGeometry
     from scenegate.messages.geometry import PlanarLidar as PlanarLidar
     from scenegate.messages.geometry import PointCloud as PointCloud
     from scenegate.messages.geometry import Sphere as Sphere
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from scenegate.tree.aio import AsyncTreeViewer as AsyncTreeViewer
     from scenegate.tree.answer import Answer as Answer
     from scenegate.tree.answer import TreeViewerError as TreeViewerError
-    from scenegate.tree.nodes import Batch as Batch
-    from scenegate.tree.nodes import Node as Node
-    from scenegate.tree.robot import PublishedRobot as PublishedRobot
+    from scenegate.tree.node_handles import Batch as Batch
+    from scenegate.tree.node_handles import NodeHandle as NodeHandle
+    from scenegate.tree.published_robot import PublishedRobot as PublishedRobot
     from scenegate.tree.viewer import TreeViewer as TreeViewer
 
 __version__: Final = "0.1.0"
@@ -43,14 +43,14 @@ _MODULES: Final = {
     "messages.clicks": ("Click",),
     "messages.geometry": (
         *("Box", "Capsule", "Cylinder", "Ellipsoid", "Geometry", "Line"),
-        *("Mesh", "PlanarLidar", "PointCloud", "Sphere", "Transform", "Triad"),
+        *("MeshGeometry", "PlanarLidar", "PointCloud", "Sphere", "Transform", "Triad"),
     ),
     "messages.image_geometry": ("CameraFrustum", "Heightmap", "ImagePlane", "Text"),
     "messages.mesh_file": ("MeshFile",),
     "tree.aio": ("AsyncTreeViewer",),
     "tree.answer": ("Answer", "TreeViewerError"),
-    "tree.nodes": ("Batch", "Node"),
-    "tree.robot": ("PublishedRobot",),
+    "tree.node_handles": ("Batch", "NodeHandle"),
+    "tree.published_robot": ("PublishedRobot",),
     "tree.viewer": ("TreeViewer",),
 }
 """Exported names by module."""

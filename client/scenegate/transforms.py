@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 Matrix = NDArray[np.float64]
 """(4, 4) float64."""
+Vector: TypeAlias = Sequence[float] | NDArray[Any]
+"""A few numbers."""
 
 
 def _identity() -> Matrix:
@@ -26,7 +28,7 @@ SAFE_SQUARED_NORMS: Final = (1e-200, 1e200)
 """Range of squared norms for which a quaternion is normalised without underflow or overflow."""
 
 
-def from_pose(translation: Sequence[float], quaternion: Sequence[float]) -> Matrix:
+def from_pose(translation: Vector, quaternion: Vector) -> Matrix:
     """Return a rigid transform.
 
     Args:

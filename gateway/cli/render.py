@@ -15,7 +15,7 @@ from gateway.cli.render_options import RenderOptions
 
 if TYPE_CHECKING:
     from gateway.datasets.classes import ClassTable
-    from gateway.datasets.sources import Source
+    from gateway.datasets.scene_sources import Source
     from gateway.datasets.views import View
     from scenegate.datasets.manifest import ImageType, Settings
 
@@ -84,7 +84,7 @@ def _render_dataset(
     from gateway.cli.render_dataset import render_dataset
     from gateway.datasets.camera_file import CameraFile, read_camera_file
     from gateway.datasets.job import make_job
-    from gateway.datasets.sources import find_scenes
+    from gateway.datasets.scene_sources import find_scenes
 
     out = options.out.absolute()
     cameras = CameraFile() if options.cameras is None else read_camera_file(options.cameras)

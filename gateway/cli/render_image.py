@@ -7,8 +7,8 @@ from pathlib import Path
 import typer
 
 from gateway.datasets.rendering import IMAGE_FORMATS, OUTPUTS, render_images, rig_warning, style_of
+from gateway.datasets.scene_sources import SourceKind, find_sources
 from gateway.datasets.scenes import SceneError, load_options, load_scene
-from gateway.datasets.sources import SourceKind, find_sources
 from gateway.datasets.views import View, camera_of
 from renderers.raster import CpuRenderer
 from renderers.stop import run_within

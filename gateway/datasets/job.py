@@ -12,7 +12,7 @@ from typing import Final
 from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.classes import NO_CLASSES, ClassTable
 from gateway.datasets.errors import DatasetError
-from gateway.datasets.sources import Source, SourceKind
+from gateway.datasets.scene_sources import Source, SourceKind
 from gateway.datasets.views import REQUEST_VIEW_NAME, SceneCamera, View
 from scenegate.datasets.manifest import FailureRecord, SampleRecord, Settings
 

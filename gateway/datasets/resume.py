@@ -12,8 +12,8 @@ from typing import Final
 
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.job import Job
+from gateway.datasets.scene_sources import Source
 from gateway.datasets.scenes import scene_digest
-from gateway.datasets.sources import Source
 from renderers.stop import StopFlag, check_stop
 from scenegate.datasets import manifest
 from scenegate.datasets.manifest import RecordError, SampleRecord, Settings, SourceFile

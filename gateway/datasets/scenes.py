@@ -25,11 +25,11 @@ from gateway.datasets.objects import SceneObject, objects_of
 from gateway.datasets.scenario.catalogue import Catalogue, read_catalogue
 from gateway.datasets.scenario.choices import SceneChoices
 from gateway.datasets.scenario.tables import ScenarioError
-from gateway.datasets.sources import Source, SourceKind
+from gateway.datasets.scene_sources import Source, SourceKind
 from gateway.datasets.views import SceneCamera, View, scene_views, usable_camera
 from gateway.files.assets.mesh_formats import MESH_LIMITS, parse_mesh
 from gateway.files.assets.scene_file import FolderFiles, SceneFileError
-from gateway.files.gltf import GltfCamera, read_mesh_names
+from gateway.files.gltf import PlacedCamera, read_mesh_names
 from gateway.files.robots.scene_files import DEFAULT_OPTIONS, GLTF_SUFFIXES, SceneOptions, read_scene
 from gateway.runtime.logs.warning_list import WarningList
 from gateway.scene.draw.flatten import flatten
@@ -80,7 +80,7 @@ class LoadedScene:
     """Content of ``scene.json``."""
     look: LookName = "studio"
     """Look that ``--look auto`` chooses for this scene."""
-    file_camera: GltfCamera | None = None
+    file_camera: PlacedCamera | None = None
     """First camera of a glTF file; None if there is none."""
     request: RenderRequest | None = None
     """The recorded request, which has its own scene, camera, size and type of image; None for other scenes."""

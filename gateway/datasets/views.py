@@ -17,7 +17,7 @@ import numpy as np
 
 from gateway.adapters.render.errors import RequestError
 from gateway.adapters.render.pipeline import rigid_pose
-from gateway.files.gltf import GltfCamera
+from gateway.files.gltf import PlacedCamera
 from gateway.scene.draw.cameras import (
     CameraError,
     CameraSpec,
@@ -132,7 +132,7 @@ def camera_of(
     view: View,
     root: Node,
     draw_list: DrawList,
-    file_camera: GltfCamera | None,
+    file_camera: PlacedCamera | None,
     width: int,
     height: int,
     fovy: float,
@@ -185,7 +185,7 @@ def camera_of(
         raise CameraError(f"view {view.name}: {error}") from None
 
 
-def usable_camera(cameras: Sequence[GltfCamera], draw_list: DrawList) -> tuple[GltfCamera | None, tuple[str, ...]]:
+def usable_camera(cameras: Sequence[PlacedCamera], draw_list: DrawList) -> tuple[PlacedCamera | None, tuple[str, ...]]:
     """Return the first camera of a scene file that can be used, if any, and warnings about those before it."""
     warnings: list[str] = []
     for camera in cameras:
@@ -198,7 +198,7 @@ def usable_camera(cameras: Sequence[GltfCamera], draw_list: DrawList) -> tuple[G
     return None, tuple(warnings)
 
 
-def _camera_from_file(file_camera: GltfCamera, width: int, height: int, draw_list: DrawList) -> Camera:
+def _camera_from_file(file_camera: PlacedCamera, width: int, height: int, draw_list: DrawList) -> Camera:
     """Return the camera of a scene file for an image size in pixels."""
     near, far = file_camera.znear, file_camera.zfar
     try:

@@ -31,8 +31,8 @@ from gateway.datasets.rendering import (
     style_of,
 )
 from gateway.datasets.scenario.tables import ScenarioError
+from gateway.datasets.scene_sources import Source
 from gateway.datasets.scenes import LoadedScene, SceneError, load_options, load_scene
-from gateway.datasets.sources import Source
 from gateway.datasets.views import Intrinsics, View, camera_of, record_of
 from gateway.files.robots.scene_files import SceneOptions
 from gateway.runtime.workers import process_tuning

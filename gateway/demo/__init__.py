@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from gateway.demo.motion import PERIOD, poses
+from gateway.demo.demo_motion import PERIOD, poses
 from gateway.demo.objects import scene_parts
 from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import TreeEdit

@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.demo.meshes import globe, knot, relief, ring, textured_box, tile, wall
-from gateway.demo.motion import CRYSTAL_BALL, ORBIT_RADIUS
+from gateway.demo.demo_meshes import globe, knot, relief, ring, textured_box, tile, wall
+from gateway.demo.demo_motion import CRYSTAL_BALL, ORBIT_RADIUS
 from gateway.scene.tree.geometry import Line, Part, PointCloud, Shape, Surface
 from gateway.scene.tree.nodes import Path
 from gateway.scene.tree.transforms import Matrix, from_pose, translation

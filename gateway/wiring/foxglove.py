@@ -33,7 +33,7 @@ async def setup(context: Context) -> None:
 
 
 class StereoCamera:
-    """The stereo camera as Foxglove's service uses it: ``gateway.adapters.foxglove.sources.CameraSource``."""
+    """The stereo camera as Foxglove's service uses it: ``gateway.adapters.foxglove.foxglove_sources.CameraSource``."""
 
     def __init__(self, service: StereoService) -> None:
         self._service = service

@@ -21,8 +21,7 @@ from renderers.drawlist import AlphaMode, Image, ImageError, Material, Mesh, Tex
 from renderers.images import decode_image
 from scenegate.cli.publish import _read_request
 from scenegate.messages.changes import Changes, Entry
-from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, PointCloud, Sphere, Transform
-from scenegate.messages.geometry import Mesh as Triangles
+from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, MeshGeometry, PointCloud, Sphere, Transform
 from tests.adapters.treeviewer.conversation import BOX
 from tests.files.robots.files import ARM, TRIANGLE, write
 from tests.support import clients
@@ -85,7 +84,7 @@ def test_parts_become_meshes_and_points_of_the_path() -> None:
     surface = Surface(Mesh(box.positions @ X_part_box[:3, :3].T.astype(np.float32), box.elements))
     for X in (translation(10.0, 0.0, 0.0), translation(10.0, 0.0, 0.0) @ mirror):
         (mesh,) = geometries_of(Part(surface, material, X), None)
-        assert isinstance(mesh, Triangles)
+        assert isinstance(mesh, MeshGeometry)
         vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
         assert vertices.min(0) == pytest.approx((9, -2, -3))
         assert vertices.max(0) == pytest.approx((11, 2, 3))
@@ -101,7 +100,7 @@ def test_points_are_moved_and_keep_their_colours() -> None:
     (points,) = geometries_of(Part(shape, Material(), translation(0.0, 0.0, 3.0)), None)
     assert isinstance(points, PointCloud)
     np.testing.assert_array_equal(points.points, [(0, 0, 3), (1, 2, 6)])
-    np.testing.assert_array_equal(points.rgb, rgb)
+    np.testing.assert_array_equal(points.colors, rgb)
 
 
 def test_the_texture_of_a_shape_gives_its_mean_colour() -> None:
@@ -122,7 +121,7 @@ def test_meshes_keep_textures_and_vertex_colours() -> None:
     for mode, channels in ((AlphaMode.BLEND, 4), (AlphaMode.OPAQUE, 3)):
         material = Material(base_color=(1.0, 0.0, 0.0, 1.0), base_color_texture=halved, alpha_mode=mode)
         (mesh,) = geometries_of(Part(triangle(uv0=uv), material), PartImages())
-        assert isinstance(mesh, Triangles)
+        assert isinstance(mesh, MeshGeometry)
         assert mesh.color == pytest.approx([1.0, 0.0, 0.0, 1.0])
         np.testing.assert_array_equal(mesh.uv, 0.5 * uv + (0.25, 0.0))
         decoded = decode_image(mesh.image)  # type: ignore[arg-type]  # bytes
@@ -130,7 +129,7 @@ def test_meshes_keep_textures_and_vertex_colours() -> None:
         assert mesh.body()["type"] == "mesh"
     linear = np.array([(1, 0, 0, 1), (0.5, 0.5, 0.5, 0.5), (0, 0, 0, 0)], np.float32)
     (mesh,) = geometries_of(Part(triangle(colors=linear), Material()), PartImages())
-    assert isinstance(mesh, Triangles)
+    assert isinstance(mesh, MeshGeometry)
     np.testing.assert_allclose(np.asarray(mesh.colors)[1], (0.7354, 0.7354, 0.7354, 0.5), atol=1e-4)
     (plain,) = geometries_of(Part(triangle(colors=linear), Material()), None)
     assert plain.body()["type"] == "mesh_data"
@@ -146,7 +145,7 @@ def test_large_textures_are_reduced_and_broken_ones_are_left_out() -> None:
     for image in (large, Image(b"broken", fail)):
         material = Material(base_color_texture=Texture(image))
         (mesh,) = geometries_of(Part(triangle(uv0=uv), material), PartImages())
-        assert isinstance(mesh, Triangles)
+        assert isinstance(mesh, MeshGeometry)
         if image is large:
             assert decode_image(mesh.image).shape == (50, MAX_IMAGE_SIDE, 4)  # type: ignore[arg-type]  # bytes
         else:
@@ -157,7 +156,7 @@ def test_photographs_are_jpeg_files() -> None:
     noise = np.random.default_rng(1).integers(0, 256, (800, 800, 4), np.uint8)
     material = Material(base_color_texture=Texture(Image(b"noise", lambda: noise)))
     (mesh,) = geometries_of(Part(triangle(uv0=np.zeros((3, 2), np.float32)), material), PartImages())
-    assert isinstance(mesh, Triangles)
+    assert isinstance(mesh, MeshGeometry)
     assert isinstance(mesh.image, bytes)
     assert mesh.image.startswith(b"\xff\xd8")
 

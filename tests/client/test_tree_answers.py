@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future
 from typing import Any
 
 import msgspec
@@ -13,11 +14,12 @@ import pytest
 
 from scenegate.messages import wire
 from scenegate.messages.changes import Changes, Entry, path_of
-from scenegate.messages.geometry import PointCloud, Sphere
-from scenegate.messages.request_encoding import encode_request
+from scenegate.messages.geometry import Box, PointCloud, Sphere
+from scenegate.messages.request_encoding import Response, encode_request
 from scenegate.tree import requests as requests_module
 from scenegate.tree import viewer as viewer_module
 from scenegate.tree.answer import Answer, TreeViewerError
+from scenegate.tree.requests import SentRequest
 from scenegate.tree.viewer import MAX_LOGGED, TreeViewer
 from tests.support.waiting import SECONDS
 
@@ -228,9 +230,32 @@ def test_everything_is_sent_again_in_parts(viewer: TreeViewer, monkeypatch: pyte
 def test_a_request_beyond_lcms_limit_is_not_sent(viewer: TreeViewer, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(requests_module, "MAX_REQUEST_BYTES", 3000)
     with pytest.raises(ValueError, match=r"^the request has \d+ bytes, the limit is 3000: send it in parts$"):
-        viewer["a"].set(PointCloud(np.zeros((1000, 3))))
+        viewer["a"].set(*[Box((1, 1, 1))] * 100)
+    monkeypatch.setattr(requests_module, "encode_request", None)
+    with pytest.raises(ValueError, match=r"at least 6000 bytes, the limit is 3000"):
+        viewer["a"].set(PointCloud(np.zeros((2000, 3))))
     connection(viewer).announce(response(timestamp=0, status=0, ready=True))
     assert connection(viewer).requests == [], "it is not recorded, either"
+
+
+def test_representations_and_geometry_of_the_root(viewer: TreeViewer) -> None:
+    connection(viewer).bodies = [{"status": 0}] * 2
+    node = viewer["robot", "a/b"][0]
+    assert repr(viewer) == "<TreeViewer tcpq://fake>"
+    assert repr(node) == "<NodeHandle robot/a/b/0 of <TreeViewer tcpq://fake>>"
+    with viewer.batch() as batch:
+        batch["a"].set(Sphere(1))
+        assert repr(batch["a"]) == "<NodeHandle a of <Batch of 1 paths>>"
+    viewer.set(Sphere(2))
+    assert connection(viewer).requests[-1]["setgeometry"][0]["path"] == []
+
+
+def test_the_response_to_a_big_request_may_take_longer(viewer: TreeViewer, monkeypatch: pytest.MonkeyPatch) -> None:
+    times: list[float | None] = []
+    future: Future[Response] = Future()
+    monkeypatch.setattr(future, "result", times.append)
+    viewer.requests.wait(SentRequest(1, future, 50_000_000))
+    assert times == [viewer.requests.timeout + 5.0]
 
 
 @pytest.mark.parametrize(

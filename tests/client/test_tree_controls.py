@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from gateway.adapters.treeviewer import request_reader
+from gateway.adapters.treeviewer.commands import COMMANDS
 from gateway.adapters.treeviewer.config import TreeViewerConfig
 from gateway.adapters.treeviewer.protocol import RESPONSE
 from gateway.adapters.treeviewer.responses import ReadyMessage, encode
 from gateway.adapters.treeviewer.service import TreeViewerService
 from gateway.runtime.lcm.config import LcmConfig
-from gateway.scene.page.controls import ControlStore
+from gateway.scene.page.control_store import ControlStore
 from gateway.scene.tree.live import LiveTree
 from scenegate import AsyncTreeViewer, Box, TreeViewer, TreeViewerError
 from scenegate.messages.controls import Pose
@@ -385,7 +386,8 @@ async def test_controls_of_a_program_that_dies_are_removed() -> None:
 
 
 async def test_an_older_viewer_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(request_reader, "NEWER_COMMANDS", {})
+    known = {name: command for name, command in COMMANDS.items() if not command.is_newer}
+    monkeypatch.setattr(request_reader, "COMMANDS", known)
     async with serving() as service:
 
         def talk() -> None:

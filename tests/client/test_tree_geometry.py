@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.adapters.treeviewer.packed_arrays import unpack
+from gateway.adapters.treeviewer.number_arrays import unpack
 from gateway.scene.tree.materials import material
 from gateway.scene.tree.transforms import from_pose
 from scenegate import (
@@ -22,8 +22,8 @@ from scenegate import (
     Heightmap,
     ImagePlane,
     Line,
-    Mesh,
     MeshFile,
+    MeshGeometry,
     PlanarLidar,
     PointCloud,
     Sphere,
@@ -43,13 +43,13 @@ ALL = [
     Box((1, 2, 3), color=(1, 0, 0)),
     Sphere(1, transform=(1, 2, 3)),
     Line(POINTS, end_head=True, head_length=0.1),
-    Mesh(POINTS, [[0, 1, 2]]),
-    PointCloud(POINTS, rgb=np.full((4, 3), 255, np.uint8), channels={"label": [1, 2, 3, 4], "uv": POINTS[:, :2]}),
+    MeshGeometry(POINTS, [[0, 1, 2]]),
+    PointCloud(POINTS, colors=np.full((4, 3), 255, np.uint8), channels={"label": [1, 2, 3, 4], "uv": POINTS[:, :2]}),
     PointCloud(POINTS, intensity=[0, 0.5, 1, 1]),
-    PlanarLidar([1, 2, 3], 0.0, 0.1, rgb=np.ones((3, 4)), point_size=4),
+    PlanarLidar([1, 2, 3], 0.0, 0.1, colors=np.ones((3, 4)), point_size=4),
     Line(POINTS, line_width=4),
-    Mesh(POINTS, [[0, 1, 2]], colors=np.full((4, 3), 255, np.uint8)),
-    Mesh(POINTS, [[0, 1, 2]], uv=POINTS[:, :2], image=PIXELS),
+    MeshGeometry(POINTS, [[0, 1, 2]], colors=np.full((4, 3), 255, np.uint8)),
+    MeshGeometry(POINTS, [[0, 1, 2]], uv=POINTS[:, :2], image=PIXELS),
     ImagePlane(PIXELS, width=1),
     ImagePlane(PIXELS[:, :, 0] / 255.0, height=1),
     ImagePlane(PIL.Image.fromarray(PIXELS), width=1, height=1),
@@ -82,7 +82,7 @@ def test_the_viewer_understands_every_geometry(geometry: Geometry, name: str) ->
 @pytest.mark.parametrize("name", [wire.JSON, wire.BINARY])
 def test_sends_uint8_colours_as_0_to_1(name: str) -> None:
     viewer = Viewer()
-    cloud = PointCloud(POINTS, rgb=np.array([[0, 51, 255]] * 4, np.uint8))
+    cloud = PointCloud(POINTS, colors=np.array([[0, 51, 255]] * 4, np.uint8))
     viewer.protocol.handle(encoded({"setgeometry": [{"path": ["a"], "geometries": [cloud.body()]}]}, 5, name))
     shape: Any = viewer.parts("a")[0].shape
     np.testing.assert_allclose(shape.channels["rgb"], [[0, 0.2, 1]] * 4, rtol=1e-6)
@@ -111,7 +111,7 @@ def test_colours_of_vertices_are_those_of_other_geometry(name: str) -> None:
     colors = ["#336699", "orange", "white", "black"]
     rgb = np.array([[0x33, 0x66, 0x99], [255, 165, 0], [255, 255, 255], [0, 0, 0]], np.uint8)
     meshes: list[Geometry] = [
-        Mesh(POINTS[:, [0, 2, 1]] ** 2, [[0, 1, 2], [0, 2, 3]], colors=c) for c in (rgb, rgb / 255.0)
+        MeshGeometry(POINTS[:, [0, 2, 1]] ** 2, [[0, 1, 2], [0, 2, 3]], colors=c) for c in (rgb, rgb / 255.0)
     ]
     meshes += [Sphere(1, color=color) for color in colors]
     body = {"setgeometry": [{"path": ["a"], "geometries": [mesh.body() for mesh in meshes]}]}
@@ -126,10 +126,10 @@ def test_colours_of_vertices_are_those_of_other_geometry(name: str) -> None:
 
 
 def test_only_what_other_viewers_know_has_their_names() -> None:
-    assert Mesh(POINTS, [[0, 1, 2]]).body().keys() == {"type", "color", "vertices", "faces"}
-    assert Mesh(POINTS, [[0, 1, 2]]).body()["type"] == "mesh_data"
-    assert Mesh(POINTS, [[0, 1, 2]], uv=POINTS[:, :2]).body()["type"] == "mesh_data"
-    assert Mesh(POINTS, [[0, 1, 2]], colors=POINTS / 11).body()["type"] == "mesh"
+    assert MeshGeometry(POINTS, [[0, 1, 2]]).body().keys() == {"type", "color", "vertices", "faces"}
+    assert MeshGeometry(POINTS, [[0, 1, 2]]).body()["type"] == "mesh_data"
+    assert MeshGeometry(POINTS, [[0, 1, 2]], uv=POINTS[:, :2]).body()["type"] == "mesh_data"
+    assert MeshGeometry(POINTS, [[0, 1, 2]], colors=POINTS / 11).body()["type"] == "mesh"
     assert "point_size" not in PointCloud(POINTS).body()
     assert Line(POINTS).body()["radius"] == 0.01
     assert "line_width" not in Line(POINTS).body()
@@ -212,26 +212,29 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: Sphere(1, color="#12"), "color '#12' is neither"),
         (lambda: Sphere(1, color="rgb(300, 0, 0)"), "is neither a CSS name nor"),
         (
-            lambda: PointCloud(POINTS, rgb=np.full((4, 3), 255.0)),
-            "rgb must be from 0 to 1, or a uint8 array from 0 to 255, not 255",
+            lambda: PointCloud(POINTS, colors=np.full((4, 3), 255.0)),
+            "colors must be from 0 to 1, or a uint8 array from 0 to 255, not 255",
         ),
-        (lambda: PointCloud(POINTS, rgb=np.full((4, 3), 1.01)), "rgb must be from 0 to 1, .* not 1.01"),
-        (lambda: PointCloud(POINTS, rgb=[[float("nan"), -1, 0]] * 4), "rgb must be from 0 to 1, .* not -1"),
+        (lambda: PointCloud(POINTS, colors=np.full((4, 3), 1.01)), "colors must be from 0 to 1, .* not 1.01"),
+        (lambda: PointCloud(POINTS, colors=[[float("nan"), -1, 0]] * 4), "colors must be from 0 to 1, .* not -1"),
         (lambda: PointCloud(POINTS, intensity=[0, 1, 2, 40]), "intensity must be from 0 to 1, .* not 40"),
         (lambda: MeshFile("/a.obj", up="z"), "up, default_color and default_texture need data"),
         (lambda: PointCloud(POINTS.T), r"points must have rows of 3, not an array of shape \(3, 4\)"),
-        (lambda: PointCloud(POINTS, rgb=POINTS[:2]), "rgb has 2 values for 4 points"),
-        (lambda: PointCloud(POINTS, rgb=POINTS[:, :2]), "rgb must have rows of 3 or 4"),
+        (lambda: PointCloud(POINTS, colors=POINTS[:2]), "colors has 2 values for 4 points"),
+        (lambda: PointCloud(POINTS, colors=POINTS[:, :2]), "colors must have rows of 3 or 4"),
         (lambda: PointCloud(np.full((4, 3), "x")), "points must have numbers, not <U1"),
-        (lambda: Mesh(POINTS, [[0, 1, 4]]), "faces refer to vertex 0 to 4, there are 4"),
-        (lambda: Mesh(POINTS, [[0, 1, 1.5]]), "faces must have integers"),
+        (lambda: MeshGeometry(POINTS, [[0, 1, 4]]), "faces refer to vertex 0 to 4, there are 4"),
+        (lambda: MeshGeometry(POINTS, [[0, 1, 1.5]]), "faces must have integers"),
         (
-            lambda: Mesh(POINTS, [[0, 1, 2]], colors=[(1, 0, 0)]),
+            lambda: MeshGeometry(POINTS, [[0, 1, 2]], colors=[(1, 0, 0)]),
             r"colors must have 3 or 4 numbers for each of 4 vertices",
         ),
-        (lambda: Mesh(POINTS, [[0, 1, 2]], colors=np.full((4, 3), 256)), "colors must be from 0 to 1, .* not 256"),
-        (lambda: Mesh(POINTS, [[0, 1, 2]], image=PIXELS), "a mesh with an image needs uv"),
-        (lambda: Mesh(POINTS, [[0, 1, 2]], image=PIXELS, uv=POINTS[:2, :2]), "uv has 2 rows for 4 vertices"),
+        (
+            lambda: MeshGeometry(POINTS, [[0, 1, 2]], colors=np.full((4, 3), 256)),
+            "colors must be from 0 to 1, .* not 256",
+        ),
+        (lambda: MeshGeometry(POINTS, [[0, 1, 2]], image=PIXELS), "a mesh with an image needs uv"),
+        (lambda: MeshGeometry(POINTS, [[0, 1, 2]], image=PIXELS, uv=POINTS[:2, :2]), "uv has 2 rows for 4 vertices"),
         (lambda: ImagePlane(PIXELS), "an image plane needs width or height"),
         (lambda: ImagePlane(PIXELS[0, 0], width=1), r"image must have shape \(H, W\), .* not \(3,\)"),
         (lambda: ImagePlane(PIXELS.astype(int), width=1), "image must be uint8, or floats from 0 to 1, not int64"),
@@ -246,9 +249,9 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         ),
         (
             lambda: Sphere(1, transform=np.eye(3)),
-            "a transform is a Transform, 3 numbers or a 4x4 matrix, not an array of",
+            "a transform is a Transform, 3 or 7 numbers or a 4x4 matrix, not an array of",
         ),
-        (lambda: Sphere(1, transform=WORD), "a transform is a Transform, 3 numbers or a 4x4 matrix, not 'abc'"),
+        (lambda: Sphere(1, transform=WORD), "a transform is a Transform, 3 or 7 numbers or a 4x4 matrix, not 'abc'"),
         (lambda: Sphere(1, transform=Transform((0, 0, 0), (0, 0, 0, 0))), "quaternion has only zeros"),
         (lambda: Sphere(1, transform=2 * np.eye(4)), "without scale, shear or mirroring"),
         (lambda: Sphere(1, transform=np.diag((-1.0, 1, 1, 1))), "without scale, shear or mirroring"),
@@ -261,14 +264,17 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (lambda: Sphere(1, color={"r": 1}), r"color must be 3 or 4 numbers, .* not \{'r': 1\}"),  # type: ignore[arg-type]
         (lambda: Sphere(1, color=[(1, 0), (1,)]), r"color must be 3 or 4 numbers, .* not \[\(1, 0\), \(1,\)\]"),
         (lambda: PointCloud(RAGGED), r"points must have rows of 3, not \[\(0, 0, 0\), \(1, 1\)\]"),
-        (lambda: PointCloud(POINTS, rgb="red"), "rgb must have rows of 3 or 4, not 'red'"),
-        (lambda: PointCloud(POINTS, rgb=RAGGED), r"rgb must have rows of 3 or 4, not \[\(0, 0, 0\), \(1, 1\)\]"),
+        (lambda: PointCloud(POINTS, colors="red"), "colors must have rows of 3 or 4, not 'red'"),
+        (lambda: PointCloud(POINTS, colors=RAGGED), r"colors must have rows of 3 or 4, not \[\(0, 0, 0\), \(1, 1\)\]"),
         (lambda: PointCloud(POINTS, intensity=RAGGED), r"intensity must have numbers, not \["),
         (lambda: PointCloud(POINTS, channels={"h": RAGGED}), r"channels\['h'\] must have numbers, not \["),
         (lambda: PointCloud(POINTS, channels={"h": [1, 2]}), r"channels\['h'\] has 2 values for 4 points"),
         (lambda: PointCloud(POINTS, channels={"h": 3}), r"channels\['h'\] must have rows of 1 to 16, not 3"),
-        (lambda: Mesh(POINTS, RAGGED), r"faces must have rows of 3, not \[\(0, 0, 0\), \(1, 1\)\]"),
-        (lambda: Mesh(POINTS, [[0, 1, 2]], colors=RAGGED), "colors must have 3 or 4 numbers for each vertex, not"),
+        (lambda: MeshGeometry(POINTS, RAGGED), r"faces must have rows of 3, not \[\(0, 0, 0\), \(1, 1\)\]"),
+        (
+            lambda: MeshGeometry(POINTS, [[0, 1, 2]], colors=RAGGED),
+            "colors must have 3 or 4 numbers for each vertex, not",
+        ),
         (lambda: Heightmap(RAGGED, (1, 1)), r"heights must have at least 2 rows of 2 numbers, not \["),
         (lambda: ImagePlane(RAGGED, 1), r"image must have shape \(H, W\), .* not \[\(0, 0, 0\), \(1, 1\)\]"),
         (lambda: ImagePlane(NOTHING, 1), r"image must have shape \(H, W\), .* not None"),
@@ -291,7 +297,14 @@ def test_matrix_to_quaternion(q: list[float]) -> None:
     np.testing.assert_allclose(from_pose((t[0], t[1], t[2]), (r[0], r[1], r[2], r[3])), X, atol=1e-9)
 
 
-@pytest.mark.parametrize("geometry", [Box, Mesh, PlanarLidar, ImagePlane, MeshFile])
+def test_a_transform_from_seven_numbers() -> None:
+    pose = np.array([1.0, 2.0, 3.0, 0.5, 0.5, 0.5, 0.5])
+    assert Transform.of(pose) == Transform((1.0, 2.0, 3.0), (0.5, 0.5, 0.5, 0.5))
+    with pytest.raises(ValueError, match="zeros"):
+        Transform.of(np.zeros(7)).body()
+
+
+@pytest.mark.parametrize("geometry", [Box, MeshGeometry, PlanarLidar, ImagePlane, MeshFile])
 def test_docstrings_have_own_and_inherited_fields(geometry: type[Geometry]) -> None:
     _, _, attributes = (geometry.__doc__ or "").partition("\n\nAttributes:\n")
     described = [line.partition(":")[0].strip() for line in attributes.splitlines() if line[4:5].strip()]
@@ -316,7 +329,9 @@ def test_client_and_server_encode_alike() -> None:
 
 def test_json_encoding_does_not_change_colours() -> None:
     rgb = np.array([[255, 0, 51]], np.uint8)
-    body: dict[str, Any] = {"setgeometry": [{"path": ["a"], "geometries": [PointCloud([[0, 0, 0]], rgb=rgb).body()]}]}
+    body: dict[str, Any] = {
+        "setgeometry": [{"path": ["a"], "geometries": [PointCloud([[0, 0, 0]], colors=rgb).body()]}]
+    }
     assert b"0.2" in encoded(body, 1, wire.JSON)
     assert body["setgeometry"][0]["geometries"][0]["channels"]["rgb"].dtype == np.uint8
 
@@ -357,11 +372,11 @@ def test_colors_of_a_heightmap_have_its_shape() -> None:
 
 def test_integers_are_colours_from_0_to_255() -> None:
     red_and_grey = [(255, 0, 0), (128, 128, 128)]
-    cloud = PointCloud([(0, 0, 0)] * 2, rgb=red_and_grey).body()["channels"]["rgb"]
+    cloud = PointCloud([(0, 0, 0)] * 2, colors=red_and_grey).body()["channels"]["rgb"]
     assert (cloud.dtype, cloud.tolist()) == (np.uint8, [list(row) for row in red_and_grey])
-    mesh = Mesh([(0, 0, 0)] * 2, [(0, 1, 1)], colors=red_and_grey).body()["colors"]
+    mesh = MeshGeometry([(0, 0, 0)] * 2, [(0, 1, 1)], colors=red_and_grey).body()["colors"]
     assert (mesh.dtype, mesh.tolist()) == (np.uint8, [list(row) for row in red_and_grey])
-    ones = PointCloud([(0, 0, 0)], rgb=[(1, 0, 1)]).body()["channels"]["rgb"]
+    ones = PointCloud([(0, 0, 0)], colors=[(1, 0, 1)]).body()["channels"]["rgb"]
     assert (ones.dtype, ones.tolist()) == (np.float32, [[1.0, 0.0, 1.0]])
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gateway.adapters.treeviewer import request_reader
+from gateway.adapters.treeviewer.commands import COMMANDS
 from gateway.adapters.treeviewer.config import TreeViewerConfig
 from gateway.runtime.lcm.config import LcmConfig
 from gateway.scene.draw.cameras import LookAtCamera
@@ -235,8 +236,8 @@ async def test_a_restarted_viewer_gets_all_again() -> None:
 
 
 async def test_an_older_viewer_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = ("delete", "setgeometry", "settransform")
-    monkeypatch.setattr(request_reader, "READERS", {name: request_reader.READERS[name] for name in known})
+    known = {name: command for name, command in COMMANDS.items() if not command.is_newer}
+    monkeypatch.setattr(request_reader, "COMMANDS", known)
     live = LiveTree()
     async with serving(live=live) as service:
 

@@ -119,7 +119,7 @@ async def test_a_million_points_over_tcpq() -> None:
         def publish() -> None:
             with TreeViewer(hub_of(service), timeout=SECONDS) as tree_viewer:
                 points = np.zeros((1_000_000, 3), np.float32)
-                assert tree_viewer["cloud"].set(PointCloud(points, rgb=points.astype(np.uint8))).status == 0
+                assert tree_viewer["cloud"].set(PointCloud(points, colors=points.astype(np.uint8))).status == 0
 
         await in_thread(publish)
         node = live.snapshot.root.find(("cloud",))

@@ -17,7 +17,7 @@ from typing import assert_type
 
 import numpy as np
 
-from scenegate import Answer, AsyncTreeViewer, Box, MeshFile, PointCloud, TreeViewer
+from scenegate import Answer, AsyncTreeViewer, Box, MeshFile, PointCloud, Sphere, TreeViewer
 from scenegate.camera import StreamOptions, depth, receive
 from scenegate.datasets import Dataset
 from scenegate.robots import read_robot
@@ -27,8 +27,10 @@ with TreeViewer("tcpq://localhost:7700") as viewer:
     assert_type(answer, Answer)
     robot = viewer.robot("arm", "arm.urdf", joints={"elbow": 0.5})
     robot.set_joints({"elbow": [0.5]})
+    viewer.set(Box((1, 1, 1)))
     with viewer.batch() as batch:
-        batch["cloud"].set(PointCloud(np.zeros((5, 3)), rgb=np.zeros((5, 3), np.uint8)))
+        batch["cloud"].set(PointCloud(np.zeros((5, 3)), colors=np.zeros((5, 3), np.uint8)))
+        batch["box"].set(Box(np.ones(3)), Sphere(1.0, transform=np.arange(7)))
         batch["mesh"].set(MeshFile.read("mesh.obj"))
 
 
@@ -46,7 +48,7 @@ print([sample.color.shape for sample in Dataset("out")], read_robot("arm.urdf").
 """
 MISTAKES = {
     'TreeViewer().publish("a")': '"TreeViewer" has no attribute "publish"',
-    'TreeViewer()["a"].move((0, 0, 1))': '"Node" has no attribute "move"',
+    'TreeViewer()["a"].move((0, 0, 1))': '"NodeHandle" has no attribute "move"',
     "Box((1, 1, 1), colour='red')": 'Unexpected keyword argument "colour" for "Box"',
     "AsyncTreeViewer().clear()": '"AsyncTreeViewer" has no attribute "clear"',
     'AsyncTreeViewer().robot("arm")': "Too few arguments",

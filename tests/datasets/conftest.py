@@ -12,8 +12,8 @@ from gateway.datasets.camera_file import CameraFile
 from gateway.datasets.classes import ClassTable, classes_of_models
 from gateway.datasets.job import Job, Result, Task, make_job
 from gateway.datasets.run import Progress, run
+from gateway.datasets.scene_sources import find_sources
 from gateway.datasets.scenes import model_names
-from gateway.datasets.sources import find_sources
 from gateway.datasets.views import View
 from gateway.datasets.worker import run_task
 from gateway.scene.draw.cameras import OrbitCamera

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from gateway.datasets.annotated_scene import AnnotatedScene, annotate_scene
 from gateway.datasets.classes import ClassTable, classes_of_models
 from gateway.datasets.rendering import SampleInputs, render_sample
+from gateway.datasets.scene_sources import find_sources
 from gateway.datasets.scenes import LoadedScene, load_scene
-from gateway.datasets.sources import find_sources
 from gateway.files.robots.scene_files import SceneOptions
 from gateway.scene.draw.style import Style
 from renderers.camera import Camera

@@ -14,10 +14,10 @@ import pytest
 from gateway.datasets.camera_file import CameraFile, read_camera_file
 from gateway.datasets.errors import DatasetError
 from gateway.datasets.job import make_job
+from gateway.datasets.scene_sources import find_sources
 from gateway.datasets.scenes import load_scene
-from gateway.datasets.sources import find_sources
 from gateway.datasets.views import Intrinsics, View, camera_of, record_of, usable_camera
-from gateway.files.gltf import GltfCamera
+from gateway.files.gltf import PlacedCamera
 from gateway.scene.draw.cameras import CameraError, OrbitCamera
 from gateway.scene.tree.nodes import Node
 from renderers.camera import Camera
@@ -151,7 +151,7 @@ def test_intrinsics_replace_those_of_the_pose(scenes: Path) -> None:
 
 def test_without_a_pose_the_camera_of_the_file_is_used(scenes: Path) -> None:
     root, drawn = Node(), DrawList()
-    own = GltfCamera(0, "main", np.eye(4), yfov=np.pi / 2, znear=0.5, zfar=None)
+    own = PlacedCamera(0, "main", np.eye(4), yfov=np.pi / 2, znear=0.5, zfar=None)
     camera = camera_of(View("v", None, Intrinsics(cx=1.0)), root, drawn, own, 64, 48, 45.0)
     assert camera.fx == camera.fy == pytest.approx(24.0)
     assert (camera.cx, camera.cy) == (1.0, 24.0)
@@ -164,7 +164,7 @@ def test_without_a_pose_the_camera_of_the_file_is_used(scenes: Path) -> None:
 
 
 def test_the_orthographic_camera_of_a_file(scenes: Path) -> None:
-    own = GltfCamera(0, "main", np.eye(4), yfov=None, znear=0.5, zfar=9.0, xmag=2.0)
+    own = PlacedCamera(0, "main", np.eye(4), yfov=None, znear=0.5, zfar=9.0, xmag=2.0)
     for intrinsics, planes in ((Intrinsics(), (0.5, 9.0)), (Intrinsics(near=1.0, far=3.0), (1.0, 3.0))):
         camera = camera_of(View("v", None, intrinsics), Node(), DrawList(), own, 64, 48, 45.0)
         origin = camera.depth_origin
@@ -243,7 +243,7 @@ def test_different_views_have_different_descriptions() -> None:
     "flaw", [{"yfov": None}, {"yfov": 0.0}, {"yfov": 9.0}, {"znear": -1.0}, {"yfov": None, "xmag": 0.0}]
 )
 def test_cameras_of_a_file_that_cannot_be_used_have_a_warning(flaw: dict[str, Any]) -> None:
-    good = GltfCamera(1, "good", np.eye(4), yfov=1.0, znear=0.5, zfar=None)
+    good = PlacedCamera(1, "good", np.eye(4), yfov=1.0, znear=0.5, zfar=None)
     bad = replace(good, name="bad", **flaw)
     camera, (warning,) = usable_camera([bad, good], DrawList())
     assert camera is good

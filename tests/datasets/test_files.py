@@ -13,7 +13,7 @@ from gateway.datasets.errors import DatasetError
 from gateway.datasets.files import locked, remove_temporary_files, temporary_name, write_atomically
 from gateway.datasets.job import Job
 from gateway.datasets.run import Journal
-from gateway.datasets.sources import Source, SourceKind
+from gateway.datasets.scene_sources import Source, SourceKind
 from gateway.datasets.views import View
 from scenegate.datasets.manifest import CameraRecord, SampleRecord, encode
 from scenegate.regular_files import sha256_of

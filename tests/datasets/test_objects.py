@@ -12,8 +12,8 @@ import trimesh
 from gateway.datasets.annotated_scene import AnnotatedScene, annotate_scene, make_model
 from gateway.datasets.classes import classes_of_models, read_classes
 from gateway.datasets.objects import SceneObject, joined_objects, object_frame, objects_of, owner_numbers
+from gateway.datasets.scene_sources import find_sources
 from gateway.datasets.scenes import LoadedScene, load_scene, model_names
-from gateway.datasets.sources import find_sources
 from gateway.files.robots.scene_files import SceneOptions
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.geometry import Part

@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.datasets.rendering import render_images, render_request, style_of
+from gateway.datasets.scene_sources import find_sources
 from gateway.datasets.scenes import LoadedScene, load_scene
-from gateway.datasets.sources import find_sources
 from gateway.datasets.views import View, camera_of
 from gateway.scene.draw.style import Style
 from renderers.camera import Camera

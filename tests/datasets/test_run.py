@@ -25,8 +25,8 @@ from gateway.datasets.errors import DatasetError
 from gateway.datasets.files import locked
 from gateway.datasets.job import Result, Task
 from gateway.datasets.run import run
+from gateway.datasets.scene_sources import Source
 from gateway.datasets.scenes import LoadedScene, load_scene
-from gateway.datasets.sources import Source
 from gateway.datasets.views import View
 from gateway.datasets.worker import run_task
 from scenegate.datasets import manifest

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gateway.datasets.scene_sources import find_sources
 from gateway.datasets.scenes import LoadedScene, SceneError, load_scene, scene_digest
-from gateway.datasets.sources import find_sources
 from gateway.files.robots.reader import read_robot
 from gateway.files.robots.scene_files import SceneOptions
 from renderers.drawlist import LABEL_NONE

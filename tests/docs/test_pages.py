@@ -14,7 +14,7 @@ import typer.main
 from gateway.cli.commands import app
 from gateway.runtime.settings import Settings
 from gateway.runtime.settings.option import env_of
-from gateway.runtime.settings.sources import NON_SETTING_VARIABLES
+from gateway.runtime.settings.setting_sources import NON_SETTING_VARIABLES
 from scenegate.cli import CLIENT_COMMANDS, command_parser
 from tests.docs.pages import GENERATED, PAGES, ROOT, anchors, blocks, commands, links, prose, spans
 

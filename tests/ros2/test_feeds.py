@@ -13,7 +13,7 @@ import pytest
 
 from gateway.adapters.viewer.control_frames import ControlFrames
 from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
-from gateway.scene.page.controls import ControlStore
+from gateway.scene.page.control_store import ControlStore
 from gateway.scene.tree.geometry import Part, PointCloud
 from gateway.scene.tree.live import LiveTree
 from renderers.drawlist import Material

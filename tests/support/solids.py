@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, Final, get_type_hints
 
 from hypothesis import strategies as st
 
 from scenegate.messages.geometry import Solid, fields_of
+from scenegate.transforms import Vector
 
 TYPES: Final = tuple(Solid.__subclasses__())
 
@@ -17,7 +17,7 @@ def solids(numbers: st.SearchStrategy[float]) -> st.SearchStrategy[Solid]:
     by_type: dict[Any, st.SearchStrategy[Any]] = {
         float: numbers,
         bool: st.booleans(),
-        Sequence[float]: st.tuples(numbers, numbers, numbers),
+        Vector: st.tuples(numbers, numbers, numbers),
     }
     return st.one_of(
         [
@@ -29,6 +29,6 @@ def solids(numbers: st.SearchStrategy[float]) -> st.SearchStrategy[Solid]:
 
 def example(solid: type[Solid]) -> Solid:
     """Return a solid of a type whose fields have different values: 1, 2, 3, or True."""
-    values: dict[Any, Any] = {bool: True, Sequence[float]: (1.0, 2.0, 3.0)}
+    values: dict[Any, Any] = {bool: True, Vector: (1.0, 2.0, 3.0)}
     hints = get_type_hints(solid)
     return solid(**{field.name: values.get(hints[field.name], 1.0 + i) for i, field in enumerate(fields_of(solid))})

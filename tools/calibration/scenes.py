@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.demo.meshes import textured_box, tile
+from gateway.demo.demo_meshes import textured_box, tile
 from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.geometry import Part, Shape, Surface
 from gateway.scene.tree.nodes import Node, TreeEdit

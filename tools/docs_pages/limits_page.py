@@ -34,7 +34,7 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Drake's visualizer: one message", "gateway.adapters.drakeviewer.config", "Limits"),
     ("Drake's visualizer: scheduling", "gateway.adapters.drakeviewer.config", "DrakeViewerConfig"),
     ("Clicks in the browser", "gateway.scene.page.clicks", "ClickLimits"),
-    ("Controls in the browser", "gateway.scene.page.controls", "ControlLimits"),
+    ("Controls in the browser", "gateway.scene.page.control_store", "ControlLimits"),
     ("LCM", "gateway.runtime.lcm.config", "LcmConfig"),
     ("Stereo camera", "gateway.adapters.stereo.device.camera_config", "StereoConfig"),
     ("Scene over HTTP", "gateway.adapters.sceneapi.config", "SceneApiConfig"),
@@ -121,7 +121,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ),
     ("Datasets: records", "scenegate.datasets.manifest", ("MAX_LINE_BYTES", "MAX_DESCRIPTION_BYTES")),
     ("Datasets: camera files", "gateway.datasets.camera_file", ("MAX_FILE_BYTES",)),
-    ("Datasets: names of scenes", "gateway.datasets.sources", ("MAX_NAME_CHARS",)),
+    ("Datasets: names of scenes", "gateway.datasets.scene_sources", ("MAX_NAME_CHARS",)),
     ("Datasets: classes", "gateway.datasets.classes", ("MAX_CLASSES",)),
     ("Datasets: objects", "gateway.datasets.annotated_scene", ("MAX_OBJECTS",)),
 )

@@ -70,7 +70,7 @@ class Pictures:
         shade = np.clip(0.55 + z / 6, 0, 1)
         rgb = (255 * shade[:, None] * np.array((0.55, 0.8, 0.4))).astype(np.uint8)
         channels = {"height": points[:, 2], "range": distance}
-        terrain = PointCloud(points, rgb=rgb, intensity=np.exp(-distance / 25), channels=channels)
+        terrain = PointCloud(points, colors=rgb, intensity=np.exp(-distance / 25), channels=channels)
         with gateway(*FLAGS) as running:
             with TreeViewer(tcpq_url(running)) as viewer:
                 viewer["survey"]["terrain"].set(terrain)

@@ -19,10 +19,10 @@ from scenegate.messages.changes import Path as NodePath
 from scenegate.messages.mesh_file import MeshFile
 from scenegate.regular_files import read_file_or_pipe
 from scenegate.robots.joint_text import parse_joints
-from scenegate.robots.reader import SUFFIXES
+from scenegate.robots.robot_reader import SUFFIXES
 from scenegate.tree.answer import Answer, TreeViewerError
 from scenegate.tree.joint_sliders import JointSliders
-from scenegate.tree.robot import PublishedRobot
+from scenegate.tree.published_robot import PublishedRobot
 from scenegate.tree.viewer import TreeViewer
 from scenegate.warning_text import NOTHING_DRAWN, joined_warnings, strict_refusal
 

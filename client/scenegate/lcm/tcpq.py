@@ -7,6 +7,7 @@ the hub sends the messages that match. Source: lcm/lcm_tcpq.c and TCPProvider.ja
 
 from __future__ import annotations
 
+import asyncio
 import struct
 from collections.abc import Callable
 from enum import IntEnum
@@ -27,6 +28,8 @@ MAX_NAME_BYTES: Final = 64 * 1024
 """Maximum length of a channel name or pattern in a frame. A peer that sends a longer one does not speak TCPQ."""
 MAX_READ_BYTES: Final = 512 * 1024
 """Maximum bytes of a big message read before the event loop continues: they take about 0.2 ms."""
+MAX_JOINED_BYTES: Final = 16 * 1024
+"""Maximum size of messages that are copied behind their header, to be sent in one packet."""
 SCRATCH_BYTES: Final = 256 * 1024
 """Size of the buffer for frames. A message of more than half of it is big: it is read into memory of its own."""
 
@@ -50,6 +53,16 @@ def publish_header(channel: str, size: int) -> bytes:
     """Return the bytes of a PUBLISH frame that precede its ``size`` bytes of data."""
     name = channel.encode()
     return b"".join((_TWO_UINTS.pack(FrameType.PUBLISH, len(name)), name, _UINT.pack(size)))
+
+
+def publish(transport: asyncio.WriteTransport, channel: str, message: bytes | bytearray | memoryview) -> None:
+    """Write a PUBLISH frame."""
+    header = publish_header(channel, len(message))
+    if len(message) <= MAX_JOINED_BYTES:
+        transport.write(b"".join((header, message)))
+    else:
+        transport.write(header)
+        transport.write(memoryview(message))
 
 
 def subscription_frame(frame_type: FrameType, pattern: str) -> bytes:

@@ -18,7 +18,7 @@ from scenegate.lcm.tcpq import (
     FrameError,
     FrameParser,
     FrameType,
-    publish_header,
+    publish,
     subscription_frame,
 )
 from scenegate.lcm.transport import LcmMessage, OnMessage
@@ -179,7 +179,7 @@ class _Connection(asyncio.BufferedProtocol):
             raise OSError("the hub has gone")
         if transport.get_write_buffer_size() + len(message) > MAX_UNSENT_BYTES:
             raise OSError("the hub reads too slowly")
-        transport.write(publish_header(channel, len(message)) + message)
+        publish(transport, channel, message)
 
     def write_eof(self) -> None:
         """Shut down sending; receiving continues."""

@@ -29,7 +29,7 @@ _SHORT_HEADER: Final = struct.Struct(">4sI")
 _FRAGMENT_HEADER: Final = struct.Struct(">4sIIIHH")
 
 
-class Message(NamedTuple):
+class UdpmMessage(NamedTuple):
     """A complete message."""
 
     channel: str
@@ -79,13 +79,13 @@ def datagrams(channel: str, data: bytes | bytearray, sequence: int) -> Iterator[
         offset += size
 
 
-def parse_short(datagram: bytes, prefixes: tuple[bytes, ...]) -> Message | None:
+def parse_short(datagram: bytes, prefixes: tuple[bytes, ...]) -> UdpmMessage | None:
     """Return the message in a short datagram; None if it is malformed, or its channel has none of the ``prefixes``."""
     begin = _SHORT_HEADER.size
     if not datagram.startswith(prefixes, begin):
         return None
     end = _channel_end(datagram, begin)
-    return None if end < 0 else Message(datagram[begin:end].decode("utf-8", "replace"), datagram[end + 1 :])
+    return None if end < 0 else UdpmMessage(datagram[begin:end].decode("utf-8", "replace"), datagram[end + 1 :])
 
 
 def parse_fragment(datagram: bytes) -> Fragment | None:

@@ -79,7 +79,7 @@ class Assembler:
         self.refused = 0
         """Number of wanted messages larger than ``max_message``, or in fragments below ``MIN_FRAGMENT_BYTES``."""
 
-    def receive(self, datagram: bytes, sender: Address) -> udpm.Message | None:
+    def receive(self, datagram: bytes, sender: Address) -> udpm.UdpmMessage | None:
         """Add a datagram; return the message that it completes, or None."""
         if datagram.startswith(udpm.SHORT_MAGIC):
             return udpm.parse_short(datagram, self._prefixes)
@@ -92,7 +92,7 @@ class Assembler:
         for key in [key for key, partial in self._partials.items() if partial.last_arrival <= stale_since]:
             self._discard(key)
 
-    def _add(self, fragment: udpm.Fragment, key: MessageKey) -> udpm.Message | None:
+    def _add(self, fragment: udpm.Fragment, key: MessageKey) -> udpm.UdpmMessage | None:
         """Add a fragment; return the message that it completes, or None."""
         size, count = fragment.message_size, fragment.fragment_count
         partial = self._partials.get(key)
@@ -125,7 +125,7 @@ class Assembler:
             if begin != position:
                 return None  # a gap, which is uninitialised memory
             position = end
-        return udpm.Message(partial.channel, partial.data) if position == size else None
+        return udpm.UdpmMessage(partial.channel, partial.data) if position == size else None
 
     def _add_partial(self, key: MessageKey, size: int, count: int) -> _PartialMessage:
         """Return a new incomplete message; discard stale ones, and the oldest ones if they exceed a limit."""

@@ -115,7 +115,7 @@ class Changes:
         """Yield the entries in groups of at most ``max_bytes``, or of a single one. They are shared."""
         part, size = Changes(), 0
         for path, entry in self.entries.items():
-            entry_size = ENTRY_BYTES + sum(map(_size, entry.geometries or ()))
+            entry_size = ENTRY_BYTES + sum(map(geometry_bytes, entry.geometries or ()))
             if part.entries and size + entry_size > max_bytes:
                 yield part
                 part, size = Changes(), 0
@@ -157,8 +157,8 @@ class Changes:
         return commands
 
 
-def _size(value: Any) -> int:
+def geometry_bytes(value: Any) -> int:
     """Return the number of bytes of arrays and files in a geometry."""
     if isinstance(value, dict):
-        return sum(map(_size, value.values()))
+        return sum(map(geometry_bytes, value.values()))
     return len(value) if isinstance(value, bytes) else getattr(value, "nbytes", 0)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Final, Protocol
 
@@ -19,10 +19,13 @@ from msgspec import Meta
 from numpy.typing import ArrayLike, NDArray
 
 from scenegate.messages.arguments import as_array, describe
-from scenegate.messages.colors import ImageLike, color_rows, image_field, rgba
+from scenegate.messages.colors import RANGE_TOLERANCE, ImageLike, color_rows, image_field, rgba
 from scenegate.messages.request_encoding import empty_with_header
+from scenegate.transforms import Vector
 from scenegate.warning_text import NOTHING_DRAWN
 
+MAX_COLOR: Final = 1.0 + RANGE_TOLERANCE
+"""Colours above it are reported."""
 MAX_DISTANCE: Final = 1e15
 """Maximum of drawable lengths and coordinates, in metres. The squares of larger ones may overflow float32."""
 MAX_PIXELS: Final = 256.0
@@ -140,6 +143,8 @@ def read_color(value: Any, name: str, reader: FieldReader) -> tuple[float, float
         reader.warnings.append(f"{name} has {len(value)} numbers, the first 4 are used")
         value = value[:4]
     r, g, b, *alpha = numbers(value, name, len(value))
+    if max(r, g, b) > MAX_COLOR:
+        reader.warnings.append(f"{name} has {max(r, g, b):g}, colours are from 0 to 1; it counts as 1")
     return _clamp(r), _clamp(g), _clamp(b), _clamp(alpha[0]) if alpha else 1.0
 
 
@@ -337,18 +342,18 @@ Number = Annotated[float, FieldKind(_read_number, write_number)]
 """A drawable number of any sign."""
 Radius = Annotated[float, FieldKind(_read_radius, write_number, _DISTANCE)]
 Length = Annotated[float, FieldKind(_read_length, write_number, _DISTANCE)]
-Lengths = Annotated[Sequence[float], FieldKind(_read_lengths, _write_lengths, _TRIPLE)]
+Lengths = Annotated[Vector, FieldKind(_read_lengths, _write_lengths, _TRIPLE)]
 """Three lengths."""
 Size = Annotated[float, FieldKind(_read_size, write_number)]
 """A length for decoration, without warnings."""
 Positive = Annotated[float, FieldKind(_read_positive, write_number)]
-Extents = Annotated[Sequence[float], FieldKind(_read_extents, lambda name, value: number_list(name, value, 2))]
+Extents = Annotated[Vector, FieldKind(_read_extents, lambda name, value: number_list(name, value, 2))]
 """Two lengths above 0."""
 AxisLength = Annotated[
     float,
     FieldKind(_read_axis_length, write_number, Annotated[float, Meta(ge=MIN_TRIAD_SCALE, le=MAX_DISTANCE)]),
 ]
-Scale = Annotated[float | Sequence[float], FieldKind(_read_scale, _write_scale)]
+Scale = Annotated[float | Vector, FieldKind(_read_scale, _write_scale)]
 Pixels = Annotated[float, FieldKind(_read_pixels, write_number)]
 Flag = Annotated[bool, FieldKind(lambda value, _name, _reader: bool(value), lambda _, value: bool(value), bool)]
 Points = Annotated[ArrayLike, _rows("points", 3)]

@@ -6,7 +6,7 @@ the viewer's scene draws and stores.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from inspect import cleandoc
@@ -41,7 +41,7 @@ from scenegate.messages.field_kinds import (
     number_list,
     number_rows,
 )
-from scenegate.transforms import quaternions_of
+from scenegate.transforms import Vector, quaternions_of
 
 ROTATION_TOLERANCE: Final = 1e-4
 """Maximum deviation of an element of R R^T or of the last row. float32 rounding causes 1e-7, calibration more."""
@@ -58,22 +58,26 @@ class Transform:
         quaternion: Rotation as w, x, y, z, of any length but 0.
     """
 
-    translation: Sequence[float] = (0.0, 0.0, 0.0)
-    quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
+    translation: Vector = (0.0, 0.0, 0.0)
+    quaternion: Vector = (1.0, 0.0, 0.0, 0.0)
 
     @classmethod
     def of(cls, value: Transform | ArrayLike) -> Transform:
-        """Return a transform from a transform, a translation (3,) or a rigid matrix (4, 4).
+        """Return a transform from a transform, a translation (3,), a pose (7,) or a rigid matrix (4, 4).
+
+        A pose is x, y, z, and the quaternion w, x, y, z.
 
         Raises:
             ValueError: the value is not one of these.
         """
         if isinstance(value, Transform):
             return value
-        wanted = "a transform is a Transform, 3 numbers or a 4x4 matrix"
+        wanted = "a transform is a Transform, 3 or 7 numbers or a 4x4 matrix"
         matrix = as_array(value, wanted, np.float64)
         if matrix.shape == (3,):
             return cls(tuple(matrix.tolist()))
+        if matrix.shape == (7,):
+            return cls(tuple(matrix[:3].tolist()), tuple(matrix[3:].tolist()))
         if matrix.shape != (4, 4):
             raise ValueError(f"{wanted}, not {describe(np.asarray(value))}")
         R = matrix[:3, :3]
@@ -298,7 +302,7 @@ class PlainMesh(Geometry, frozen=True):
     faces: Faces
 
 
-class Mesh(PlainMesh, frozen=True):
+class MeshGeometry(PlainMesh, frozen=True):
     """Triangle mesh, in one colour, with colours of its vertices, or with an image.
 
     A viewer that is not Scenegate refuses meshes with ``colors`` or an ``image``, and shows all others.
@@ -344,20 +348,20 @@ class _Cloud(Geometry, frozen=True):
         fields = Geometry._fields(self)
         count = len(next(iter(fields.values())))
         channels: dict[str, NDArray[Any]] = {}
-        for name, columns in (("rgb", (3, 4)), ("intensity", (1,))):
-            values = getattr(self, name)
+        for field, name, columns in (("colors", "rgb", (3, 4)), ("intensity", "intensity", (1,))):
+            values = getattr(self, field)
             if values is not None:
-                wanted = f"{name} must have {'rows of 3 or 4' if name == 'rgb' else 'numbers'}"
+                wanted = f"{field} must have {'rows of 3 or 4' if name == 'rgb' else 'numbers'}"
                 array = as_uint8_or_floats(values, wanted) if name == "rgb" else as_array(values, wanted)
                 is_uint8 = array.dtype == np.uint8
-                channels[name] = number_rows(name, array, *columns, dtype=np.uint8 if is_uint8 else np.float32)
+                channels[name] = number_rows(field, array, *columns, dtype=np.uint8 if is_uint8 else np.float32)
         channels |= fields.pop("channels")
         for name, array in channels.items():
             if len(array) != count:
-                name = name if name in ("rgb", "intensity") else f"channels[{name!r}]"
-                raise ValueError(f"{name} has {len(array)} values for {count} points")
+                field = {"rgb": "colors", "intensity": "intensity"}.get(name, f"channels[{name!r}]")
+                raise ValueError(f"{field} has {len(array)} values for {count} points")
             if name in ("rgb", "intensity"):
-                check_range(name, array)
+                check_range("colors" if name == "rgb" else name, array)
         return fields | ({"channels": channels} if channels else {})
 
 
@@ -366,7 +370,7 @@ class PointCloud(_Cloud, frozen=True):
 
     Attributes:
         points: Positions, (N, 3).
-        rgb: Colours, (N, 3) or (N, 4): floats from 0 to 1, or integers from 0 to 255. They take precedence over
+        colors: Colours, (N, 3) or (N, 4): floats from 0 to 1, or integers from 0 to 255. They take precedence over
             ``intensity``.
         intensity: Grey values, (N,): floats from 0 to 1, or uint8.
         channels: Other values by name, (N,) or (N, k) with k up to 16.
@@ -375,14 +379,14 @@ class PointCloud(_Cloud, frozen=True):
 
     kind = "pointcloud"
     points: Points
-    rgb: ArrayLike | None = None
+    colors: ArrayLike | None = None
     intensity: ArrayLike | None = None
     channels: Channels = msgspec.field(default_factory=dict)
     point_size: Pixels | None = None
 
 
 class PlanarLidar(_Cloud, frozen=True):
-    """Scan of a lidar that turns about z. ``rgb``, ``intensity``, ``channels`` and ``point_size`` are as in
+    """Scan of a lidar that turns about z. ``colors``, ``intensity``, ``channels`` and ``point_size`` are as in
     ``PointCloud``.
 
     Attributes:
@@ -395,7 +399,7 @@ class PlanarLidar(_Cloud, frozen=True):
     ranges: Ranges
     angle_start: Number
     angle_step: Number
-    rgb: ArrayLike | None = None
+    colors: ArrayLike | None = None
     intensity: ArrayLike | None = None
     channels: Channels = msgspec.field(default_factory=dict)
     point_size: Pixels | None = None

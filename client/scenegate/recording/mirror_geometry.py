@@ -25,7 +25,7 @@ IDENTITY: Final = np.eye(3)
 
 
 @dataclass(slots=True, eq=False)
-class Mesh:
+class MirrorMesh:
     """Points, lines or triangles."""
 
     positions: NDArray[np.float32]
@@ -36,7 +36,7 @@ class Mesh:
     topology: int
 
 
-def read_mesh(view_frame: ViewFrame) -> Mesh:
+def read_mesh(view_frame: ViewFrame) -> MirrorMesh:
     """Return the mesh of a frame of the kind ``mesh``."""
     header = view_frame.header
     positions = view_frame.array(header["position"], "<f4").reshape(-1, 3)
@@ -44,7 +44,7 @@ def read_mesh(view_frame: ViewFrame) -> Mesh:
     indices = view_frame.array(header["index"], "<u4") if "index" in header else None
     if indices is not None and len(indices) and int(indices.max()) >= len(positions):
         raise ViewFrameError(f"a mesh of {len(positions)} points has the index {int(indices.max())}")
-    return Mesh(positions, colors, indices, header["topology"])
+    return MirrorMesh(positions, colors, indices, header["topology"])
 
 
 def read_transforms(view_frame: ViewFrame) -> Iterator[tuple[int, NDArray[np.float64], list[float] | None]]:
@@ -110,7 +110,7 @@ NO_GEOMETRY: Final = NodeGeometry()
 def node_geometry(
     frame_id: str,
     draws: Sequence[dict[str, Any]],
-    meshes: Mapping[int, Mesh],
+    meshes: Mapping[int, MirrorMesh],
     stretch: NDArray[np.float64],
     alpha: float,
 ) -> NodeGeometry:
@@ -152,7 +152,7 @@ def _draw_matrix(draw: dict[str, Any]) -> NDArray[np.float64] | None:
     return None if draw["matrix"] is None else np.asarray(draw["matrix"], np.float64).reshape(4, 4).T
 
 
-def _cloud_of(frame_id: str, points: NDArray[np.float32], mesh: Mesh, color: Color) -> Cloud:
+def _cloud_of(frame_id: str, points: NDArray[np.float32], mesh: MirrorMesh, color: Color) -> Cloud:
     rgb = np.asarray(color[:3]) * (255.0 if mesh.colors is None else mesh.colors[:, :3])
     colors = np.broadcast_to(np.asarray(rgb + 0.5, np.uint8), (len(points), 3))
     return Cloud(frame_id, points, colors)

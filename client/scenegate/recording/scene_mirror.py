@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scenegate.recording.mirror_geometry import (
     IDENTITY,
     NO_GEOMETRY,
-    Mesh,
+    MirrorMesh,
     NodeGeometry,
     node_geometry,
     quaternion_of,
@@ -84,7 +84,7 @@ class SceneMirror:
     def __init__(self) -> None:
         self._root = _Node(0, ROOT_FRAME, None)
         self._nodes: dict[int, _Node] = {0: self._root}
-        self._meshes: dict[int, Mesh] = {}
+        self._meshes: dict[int, MirrorMesh] = {}
         self._joints = Joints()
         self._rig: dict[str, Any] | None = None
         """Header of the newest frame of the view with the stereo camera's pose."""

@@ -5,7 +5,7 @@ Functions append sentences about what is left out or repaired to the list ``warn
 
 from __future__ import annotations
 
-from scenegate.robots.errors import RobotFileError as RobotFileError
-from scenegate.robots.reader import read_robot as read_robot
 from scenegate.robots.robot import Joint as Joint
 from scenegate.robots.robot import Robot as Robot
+from scenegate.robots.robot_errors import RobotFileError as RobotFileError
+from scenegate.robots.robot_reader import read_robot as read_robot

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from scenegate.robots.errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError
 
 
 def parse_joints(texts: Iterable[str]) -> dict[str, tuple[float, ...]]:

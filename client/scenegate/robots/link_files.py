@@ -8,9 +8,9 @@ from typing import Any, Final, TypeVar
 
 from scenegate.messages.mesh_file import MESH_SUFFIXES
 from scenegate.regular_files import reason_of
-from scenegate.robots.errors import RobotFileError
-from scenegate.robots.files import RobotFiles
 from scenegate.robots.link_model import LinkMaterial, MeshReference
+from scenegate.robots.robot_errors import RobotFileError
+from scenegate.robots.robot_files import RobotFiles
 
 Content = TypeVar("Content")
 

@@ -9,11 +9,11 @@ from typing import Final, Literal
 import msgspec
 import numpy as np
 
-from scenegate.messages.geometry import Geometry, Mesh, Transform
+from scenegate.messages.geometry import Geometry, MeshGeometry, Transform
 from scenegate.messages.mesh_file import MeshFile, referenced_files
-from scenegate.robots.files import RobotFiles
 from scenegate.robots.link_files import LinkFiles, color_of
 from scenegate.robots.link_model import Cone, Link, LinkGeometry, MeshReference
+from scenegate.robots.robot_files import RobotFiles
 
 _CONE_SEGMENTS: Final = 48
 
@@ -70,7 +70,7 @@ class LinkGeometries:
         return data, referenced_files(data, suffix, lambda other: self._files.read_beside(path, other))
 
 
-def _cone(cone: Cone, color: tuple[float, float, float, float], transform: Transform) -> Mesh:
+def _cone(cone: Cone, color: tuple[float, float, float, float], transform: Transform) -> MeshGeometry:
     """Return a cone: its tip is at length / 2, its base at -length / 2, as in FCL."""
     angles = np.linspace(0.0, 2.0 * np.pi, _CONE_SEGMENTS, endpoint=False)
     height, radius = 0.5 * cone.length, cone.radius
@@ -79,4 +79,4 @@ def _cone(cone: Cone, color: tuple[float, float, float, float], transform: Trans
     this, after = np.arange(_CONE_SEGMENTS), np.roll(np.arange(_CONE_SEGMENTS), -1)
     tip, centre = np.full(_CONE_SEGMENTS, _CONE_SEGMENTS), np.full(_CONE_SEGMENTS, _CONE_SEGMENTS + 1)
     faces = np.concatenate((np.column_stack((this, after, tip)), np.column_stack((after, this, centre))))
-    return Mesh(vertices, faces, color=color, transform=transform)
+    return MeshGeometry(vertices, faces, color=color, transform=transform)

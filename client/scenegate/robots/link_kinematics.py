@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.robots.errors import RobotFileError
 from scenegate.robots.link_model import LinkJoint, LinkModel
+from scenegate.robots.robot_errors import RobotFileError
 from scenegate.transforms import IDENTITY, from_pose
 
 

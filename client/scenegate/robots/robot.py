@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scenegate.name_hint import name_hint
-from scenegate.robots.errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError
 
 PartType = TypeVar("PartType")
 """Type of the geometry: ``Geometry`` to publish, or the server's own."""

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from scenegate.name_hint import name_hint
 from scenegate.regular_files import reason_of
-from scenegate.robots.errors import RobotFileError, no_links
-from scenegate.robots.files import RobotFiles
-from scenegate.robots.limits import RobotFileLimits, check_count
 from scenegate.robots.link_model import Link, LinkGeometry, LinkJoint, LinkModel, MeshReference
 from scenegate.robots.robot import NEUTRAL, GeometryUse, Joint, JointKind
+from scenegate.robots.robot_errors import RobotFileError, no_links
+from scenegate.robots.robot_files import RobotFiles
+from scenegate.robots.robot_limits import RobotFileLimits, check_count
 from scenegate.robots.ros_packages import split_url
 from scenegate.robots.sdf_frames import WORLD, Frame, Frames, read_pose
 from scenegate.robots.sdf_geometry import read_geometries

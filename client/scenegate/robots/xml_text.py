@@ -16,7 +16,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from scenegate.robots.errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError
 
 Element = ElementTree.Element
 

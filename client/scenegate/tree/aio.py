@@ -16,8 +16,8 @@ from scenegate.tree.callbacks import Callback
 from scenegate.tree.control_panel import ControlHandle, V
 from scenegate.tree.controls import ButtonHandle, ControlFolder, MaybePose, PlotHandle
 from scenegate.tree.joint_sliders import JointSliders
-from scenegate.tree.nodes import Batch, Node
-from scenegate.tree.robot import PublishedRobot
+from scenegate.tree.node_handles import Batch, NodeHandle
+from scenegate.tree.published_robot import PublishedRobot
 from scenegate.tree.viewer import TreeViewer
 
 Blocking = TypeVar("Blocking")
@@ -25,7 +25,7 @@ Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 Converted = TypeVar("Converted")
 Wrapped = TypeVar("Wrapped")
-NodeType = TypeVar("NodeType", bound=Node)
+NodeType = TypeVar("NodeType", bound=NodeHandle)
 
 
 def _in_thread_as(
@@ -55,16 +55,16 @@ class _Wrapper(Generic[Wrapped]):
 
 
 class AsyncNode(_Wrapper[NodeType]):
-    """``Node`` whose methods are coroutines."""
+    """``NodeHandle`` whose methods are coroutines."""
 
-    def __getitem__(self, key: Key) -> AsyncNode[Node]:
+    def __getitem__(self, key: Key) -> AsyncNode[NodeHandle]:
         return AsyncNode(self._blocking[key])
 
-    set = _in_thread(Node.set)
-    transform = _in_thread(Node.transform)
-    set_visible = _in_thread(Node.set_visible)
-    set_opacity = _in_thread(Node.set_opacity)
-    delete = _in_thread(Node.delete)
+    set = _in_thread(NodeHandle.set)
+    transform = _in_thread(NodeHandle.transform)
+    set_visible = _in_thread(NodeHandle.set_visible)
+    set_opacity = _in_thread(NodeHandle.set_opacity)
+    delete = _in_thread(NodeHandle.delete)
 
 
 class AsyncRobot(AsyncNode[PublishedRobot]):
@@ -192,9 +192,10 @@ class AsyncTreeViewer:
     ) -> None:
         await asyncio.to_thread(self._blocking.close)
 
-    def __getitem__(self, key: Key) -> AsyncNode[Node]:
-        return AsyncNode(Node(self._blocking, path_of(key)))
+    def __getitem__(self, key: Key) -> AsyncNode[NodeHandle]:
+        return AsyncNode(NodeHandle(self._blocking, path_of(key)))
 
+    set = _in_thread(TreeViewer.set)
     delete = _in_thread(TreeViewer.delete)
     set_transforms = _in_thread(TreeViewer.set_transforms)
     set_view = _in_thread(TreeViewer.set_view)

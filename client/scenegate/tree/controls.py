@@ -19,7 +19,7 @@ from scenegate.tree.answer import Answer
 from scenegate.tree.callbacks import check_callback
 from scenegate.tree.control_panel import ControlHandle, ControlPanel, plain
 from scenegate.tree.joint_sliders import JointSliders
-from scenegate.tree.robot import PublishedRobot
+from scenegate.tree.published_robot import PublishedRobot
 
 MAX_CLICK_CALLS: Final = 100
 """Maximum number of calls of a button's callback for clicks that arrive together."""

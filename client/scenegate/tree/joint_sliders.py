@@ -11,7 +11,7 @@ from scenegate.messages.changes import Path
 from scenegate.messages.controls import MAX_NUMBER, Button, Slider
 from scenegate.robots.robot import Joint
 from scenegate.tree.control_panel import ControlHandle, ControlPanel
-from scenegate.tree.robot import PublishedRobot
+from scenegate.tree.published_robot import PublishedRobot
 
 UNLIMITED: Final[Mapping[str, float]] = {"revolute": math.pi, "prismatic": 1.0}
 """Largest value of the slider of a joint without limits, in radians or metres."""

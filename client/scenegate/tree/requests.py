@@ -14,11 +14,14 @@ from typing import Any, Final, NamedTuple
 from scenegate.lcm.transport import TransportLimits
 from scenegate.messages import wire
 from scenegate.messages.arguments import describe
+from scenegate.messages.changes import geometry_bytes
 from scenegate.messages.request_encoding import Response, decode_response, encode_request
 from scenegate.tree.connection import LcmConnection
 
 MAX_REQUEST_BYTES: Final = TransportLimits().message_bytes
 """Maximum size of a request. A hub disconnects the sender of a larger one."""
+BYTES_PER_SECOND: Final = 10e6
+"""Speed at which a slow viewer receives and reads a request. A response may take so much longer."""
 UNKNOWN_FORMATS: Final = (wire.UNKNOWN_FORMAT, wire.UNKNOWN_FORMAT_VERSION)
 """Status codes of a viewer that does not know the format of a request."""
 
@@ -29,6 +32,8 @@ class SentRequest(NamedTuple):
     utime: int
     """Microseconds since 1970: identifies the request."""
     response: Future[Response]
+    nbytes: int
+    """Size of the request."""
 
 
 class Requests:
@@ -120,18 +125,19 @@ class Requests:
         except BaseException:
             self.pending.pop(utime, None)
             raise
-        return SentRequest(utime, future)
+        return SentRequest(utime, future, len(message))
 
     def wait(self, sent: SentRequest) -> Response:
-        """Wait for the response to a request; see ``send`` for errors."""
+        """Wait for the response to a request, longer for a big one; see ``send`` for errors."""
+        timeout = self.timeout + sent.nbytes / BYTES_PER_SECOND
         try:
-            return sent.response.result(self.timeout)
+            return sent.response.result(timeout)
         except FutureTimeoutError:
             url = self.connection.url
             lost = "big messages can get lost over UDP, tcpq:// loses none"
             hint = lost if url.startswith("udpm") else self.connection.problem
             raise TimeoutError(
-                f"no viewer answered within {self.timeout:g} s on {url}{'; ' if hint else ''}{hint}"
+                f"no viewer answered within {timeout:.3g} s on {url}{'; ' if hint else ''}{hint}"
             ) from None
         finally:
             self.pending.pop(sent.utime, None)
@@ -156,6 +162,16 @@ class Requests:
 
 def _encode(body: dict[str, Any], utime: int, message_format: str) -> bytearray:
     """Return a request as LCM message; see ``Requests.send`` for errors."""
+    nbytes = sum(
+        geometry_bytes(geometry)
+        for command in body.get("setgeometry", ())
+        for geometry in command.get("geometries") or ()
+    )
+    at_least = nbytes if message_format == wire.BINARY else nbytes // 4  # 8 bytes are at least 2 characters
+    if at_least > MAX_REQUEST_BYTES:  # encoding would take seconds
+        raise ValueError(
+            f"the request has at least {at_least} bytes, the limit is {MAX_REQUEST_BYTES}: send it in parts"
+        )
     try:
         message = encode_request(body, utime, message_format)
     except UnicodeEncodeError as error:

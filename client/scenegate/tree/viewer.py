@@ -20,16 +20,17 @@ from scenegate.messages.arguments import describe
 from scenegate.messages.changes import Changes, Key, Path, path_of
 from scenegate.messages.colors import rgba
 from scenegate.messages.field_kinds import number_list
+from scenegate.messages.geometry import Geometry, Transform
 from scenegate.messages.request_encoding import Response
 from scenegate.messages.wire import MISSING_PATHS, OK
 from scenegate.tree.answer import UNSUPPORTED, Answer, TreeViewerError, answer_of
 from scenegate.tree.callbacks import Callback, CallbackThreads, ClickListener
 from scenegate.tree.control_panel import ControlPanel
 from scenegate.tree.controls import ControlFolder
-from scenegate.tree.nodes import Batch, Node, transforms_of
+from scenegate.tree.node_handles import Batch, NodeHandle, transforms_of
 from scenegate.tree.notebook import NotebookViews
+from scenegate.tree.published_robot import PublishedRobot, read_robot_for
 from scenegate.tree.requests import Requests
-from scenegate.tree.robot import PublishedRobot, read_robot_for
 from scenegate.warning_text import strict_refusal
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class TreeViewer(NotebookViews, Closing):
         Args:
             url: LCM URL (``tcpq://host:7700``, ``udpm://...``); None: the environment variable LCM_DEFAULT_URL, or
                 else LCM's default.
-            timeout: seconds to wait for a response, or for a hub.
+            timeout: seconds to wait for a hub, or for a response, with a second more for every 10 MB of the request.
             binary: format of requests. True: MessagePack; False: JSON, which has no NaN and infinite numbers: ``null``
                 is sent in their place; None: MessagePack if the viewer supports it.
 
@@ -83,8 +84,11 @@ class TreeViewer(NotebookViews, Closing):
         """URL of the LCM network."""
         return self.requests.connection.url
 
-    def __getitem__(self, key: Key) -> Node:
-        return Node(self, path_of(key))
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.url}>"
+
+    def __getitem__(self, key: Key) -> NodeHandle:
+        return NodeHandle(self, path_of(key))
 
     def close(self) -> None:
         """Close the connection. The published geometry stays in the viewer; the controls are removed."""
@@ -105,9 +109,13 @@ class TreeViewer(NotebookViews, Closing):
         """
         return self.send(transforms_of(paths, poses))
 
+    def set(self, *geometries: Geometry, transform: Transform | ArrayLike | None = None) -> Answer:
+        """Replace the geometries of the root. See ``NodeHandle.set``."""
+        return NodeHandle(self, ()).set(*geometries, transform=transform)
+
     def delete(self) -> Answer:
         """Delete everything in the viewer, including the geometry of other clients."""
-        return Node(self, ()).delete()
+        return NodeHandle(self, ()).delete()
 
     def set_view(
         self,

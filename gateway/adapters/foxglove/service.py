@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 import structlog
 
 from gateway.adapters.foxglove.channels import Channels
-from gateway.adapters.foxglove.sources import CameraSource, NewSceneFrames, SceneFrames
+from gateway.adapters.foxglove.foxglove_sources import CameraSource, NewSceneFrames, SceneFrames
 from gateway.scene.tree.live import LiveTree, Snapshot
 from scenegate.camera import image_interface_pb2 as pb
 from scenegate.recording.camera_values import CameraConverter

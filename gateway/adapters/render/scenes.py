@@ -20,9 +20,9 @@ from gateway.files.gltf import (
     DRAKE_MERGER,
     DocumentContent,
     GltfCache,
-    GltfCamera,
     GltfScene,
     HashedDocument,
+    PlacedCamera,
     label_from_material,
     read_gltf,
 )
@@ -64,7 +64,7 @@ class SceneTopology:
 class PreparedScene:
     """A posted scene ready for rendering. Shared by all requests with the same scene."""
 
-    camera: GltfCamera | None
+    camera: PlacedCamera | None
     """``GltfScene.camera``."""
     has_geometry: bool
     """True if the scene has primitives, even if all of them are too far away to be drawn."""

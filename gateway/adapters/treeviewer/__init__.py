@@ -3,13 +3,13 @@
 ``service`` starts the transports and the hub (``gateway.runtime.lcm``). A request from them passes through the files in
 this order:
 
-- ``dispatch``: handles small regular requests at once and others in a worker thread, each client's in order.
+- ``dispatch``: handles small regular requests at once and others in a worker thread. ``queues`` keeps the order of each
+  client's requests.
 - ``protocol``: the protocol without I/O. ``wire`` decodes the message.
-- ``request_reader``: turns the data in the message, JSON or MessagePack, into a ``requests.Request``.
-  ``regular_commands`` has the types of frequent commands. ``commands`` and ``newer_commands``, those that Director does
-  not have, read all commands, including irregular and invalid ones; ``fields``, ``geometry`` and the files that it
-  names read the values in them.
-- ``number_arrays``, ``json_kernels``, ``packed_arrays``, ``msgpack_kernels``: long arrays in JSON and MessagePack.
+- ``request_reader``: turns the data in the message, JSON or MessagePack, into a ``requests.Request``. The table in
+  ``commands`` says how each command is read, ``regular_commands`` has the types of frequent ones, which msgspec reads;
+  ``fields``, ``geometry_reader`` and the files that it names read the values in commands.
+- ``number_arrays``, ``json_kernels``, ``msgpack_kernels``: long arrays in JSON and MessagePack.
 - ``apply``: executes the request on the live tree within the limits of ``quota``, and on the page.
 - ``delivery``: sends the response (``responses``), and delays those that Director's client would lose.
 """

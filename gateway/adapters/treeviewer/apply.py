@@ -156,7 +156,7 @@ class PageClient:
     send: Callable[[PageMessage], None]
 
     def send_values(self, values: Sequence[tuple[Path, Value]], after: int) -> None:
-        """Send values of controls. See ``gateway.scene.page.controls.Deliver``."""
+        """Send values of controls. See ``gateway.scene.page.control_store.Deliver``."""
         self.send(ControlsMessage([ControlValue(path, value) for path, value in values], after))
 
 

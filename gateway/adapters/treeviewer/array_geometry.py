@@ -1,4 +1,4 @@
-"""Make parts of lines, meshes, point clouds and planar lidars. ``geometry`` calls these functions.
+"""Make parts of lines, meshes, point clouds and planar lidars. ``geometry_reader`` calls these functions.
 
 "Drawable" means finite and within ``MAX_DISTANCE``.
 """
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gateway.adapters.treeviewer.context import ReadContext, scale_colors
 from gateway.adapters.treeviewer.fields import is_unicode
-from gateway.adapters.treeviewer.packed_arrays import ArrayError, PackedArray
+from gateway.adapters.treeviewer.number_arrays import ArrayError, PackedArray
 from gateway.scene.draw.crease_normals import smooth_mesh
 from gateway.scene.tree.geometry import Line, Part, PointCloud, Surface
 from gateway.scene.tree.materials import POINT_SIZE, Color, material
@@ -142,7 +142,7 @@ def _channel_arrays(value: Any, count: int, context: ReadContext) -> dict[str, N
             context.warnings.append(f"channel {show(name)} has {len(array)} values for {count} points; it is ignored")
             continue
         if name in ("rgb", "intensity"):
-            scale_colors(array, values)
+            scale_colors(array, values, f"channel {show(name)}", context.warnings)
         channels[name] = array
     return channels
 

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from gateway.adapters.treeviewer.config import Limits
 from gateway.adapters.treeviewer.images import CheckedImage, read_image
-from gateway.adapters.treeviewer.number_arrays import NumberArrays
-from gateway.adapters.treeviewer.packed_arrays import ArrayError, PackedArray
+from gateway.adapters.treeviewer.number_arrays import ArrayError, NumberArrays, PackedArray
 from gateway.scene.tree.geometry import Part
-from scenegate.messages.field_kinds import CommandError, show
+from scenegate.messages.field_kinds import MAX_COLOR, CommandError, show
 
 
 class ThreadRequired(Exception):  # noqa: N818 - an expected outcome, not a fault
@@ -68,7 +67,7 @@ class ReadContext:
 
     def colors(self, value: Any, name: str) -> NDArray[np.float32]:
         colors = self.rows(value, name, (3, 4), "vertices")
-        scale_colors(colors, value)
+        scale_colors(colors, value, name, self.warnings)
         return colors
 
     def image(self, value: Any, name: str) -> CheckedImage:
@@ -89,9 +88,11 @@ class ReadContext:
         return value
 
 
-def scale_colors(colors: NDArray[np.float32], field: Any) -> None:
-    """Scale the colours read from a field, in place, to 0 to 1. NaN becomes 0."""
+def scale_colors(colors: NDArray[np.float32], field: Any, name: str, warnings: list[str]) -> None:
+    """Scale the colours read from a field, in place, to 0 to 1. NaN becomes 0. Warn of colours above 1."""
     if isinstance(field, PackedArray) and field.is_uint8:
         colors /= np.float32(255.0)
     colors[np.isnan(colors)] = 0.0
+    if colors.size and (largest := float(colors.max())) > MAX_COLOR:
+        warnings.append(f"{name} has {largest:g}, colours are from 0 to 1 or bytes; it counts as 1")
     np.clip(colors, 0.0, 1.0, out=colors)

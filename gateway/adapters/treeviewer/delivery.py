@@ -17,8 +17,11 @@ from typing import Final, NamedTuple, Protocol
 import structlog
 
 from gateway.adapters.treeviewer import responses
-from gateway.adapters.treeviewer.protocol import response_channel
+from gateway.adapters.treeviewer.apply import PageClient
+from gateway.adapters.treeviewer.protocol import client_of, response_channel
 from gateway.adapters.treeviewer.responses import AnyResponse, ClickMessage, ControlsMessage, PageMessage, Response
+from gateway.runtime.lcm.tcpq_hub import HubConnection, TcpqHub
+from gateway.scene.page.live_page import LivePage
 from scenegate.messages import wire
 
 _log = structlog.get_logger("gateway.treeviewer")
@@ -42,6 +45,14 @@ class Recipient(NamedTuple):
     """Channel of the request, which names the client."""
     format: str
     """Format of the request: ``wire.JSON``, ``wire.BINARY``, or an unknown one."""
+
+
+class _ClientKey(NamedTuple):
+    """Identifies a client that receives messages of the page."""
+
+    publish: Publish
+    channel: str
+    """Channel of its requests."""
 
 
 @dataclass(slots=True)
@@ -148,6 +159,15 @@ class Delivery:
             for recipient, response in queue:
                 self.send(recipient, response)
 
+    def refuse(self, recipient: Recipient, utime: int, reason: str) -> None:
+        """Respond to a request that is not handled."""
+        self.send_in_order(recipient, responses.failed(utime, reason))
+
+    def page_client(self, recipient: Recipient) -> PageClient:
+        """Return the client behind a recipient, as a receiver of messages of the page."""
+        key = _ClientKey(recipient.publish, recipient.channel) if client_of(recipient.channel) else None
+        return PageClient(key, partial(self.send, recipient))
+
     def send(self, recipient: Recipient, message: AnyResponse | PageMessage) -> None:
         """Encode and publish a message, and count it."""
         counters, channel = self._counters, recipient.channel
@@ -169,3 +189,19 @@ class Delivery:
             counters.answered += 1
             counters.missing += message.status == wire.MISSING_PATHS
             counters.failed += message.status < 0
+
+
+def forget_clients(page: LivePage, hub: TcpqHub, lost: HubConnection) -> None:
+    """Remove clickable paths and controls of programs that received their responses by a lost connection."""
+
+    def is_gone(key: object) -> bool:
+        if not isinstance(key, _ClientKey):
+            return False
+        responses_to = response_channel(key.channel)
+        return (
+            key.publish == hub.publish
+            and lost.subscriptions.match(responses_to)
+            and not hub.has_subscriber(responses_to)
+        )
+
+    page.forget(is_gone)

@@ -1,5 +1,5 @@
 """Make parts of the geometry types that Scenegate adds to Director's: images, heightmaps, text, camera frustums, and
-meshes with textures or vertex colours. ``geometry`` calls these functions.
+meshes with textures or vertex colours. ``geometry_reader`` calls these functions.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ import pybase64
 from numpy.typing import NDArray
 
 from gateway.adapters.treeviewer.config import Limits
-from gateway.adapters.treeviewer.packed_arrays import ArrayError, PackedArray
+from gateway.adapters.treeviewer.number_arrays import ArrayError, PackedArray
 from renderers.cache import WeakCache
 from renderers.drawlist import Image, ImageError
 from renderers.encode import png_rgba

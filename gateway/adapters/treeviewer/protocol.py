@@ -16,7 +16,7 @@ from gateway.adapters.treeviewer.config import Limits
 from gateway.adapters.treeviewer.context import MeshLoader, ReadContext, ThreadRequired
 from gateway.adapters.treeviewer.quota import TreeQuota
 from gateway.adapters.treeviewer.request_reader import JsonReader, MsgpackReader, RequestReader
-from gateway.adapters.treeviewer.requests import RequestError
+from gateway.adapters.treeviewer.requests import UnreadableRequestError
 from gateway.adapters.treeviewer.responses import AnyResponse
 from gateway.runtime.logs.warning_list import WarningList
 from gateway.scene.page.live_page import LivePage
@@ -128,7 +128,7 @@ class TreeViewerProtocol:
         context = ReadContext(self.limits, meshes=meshes, strict=self._strict, at_once=at_once)
         try:
             request = reader.read(comms.data, context)
-        except RequestError as error:
+        except UnreadableRequestError as error:
             raise RequestRefused(responses.failed(comms.utime, str(error))) from None
         return RequestApplier(request, self.live, self.quota, self.limits, self.warnings)
 
@@ -147,5 +147,9 @@ class TreeViewerProtocol:
         except RequestRefused as refused:
             return refused.response
         applier.apply()
-        update_page(self.page, applier.request, client, comms.utime)
-        return applier.response(comms.utime)
+        return self.respond(applier, client, comms.utime)
+
+    def respond(self, applier: RequestApplier, client: PageClient | None, utime: int) -> AnyResponse:
+        """Execute the commands for the page of a request that was applied, and return the response."""
+        update_page(self.page, applier.request, client, utime)
+        return applier.response(utime)

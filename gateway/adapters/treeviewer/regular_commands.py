@@ -16,7 +16,7 @@ from gateway.adapters.treeviewer.fields import IDENTITY_QUATERNION, ZERO_TRANSLA
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.materials import WHITE, material
 from gateway.scene.tree.transforms import IDENTITY
-from scenegate.messages.field_kinds import MAX_DISTANCE
+from scenegate.messages.field_kinds import MAX_DISTANCE, CommandError
 from scenegate.messages.geometry import Solid, fields_of
 
 _Coordinate = Annotated[float, msgspec.Meta(ge=-MAX_DISTANCE, le=MAX_DISTANCE)]
@@ -42,7 +42,9 @@ def _solid_type(solid: type[Solid]) -> type[msgspec.Struct]:
         (field.name, field.kind.regular) if field.required else (field.name, field.kind.regular, field.default)
         for field in fields_of(solid)
     ]
-    return msgspec.defstruct(solid.kind, fields, bases=(_SolidMessage,), gc=False, kw_only=True, tag=solid.kind)
+    return msgspec.defstruct(
+        solid.kind, fields, bases=(_SolidMessage,), gc=False, kw_only=True, tag=solid.kind, forbid_unknown_fields=True
+    )
 
 
 _SOLIDS: Final[Mapping[type[msgspec.Struct], tuple[type[Solid], tuple[str, ...]]]] = {
@@ -51,24 +53,26 @@ _SOLIDS: Final[Mapping[type[msgspec.Struct], tuple[type[Solid], tuple[str, ...]]
 """Class of the scene, and its fields, of each type of solid."""
 
 
-def list_types(limits: Limits) -> tuple[Any, Any]:
-    """Return the types of lists of regular setgeometry and settransform commands within the limits."""
+def list_types(limits: Limits) -> dict[str, Any]:
+    """Return the types of lists of regular commands within the limits, by name of the command."""
     name = Annotated[str, msgspec.Meta(max_length=limits.element_chars)]
     number = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
     path = Annotated[tuple[name | number, ...], msgspec.Meta(max_length=limits.path_elements)]
     solid: Any = Union[tuple(_SOLIDS)]  # noqa: UP007 - a computed union
     solids = Annotated[list[solid], msgspec.Meta(max_length=limits.parts_per_path)]
     fields: Any = [("path", path), ("geometry", solid | None, None), ("geometries", solids | None, None)]
-    set_geometry = msgspec.defstruct("SetGeometry", fields, gc=False)
-    set_transform = msgspec.defstruct("SetTransform", [("path", path), ("transform", _Transform)], gc=False)
-    return list[set_geometry], list[set_transform]  # type: ignore[valid-type]
+    set_geometry: Any = msgspec.defstruct("SetGeometry", fields, gc=False)
+    set_transform: Any = msgspec.defstruct("SetTransform", [("path", path), ("transform", _Transform)], gc=False)
+    return {"setgeometry": list[set_geometry], "settransform": list[set_transform]}
 
 
-def parts_of(command: Any) -> tuple[Part, ...] | None:
-    """Return the parts of a regular setgeometry command; None if it has neither ``geometry`` nor ``geometries``."""
+def parts_of(command: Any) -> tuple[Part, ...]:
+    """Return the parts of a regular setgeometry command."""
     if command.geometry is not None:
         return (_part(command.geometry),)
-    return None if command.geometries is None else tuple(map(_part, command.geometries))
+    if command.geometries is None:
+        raise CommandError("geometries is missing")
+    return tuple(map(_part, command.geometries))
 
 
 def _part(message: _SolidMessage) -> Part:

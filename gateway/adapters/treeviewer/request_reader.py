@@ -18,24 +18,16 @@ import msgspec
 import numpy as np
 
 from gateway.adapters.treeviewer import msgpack_kernels
-from gateway.adapters.treeviewer.commands import read_deletes, read_geometries, read_transforms
+from gateway.adapters.treeviewer.commands import COMMANDS, read_commands
 from gateway.adapters.treeviewer.config import Limits
 from gateway.adapters.treeviewer.context import ReadContext
-from gateway.adapters.treeviewer.newer_commands import READERS as NEWER_COMMANDS
-from gateway.adapters.treeviewer.packed_arrays import EXTENSION, unpack
+from gateway.adapters.treeviewer.number_arrays import EXTENSION, unpack
 from gateway.adapters.treeviewer.regular_commands import list_types
-from gateway.adapters.treeviewer.requests import Request, RequestError
+from gateway.adapters.treeviewer.requests import Request, UnreadableRequestError
 from scenegate.messages.field_kinds import show
 
 DECODE_ERRORS: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """Raised by msgspec for data that it cannot decode."""
-READERS: Final = {
-    "delete": read_deletes,
-    "setgeometry": read_geometries,
-    "settransform": read_transforms,
-    **NEWER_COMMANDS,
-}
-"""Functions that read a decoded list of commands into the request, by name, in the order of execution."""
 SMALL_JSON_BYTES: Final = 16 * 1024
 """Maximum size of JSON requests whose long number arrays are not parsed apart."""
 SYNTAX_ERRORS: Final = {
@@ -43,12 +35,9 @@ SYNTAX_ERRORS: Final = {
     msgpack_kernels.UNUSED_BYTE: "byte c1 is never used",
     msgpack_kernels.TRAILING_BYTES: "bytes follow its end",
 }
-_OLD_NAMES: Final = {"load": "setgeometry", "draw": "settransform"}
-"""Director's older names of commands. As in Director, they override the newer ones."""
 _ABSENT: Final = msgspec.Raw()
-_ENVELOPE: Final = msgspec.defstruct(
-    "Envelope", [(name, msgspec.Raw, _ABSENT) for name in (*READERS, *_OLD_NAMES)], gc=False
-)
+_NAMES: Final = (*COMMANDS, *(command.older_name for command in COMMANDS.values() if command.older_name))
+_ENVELOPE: Final = msgspec.defstruct("Envelope", [(name, msgspec.Raw, _ABSENT) for name in _NAMES], gc=False)
 """Type of a request whose lists of commands are not decoded."""
 
 
@@ -67,14 +56,9 @@ class RequestReader(ABC):
         self.limits = limits
         self._small_bytes = small_bytes
         self._envelope_decoder = make_decoder(_ENVELOPE)
-        geometries, transforms = map(make_decoder, list_types(limits))
-        self._list_decoders = {
-            "setgeometry": geometries,
-            "load": geometries,
-            "settransform": transforms,
-            "draw": transforms,
-        }
-        """Decoders of lists of regular commands."""
+        self._list_decoders = {name: make_decoder(list_type) for name, list_type in list_types(limits).items()}
+        """Decoders of lists of regular commands, by name and older name."""
+        self._list_decoders |= {COMMANDS[name].older_name: each for name, each in self._list_decoders.items()}
         self.any_decoder = make_decoder(Any)
 
     def read(self, data: memoryview, context: ReadContext) -> Request:
@@ -93,15 +77,13 @@ class RequestReader(ABC):
         if message is None:
             return request
         if not isinstance(message, dict):
-            raise RequestError(f"the request must be {self.type_text}, not {show(message)}")
-        for old_name, name in _OLD_NAMES.items():
-            if old_name in message:
-                message[name] = message[old_name]
-        for name, read_commands in READERS.items():
-            if (value := message.get(name)) is not None:
-                if name in NEWER_COMMANDS:
+            raise UnreadableRequestError(f"the request must be {self.type_text}, not {show(message)}")
+        for name, command in COMMANDS.items():
+            used_name = command.older_name if command.older_name and command.older_name in message else name
+            if (value := message.get(used_name)) is not None:
+                if command.is_newer:
                     request.newer_commands.append(name)
-                read_commands(value, request, context)
+                read_commands(name, value, request, context)
         return request
 
     @abstractmethod
@@ -143,7 +125,9 @@ class JsonReader(RequestReader):
         """Return the JSON text without its long arrays."""
         json_text = context.arrays.extract(data)
         if len(json_text) > self.limits.json_bytes:
-            raise RequestError(f"the request has {len(json_text)} bytes of JSON, the limit is {self.limits.json_bytes}")
+            raise UnreadableRequestError(
+                f"the request has {len(json_text)} bytes of JSON, the limit is {self.limits.json_bytes}"
+            )
         return json_text
 
     def decode_plain(self, data: bytes | memoryview) -> Any:
@@ -151,11 +135,13 @@ class JsonReader(RequestReader):
         try:
             return json.loads(bytes(data).decode())
         except UnicodeDecodeError as error:
-            raise RequestError(f"the request is not valid JSON text: {error.reason} at byte {error.start}") from None
+            raise UnreadableRequestError(
+                f"the request is not valid JSON text: {error.reason} at byte {error.start}"
+            ) from None
         except RecursionError:
-            raise RequestError("the request is nested too deeply") from None
+            raise UnreadableRequestError("the request is nested too deeply") from None
         except ValueError as error:  # not JSON, or an integer of more digits than Python converts
-            raise RequestError(f"the request is not valid JSON ({error})") from None
+            raise UnreadableRequestError(f"the request is not valid JSON ({error})") from None
 
 
 class UnknownExtension:
@@ -185,9 +171,9 @@ class MsgpackReader(RequestReader):
         limit = self.limits.binary_objects
         count_or_error = msgpack_kernels.count_values(np.frombuffer(data, np.uint8), limit)
         if count_or_error in SYNTAX_ERRORS:
-            raise RequestError(f"the request is not valid MessagePack ({SYNTAX_ERRORS[count_or_error]})")
+            raise UnreadableRequestError(f"the request is not valid MessagePack ({SYNTAX_ERRORS[count_or_error]})")
         if count_or_error > limit:
-            raise RequestError(f"the request has more than {limit} objects besides its arrays, the limit")
+            raise UnreadableRequestError(f"the request has more than {limit} objects besides its arrays, the limit")
         return data
 
     def decode_plain(self, data: bytes | memoryview) -> Any:
@@ -195,4 +181,4 @@ class MsgpackReader(RequestReader):
         try:
             return self.any_decoder.decode(data)
         except DECODE_ERRORS as error:
-            raise RequestError(f"the request is not valid MessagePack ({error})") from None
+            raise UnreadableRequestError(f"the request is not valid MessagePack ({error})") from None

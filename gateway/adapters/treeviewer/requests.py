@@ -20,7 +20,7 @@ Subject = tuple[str, Path | None]
 """Command and path that a warning is about; no path if it could not be read, or for commands of the page."""
 
 
-class RequestError(ValueError):
+class UnreadableRequestError(ValueError):
     """No command of a request is executed; the message is the reason."""
 
 
@@ -115,6 +115,6 @@ class Request(msgspec.Struct, gc=False):
         self.failures.append(failure)
         if len(self.failures) > limits.failed_commands:
             first = self.failures[0]
-            raise RequestError(
+            raise UnreadableRequestError(
                 f"more than {limits.failed_commands} commands cannot be executed, so nothing is done; {first.text}"
             )

@@ -13,7 +13,7 @@ import structlog
 from gateway.adapters.treeviewer import responses
 from gateway.adapters.treeviewer.config import TreeViewerConfig
 from gateway.adapters.treeviewer.context import MeshLoader
-from gateway.adapters.treeviewer.delivery import DurableStore
+from gateway.adapters.treeviewer.delivery import DurableStore, forget_clients
 from gateway.adapters.treeviewer.dispatch import Dispatcher
 from gateway.adapters.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 from gateway.runtime.lcm.listener import ChannelListener
@@ -132,11 +132,9 @@ class TreeViewerService:
 
     async def _start_hub(self, ready_message: bytes) -> None:
         hub = TcpqHub(self._config.lcm, (RESPONSE, ready_message))
-        dispatcher = self._dispatcher
+        receive = partial(self._dispatcher.receive, hub.publish)
         try:
-            await hub.start(
-                self._prefixes, partial(dispatcher.receive, hub.publish), partial(dispatcher.forget_clients, hub)
-            )
+            await hub.start(self._prefixes, receive, partial(forget_clients, self.protocol.page, hub))
         except LcmUnavailableError as error:
             self._add_problem("tcpq", error)
         else:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from gateway.adapters.viewer import messages
 from gateway.adapters.viewer.frames import FrameBuilder
-from gateway.scene.page.controls import ControlStore
+from gateway.scene.page.control_store import ControlStore
 from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import Pose
 from scenegate.messages import controls
@@ -34,7 +34,7 @@ class ControlFrames:
         if frame is None:
             builder = FrameBuilder()
             samples = [(control_id, builder.add_array(rows)) for control_id, rows in store.samples_since(revision)]
-            header = messages.ControlsMessage(
+            header = messages.PageControls(
                 controls=store.controls_since(revision), values=store.values_since(revision), samples=samples
             )
             frame = self._frames[revision] = builder.finish(header)

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.adapters.viewer.messages import Message, NodeUpdate, SceneUpdate, Span
+from gateway.adapters.viewer.messages import NodeUpdate, SceneUpdate, Span, ViewMessage
 
 MAGIC: Final = 0x31564753
 """The bytes "SGV1" as a little-endian integer."""
@@ -52,7 +52,7 @@ class FrameBuilder:
         self._size += len(data) + padding_bytes
         return offset, int(values.size) if isinstance(values, np.ndarray) else len(values)
 
-    def finish(self, header: Message) -> bytes:
+    def finish(self, header: ViewMessage) -> bytes:
         """Return the complete frame, with the fields of ``header``, and the nodes and arrays so far."""
         if isinstance(header, SceneUpdate):
             header.nodes = self._nodes
@@ -61,6 +61,6 @@ class FrameBuilder:
         return b"".join((PREFIX.pack(MAGIC, len(text) + padding_bytes), text, b" " * padding_bytes, *self._chunks))
 
 
-def encode(message: Message) -> bytes:
+def encode(message: ViewMessage) -> bytes:
     """Return the frame of a message without arrays."""
     return FrameBuilder().finish(message)

@@ -15,11 +15,11 @@ from renderers.color import srgb_from_linear
 from renderers.drawlist import AlphaMode, Material, Texture
 
 _IDENTITY: Final = np.eye(4)
-_MATERIAL_DEFAULTS: Final = {each.name: each.default for each in msgspec.structs.fields(messages.Material)}
+_MATERIAL_DEFAULTS: Final = {each.name: each.default for each in msgspec.structs.fields(messages.PageMaterial)}
 _ALPHA: Final = {AlphaMode.OPAQUE: None, AlphaMode.MASK: "mask", AlphaMode.BLEND: "blend"}
 
 
-def part_message(part: Part, resources: Resources) -> messages.Part:
+def part_message(part: Part, resources: Resources) -> messages.PagePart:
     """Return a part with its draws: meshes with a material and a matrix."""
     draws: list[messages.Draw] = []
     for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):
@@ -30,7 +30,7 @@ def part_message(part: Part, resources: Resources) -> messages.Part:
             draw.matrix = matrix.T.ravel().tolist() if np.isfinite(matrix).all() else None
         draws.append(draw)
     kind = part.kind or type(part.shape).__name__.lower()
-    message = messages.Part(kind=kind, draws=draws, source=part.source or "", faces_camera=part.kind == "text")
+    message = messages.PagePart(kind=kind, draws=draws, source=part.source or "", faces_camera=part.kind == "text")
     if isinstance(part.shape, PointCloud):
         for draw in draws:
             resources.clouds[draw.mesh] = part.shape
@@ -49,7 +49,7 @@ def _channel_widths(cloud: PointCloud) -> dict[str, int]:
     }
 
 
-def _material_message(material: Material, resources: Resources) -> messages.Material:
+def _material_message(material: Material, resources: Resources) -> messages.PageMaterial:
     fields: dict[str, Any] = {
         "alpha": _ALPHA[material.alpha_mode],
         "cutoff": material.alpha_cutoff if material.alpha_mode is AlphaMode.MASK else 0.5,
@@ -72,7 +72,7 @@ def _material_message(material: Material, resources: Resources) -> messages.Mate
     # Equal numbers are different objects: msgspec leaves out a default only if it is the same object.
     changed = {name: value for name, value in fields.items() if value != _MATERIAL_DEFAULTS[name]}
     red, green, blue = map(srgb_from_linear, material.base_color[:3])
-    return messages.Material(color=(red, green, blue, material.base_color[3]), **changed)
+    return messages.PageMaterial(color=(red, green, blue, material.base_color[3]), **changed)
 
 
 def _texture_message(texture: Texture | None, resources: Resources) -> messages.TextureUse | None:

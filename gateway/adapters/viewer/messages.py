@@ -28,7 +28,7 @@ class Fields(Struct, omit_defaults=True, rename="camel", kw_only=True):
     """Base class of parts of messages."""
 
 
-class Message(Fields, tag_field="kind"):
+class ViewMessage(Fields, tag_field="kind"):
     """Base class of messages from the gateway."""
 
 
@@ -46,7 +46,7 @@ class TextureUse(Fields):
     """a, b, c, d, e, f: u' = a u + b v + c, v' = d u + e v + f."""
 
 
-class Material(Fields):
+class PageMaterial(Fields):
     """A material. Colours are in sRGB."""
 
     color: tuple[float, float, float, float]
@@ -76,12 +76,12 @@ class Draw(Fields):
     """A mesh with a material."""
 
     mesh: int
-    material: Material
+    material: PageMaterial
     matrix: list[float] | UnsetType | None = UNSET
     """Column-major transform from mesh to node; default identity. None: it is not finite, so the mesh is not drawn."""
 
 
-class Part(Fields):
+class PagePart(Fields):
     """A part of a node's geometry."""
 
     kind: str
@@ -103,7 +103,7 @@ class NodeUpdate(Fields):
     name: PathElement | UnsetType = UNSET
     visible: bool | UnsetType = UNSET
     opacity: float | UnsetType = UNSET
-    parts: list[Part] | UnsetType | None = UNSET
+    parts: list[PagePart] | UnsetType | None = UNSET
 
 
 class Poses(Fields):
@@ -120,7 +120,7 @@ class Matrices(Fields):
     values: Doubles
 
 
-class SceneUpdate(Message, tag="update"):
+class SceneUpdate(ViewMessage, tag="update"):
     """The differences between two revisions of the scene."""
 
     from_: int = field(name="from")
@@ -134,7 +134,7 @@ class SceneUpdate(Message, tag="update"):
     matrices: Matrices | None = None
 
 
-class MeshPayload(Message, tag="mesh"):
+class MeshPayload(ViewMessage, tag="mesh"):
     """A mesh."""
 
     id: int
@@ -149,7 +149,7 @@ class MeshPayload(Message, tag="mesh"):
     index: Words | None = None
 
 
-class Forget(Message, tag="forget"):
+class Forget(ViewMessage, tag="forget"):
     """Meshes that no longer exist."""
 
     meshes: list[int]
@@ -174,7 +174,7 @@ class Fact(Fields):
     warn: bool = False
 
 
-class Status(Message, tag="status"):
+class Status(ViewMessage, tag="status"):
     """The content of the status bar."""
 
     interfaces: dict[str, InterfaceState] = {}
@@ -183,7 +183,7 @@ class Status(Message, tag="status"):
     """Number of render requests so far."""
 
 
-class PlacedRig(Message, tag="rig"):
+class PlacedRig(ViewMessage, tag="rig"):
     """The stereo camera in the scene."""
 
     pose: list[float]
@@ -197,7 +197,7 @@ class PlacedRig(Message, tag="rig"):
     baseline: float
 
 
-class NoRig(Message, tag="rig"):
+class NoRig(ViewMessage, tag="rig"):
     """The stereo camera is not in this scene."""
 
     pose: None
@@ -211,7 +211,7 @@ class Home(Fields):
     up: Vector
 
 
-class PageSettings(Message, tag="page"):
+class PageSettings(ViewMessage, tag="page"):
     """View settings that clients have set. None: the page's own setting."""
 
     background: Vector | None
@@ -222,7 +222,7 @@ class PageSettings(Message, tag="page"):
     """Paths at and below which clients receive clicks on geometry."""
 
 
-class ControlsMessage(Message, tag="controls"):
+class PageControls(ViewMessage, tag="controls"):
     """Changes of the controls of programs."""
 
     controls: Annotated[list[dict[str, Any]], Meta(extra_json_schema={"typescript": "ControlDefinition[]"})] | None
@@ -233,13 +233,13 @@ class ControlsMessage(Message, tag="controls"):
     """New samples by the ids of their plots: rows of time and values."""
 
 
-class Received(Message, tag="received"):
+class Received(ViewMessage, tag="received"):
     """The gateway has executed a change of a control of this page: values that follow are not older."""
 
     number: int
 
 
-class TimeState(Message, tag="time", omit_defaults=False):
+class TimeState(ViewMessage, tag="time", omit_defaults=False):
     """The time that the page shows. Times are seconds since the epoch."""
 
     mode: Literal["live", "playing", "paused"]
@@ -259,7 +259,7 @@ class TimeState(Message, tag="time", omit_defaults=False):
     last: float
 
 
-class RecordedImage(Message, tag="image"):
+class RecordedImage(ViewMessage, tag="image"):
     """A texture in a recording."""
 
     id: int
@@ -268,7 +268,7 @@ class RecordedImage(Message, tag="image"):
     """PNG."""
 
 
-class RecordedChannel(Message, tag="channel"):
+class RecordedChannel(ViewMessage, tag="channel"):
     """A channel of a point cloud in a recording."""
 
     id: int
@@ -278,7 +278,7 @@ class RecordedChannel(Message, tag="channel"):
     """float32 values."""
 
 
-class RecordingEnd(Message, tag="end"):
+class RecordingEnd(ViewMessage, tag="end"):
     """The last message of a recording: its time is that until which the last update is valid."""
 
 
@@ -364,7 +364,7 @@ MESSAGES: Final = (
     PlacedRig,
     NoRig,
     PageSettings,
-    ControlsMessage,
+    PageControls,
     Received,
     TimeState,
 )

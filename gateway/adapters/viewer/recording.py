@@ -24,7 +24,7 @@ import numpy as np
 
 from gateway.adapters.viewer.encoder import EMPTY_SNAPSHOT, Encoder, Update
 from gateway.adapters.viewer.frames import ALIGNMENT, FrameBuilder, encode
-from gateway.adapters.viewer.messages import Message, RecordedChannel, RecordedImage, RecordingEnd
+from gateway.adapters.viewer.messages import RecordedChannel, RecordedImage, RecordingEnd, ViewMessage
 from gateway.adapters.viewer.resources import Resources, channel_values
 from gateway.scene.tree.live import Snapshot
 from gateway.scene.tree.sampling import FileTooLargeError, samples
@@ -136,7 +136,7 @@ class Recorder:
                 if values is not None:
                     self._add_data(time, values.tobytes(), partial(RecordedChannel, id=mesh_id, name=name))
 
-    def _add_data(self, time: int, data: bytes, message: Callable[..., Message]) -> None:
+    def _add_data(self, time: int, data: bytes, message: Callable[..., ViewMessage]) -> None:
         builder = FrameBuilder()
         span = builder.add_array(np.frombuffer(data, np.uint8))
         self.add_frame(time, builder.finish(message(data=span)))

@@ -14,7 +14,7 @@ from gateway.datasets.objects import SceneObject
 from gateway.datasets.scenario import tables
 from gateway.datasets.scenario.catalogue import Catalogue
 from gateway.datasets.scenario.choices import ObjectChoice, SceneChoices
-from gateway.datasets.scenario.materials import material_of, with_material
+from gateway.datasets.scenario.drawn_materials import material_of, with_material
 from gateway.datasets.scenario.models import load_model
 from gateway.datasets.scenario.scenery import Scenery, scenery_of
 from gateway.datasets.scenario.surfaces import node_of
@@ -27,7 +27,7 @@ from gateway.scene.tree.nodes import Node, PathElement
 from gateway.scene.tree.transforms import scaling
 from renderers.drawlist import ImageError
 from scenegate.regular_files import errors_as, sha256_of
-from scenegate.robots.errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError
 
 MODEL_NODE: Final = "model"
 """Name of the node below an object that has the model's tree."""

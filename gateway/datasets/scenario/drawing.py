@@ -29,7 +29,7 @@ from gateway.datasets.scenario.tracks import read_track
 from gateway.scene.tree.transforms import translation
 from scenegate.datasets.manifest import Vector3, pose_rows
 from scenegate.regular_files import errors_as
-from scenegate.robots.errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError
 
 ChoiceType = TypeVar("ChoiceType", bound=Choice)
 _STREAMS: Final = ("surfaces", "models", "distractors", "places", "cameras", "lights", "background", "sensor")

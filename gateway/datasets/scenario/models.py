@@ -22,8 +22,8 @@ from gateway.scene.draw.flatten import flatten
 from gateway.scene.tree.nodes import Node
 from renderers.cache import Cache, WeakCache
 from renderers.drawlist import Mesh, used_vertices
-from scenegate.robots.errors import RobotFileError
-from scenegate.robots.reader import SUFFIXES as ROBOT_SUFFIXES
+from scenegate.robots.robot_errors import RobotFileError
+from scenegate.robots.robot_reader import SUFFIXES as ROBOT_SUFFIXES
 
 MAX_BODIES: Final = 16
 """Maximum number of parts of a model that are bodies of their own; more are one body."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.datasets.scenario.choices import BackgroundChoice, LightChoice, SceneChoices, SensorChoice
-from gateway.datasets.scenario.materials import read_image
+from gateway.datasets.scenario.drawn_materials import read_image
 from gateway.files.assets.light_rig_file import cached_rig
 from renderers.camera import Camera
 from renderers.color import linear_from_srgb

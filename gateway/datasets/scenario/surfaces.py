@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.datasets.scenario.choices import SurfaceChoice
-from gateway.datasets.scenario.materials import material_of, with_material
+from gateway.datasets.scenario.drawn_materials import material_of, with_material
 from gateway.datasets.scenario.placement import Solid, box_solid
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.nodes import Node

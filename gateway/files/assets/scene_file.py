@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from gateway.files.gltf import DRAKE_GENERATORS, AnimationTime, GltfCamera, GltfError, read_gltf
+from gateway.files.gltf import DRAKE_GENERATORS, AnimationTime, GltfError, PlacedCamera, read_gltf
 from gateway.scene.tree.nodes import Node
 from gateway.scene.tree.nodes import Path as TreePath
 from gateway.scene.tree.transforms import Y_UP_TO_Z_UP
@@ -28,7 +28,7 @@ class SceneFile:
 
     root: Node
     """Root of the tree, which does not change any more."""
-    cameras: tuple[GltfCamera, ...] = ()
+    cameras: tuple[PlacedCamera, ...] = ()
     """The file's cameras, in the Z-up world."""
     warnings: tuple[str, ...] = ()
     """Sentences about properties that were ignored or repaired."""

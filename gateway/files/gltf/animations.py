@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gateway.files.gltf import schema
 from gateway.files.gltf.accessors import Accessors
-from gateway.files.gltf.errors import GltfError, as_warning, checked_item
+from gateway.files.gltf.gltf_errors import GltfError, as_warning, checked_item
 
 _COMPONENTS: Final = {"translation": 3, "rotation": 4, "scale": 3, "weights": 0}
 """Number of components by the path of a channel; 0: as many as the accessor has for a key."""

@@ -13,11 +13,10 @@ import pybase64
 
 from gateway.files.gltf import meshopt
 from gateway.files.gltf.container import Container
-from gateway.files.gltf.errors import GltfError, GltfLimitError, checked_item
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, checked_item
 from gateway.files.gltf.limits import GltfLimits
 from gateway.files.gltf.parser import extension
-from gateway.files.gltf.schema import BufferView as SourceView
-from gateway.files.gltf.schema import Document, MeshoptCompression
+from gateway.files.gltf.schema import Document, GltfBufferView, MeshoptCompression
 from renderers.stop import check_stop
 from scenegate.regular_files import reason_of
 
@@ -98,7 +97,7 @@ class Buffers:
                     return view
         return self._uncompressed(source, name)
 
-    def _uncompressed(self, source: SourceView | MeshoptCompression, name: str) -> BufferView:
+    def _uncompressed(self, source: GltfBufferView | MeshoptCompression, name: str) -> BufferView:
         """Return the part of a buffer that an object in the document refers to; ``name`` is that of the object."""
         index, offset, length = source.buffer, source.byte_offset or 0, source.byte_length
         if index is None:

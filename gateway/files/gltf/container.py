@@ -7,7 +7,7 @@ import struct
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.files.gltf.errors import GltfError
+from gateway.files.gltf.gltf_errors import GltfError
 from renderers.stop import check_stop
 
 _MAGIC: Final = b"glTF"

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.files.gltf.accessors import Accessor, Accessors
-from gateway.files.gltf.errors import GltfError, as_warning
-from gateway.files.gltf.schema import Primitive
+from gateway.files.gltf.gltf_errors import GltfError, as_warning
+from gateway.files.gltf.schema import GltfPrimitive
 from gateway.files.gltf.vertex_attributes import Floats
 from renderers.stop import check_stop
 
@@ -133,7 +133,7 @@ def _skin(
 
 
 def deformation_of(
-    primitive: Primitive,
+    primitive: GltfPrimitive,
     pose: MeshPose,
     attributes: dict[str, Accessor],
     accessors: Accessors,

@@ -70,8 +70,8 @@ class DocumentContent:
 
     generator: str
     """``asset.generator``."""
-    cameras: list[schema.Camera | None]
-    lights: list[schema.Light | None]
+    cameras: list[schema.GltfCamera | None]
+    lights: list[schema.GltfLight | None]
     parts: Mapping[int, tuple[Part, ...]]
     """Primitives by mesh index. Only the meshes in use are here, in the order of their first use."""
     posed_parts: Mapping[int, tuple[Part, ...]]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gateway.files.gltf import schema
 from gateway.files.gltf.accessors import Accessor
 from gateway.files.gltf.buffers import Buffer, Buffers
-from gateway.files.gltf.errors import GltfError, as_warning
+from gateway.files.gltf.gltf_errors import GltfError, as_warning
 from gateway.files.gltf.limits import GltfLimits
 from gateway.files.gltf.parser import extension
 from gateway.files.parsers.mesh_data import DecodedMesh
@@ -82,8 +82,8 @@ class DracoMeshes:
         """Decompress all primitives of the document; return the results by the index of their buffer view."""
         data_by_view: dict[int, bytes] = {}
         for mesh in self._document.meshes or ():
-            for primitive in (mesh.primitives or ()) if isinstance(mesh, schema.Mesh) else ():
-                if not isinstance(primitive, schema.Primitive):
+            for primitive in (mesh.primitives or ()) if isinstance(mesh, schema.GltfMesh) else ():
+                if not isinstance(primitive, schema.GltfPrimitive):
                     continue
                 with as_warning([], ""):  # ignored here: ``read`` raises the error again if the primitive is drawn
                     source = extension(primitive.extensions, EXTENSION, schema.DracoCompression, "", [])

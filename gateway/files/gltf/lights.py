@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from gateway.files.gltf import schema
-from gateway.files.gltf.errors import GltfError, as_warning, checked_item
+from gateway.files.gltf.gltf_errors import GltfError, as_warning, checked_item
 from gateway.files.gltf.nodes import SceneNodes
 from gateway.files.gltf.parser import extension, vector_or_default
 from gateway.scene.tree.transforms import Matrix
@@ -25,14 +25,14 @@ MAX_RANGE: Final = 1e9
 """Maximum range, metres: the fourth power of a much larger one overflows, and it changes nothing in an image."""
 
 
-def read_lights(document: schema.Document, warnings: list[str]) -> list[schema.Light | None]:
+def read_lights(document: schema.Document, warnings: list[str]) -> list[schema.GltfLight | None]:
     """Return the document's lights."""
-    found = extension(document.extensions, EXTENSION, schema.Lights, "", warnings)
+    found = extension(document.extensions, EXTENSION, schema.GltfLights, "", warnings)
     return (found and found.lights) or []
 
 
 def place_lights(
-    sources: list[schema.Light | None], nodes: SceneNodes, limit: int, warnings: list[str]
+    sources: list[schema.GltfLight | None], nodes: SceneNodes, limit: int, warnings: list[str]
 ) -> tuple[Light, ...]:
     """Return the lights of the scene's nodes, in the document's world frame.
 
@@ -57,7 +57,7 @@ def place_lights(
     return tuple(lights)
 
 
-def _light(source: schema.Light, name: str, X_world_node: Matrix, warnings: list[str]) -> Light:
+def _light(source: schema.GltfLight, name: str, X_world_node: Matrix, warnings: list[str]) -> Light:
     """Return a light at the pose of its node.
 
     Raises:

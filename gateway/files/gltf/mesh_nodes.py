@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gateway.files.gltf import schema
 from gateway.files.gltf.accessors import Accessors
 from gateway.files.gltf.deformation import MeshPose
-from gateway.files.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.files.gltf.limits import GltfLimits
 from gateway.files.gltf.nodes import INSTANCING, SceneNodes
 from gateway.files.gltf.parser import extension
@@ -103,7 +103,7 @@ def _with_nodes(nodes: SceneNodes, added: list[_AddedNodes]) -> SceneNodes:
     for original, parent, X_parent_node in added:
         count, mesh = len(X_parent_node), meshes[original]
         indices += [indices[original]] * count
-        sources += [schema.Node(name=sources[original].name, mesh=mesh)] * count
+        sources += [schema.GltfNode(name=sources[original].name, mesh=mesh)] * count
         parents += [parent] * count
         meshes[original] = None
         meshes += [mesh] * count

@@ -15,10 +15,10 @@ from gateway.files.gltf.deformation import REST, SKIN_ATTRIBUTES, Deformation, M
 from gateway.files.gltf.document_cache import ContentKey, MeshKey
 from gateway.files.gltf.draco import EXTENSION as DRACO
 from gateway.files.gltf.draco import DracoMeshes
-from gateway.files.gltf.errors import GltfError, GltfLimitError, as_warning
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning
 from gateway.files.gltf.limits import GltfLimits
 from gateway.files.gltf.parser import extension
-from gateway.files.gltf.schema import DracoCompression, Primitive
+from gateway.files.gltf.schema import DracoCompression, GltfPrimitive
 from gateway.files.gltf.topology import MODE_COUNT, TRIANGLES, element_count, restart_index, separate_elements
 from gateway.files.gltf.vertex_attributes import (
     Floats,
@@ -94,7 +94,7 @@ class Meshes:
     nbytes: int = 0
     """Bytes of all meshes, each counted once."""
 
-    def read(self, primitive: Primitive, name: str, pose: MeshPose = REST, *, smooth: bool = False) -> Mesh | None:
+    def read(self, primitive: GltfPrimitive, name: str, pose: MeshPose = REST, *, smooth: bool = False) -> Mesh | None:
         """Return the mesh of a primitive; None if it draws nothing.
 
         Args:
@@ -127,7 +127,7 @@ class Meshes:
             self._content.put(key, mesh, nbytes)
         return mesh
 
-    def _check(self, primitive: Primitive, name: str, pose: MeshPose, smooth: bool) -> _CheckedPrimitive:
+    def _check(self, primitive: GltfPrimitive, name: str, pose: MeshPose, smooth: bool) -> _CheckedPrimitive:
         """Check a primitive's references to accessors."""
         mode = TRIANGLES if primitive.mode is None else primitive.mode
         if not 0 <= mode < MODE_COUNT:
@@ -171,7 +171,7 @@ class Meshes:
         return _CheckedPrimitive(name, mode, indices, attributes, deformation, smooth)
 
     def _decompressed(
-        self, primitive: Primitive, attributes: dict[str, Accessor], indices: Accessor | None, mode: int, name: str
+        self, primitive: GltfPrimitive, attributes: dict[str, Accessor], indices: Accessor | None, mode: int, name: str
     ) -> tuple[dict[str, Accessor], Accessor | None, int]:
         """Return the attributes, indices and mode of a primitive with Draco data.
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.files.gltf import schema
-from gateway.files.gltf.errors import GltfError
+from gateway.files.gltf.gltf_errors import GltfError
 from gateway.files.gltf.meshopt_kernels import MeshoptError, decode_attributes, decode_indices, decode_triangles
 from renderers.stop import check_stop
 

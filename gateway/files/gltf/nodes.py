@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.files.gltf import schema
-from gateway.files.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.files.gltf.limits import GltfLimits
 from gateway.files.gltf.parser import extension, vector_or_default
 from gateway.scene.tree.geometry import Part
@@ -41,7 +41,7 @@ class SceneNodes:
 
     indices: list[int]
     """Indices of the nodes in the document."""
-    sources: list[schema.Node]
+    sources: list[schema.GltfNode]
     """The nodes as parsed."""
     parents: list[int]
     """Positions of the parents in these lists; -1 for the roots of the scene."""
@@ -68,7 +68,7 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
     nodes = document.nodes or []
     warnings: list[str] = []
     indices: list[int] = []
-    sources: list[schema.Node] = []
+    sources: list[schema.GltfNode] = []
     parents: list[int] = []
     meshes: list[int | None] = []
     posed: list[int] = []
@@ -86,7 +86,7 @@ def read_nodes(document: schema.Document, limits: GltfLimits) -> SceneNodes:
             if index is None:
                 continue
             source = nodes[index] if 0 <= index < len(nodes) else None
-            if not isinstance(source, schema.Node) or index in visited:
+            if not isinstance(source, schema.GltfNode) or index in visited:
                 path = roots_path if parent < 0 else f"nodes[{indices[parent]}].children"
                 with as_warning(warnings, "it is left out"):
                     checked_item(document.nodes, index, "nodes", path)  # raises for an invalid node
@@ -138,7 +138,9 @@ def _flatten_deep_nodes(parents: list[int], X_parent_node: NDArray[np.float64], 
             depths.append(depths[parent] + 1 if parent >= 0 else 1)
 
 
-def _hidden_nodes(sources: list[schema.Node], parents: list[int], indices: list[int], warnings: list[str]) -> set[int]:
+def _hidden_nodes(
+    sources: list[schema.GltfNode], parents: list[int], indices: list[int], warnings: list[str]
+) -> set[int]:
     """Return the positions of the nodes that KHR_node_visibility hides, and of their descendants."""
     hidden: set[int] = set()
     for position, (source, parent) in enumerate(zip(sources, parents, strict=True)):
@@ -169,12 +171,12 @@ def _roots(document: schema.Document, visited: set[int], warnings: list[str]) ->
         with as_warning(warnings, "all nodes without a parent are drawn"):
             checked_item(document.scenes, index, "scenes", "scene")
     nodes = document.nodes or []
-    children = {child for node in nodes if isinstance(node, schema.Node) for child in node.children or ()}
+    children = {child for node in nodes if isinstance(node, schema.GltfNode) for child in node.children or ()}
     indices = [i for i, node in enumerate(nodes) if node is not None]
     return chain((i for i in indices if i not in children), (i for i in indices if i not in visited)), "nodes"
 
 
-def _local_matrices(nodes: list[schema.Node], indices: list[int], warnings: list[str]) -> NDArray[np.float64]:
+def _local_matrices(nodes: list[schema.GltfNode], indices: list[int], warnings: list[str]) -> NDArray[np.float64]:
     """Return X_parent_node of each node. A property with the wrong number of numbers is ignored.
 
     Args:

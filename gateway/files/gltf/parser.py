@@ -13,7 +13,7 @@ import msgspec
 from msgspec import inspect
 
 from gateway.files.gltf import schema
-from gateway.files.gltf.errors import GltfError, GltfLimitError, as_warning
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning
 from gateway.files.gltf.limits import GltfLimits
 from gateway.files.gltf.schema import Document, Extensions, Object
 from renderers.stop import check_stop

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from typing import TypeAlias
 
 from gateway.files.gltf.deformation import REST, MeshPose
-from gateway.files.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.files.gltf.limits import GltfLimits
-from gateway.files.gltf.materials import Materials
+from gateway.files.gltf.material_reader import Materials
 from gateway.files.gltf.meshes import Meshes
 from gateway.files.gltf.nodes import SceneNodes
-from gateway.files.gltf.schema import Document, Mesh
+from gateway.files.gltf.schema import Document, GltfMesh
 from gateway.scene.tree.geometry import Part, Surface
 from scenegate.warning_text import joined_warnings
 
@@ -88,7 +88,7 @@ class PartReader:
             return tuple([part for part in parts if part is not None])
         return ()
 
-    def _read_primitive(self, mesh: Mesh, mesh_index: int, number: int, pose: MeshPose) -> Part | None:
+    def _read_primitive(self, mesh: GltfMesh, mesh_index: int, number: int, pose: MeshPose) -> Part | None:
         """Return the part of a primitive; None if it is left out or has nothing to draw."""
         path = f"meshes[{mesh_index}].primitives[{number}]"
         with as_warning(self._left_out, f"{path} is left out"):

@@ -3,8 +3,8 @@
 1. Split the file and parse its JSON: ``container``, ``parser`` (``schema`` declares the properties).
 2. Order the nodes of the scene and compute their matrices: ``nodes``.
 3. Read the meshes in use (``part_reader``): ``buffers`` (``meshopt``), ``accessors``, ``meshes`` (``draco``,
-   ``mesh_nodes``, ``deformation``); their ``materials`` and ``textures``.
-4. Place cameras and lights at their nodes: ``scene``, ``lights``.
+   ``mesh_nodes``, ``deformation``); their ``material_reader`` and ``textures``.
+4. Place cameras and lights at their nodes: ``gltf_scene``, ``lights``.
 
 A document that differs from an earlier one only in its nodes needs no step 3 (``document_cache``).
 """
@@ -21,17 +21,17 @@ from gateway.files.gltf.container import open_container
 from gateway.files.gltf.deformation import MeshPose
 from gateway.files.gltf.document_cache import DocumentContent, GltfCache, HashedDocument
 from gateway.files.gltf.draco import DracoMeshes
-from gateway.files.gltf.errors import GltfLimitError
+from gateway.files.gltf.gltf_errors import GltfLimitError
+from gateway.files.gltf.gltf_scene import GltfScene, mesh_names, read_cameras
 from gateway.files.gltf.lights import place_lights, read_lights
 from gateway.files.gltf.limits import GltfLimits
-from gateway.files.gltf.materials import Materials
+from gateway.files.gltf.material_reader import Materials
 from gateway.files.gltf.mesh_nodes import expand_mesh_nodes
 from gateway.files.gltf.meshes import Meshes
 from gateway.files.gltf.nodes import INSTANCING, NodeParts, SceneNodes, read_nodes
 from gateway.files.gltf.parser import check_extensions, check_version, parse_document
 from gateway.files.gltf.part_reader import PartReader, count_elements
-from gateway.files.gltf.scene import GltfScene, mesh_names, read_cameras
-from gateway.files.gltf.schema import DRAKE_MERGER, Mesh
+from gateway.files.gltf.schema import DRAKE_MERGER, GltfMesh
 from gateway.files.gltf.textures import Textures
 from renderers.cache import CacheBudget
 from renderers.stop import check_stop
@@ -106,7 +106,9 @@ def read_gltf(
         posed_parts=posed_parts,
         mesh_names=names,
         element_counts={mesh: count_elements(mesh_parts) for mesh, mesh_parts in parts.items()},
-        morphed_mesh_count=sum(isinstance(mesh, Mesh) and any(mesh.weights or ()) for mesh in document.meshes or ()),
+        morphed_mesh_count=sum(
+            isinstance(mesh, GltfMesh) and any(mesh.weights or ()) for mesh in document.meshes or ()
+        ),
         warnings=tuple(warnings),
         mesh_bytes=meshes.nbytes,
     )

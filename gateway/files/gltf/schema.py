@@ -45,7 +45,7 @@ class Scene(StrictObject):
     nodes: list[int | None] | None = None
 
 
-class Node(Object):
+class GltfNode(Object):
     camera: int | None = None
     children: list[int | None] | None = None
     extensions: Extensions = None
@@ -59,7 +59,7 @@ class Node(Object):
     weights: list[float] | None = None
 
 
-class Primitive(Object):
+class GltfPrimitive(Object):
     essential = ("indices",)
 
     attributes: dict[str, int | None] | None = None
@@ -70,9 +70,9 @@ class Primitive(Object):
     targets: list[dict[str, int | None] | None] | None = None
 
 
-class Mesh(Object):
+class GltfMesh(Object):
     name: str | None = None
-    primitives: list[Primitive | None] | None = None
+    primitives: list[GltfPrimitive | None] | None = None
     weights: list[float] | None = None
 
 
@@ -90,7 +90,7 @@ class Sparse(StrictObject):
     values: SparseArray | None = None
 
 
-class Accessor(StrictObject):
+class GltfAccessor(StrictObject):
     buffer_view: int | None = None
     byte_offset: int | None = None
     component_type: int | None = None
@@ -100,7 +100,7 @@ class Accessor(StrictObject):
     type: str | None = None
 
 
-class BufferView(StrictObject):
+class GltfBufferView(StrictObject):
     buffer: int | None = None
     byte_length: int | None = None
     byte_offset: int | None = None
@@ -108,12 +108,12 @@ class BufferView(StrictObject):
     extensions: Extensions = None
 
 
-class Buffer(Object):
+class GltfBuffer(Object):
     byte_length: int | None = None
     uri: str | None = None
 
 
-class Image(Object):
+class GltfImage(Object):
     essential = ("buffer_view", "uri")
 
     buffer_view: int | None = None
@@ -121,7 +121,7 @@ class Image(Object):
     uri: str | None = None
 
 
-class Sampler(Object):
+class GltfSampler(Object):
     mag_filter: int | None = None
     min_filter: int | None = None
     wrap_s: int | None = None
@@ -133,7 +133,7 @@ class Skin(StrictObject):
     joints: list[int] | None = None
 
 
-class Texture(Object):
+class GltfTexture(Object):
     essential = ("source",)
 
     extensions: Extensions = None
@@ -161,7 +161,7 @@ class MetallicRoughness(Object):
     roughness_factor: float | None = None
 
 
-class Material(Object):
+class GltfMaterial(Object):
     alpha_cutoff: float | None = None
     alpha_mode: str | None = None
     double_sided: bool | None = None
@@ -183,7 +183,7 @@ class Projection(Object):
     znear: float | None = None
 
 
-class Camera(Object):
+class GltfCamera(Object):
     name: str | None = None
     orthographic: Projection | None = None
     perspective: Projection | None = None
@@ -214,24 +214,24 @@ class Animation(Object):
 
 
 class Document(Object):
-    accessors: list[Accessor | None] | None = None
+    accessors: list[GltfAccessor | None] | None = None
     animations: list[Animation | None] | None = None
     asset: Asset | None = None
-    buffer_views: list[BufferView | None] | None = None
-    buffers: list[Buffer | None] | None = None
-    cameras: list[Camera | None] | None = None
+    buffer_views: list[GltfBufferView | None] | None = None
+    buffers: list[GltfBuffer | None] | None = None
+    cameras: list[GltfCamera | None] | None = None
     extensions: Extensions = None
     extensions_required: list[str | None] | None = None
     extensions_used: list[str | None] | None = None
-    images: list[Image | None] | None = None
-    materials: list[Material | None] | None = None
-    meshes: list[Mesh | None] | None = None
-    nodes: list[Node | None] | None = None
-    samplers: list[Sampler | None] | None = None
+    images: list[GltfImage | None] | None = None
+    materials: list[GltfMaterial | None] | None = None
+    meshes: list[GltfMesh | None] | None = None
+    nodes: list[GltfNode | None] | None = None
+    samplers: list[GltfSampler | None] | None = None
     scene: int | None = None
     scenes: list[Scene | None] | None = None
     skins: list[Skin | None] | None = None
-    textures: list[Texture | None] | None = None
+    textures: list[GltfTexture | None] | None = None
 
     @property
     def generator(self) -> str:
@@ -255,7 +255,7 @@ class Document(Object):
     def from_old_drake(self) -> bool:
         """True for documents from an old Drake, which names meshes ``mesh0`` and so on (1.51.1; 1.58.0 does not)."""
         first_mesh = self.meshes[0] if self.meshes else None
-        return self.from_drake and isinstance(first_mesh, Mesh) and first_mesh.name == "mesh0"
+        return self.from_drake and isinstance(first_mesh, GltfMesh) and first_mesh.name == "mesh0"
 
 
 class Variant(Object):
@@ -343,7 +343,7 @@ class Spot(Object):
     outer_cone_angle: float | None = None
 
 
-class Light(Object):
+class GltfLight(Object):
     """A light of KHR_lights_punctual."""
 
     essential = ("type",)
@@ -356,10 +356,10 @@ class Light(Object):
     type: str | None = None
 
 
-class Lights(Object):
+class GltfLights(Object):
     """KHR_lights_punctual in the document's extensions."""
 
-    lights: list[Light | None] | None = None
+    lights: list[GltfLight | None] | None = None
 
 
 class LightReference(StrictObject):

@@ -9,7 +9,7 @@ from typing import Final
 from gateway.files.gltf import schema
 from gateway.files.gltf.buffers import Buffers
 from gateway.files.gltf.document_cache import ContentKey
-from gateway.files.gltf.errors import GltfError, GltfLimitError, as_warning, checked_item
+from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, as_warning, checked_item
 from gateway.files.gltf.limits import GltfLimits
 from gateway.files.gltf.parser import extension, vector_or_default
 from renderers.cache import Cache
@@ -95,7 +95,7 @@ class Textures:
             return Texture(image, self._sampler(texture.sampler, index), name=image_name)
         return None
 
-    def _webp_source(self, texture: schema.Texture, index: int) -> int | None:
+    def _webp_source(self, texture: schema.GltfTexture, index: int) -> int | None:
         """Return the image of EXT_texture_webp, for a texture without a source of its own."""
         # When Drake's client merges several files, it does not adapt the indices in extensions.
         webp = None if self._document.from_drake else texture.extensions

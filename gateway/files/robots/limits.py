@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gateway.files.assets.mesh_formats import MESH_LIMITS
 from gateway.files.gltf import GltfLimits
-from scenegate.robots.limits import RobotFileLimits
+from scenegate.robots.robot_limits import RobotFileLimits
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,9 +27,9 @@ from gateway.scene.tree.transforms import scaling, translation
 from renderers import primitives
 from renderers.drawlist import Image, ImageError, Material, Texture
 from renderers.images import image_from_bytes
-from scenegate.robots.files import RobotFiles
 from scenegate.robots.link_files import LinkFiles, color_of
 from scenegate.robots.link_model import Cone, Link, LinkGeometry, LinkMaterial, MeshReference
+from scenegate.robots.robot_files import RobotFiles
 
 
 class LinkParts:

@@ -17,10 +17,10 @@ from gateway.files.robots.mjcf_geometry import MjcfGeometry
 from gateway.files.robots.robot import Robot
 from gateway.runtime.workers.limited_process import ProcessFailed, ProcessLimits, call_limited
 from scenegate.name_hint import name_hint
-from scenegate.robots.errors import RobotFileError
-from scenegate.robots.files import RobotFiles
-from scenegate.robots.limits import check_count
 from scenegate.robots.robot import GeometryUse, Joint, JointKind, Mimic
+from scenegate.robots.robot_errors import RobotFileError
+from scenegate.robots.robot_files import RobotFiles
+from scenegate.robots.robot_limits import check_count
 from scenegate.robots.xml_text import Element
 
 _OUT_OF_MEMORY: Final = ("Could not allocate memory", "Caught an unknown exception!")

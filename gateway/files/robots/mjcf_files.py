@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Final
 
 from gateway.files.robots.limits import RobotLimits
-from scenegate.robots.errors import RobotFileError
-from scenegate.robots.files import RobotFiles
+from scenegate.robots.robot_errors import RobotFileError
+from scenegate.robots.robot_files import RobotFiles
 from scenegate.robots.xml_text import Element, parse_xml
 
 MAX_FOLDERS: Final = 16

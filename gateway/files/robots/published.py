@@ -24,10 +24,9 @@ from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.materials import mean_color
 from gateway.scene.tree.transforms import is_rotation, quaternions_of
 from renderers.color import srgb_colors_from_linear, srgb_from_linear
-from renderers.drawlist import AlphaMode, Image, ImageError, Material, Texture
-from renderers.drawlist import Mesh as SceneMesh
+from renderers.drawlist import AlphaMode, Image, ImageError, Material, Mesh, Texture
 from renderers.encode import jpeg_rgb, png_rgb, png_rgba
-from scenegate.messages.geometry import Geometry, Mesh, PointCloud, Solid, Transform
+from scenegate.messages.geometry import Geometry, MeshGeometry, PointCloud, Solid, Transform
 from scenegate.robots import robot as client
 
 _RIGID_TOLERANCE = 1e-9
@@ -66,7 +65,7 @@ def geometries_of(part: Part, images: PartImages | None) -> Iterator[Geometry]:
     X, shape = part.X_node_part, part.shape
     if isinstance(shape, scene.PointCloud):
         points = shape.points @ X[:3, :3].T + X[:3, 3]
-        yield PointCloud(points, rgb=shape.channels.get("rgb"), color=_color(part.material))
+        yield PointCloud(points, colors=shape.channels.get("rgb"), color=_color(part.material))
         return
     if isinstance(shape, Solid) and is_rotation(X[:3, :3], _RIGID_TOLERANCE):
         transform = Transform(X[:3, 3].tolist(), quaternions_of(X[None, :3, :3])[0].tolist())
@@ -80,7 +79,7 @@ def geometries_of(part: Part, images: PartImages | None) -> Iterator[Geometry]:
         faces = mesh.elements[:, ::-1] if mirrored else mesh.elements
         fields = {} if images is None else images.fields(mesh, part.material)
         color = _color(part.material, with_texture="image" not in fields)
-        yield Mesh(mesh.positions @ X_node_mesh[:3, :3].T + X_node_mesh[:3, 3], faces, color=color, **fields)
+        yield MeshGeometry(mesh.positions @ X_node_mesh[:3, :3].T + X_node_mesh[:3, 3], faces, color=color, **fields)
 
 
 def _color(material: Material, *, with_texture: bool = True) -> NDArray[np.float64]:
@@ -103,7 +102,7 @@ class PartImages:
     def __init__(self) -> None:
         self._encoded: dict[tuple[Image, bool], bytes | None] = {}
 
-    def fields(self, mesh: SceneMesh, material: Material) -> dict[str, Any]:
+    def fields(self, mesh: Mesh, material: Material) -> dict[str, Any]:
         """Return those of the fields ``colors``, ``uv`` and ``image`` for which the mesh and its material have data."""
         fields: dict[str, Any] = {}
         if mesh.colors is not None:
@@ -127,7 +126,7 @@ class PartImages:
         return self._encoded[key]
 
 
-def _texture_coordinates(mesh: SceneMesh, texture: Texture) -> NDArray[np.float32] | None:
+def _texture_coordinates(mesh: Mesh, texture: Texture) -> NDArray[np.float32] | None:
     """Return the texture's coordinates, (N, 2) float32; None if the mesh has none."""
     uv = mesh.uv1 if texture.uv_set == 1 else mesh.uv0
     if uv is None or texture.uv_transform is None:

@@ -12,12 +12,12 @@ from gateway.files.robots.link_parts import LinkParts
 from gateway.files.robots.robot import Robot
 from gateway.files.robots.xacro_files import expand_xacro
 from renderers.stop import check_stop
-from scenegate.robots.errors import RobotFileError
-from scenegate.robots.files import RobotFiles
 from scenegate.robots.link_kinematics import LinkKinematics
 from scenegate.robots.link_model import Link, MeshReference
-from scenegate.robots.reader import errors_of, parse_links
 from scenegate.robots.robot import GeometryUse
+from scenegate.robots.robot_errors import RobotFileError
+from scenegate.robots.robot_files import RobotFiles
+from scenegate.robots.robot_reader import errors_of, parse_links
 from scenegate.robots.xml_text import parse_xml, uses_xacro
 from scenegate.warning_text import strict_refusal
 

@@ -13,11 +13,11 @@ from gateway.files.robots.gltf_up import RobotGltfUp
 from gateway.files.robots.reader import read_robot
 from gateway.scene.tree.nodes import Node
 from scenegate.regular_files import MAX_BYTES, errors_as
-from scenegate.robots.errors import RobotFileError
-from scenegate.robots.files import RobotFiles
 from scenegate.robots.joint_text import parse_joints
-from scenegate.robots.limits import RobotFileLimits
-from scenegate.robots.reader import SUFFIXES as ROBOT_SUFFIXES
+from scenegate.robots.robot_errors import RobotFileError
+from scenegate.robots.robot_files import RobotFiles
+from scenegate.robots.robot_limits import RobotFileLimits
+from scenegate.robots.robot_reader import SUFFIXES as ROBOT_SUFFIXES
 from scenegate.warning_text import strict_refusal
 
 GLTF_SUFFIXES: Final = (".gltf", ".glb")

@@ -11,8 +11,8 @@ import msgspec
 
 from gateway.files.robots.limits import RobotLimits
 from gateway.runtime.workers.limited_process import ProcessFailed, ProcessLimits, call_limited
-from scenegate.robots.errors import RobotFileError
-from scenegate.robots.files import RobotFiles
+from scenegate.robots.robot_errors import RobotFileError
+from scenegate.robots.robot_files import RobotFiles
 
 _output_decoder: Final = msgspec.msgpack.Decoder(tuple[str, str, list[str]])
 

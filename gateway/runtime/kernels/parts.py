@@ -24,7 +24,7 @@ def _is_in(kernel: str, names: tuple[str, ...]) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class KernelPart:
     """Kernels that are compiled together."""
 
     function_count: int
@@ -68,13 +68,13 @@ _FORMATS: Final = (
     "gateway.adapters.treeviewer.msgpack_kernels",
 )
 
-NEEDED: Final[Mapping[str, Part]] = {
-    "attributes": Part(71, _ATTRIBUTES),
-    "shading": Part(67, _HEADLIGHT),
-    "setup": Part(55, _SETUP),
-    "coverage": Part(49, _COVERAGE),
-    "frame": Part(34, ("renderers.raster",), excluding=(*_SETUP, *_COVERAGE, *_ANTIALIASING, *_NORMALS)),
-    "images": Part(
+NEEDED: Final[Mapping[str, KernelPart]] = {
+    "attributes": KernelPart(71, _ATTRIBUTES),
+    "shading": KernelPart(67, _HEADLIGHT),
+    "setup": KernelPart(55, _SETUP),
+    "coverage": KernelPart(49, _COVERAGE),
+    "frame": KernelPart(34, ("renderers.raster",), excluding=(*_SETUP, *_COVERAGE, *_ANTIALIASING, *_NORMALS)),
+    "images": KernelPart(
         10,
         ("renderers",),
         excluding=("renderers.raster", "renderers.stereo", *_HEADLIGHT, *_ATTRIBUTES, *_STUDIO, *_NORMALS),
@@ -82,15 +82,15 @@ NEEDED: Final[Mapping[str, Part]] = {
 }
 """Parts that the default settings need, none above a quarter of the time; the longest first, so that the children end
 at about the same time."""
-BACKGROUND: Final[Mapping[str, Part]] = {
-    "formats": Part(43, _FORMATS, modules=_FORMATS),
-    "studio": Part(84, _STUDIO),
-    "stereo": Part(100, ("renderers.stereo",), modules=("renderers.stereo",)),
-    "normals": Part(31, _NORMALS),
-    "antialiasing": Part(63, _ANTIALIASING),
+BACKGROUND: Final[Mapping[str, KernelPart]] = {
+    "formats": KernelPart(43, _FORMATS, modules=_FORMATS),
+    "studio": KernelPart(84, _STUDIO),
+    "stereo": KernelPart(100, ("renderers.stereo",), modules=("renderers.stereo",)),
+    "normals": KernelPart(31, _NORMALS),
+    "antialiasing": KernelPart(63, _ANTIALIASING),
 }
 """Parts that are compiled after the server is ready: first what published meshes need, then the longest first."""
-PARTS: Final[Mapping[str, Part]] = {**NEEDED, **BACKGROUND}
+PARTS: Final[Mapping[str, KernelPart]] = {**NEEDED, **BACKGROUND}
 
 
 def load_needed() -> None:

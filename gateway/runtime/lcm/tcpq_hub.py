@@ -25,7 +25,7 @@ from scenegate.lcm.tcpq import (
     FrameError,
     FrameParser,
     FrameType,
-    publish_header,
+    publish,
 )
 from scenegate.lcm.transport import MAX_HEADER_BYTES, LcmMessage, LcmUnavailableError
 
@@ -33,8 +33,6 @@ _log = structlog.get_logger("gateway.lcm")
 
 MAX_CACHED_CHANNELS: Final = 1024
 """Maximum number of channels whose subscribers are cached."""
-MAX_JOINED_BYTES: Final = 16 * 1024
-"""Maximum size of messages that are copied behind their header, to be sent in one packet."""
 
 OnClientMessage = Callable[[LcmMessage, "HubConnection"], None]
 """Called with a message that a client published, and its connection."""
@@ -245,12 +243,7 @@ class HubConnection(asyncio.BufferedProtocol):
         transport = self._transport
         if transport is None or transport.is_closing():
             return
-        header = publish_header(channel, len(data))
-        if len(data) <= MAX_JOINED_BYTES:
-            transport.write(b"".join((header, data)))
-        else:
-            transport.write(header)
-            transport.write(data)
+        publish(transport, channel, data)
         if transport.get_write_buffer_size() > self._hub.config.hub_client_send_bytes:
             self._refuse(f"it reads too slowly: {transport.get_write_buffer_size()} bytes are queued")
 

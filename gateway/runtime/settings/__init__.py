@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from gateway.runtime.settings.setting_sources import SettingsError, load, unknown_environment
 from gateway.runtime.settings.settings import Settings
-from gateway.runtime.settings.sources import SettingsError, load, unknown_environment
 
 MIB: Final = 1 << 20
 

@@ -29,6 +29,8 @@ NO_CREASES: Final = 180.0
 MAX_FACES_PER_VERTEX: Final = 256
 """Maximum number of faces at a vertex for smooth normals, whose time grows with the square of this number. At a vertex
 with more faces, each corner has the normal of its own face, and is compared with as many output vertices at most."""
+UNUSED, SMOOTH, CREASED = range(3)
+"""Kinds of vertices: without a face, without a crease, and others."""
 _STEPS_PER_STOP_CHECK: Final = 1 << 10
 """Vertices, or corners of a vertex, between two checks of the ``StopFlag``."""
 _SAME_NORMAL_COSINE: Final = 0.99999
@@ -38,19 +40,42 @@ _SAME_NORMAL_COSINE: Final = 0.99999
 
 @inlined
 def _face_normals(positions, faces):
-    """Return each face's cross product of two edges, twice as long as its area, and its unit normal, (M, 3) each.
-
-    A face without area has the unit normal +z.
-    """
-    area_normals, unit_normals = np.empty((len(faces), 3)), np.empty((len(faces), 3))
+    """Return each face's cross product of two edges, twice as long as its area, and its length, (M, 4)."""
+    face_normals = np.empty((len(faces), 4))
     for face in range(len(faces)):
         a, b, c = positions[faces[face, 0]], positions[faces[face, 1]], positions[faces[face, 2]]
         ux, uy, uz = np.float64(b[0]) - a[0], np.float64(b[1]) - a[1], np.float64(b[2]) - a[2]
         vx, vy, vz = np.float64(c[0]) - a[0], np.float64(c[1]) - a[1], np.float64(c[2]) - a[2]
         normal = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        _write(area_normals, face, normal)
-        _write(unit_normals, face, _unit(normal, (0.0, 0.0, 1.0)))
-    return area_normals, unit_normals
+        _write(face_normals, face, normal)
+        face_normals[face, 3] = _length(normal)
+    return face_normals
+
+
+@inlined
+def _vertex_normals(face_normals, faces, vertex_count, half_angle_cosine):
+    """Return the mean normal of the faces around each vertex, (N, 3), and the vertices' kinds, (N,).
+
+    Two faces within half the crease angle of their mean normal are within the crease angle of each other, so that a
+    vertex is SMOOTH if this holds for all its faces.
+    """
+    normals, kinds = np.zeros((vertex_count, 3)), np.full(vertex_count, UNUSED, np.uint8)
+    for face in range(len(faces)):
+        for k in range(3):
+            vertex = faces[face, k]
+            _write(normals, vertex, _plus(_row(normals, vertex), face_normals, face))
+            kinds[vertex] = SMOOTH
+    for vertex in range(vertex_count):
+        total = _row(normals, vertex)
+        if kinds[vertex] == SMOOTH and _length(total) == 0.0:
+            kinds[vertex] = CREASED
+        _write(normals, vertex, _unit(total, (0.0, 0.0, 0.0)))
+    for face in range(len(faces)):
+        for k in range(3):
+            vertex = faces[face, k]
+            if not _is_within(face_normals, face, _row(normals, vertex), half_angle_cosine):
+                kinds[vertex] = CREASED
+    return normals, kinds
 
 
 @inlined
@@ -75,6 +100,11 @@ def _corners_by_vertex(faces, vertex_count):
 
 
 @inlined
+def _row(vectors, row):
+    return vectors[row, 0], vectors[row, 1], vectors[row, 2]
+
+
+@inlined
 def _write(vectors, row, vector):
     vectors[row, 0], vectors[row, 1], vectors[row, 2] = vector
 
@@ -92,39 +122,40 @@ def _plus(total, vectors, row):
 
 
 @inlined
+def _length(vector):
+    return math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+
+
+@inlined
 def _unit(vector, fallback):
     """Return a vector at length 1, or ``fallback`` if it has no length."""
-    length = math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+    length = _length(vector)
     return (vector[0] / length, vector[1] / length, vector[2] / length) if length > 0.0 else fallback
 
 
 @inlined
-def _common_normal(corners, area_normals, unit_normals, half_angle_cosine):
-    """Return the mean normal of all faces around a vertex, and True if no edge at the vertex is a crease.
+def _is_within(face_normals, face, normal, cosine):
+    """Return True if the angle between a face's normal and a unit vector has a cosine above ``cosine``.
 
-    This is certain if all faces are within half the crease angle of their mean normal, because then any two of them are
-    within the crease angle of each other.
+    A face without area has the normal +z.
     """
-    total = (0.0, 0.0, 0.0)
-    for corner in corners:
-        total = _plus(total, area_normals, corner // 3)
-    normal = _unit(total, (0.0, 0.0, 0.0))
-    if normal == (0.0, 0.0, 0.0):
-        return normal, False
-    for corner in corners:
-        if _dot(unit_normals, corner // 3, normal) <= half_angle_cosine:
-            return normal, False
-    return normal, True
+    length = face_normals[np.uint64(face), 3]
+    return _dot(face_normals, face, normal) > cosine * length if length > 0.0 else normal[2] > cosine
 
 
 @inlined
-def _corner_normal(face, corners, area_normals, unit_normals, crease_cosine):
+def _corner_normal(face, corners, face_normals, crease_cosine):
     """Return the mean normal, weighted by area, of the faces around a vertex within the crease angle of one of them."""
-    own, total = (unit_normals[face, 0], unit_normals[face, 1], unit_normals[face, 2]), (0.0, 0.0, 0.0)
+    face = np.uint64(face)
+    length = face_normals[face, 3]
+    own, total = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
+    if length > 0.0:
+        own = face_normals[face, 0] / length, face_normals[face, 1] / length, face_normals[face, 2] / length
     if len(corners) <= MAX_FACES_PER_VERTEX:
         for corner in corners:
-            if _dot(unit_normals, corner // 3, own) > crease_cosine:
-                total = _plus(total, area_normals, corner // 3)
+            face = np.uint64(corner // 3)
+            if _dot(face_normals, face, own) > crease_cosine * face_normals[face, 3]:
+                total = _plus(total, face_normals, face)
     return _unit(total, own)
 
 
@@ -139,31 +170,41 @@ def _split_at_creases(positions, faces, crease_cosine, stop_at):
     within the crease angle of the face's own normal. Corners of a vertex whose normals are (almost) the same share one
     output vertex.
     """
-    area_normals, unit_normals = _face_normals(positions, faces)
-    sorted_corners, starts = _corners_by_vertex(faces, len(positions))
+    half_angle_cosine = math.sqrt((1.0 + crease_cosine) / 2.0) if crease_cosine > -1.0 else -math.inf
+    face_normals = _face_normals(positions, faces)
+    normals, kinds = _vertex_normals(face_normals, faces, len(positions), half_angle_cosine)
+    sorted_corners, starts = np.empty(0, np.uint32), np.empty(0, np.uint32)
+    if np.any(kinds == CREASED):
+        sorted_corners, starts = _corners_by_vertex(faces, len(positions))
+    vertices, first_out_vertices = faces.reshape(-1), np.empty(len(positions), np.uint32)
     source_vertex, out_faces = np.empty(faces.size, np.int64), np.empty(faces.size, np.uint32)
     out_normals = np.empty((faces.size, 3), np.float32)
-    half_angle_cosine = math.sqrt((1.0 + crease_cosine) / 2.0) if crease_cosine > -1.0 else -math.inf
     out_count = 0
     for vertex in range(len(positions)):
         if vertex % _STEPS_PER_STOP_CHECK == 0 and is_set(stop_at):
             break
-        corners = sorted_corners[starts[vertex] : starts[vertex + 1]]
-        normal, is_smooth = _common_normal(corners, area_normals, unit_normals, half_angle_cosine)
-        first_out_vertex = out_count
-        for i in range(len(corners)):
-            if i % _STEPS_PER_STOP_CHECK == 0 and is_set(stop_at):
-                break
-            if not is_smooth:
-                normal = _corner_normal(corners[i] // 3, corners, area_normals, unit_normals, crease_cosine)
-            out_vertex = max(first_out_vertex, out_count - MAX_FACES_PER_VERTEX)
-            while out_vertex < out_count and _dot(out_normals, out_vertex, normal) <= _SAME_NORMAL_COSINE:
-                out_vertex += 1
-            if out_vertex == out_count:
-                _write(out_normals, out_count, normal)
-                source_vertex[out_count] = vertex
-                out_count += 1
-            out_faces[corners[i]] = out_vertex
+        first_out_vertex = first_out_vertices[vertex] = out_count
+        if kinds[vertex] == SMOOTH:
+            _write(out_normals, out_count, normals[vertex])
+            source_vertex[out_count] = vertex
+            out_count += 1
+        elif kinds[vertex] == CREASED:
+            corners = sorted_corners[starts[vertex] : starts[vertex + 1]]
+            for i in range(len(corners)):
+                if i % _STEPS_PER_STOP_CHECK == 0 and is_set(stop_at):
+                    break
+                normal = _corner_normal(corners[i] // 3, corners, face_normals, crease_cosine)
+                out_vertex = max(first_out_vertex, out_count - MAX_FACES_PER_VERTEX)
+                while out_vertex < out_count and _dot(out_normals, out_vertex, normal) <= _SAME_NORMAL_COSINE:
+                    out_vertex += 1
+                if out_vertex == out_count:
+                    _write(out_normals, out_count, normal)
+                    source_vertex[out_count] = vertex
+                    out_count += 1
+                out_faces[corners[i]] = out_vertex
+    for corner in range(len(vertices)):
+        if kinds[vertices[corner]] == SMOOTH:
+            out_faces[corner] = first_out_vertices[vertices[corner]]
     return source_vertex[:out_count].copy(), out_faces.reshape(-1, 3), out_normals[:out_count].copy()
 
 
@@ -180,7 +221,7 @@ def smooth_mesh(
         Positions (K, 3) float32, faces (M, 3) uint32 and normals (K, 3) float32.
     """
     source_vertex, out_faces, normals = smooth_vertices(positions, faces)
-    return positions[source_vertex], out_faces, normals
+    return positions.take(source_vertex, axis=0), out_faces, normals  # a quarter of an index's time
 
 
 def smooth_vertices(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
 from typing import Final
@@ -81,7 +81,7 @@ def _shape_meshes(shape: Shape) -> tuple[_ShapeMesh, ...]:
     raise TypeError(f"{type(shape).__name__} has no meshes")
 
 
-def _scaled_unit_mesh(mesh: Mesh, scale: Sequence[float]) -> tuple[_ShapeMesh, ...]:
+def _scaled_unit_mesh(mesh: Mesh, scale: Iterable[float]) -> tuple[_ShapeMesh, ...]:
     """Return a unit mesh with a scale along x, y, z; nothing if the scale is zero, too large or not finite."""
     x, y, z = (abs(float(value)) for value in scale)
     longest = max(x, y, z)

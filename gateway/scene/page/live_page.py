@@ -8,7 +8,7 @@ from typing import Any
 
 from gateway.scene.draw.cameras import LookAtCamera
 from gateway.scene.page.clicks import ClickSubscriptions
-from gateway.scene.page.controls import ControlStore
+from gateway.scene.page.control_store import ControlStore
 
 
 @dataclass(frozen=True, slots=True)

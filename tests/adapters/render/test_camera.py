@@ -13,7 +13,7 @@ from gateway.adapters.render.errors import RequestError
 from gateway.adapters.render.pipeline import camera_of, rigid_pose
 from gateway.adapters.render.request import RenderRequest
 from gateway.adapters.render.scenes import PreparedScene
-from gateway.files.gltf import GltfCamera
+from gateway.files.gltf import PlacedCamera
 from gateway.scene.tree.transforms import from_pose
 from renderers.drawlist import DrawList
 
@@ -22,7 +22,7 @@ REQUEST = RenderRequest("color", 64, 48, 100.0, 90.0, 32.0, 20.0, 0.1, 10.0, 0.0
 
 
 def scene(X: Any = POSE, znear: float = 0.02) -> PreparedScene:
-    camera = GltfCamera(0, "head", X, 1.0, znear, None)
+    camera = PlacedCamera(0, "head", X, 1.0, znear, None)
     return PreparedScene(camera, True, "VTK", 1, (), 0, DrawList(), 0)
 
 

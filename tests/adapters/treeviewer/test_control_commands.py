@@ -10,7 +10,7 @@ import pytest
 from gateway.adapters.treeviewer.config import Limits
 from scenegate.messages.request_encoding import pack
 from tests.adapters.treeviewer.conversation import Viewer
-from tests.adapters.treeviewer.test_newer_commands import Talk
+from tests.adapters.treeviewer.test_commands import Talk
 
 SLIDER = {"path": ["arm", "speed"], "type": "slider", "min": 0, "max": 2, "unit": "m/s"}
 PLOT = {"path": "loads", "type": "plot", "series": ["a", "b"]}

@@ -80,7 +80,7 @@ class World:
     def receive(self, data: bytes, channel: str = CHANNEL, sender: Any = None, arrival: int = 1) -> int:
         """Pass a request to the dispatcher; return the bytes that wait."""
         self.dispatcher.receive(self.publish, LcmMessage(channel, data, arrival=arrival), sender)
-        return self.dispatcher.waiting_bytes
+        return self.dispatcher.queues.waiting_bytes
 
     @property
     def statuses(self) -> list[int]:
@@ -135,7 +135,7 @@ async def test_requests_that_need_kernels_are_read_in_a_thread_until_they_are_co
     compiled.set()
     await until(lambda: world.statuses == [0])
     assert world.pool.calls == 1
-    await until(lambda: world.dispatcher.waiting_bytes == 0)
+    await until(lambda: world.dispatcher.queues.waiting_bytes == 0)
     assert world.receive(CLOUD) == 0
     assert (world.statuses, world.pool.calls) == ([0, 0], 1)
 
@@ -158,7 +158,7 @@ async def test_requests_beyond_the_size_are_read_in_a_thread(limit: int, offload
     assert size == (size_of(len(ONE_BOX)) if offloaded else 0)
     await until(lambda: world.published)
     assert (world.statuses, world.pool.calls) == ([0], offloaded)
-    await until(lambda: world.dispatcher.waiting_bytes == 0)
+    await until(lambda: world.dispatcher.queues.waiting_bytes == 0)
     assert world.dispatcher.status()["waiting"] == 0
 
 
@@ -192,7 +192,7 @@ async def test_small_requests_without_images_and_files_are_read_on_the_event_loo
     data = wire.encode(msgspec.msgpack.encode(request_), 7, wire.BINARY) if binary else message(request_)
     world.publish = lambda channel, data: world.published.append((channel, {}))  # type: ignore[method-assign]
     assert (world.receive(data) > 0) == in_thread, "a request for a thread is in the queue"
-    await until(lambda: world.dispatcher.waiting_bytes == 0)
+    await until(lambda: world.dispatcher.queues.waiting_bytes == 0)
     assert world.pool.calls == in_thread
 
 
@@ -214,15 +214,15 @@ async def test_a_client_is_paused_above_its_limit_and_resumed_below_half_of_it()
 
     class Sender:
         def pause_reading(self) -> None:
-            calls.append(("pause", world.dispatcher.waiting_bytes))
+            calls.append(("pause", world.dispatcher.queues.waiting_bytes))
 
         def resume_reading(self) -> None:
-            calls.append(("resume", world.dispatcher.waiting_bytes))
+            calls.append(("resume", world.dispatcher.queues.waiting_bytes))
 
     sender = Sender()
     for _ in range(5):
         world.receive(ONE_BOX, sender=sender)
-    await until(lambda: len(world.published) == 5 and world.dispatcher.waiting_bytes == 0)
+    await until(lambda: len(world.published) == 5 and world.dispatcher.queues.waiting_bytes == 0)
     assert calls == [("pause", 5 * size), ("resume", size), ("resume", 0)]
 
 
@@ -248,7 +248,7 @@ async def test_messages_of_other_types_are_counted(offload_bytes: int) -> None:
     await until(lambda: world.dispatcher.counters.undecodable == 1)
     assert world.published == []
     assert str(world.dispatcher.status()["last_undecodable"]).startswith(f"{CHANNEL}: ")
-    await until(lambda: world.dispatcher.waiting_bytes == 0)
+    await until(lambda: world.dispatcher.queues.waiting_bytes == 0)
     assert "last_undecodable" not in World().dispatcher.status()
 
 
@@ -371,14 +371,14 @@ async def test_requests_that_wait_when_the_viewer_ends_are_answered(begun: bool)
     await world.dispatcher.close()
     world.receive(ONE_BOX)
     assert [body["error"] for _, body in world.published] == ["the viewer is shutting down"] * 3
-    assert (world.dispatcher.waiting_bytes, world.dispatcher.status()["waiting"]) == (0, 0)
+    assert (world.dispatcher.queues.waiting_bytes, world.dispatcher.status()["waiting"]) == (0, 0)
     assert asyncio.all_tasks() == {asyncio.current_task()}
 
 
 async def test_waiting_messages_count_with_their_overhead() -> None:
     world = World(offload_bytes=0)
-    assert world.receive(ONE_BOX) == world.dispatcher.waiting_bytes == len(ONE_BOX) + OVERHEAD_BYTES
-    assert world.receive(ONE_BOX) == world.dispatcher.waiting_bytes == 2 * (len(ONE_BOX) + OVERHEAD_BYTES)
+    assert world.receive(ONE_BOX) == world.dispatcher.queues.waiting_bytes == len(ONE_BOX) + OVERHEAD_BYTES
+    assert world.receive(ONE_BOX) == world.dispatcher.queues.waiting_bytes == 2 * (len(ONE_BOX) + OVERHEAD_BYTES)
     await world.dispatcher.close()
 
 
@@ -490,7 +490,7 @@ async def test_later_requests_are_answered_after_an_unexpected_error_of_a_respon
             pass
 
         def resume_reading(self) -> None:
-            resumed.append(world.dispatcher.waiting_bytes)
+            resumed.append(world.dispatcher.queues.waiting_bytes)
 
     def fail_once(*_: Any, **__: Any) -> Any:
         patch.undo()
@@ -501,7 +501,7 @@ async def test_later_requests_are_answered_after_an_unexpected_error_of_a_respon
         sender = Sender()
         for _ in range(3):
             world.receive(ONE_BOX, sender=sender)
-        await until(lambda: world.dispatcher.waiting_bytes == 0)
+        await until(lambda: world.dispatcher.queues.waiting_bytes == 0)
         for done, _ in store.waiting:
             done("")
     # the response that cannot be encoded is lost, that of a broken store says that nothing was stored
@@ -509,4 +509,4 @@ async def test_later_requests_are_answered_after_an_unexpected_error_of_a_respon
     assert world.dispatcher.counters.internal_errors == 1
     assert resumed == [0], "the sender is not paused any more"
     world.receive(ONE_BOX, sender=sender)
-    await until(lambda: world.dispatcher.waiting_bytes == 0)
+    await until(lambda: world.dispatcher.queues.waiting_bytes == 0)

@@ -144,7 +144,7 @@ async def test_mutated_messages_of_real_clients(count: int) -> None:
             good()
             await asyncio.sleep(0)
         dispatcher.receive(heard, LcmMessage(f"{REQUEST}_<bad>", mutator.message()))
-        await until(lambda: dispatcher.waiting_bytes == 0)
+        await until(lambda: dispatcher.queues.waiting_bytes == 0)
         if number == count // 5:
             gc.collect()
             early = resident_bytes()

@@ -19,6 +19,16 @@ from tests.adapters.treeviewer.differences import UNRECORDED, Difference
 NAN, INF = float("nan"), float("inf")
 
 
+@pytest.mark.parametrize("others", [[], [{"type": "sphere", "radius": "1"}]], ids=["all typed", "mixed"])
+def test_unknown_fields_and_colours_above_one_are_warned_of(viewer: Viewer, others: list[Any]) -> None:
+    box = {"type": "box", "lengths": [1, 2, 3], "radius": 4, "colour": "red", "color": [255, 128, 0, 1]}
+    commands = [{"path": ["a"], "geometry": box}, *({"path": ["b"], "geometry": other} for other in others)]
+    unknown, color = viewer.tell({"setgeometry": commands})["warnings"]
+    assert all(name in unknown for name in ('"radius"', '"colour"'))
+    assert "255" in color
+    assert viewer.parts("a")[0].shape == Box((1, 2, 3))
+
+
 @pytest.mark.parametrize("color", [None, [1, 1, 1, 1], [2, 0, 0, 0.5]], ids=["default", "typed", "lenient"])
 @pytest.mark.parametrize(
     ("geometry", "shape"),
@@ -39,7 +49,7 @@ NAN, INF = float("nan"), float("inf")
 def test_solids(viewer: Viewer, geometry: dict[str, Any], shape: Any, color: Any) -> None:
     answer = viewer.publish(geometry if color is None else {**geometry, "color": color})
     assert answer["status"] == 0, answer
-    assert "warnings" not in answer
+    assert ("warnings" in answer) == (color == [2, 0, 0, 0.5])
     (part,) = viewer.parts()
     assert part.shape == shape
     assert part.kind == geometry["type"]

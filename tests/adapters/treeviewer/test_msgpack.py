@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gateway.adapters.treeviewer import msgpack_kernels, responses
 from gateway.adapters.treeviewer.config import Limits
-from gateway.adapters.treeviewer.packed_arrays import DTYPES, EXTENSION, unpack
+from gateway.adapters.treeviewer.number_arrays import DTYPES, EXTENSION, unpack
 from gateway.scene.tree.geometry import Line, Part, PointCloud, Surface
 from scenegate.messages import wire
 from scenegate.messages.request_encoding import pack

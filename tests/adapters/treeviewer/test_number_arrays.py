@@ -15,7 +15,7 @@ from gateway.adapters.treeviewer.config import Limits
 from gateway.adapters.treeviewer.context import ReadContext
 from gateway.adapters.treeviewer.number_arrays import MIN_NUMBERS, NumberArrays
 from gateway.adapters.treeviewer.request_reader import JsonReader
-from gateway.adapters.treeviewer.requests import Request, RequestError
+from gateway.adapters.treeviewer.requests import Request, UnreadableRequestError
 from gateway.scene.tree.geometry import Line
 
 
@@ -86,7 +86,7 @@ def test_number_grammar_of_extracted_arrays(number: str, good: bool) -> None:
     if not good:
         try:
             request = read(text)
-        except RequestError as error:
+        except UnreadableRequestError as error:
             assert "not valid JSON" in str(error)
         else:
             assert "points has" in request.failures[0].reason

@@ -12,7 +12,7 @@ from gateway.adapters.viewer.browser import Browser
 from gateway.adapters.viewer.control_frames import ControlFrames
 from gateway.adapters.viewer.encoder import Encoder
 from gateway.adapters.viewer.resources import Resources
-from gateway.scene.page.controls import ControlStore
+from gateway.scene.page.control_store import ControlStore
 from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import Node, Path
 from tests.support.view_frames import parse_frame

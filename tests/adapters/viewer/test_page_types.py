@@ -20,7 +20,7 @@ class Inner(messages.Fields):
     wide_line: int
 
 
-class Outer(messages.Message, tag="outer"):
+class Outer(messages.ViewMessage, tag="outer"):
     a: float
     b: str | None
     c: str | None = None

@@ -15,7 +15,7 @@ from fastapi import FastAPI
 from gateway.adapters.viewer.config import ViewerConfig
 from gateway.adapters.viewer.hub import ViewHub
 from gateway.adapters.viewer.routes import ACKNOWLEDGE, ACKNOWLEDGE_CONTROLS, MAX_MESSAGE_CHARS, router
-from gateway.scene.page.controls import ControlLimits, ControlStore
+from gateway.scene.page.control_store import ControlLimits, ControlStore
 from gateway.scene.page.live_page import LivePage
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.live import LiveTree

@@ -12,7 +12,7 @@ import pytest
 
 from gateway.adapters.viewer.control_frames import ControlFrames
 from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
-from gateway.scene.page.controls import ControlStore
+from gateway.scene.page.control_store import ControlStore
 from gateway.scene.tree.live import LiveTree
 from scenegate.messages.controls import Slider
 from scenegate.recording import recorder

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from gateway.datasets.derived_images import flow_between, instance_motions
 from gateway.datasets.scenario.tables import ScenarioError
 from gateway.datasets.scenario.tracks import read_track
+from gateway.datasets.scene_sources import find_sources
 from gateway.datasets.scenes import LoadedScene, load_scene
-from gateway.datasets.sources import find_sources
 from gateway.datasets.views import SceneCamera, View, camera_of, scene_views
 from gateway.files.robots.reader import read_robot
 from renderers.interface import Look, Output

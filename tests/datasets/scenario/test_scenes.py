@@ -25,8 +25,8 @@ from gateway.datasets.rendering import render_images
 from gateway.datasets.run import Progress, run
 from gateway.datasets.scenario.choices import SceneChoices
 from gateway.datasets.scenario.placement import Solid, are_apart, box_solid, rotation_of
+from gateway.datasets.scene_sources import find_scenes, find_sources
 from gateway.datasets.scenes import LoadedScene, SceneError, load_scene, model_names
-from gateway.datasets.sources import find_scenes, find_sources
 from gateway.datasets.views import SceneCamera, View, camera_of
 from gateway.datasets.worker import run_task
 from gateway.scene.draw.flatten import flatten

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gateway.files.gltf import GltfCache, GltfLimits
-from gateway.files.gltf.errors import GltfError
+from gateway.files.gltf.gltf_errors import GltfError
 from gateway.files.gltf.topology import element_count, separate_elements
 from renderers.cache import CacheBudget
 from renderers.drawlist import Topology

@@ -19,7 +19,7 @@ from gateway.scene.tree.geometry import Surface
 from renderers.cache import CacheBudget
 from renderers.drawlist import Material
 from tests.files.gltf.builder import TRIANGLE, Builder, data_uri, glb, parts
-from tests.files.gltf.test_materials import png
+from tests.files.gltf.test_material_reader import png
 from tests.support.corpus import corpus_dir, drake_scene
 
 LIMITS = GltfLimits(

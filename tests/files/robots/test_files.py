@@ -12,7 +12,7 @@ import pytest
 
 from gateway.files.robots.limits import RobotLimits
 from gateway.files.robots.reader import read_robot
-from scenegate.robots.errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError
 from tests.files.parsers.test_mesh import nested
 from tests.files.robots.files import TRIANGLE, visual, write
 from tests.support.waiting import SECONDS

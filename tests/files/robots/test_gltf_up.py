@@ -10,7 +10,7 @@ import pytest
 
 from gateway.files.robots.reader import MAX_LINKS_FOR_NOTE, read_robot
 from gateway.scene.tree.geometry import Surface
-from scenegate.robots.files import RobotFiles
+from scenegate.robots.robot_files import RobotFiles
 from tests.files.gltf.builder import Builder
 from tests.files.robots.files import link, write
 

@@ -12,7 +12,7 @@ from gateway.files.robots.reader import read_robot
 from gateway.scene.tree.geometry import Part, Surface
 from renderers.color import linear_from_srgb
 from renderers.encode import png_rgb
-from scenegate.robots.files import RobotFiles
+from scenegate.robots.robot_files import RobotFiles
 from tests.files.robots.files import TRIANGLE, visual, write
 
 BLUE = "newmtl blue\nKd 0 0 1\n"

@@ -16,7 +16,7 @@ from gateway.scene.tree.geometry import Surface
 from renderers.color import linear_from_srgb
 from renderers.stop import StopFlag
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
-from scenegate.robots.errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError
 from tests.files.robots.files import TRIANGLE, write
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"

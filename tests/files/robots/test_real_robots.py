@@ -13,7 +13,7 @@ import pytest
 
 from gateway.files.robots.reader import read_robot
 from gateway.files.robots.robot import Robot
-from scenegate.robots.errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError
 from tests.support.waiting import SECONDS
 
 pytestmark = pytest.mark.slow

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenegate.robots.errors import RobotFileError
 from scenegate.robots.joint_text import parse_joints
 from scenegate.robots.robot import MAX_MIMIC_CHAIN, JointValue
+from scenegate.robots.robot_errors import RobotFileError
 from tests.files.robots.files import ARM, read
 
 

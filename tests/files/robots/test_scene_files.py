@@ -16,7 +16,7 @@ from gateway.files.robots.scene_files import SceneOptions, read_scene
 from gateway.scene.tree.geometry import Surface
 from renderers.encode import png_rgb
 from scenegate import MeshFile
-from scenegate.robots.errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError
 from tests.files.robots.files import ARM, TRIANGLE, link, write
 from tests.support import forms
 

@@ -15,8 +15,8 @@ from gateway.files.robots.robot import Robot
 from gateway.scene.tree.geometry import Shape, Surface
 from renderers.color import linear_from_srgb
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
-from scenegate.robots.errors import RobotFileError
-from scenegate.robots.reader import read_robot as read_robot_of_client
+from scenegate.robots.robot_errors import RobotFileError
+from scenegate.robots.robot_reader import read_robot as read_robot_of_client
 from tests.files.assets.mesh_files.files import DAE, png
 from tests.files.robots.files import TRIANGLE, write
 from tests.support.waiting import SECONDS

@@ -14,7 +14,7 @@ from gateway.scene.tree.geometry import Shape
 from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode
 from scenegate.messages.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
-from scenegate.robots.errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError
 from tests.files.robots.files import ARM, link, read, visual, write
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from gateway.files.robots.reader import read_robot
 from scenegate.messages.geometry import Sphere
-from scenegate.robots.errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError
 from tests.files.robots.files import write
 
 NAMESPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'

@@ -9,15 +9,15 @@ import pytest
 
 from gateway.runtime.kernels import compile_process
 from gateway.runtime.kernels.cache import KernelError
-from gateway.runtime.kernels.parts import PARTS, Part
+from gateway.runtime.kernels.parts import PARTS, KernelPart
 from gateway.runtime.workers import process_tuning
 from renderers.compiler.jit import KERNELS, Kernel
 
 
 def test_parts_are_compiled_until_the_queue_is_empty(monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[str] = []
-    monkeypatch.setattr(Part, "compile_or_load", lambda part: done.append(part.names[0]))
-    monkeypatch.setattr(compile_process, "PARTS", {name: Part(1, (name,)) for name in "abc"})
+    monkeypatch.setattr(KernelPart, "compile_or_load", lambda part: done.append(part.names[0]))
+    monkeypatch.setattr(compile_process, "PARTS", {name: KernelPart(1, (name,)) for name in "abc"})
     monkeypatch.setattr(process_tuning, "pause_gc", lambda: None)  # it stops the garbage collector
     queue, queue_input = os.pipe()
     os.write(queue_input, bytes((2, 0)))

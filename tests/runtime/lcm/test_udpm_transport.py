@@ -86,9 +86,9 @@ async def test_queues_what_the_network_does_not_accept_yet() -> None:
             sender.send("small", b"x")
         assert sender.unsent_bytes > 1 << 20
         assembler = Assembler((b"",), 1 << 30, 1 << 30)
-        found: list[udpm.Message] = []
+        found: list[udpm.UdpmMessage] = []
 
-        def passed() -> list[udpm.Message]:
+        def passed() -> list[udpm.UdpmMessage]:
             messages = [assembler.receive(datagram, ("x", 1)) for datagram in network.read()]
             found.extend(message for message in messages if message is not None)
             return found

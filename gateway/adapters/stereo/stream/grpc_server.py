@@ -17,7 +17,7 @@ from gateway.adapters.stereo.device.camera_config import StereoConfig, Tls
 from gateway.adapters.stereo.stream.client_queues import MessageHub
 from gateway.adapters.stereo.stream.faults import CUT_REASON, FaultInjector
 from gateway.adapters.stereo.stream.reflection import ReflectionPool
-from gateway.adapters.stereo.stream.set_kind import RequestError, read_set_kind
+from gateway.adapters.stereo.stream.set_kind import ImageRequestError, read_set_kind
 from gateway.adapters.stereo.stream.subscriptions import ImageSetHub, LimitError, StreamError
 from gateway.runtime.http.grpc_tokens import TokenCheck
 from gateway.runtime.workers import process_tuning
@@ -37,7 +37,7 @@ RETURN_BYTES = 64 << 20
 RETURN_SECONDS = 2.0
 """Seconds for grpc to free the messages of ended streams before their memory is returned."""
 _STATUS_CODES: Mapping[type[Exception], grpc.StatusCode] = {
-    RequestError: grpc.StatusCode.INVALID_ARGUMENT,
+    ImageRequestError: grpc.StatusCode.INVALID_ARGUMENT,
     LimitError: grpc.StatusCode.RESOURCE_EXHAUSTED,
     StreamError: grpc.StatusCode.UNAVAILABLE,
 }
@@ -141,7 +141,7 @@ def _decode_requests(message: type[Message], method: Callable[[Any, Context], Aw
         try:
             try:
                 await method(request, context)
-            except (RequestError, LimitError, StreamError) as error:
+            except (ImageRequestError, LimitError, StreamError) as error:
                 await context.abort(_STATUS_CODES[type(error)], str(error))
         except grpc.aio.InternalError:
             # The connection broke while a message was written. End the call as grpc does when it detects that a client

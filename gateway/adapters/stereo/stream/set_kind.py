@@ -13,7 +13,7 @@ MIN_POINTS = 1000
 """Minimum of ``max_points``, unless it is 0 for no limit (protocol document)."""
 
 
-class RequestError(ValueError):
+class ImageRequestError(ValueError):
     """The request cannot be served; the message is the reason."""
 
 
@@ -79,16 +79,16 @@ def read_set_kind(request: pb.ImageSetRequest, config: StereoConfig) -> SetKind:
     """
     has_color_camera = config.color_camera is not None
     if request.color_camera_enabled and not (config.color or has_color_camera):
-        raise RequestError(f"color_camera_enabled: the {config.model.name} is monochrome")
+        raise ImageRequestError(f"color_camera_enabled: the {config.model.name} is monochrome")
     mesh = None
     if request.mesh_enabled:
         options = request.mesh_options
         if 0 < options.max_points < MIN_POINTS:
-            raise RequestError(
+            raise ImageRequestError(
                 f"mesh_options.max_points is {options.max_points}; the minimum is {MIN_POINTS}, zero means no limit"
             )
         if options.binning_method not in pb.MeshOptions.BinningMethod.values():
-            raise RequestError(
+            raise ImageRequestError(
                 f"mesh_options.binning_method is {options.binning_method}; there are 0 (AVERAGE) and 1 (MIN_DEPTH)"
             )
         mesh = MeshOptions(

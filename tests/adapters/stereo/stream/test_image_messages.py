@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from gateway.adapters.stereo.device.camera_config import StereoConfig
 from gateway.adapters.stereo.stream import image_messages as messages
 from gateway.adapters.stereo.stream.image_messages import ImageMetadata
-from gateway.adapters.stereo.stream.set_kind import RequestError, SetKind, read_set_kind
+from gateway.adapters.stereo.stream.set_kind import ImageRequestError, SetKind, read_set_kind
 from renderers.stereo.model import Intrinsics
 from renderers.stereo.sensor.exposure import Exposure
 from scenegate.camera import image_interface_pb2 as pb
@@ -109,7 +109,7 @@ def test_any_request_is_a_kind_or_rejected(request: pb.ImageSetRequest) -> None:
     wrong = request.mesh_enabled and (0 < options.max_points < 1000 or options.binning_method > 1)
     try:
         kind = read_set_kind(request, StereoConfig())
-    except RequestError as error:
+    except ImageRequestError as error:
         assert wrong
         assert "mesh_options." in str(error)
         return

@@ -15,7 +15,7 @@ from gateway.adapters.stereo.device.stream_settings import Region
 from gateway.adapters.stereo.device.timestamps import parse_timestamp
 from gateway.adapters.stereo.imaging.recorded_pairs import Pair, PairSequence
 from gateway.adapters.stereo.stream.faults import FaultInjector, Faults
-from gateway.adapters.stereo.stream.set_kind import RequestError, read_set_kind
+from gateway.adapters.stereo.stream.set_kind import ImageRequestError, read_set_kind
 from renderers.drawlist import ImageError
 from renderers.encode import png_gray8
 from renderers.stereo.depth.depth_images import DepthImages, DepthRange, true_disparity
@@ -159,7 +159,7 @@ def test_the_minimum_of_mesh_points() -> None:
         assert kind.mesh is not None
         assert kind.mesh.max_points == points
     for points in (1, 999):
-        with pytest.raises(RequestError, match=f"max_points is {points}; the minimum is 1000"):
+        with pytest.raises(ImageRequestError, match=f"max_points is {points}; the minimum is 1000"):
             read_set_kind(mesh(points), StereoConfig())
 
 

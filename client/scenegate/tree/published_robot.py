@@ -16,7 +16,7 @@ from scenegate.messages.geometry import Geometry
 from scenegate.messages.wire import OK
 from scenegate.transforms import quaternions_of
 from scenegate.tree.answer import Answer
-from scenegate.tree.nodes import Node, Sender
+from scenegate.tree.node_handles import NodeHandle, Sender
 from scenegate.warning_text import NOTHING_DRAWN
 
 _NEEDS_SERVER: Final = (
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from scenegate.robots.robot import Joint, JointValue, Robot
 
 
-class PublishedRobot(Node):
+class PublishedRobot(NodeHandle):
     """A robot in the viewer: the node of its path, with a node for each link below it. Thread-safe."""
 
     def __init__(self, viewer: Sender, path: Path, robot: Robot[Geometry], joints: Mapping[str, JointValue]) -> None:
@@ -109,7 +109,7 @@ def read_robot_for(
     """
     from importlib.metadata import entry_points  # these are slow to import, and most clients publish no robots
 
-    from scenegate.robots.reader import NeedsServerError, read_robot
+    from scenegate.robots.robot_reader import NeedsServerError, read_robot
 
     needs_server = NeedsServerError(_NEEDS_SERVER)
     if textures and not keyframe and options["gltf_up"] != "auto" and reads_files():

@@ -1,6 +1,6 @@
-"""``Node``, which changes one path of the tree, and ``Batch``, which collects changes for one request.
+"""``NodeHandle``, which changes one path of the tree, and ``Batch``, which collects changes for one request.
 
-Indexing a viewer, a batch or a node returns a ``Node``.
+Indexing a viewer, a batch or a node returns a ``NodeHandle``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Sender(Protocol):
         """Send changes and wait for the response, or collect them."""
 
 
-class Node:
+class NodeHandle:
     """A path of the tree. Indexing gives the paths below: ``node["arm"][0]``, ``node["arm", 0]``, ``node["arm/x"]``."""
 
     __slots__ = ("_sender", "path")
@@ -35,8 +35,11 @@ class Node:
         self._sender = sender
         self.path = path
 
-    def __getitem__(self, key: Key) -> Node:
-        return Node(self._sender, self.path + path_of(key))
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {'/'.join(map(str, self.path)) or '/'} of {self._sender!r}>"
+
+    def __getitem__(self, key: Key) -> NodeHandle:
+        return NodeHandle(self._sender, self.path + path_of(key))
 
     def set(self, *geometries: Geometry, transform: Transform | ArrayLike | None = None) -> Answer:
         """Replace the geometries of this path, and its transform if one is given. Paths below stay as they are."""
@@ -47,7 +50,10 @@ class Node:
         return self._send_entry(Entry([geometry.body() for geometry in geometries], transform_body))
 
     def transform(self, value: Transform | ArrayLike) -> Answer:
-        """Replace X_parent_node: a ``Transform``, (4, 4), or three numbers (a translation in metres)."""
+        """Replace X_parent_node: a ``Transform``, (4, 4), three numbers (a translation in metres), or seven.
+
+        Seven numbers are a pose: x, y, z in metres, and the quaternion w, x, y, z.
+        """
         return self._send_entry(Entry(transform=Transform.of(value).body()))
 
     def set_visible(self, visible: bool) -> Answer:
@@ -79,8 +85,11 @@ class Batch:
         self.answer: Answer | None = None
         """Result of the request; None until the block has ended."""
 
-    def __getitem__(self, key: Key) -> Node:
-        return Node(self, path_of(key))
+    def __repr__(self) -> str:
+        return f"<Batch of {len(self.changes.entries)} paths>"
+
+    def __getitem__(self, key: Key) -> NodeHandle:
+        return NodeHandle(self, path_of(key))
 
     def send(self, changes: Changes) -> Answer:
         """Add changes to the batch. The result is a placeholder: the viewer has not received them yet."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from gateway.files.gltf import schema
 from gateway.files.gltf.document_cache import DocumentContent
-from gateway.files.gltf.errors import as_warning, checked_item
+from gateway.files.gltf.gltf_errors import as_warning, checked_item
 from gateway.files.gltf.nodes import NodeParts, SceneNodes
 from gateway.files.gltf.schema import DRAKE_GENERATORS
 from gateway.scene.tree.nodes import Node, Path, PathElement
@@ -23,7 +23,7 @@ _SCALE_TOLERANCE: Final = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GltfCamera:
+class PlacedCamera:
     """A camera, with the pose of the node that refers to it."""
 
     index: int
@@ -51,7 +51,7 @@ class GltfScene:
     nodes: SceneNodes
     parts: NodeParts
     """Primitives of each node."""
-    cameras: tuple[GltfCamera, ...]
+    cameras: tuple[PlacedCamera, ...]
     """One for every node with a camera, parents first."""
     lights: tuple[Light, ...]
     """Lights of KHR_lights_punctual, in the document's world frame."""
@@ -85,7 +85,7 @@ class GltfScene:
         return self.generator in DRAKE_GENERATORS
 
     @property
-    def camera(self) -> GltfCamera | None:
+    def camera(self) -> PlacedCamera | None:
         """The camera of a render request: camera 0 of the document, at the first node that refers to it.
 
         Without such a node, it is at the origin and looks along -Z. The result is None for a document without cameras:
@@ -97,19 +97,21 @@ class GltfScene:
         if not self.content.cameras:
             return None
         source = self.content.cameras[0]
-        return _camera(source if isinstance(source, schema.Camera) else schema.Camera(), 0, "", OPENGL_FROM_OPTICAL)
+        return _camera(
+            source if isinstance(source, schema.GltfCamera) else schema.GltfCamera(), 0, "", OPENGL_FROM_OPTICAL
+        )
 
 
 def read_cameras(
-    document_cameras: list[schema.Camera | None], nodes: SceneNodes, warnings: list[str]
-) -> tuple[GltfCamera, ...]:
+    document_cameras: list[schema.GltfCamera | None], nodes: SceneNodes, warnings: list[str]
+) -> tuple[PlacedCamera, ...]:
     """Return the camera of each node that has one, parents first. A reference to no camera gives a warning."""
     cameras = []
     for index, node, X_world_node in zip(nodes.indices, nodes.sources, nodes.X_world_node, strict=True):
         if node.camera is None:
             continue
         source = document_cameras[node.camera] if 0 <= node.camera < len(document_cameras) else None
-        if isinstance(source, schema.Camera):
+        if isinstance(source, schema.GltfCamera):
             cameras.append(_camera(source, node.camera, node.name, _optical_pose(X_world_node)))
             continue
         with as_warning(warnings, "the node has no camera"):
@@ -117,11 +119,11 @@ def read_cameras(
     return tuple(cameras)
 
 
-def _camera(source: schema.Camera, index: int, node_name: str | None, X_world_camera: Matrix) -> GltfCamera:
+def _camera(source: schema.GltfCamera, index: int, node_name: str | None, X_world_camera: Matrix) -> PlacedCamera:
     """Return a camera of the document with a pose. A perspective wins over an orthographic projection beside it."""
     is_perspective = source.perspective is not None
     projection = source.perspective or source.orthographic or schema.Projection()
-    return GltfCamera(
+    return PlacedCamera(
         index=index,
         name=source.name or node_name or "",
         X_world_camera=X_world_camera,
@@ -147,7 +149,7 @@ def _optical_pose(X_world_node: Matrix) -> Matrix:
     return pose
 
 
-def mesh_names(nodes: SceneNodes, meshes: list[schema.Mesh | None] | None) -> dict[int, str]:
+def mesh_names(nodes: SceneNodes, meshes: list[schema.GltfMesh | None] | None) -> dict[int, str]:
     """Return a name for each mesh in use, by mesh index. Meshes without a name are called after their first node.
 
     Args:
@@ -158,7 +160,7 @@ def mesh_names(nodes: SceneNodes, meshes: list[schema.Mesh | None] | None) -> di
     for position, mesh in enumerate(nodes.meshes):
         if mesh is not None and mesh not in names:
             source = meshes[mesh] if meshes is not None and 0 <= mesh < len(meshes) else None
-            name = (source.name if isinstance(source, schema.Mesh) else "") or nodes.sources[position].name
+            name = (source.name if isinstance(source, schema.GltfMesh) else "") or nodes.sources[position].name
             names[mesh] = _unique(name or f"mesh{mesh}", used)
     return names
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any, Final, TypeVar
 
 from gateway.files.gltf import schema
-from gateway.files.gltf.errors import as_warning, checked_item
+from gateway.files.gltf.gltf_errors import as_warning, checked_item
 from gateway.files.gltf.parser import extension, vector_or_default
 from gateway.files.gltf.textures import Textures
 from renderers.drawlist import LABEL_NONE, AlphaMode, Material
@@ -62,7 +62,7 @@ class Materials:
         self._materials: dict[tuple[int, bool], Material] = {}
         """Materials by index in the document, and True if VTK's exporter wrote the primitive."""
 
-    def get(self, primitive: schema.Primitive, name: str) -> Material:
+    def get(self, primitive: schema.GltfPrimitive, name: str) -> Material:
         """Return the material of a primitive; ``DEFAULT_MATERIAL`` if it has none, or one that cannot be read.
 
         Raises:
@@ -81,7 +81,7 @@ class Materials:
             return material
         return DEFAULT_MATERIAL
 
-    def _material_index(self, primitive: schema.Primitive, name: str) -> int | None:
+    def _material_index(self, primitive: schema.GltfPrimitive, name: str) -> int | None:
         """Return the index of a primitive's material in the variant, or else its default; None if it has neither."""
         if self._variant is None:
             return primitive.material
@@ -91,7 +91,7 @@ class Materials:
                 return mapping.material
         return primitive.material
 
-    def is_from_vtk(self, primitive: schema.Primitive) -> bool:
+    def is_from_vtk(self, primitive: schema.GltfPrimitive) -> bool:
         """Return True for a primitive that VTK's exporter wrote for Drake's client.
 
         Other exporters may write the same material, but VTK's never writes normals or vertex colours.
@@ -100,9 +100,9 @@ class Materials:
         if index is None or not self._from_drake or not _NEVER_FROM_VTK.isdisjoint(primitive.attributes or ()):
             return False
         source = sources[index] if 0 <= index < len(sources) else None
-        return isinstance(source, schema.Material) and _looks_written_by_vtk(source)
+        return isinstance(source, schema.GltfMaterial) and _looks_written_by_vtk(source)
 
-    def _read(self, source: schema.Material, name: str, from_vtk: bool) -> Material:
+    def _read(self, source: schema.GltfMaterial, name: str, from_vtk: bool) -> Material:
         """Read a material.
 
         Args:
@@ -154,7 +154,7 @@ class Materials:
             self._warnings.append(f"{name}.alphaMode: {value!r:.30} is not OPAQUE, MASK or BLEND; OPAQUE is used")
         return mode or AlphaMode.OPAQUE
 
-    def _with_extensions(self, material: Material, source: schema.Material, name: str) -> Material:
+    def _with_extensions(self, material: Material, source: schema.GltfMaterial, name: str) -> Material:
         """Return the material with its extensions. Its ``fallback`` is the one without the two that VTK ignores."""
 
         def read(key: str, type_: type[_Extension]) -> _Extension | None:
@@ -233,13 +233,13 @@ def _variant_index(document: schema.Document, name: str, warnings: list[str]) ->
     return None
 
 
-def _looks_written_by_vtk(source: schema.Material) -> bool:
+def _looks_written_by_vtk(source: schema.GltfMaterial) -> bool:
     """Return True for a material with exactly the properties that VTK's exporter writes.
 
     These are ``{pbrMetallicRoughness: {baseColorFactor, [baseColorTexture], metallicFactor: 0, roughnessFactor: 1}}``.
     """
     pbr = source.pbr_metallic_roughness
-    if pbr is None or pbr.base_color_factor is None or source != schema.Material(pbr_metallic_roughness=pbr):
+    if pbr is None or pbr.base_color_factor is None or source != schema.GltfMaterial(pbr_metallic_roughness=pbr):
         return False
     color, texture = pbr.base_color_factor, pbr.base_color_texture
     return pbr == schema.MetallicRoughness(color, texture, metallic_factor=0.0, roughness_factor=1.0)

@@ -16,8 +16,8 @@ from typing import Final
 
 from scenegate.messages.mesh_file import referenced_path, spellings
 from scenegate.regular_files import read_file_or_pipe, read_regular
-from scenegate.robots.errors import RobotFileError
-from scenegate.robots.limits import RobotFileLimits
+from scenegate.robots.robot_errors import RobotFileError
+from scenegate.robots.robot_limits import RobotFileLimits
 from scenegate.robots.ros_packages import (
     PATH_VARIABLES,
     Packages,

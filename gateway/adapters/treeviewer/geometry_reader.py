@@ -19,7 +19,7 @@ from gateway.scene.tree.transforms import IDENTITY
 from scenegate.messages import geometry as messages
 from scenegate.messages import image_geometry as image_messages
 from scenegate.messages.field_kinds import CommandError, NothingToDraw, read_color, show
-from scenegate.messages.geometry import Geometry, Solid, read_fields
+from scenegate.messages.geometry import Geometry, Solid, fields_of, read_fields
 from scenegate.messages.mesh_file import MeshFile
 
 
@@ -60,6 +60,9 @@ def read_geometry(params: Any, context: ReadContext, name: str = "geometry") -> 
     if not isinstance(kind, str) or kind not in _TYPES:
         raise CommandError(f"{name}.type is missing" if kind is None else f"{name}.type {show(kind)} is not supported")
     geometry, make_parts = _TYPES[kind]
+    if not params.keys() <= _NAMES[kind]:
+        unknown = ", ".join(show(key) for key in params if key not in _NAMES[kind])
+        context.warnings.append(f"{name} has the unknown fields {unknown[:200]}; they are ignored")
     try:
         color = params.get("color")
         rgba = WHITE if color is None else read_color(color, "color", context)
@@ -87,7 +90,7 @@ _TYPES: Final[Mapping[str, tuple[type[Geometry], Callable[..., tuple[Part, ...]]
     **{solid.kind: (solid, None) for solid in Solid.__subclasses__()},
     "line": (messages.Line, array_geometry.line),
     "mesh_data": (messages.PlainMesh, array_geometry.mesh_data),
-    "mesh": (messages.Mesh, image_geometry.mesh),
+    "mesh": (messages.MeshGeometry, image_geometry.mesh),
     "pointcloud": (messages.PointCloud, array_geometry.pointcloud),
     "planar_lidar": (messages.PlanarLidar, array_geometry.planar_lidar),
     "mesh_file": (MeshFile, mesh_file_geometry.mesh_file),
@@ -100,3 +103,8 @@ _TYPES: Final[Mapping[str, tuple[type[Geometry], Callable[..., tuple[Part, ...]]
 
 The function's arguments are the colour, the context, and the class's fields by name.
 """
+_NAMES: Final = {
+    kind: frozenset(("type", "color", "transform", *(field.name for field in fields_of(geometry))))
+    for kind, (geometry, _) in _TYPES.items()
+}
+"""Names of the fields of each type."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scenegate.robots.errors import RobotFileError
+from scenegate.robots.robot_errors import RobotFileError
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gateway.datasets.errors import DatasetError
-from gateway.datasets.sources import MAX_NAME_CHARS, Source, SourceKind, find_sources, kind_of
+from gateway.datasets.scene_sources import MAX_NAME_CHARS, Source, SourceKind, find_sources, kind_of
 
 
 @pytest.mark.parametrize(

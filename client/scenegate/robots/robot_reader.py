@@ -14,13 +14,13 @@ from typing import Final, Literal, get_args
 from scenegate.messages.arguments import describe
 from scenegate.messages.geometry import Geometry
 from scenegate.regular_files import reason_of
-from scenegate.robots.errors import RobotFileError
-from scenegate.robots.files import RobotFiles
-from scenegate.robots.limits import RobotFileLimits
 from scenegate.robots.link_geometry import LinkGeometries
 from scenegate.robots.link_kinematics import LinkKinematics
 from scenegate.robots.link_model import LinkModel
 from scenegate.robots.robot import GeometryUse, Robot
+from scenegate.robots.robot_errors import RobotFileError
+from scenegate.robots.robot_files import RobotFiles
+from scenegate.robots.robot_limits import RobotFileLimits
 from scenegate.robots.sdf import parse_sdf
 from scenegate.robots.urdf import parse_urdf
 from scenegate.robots.xml_text import Element, parse_xml, uses_xacro

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.scene.page.controls import ControlLimits, ControlStore
+from gateway.scene.page.control_store import ControlLimits, ControlStore
 from gateway.scene.tree.nodes import Path
 from scenegate.messages.controls import AnyControl, Button, Checkbox, Dropdown, Gizmo, Plot, Pose, Slider, Value
 
