@@ -41,7 +41,7 @@ from gateway.wiring import metrics, telemetry
 from gateway.wiring.context import Context
 from gateway.wiring.interfaces import enabled_interfaces
 from gateway.wiring.startup import start
-from gateway.wiring.state import open_state
+from gateway.wiring.state import STATE, open_state
 from gateway.wiring.worker_processes import write_worker_reports
 from renderers.cache import SHARED
 
@@ -88,7 +88,7 @@ def create_app(
     context = Context(
         settings,
         app,
-        registry=ServiceRegistry(essential=frozenset({KERNELS, "render"})),
+        registry=ServiceRegistry(essential=frozenset({KERNELS, "render", STATE})),
         metrics=Metrics(),
         workers=_workers(settings),
         camera_workers=_workers(settings, "camera"),

@@ -144,7 +144,7 @@ def _start_camera(
         )
     if context.state is not None:
         context.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
-        service.wait_until_stored = context.state.commits.wait_until_stored
+        service.wait_until_stored = context.state.wait_until_stored
     if number == 0:
         context.stereo_camera = lambda snapshot: view.camera(config, snapshot) if live else None
         context.stereo_service = service

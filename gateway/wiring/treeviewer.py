@@ -13,7 +13,7 @@ async def setup(context: Context) -> None:
     """Run the tree viewer's service."""
     settings = context.settings
     lcm = LcmConfig(url=settings.lcm_url, tcpq_host=context.security.tcpq_host, tcpq_port=settings.tcpq_port)
-    store = context.state.commits if context.state is not None else None
+    store = context.state if context.state is not None else None
     service = TreeViewerService(
         TreeViewerConfig(lcm=lcm, strict=settings.strict),
         context.tree,
