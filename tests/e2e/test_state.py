@@ -114,7 +114,7 @@ def test_damaged_tree_ends_the_start_and_is_unchanged(tmp_path: Path) -> None:
         send(url, {"setgeometry": [{"path": ["box"], "geometry": BOX}]})
         assert process.stop() == 0
     connection = sqlite3.connect(state)
-    connection.execute("UPDATE tree_node SET parts = x'90' WHERE parts NOT NULL")
+    connection.execute("UPDATE tree_blob SET data = x'90'")
     connection.commit()
     connection.close()
     before = state.read_bytes()

@@ -32,15 +32,15 @@ _APPLICATION_ID: Final = b"SCGT"
 SCHEMA_VERSION: Final = 3
 
 _SCHEMA: Final = (
-    # The live tree. ``path`` is JSON. ``seq`` orders siblings. ``transform``: NULL for the identity, 56 bytes for a
-    # pose, 128 for a matrix (little-endian doubles). ``parts``: NULL if no geometry was ever set; see part_codec.py.
-    # ``blobs``: the digests of the blobs that ``parts`` refers to, one after the other.
+    # The live tree. ``path`` is JSON. ``seq`` orders siblings. ``parts``: digests of the blobs of its geometry, the
+    # first is that of the parts (part_codec.py); NULL if none was ever set. ``transform``: NULL for the identity, 56
+    # bytes for a pose, 128 for a matrix (little-endian doubles).
     """CREATE TABLE tree_node (
-        path TEXT PRIMARY KEY, seq INTEGER NOT NULL, parts BLOB, blobs BLOB, transform BLOB, visible INTEGER NOT NULL,
+        path TEXT PRIMARY KEY, seq INTEGER NOT NULL, parts BLOB, transform BLOB, visible INTEGER NOT NULL,
         opacity REAL NOT NULL
     ) WITHOUT ROWID""",
-    "INSERT INTO tree_node VALUES ('[]', 0, NULL, NULL, NULL, 1, 1)",
-    # ``digest`` is the SHA-256 of ``data``; ``uses`` counts its occurrences in ``tree_node.blobs``.
+    "INSERT INTO tree_node VALUES ('[]', 0, NULL, NULL, 1, 1)",
+    # ``digest`` is the SHA-256 of ``data``; ``uses`` counts its occurrences in ``tree_node.parts``.
     "CREATE TABLE tree_blob (digest BLOB PRIMARY KEY, data BLOB NOT NULL, uses INTEGER NOT NULL)",
     # Parameters of the stereo cameras; ``value`` is JSON.
     """CREATE TABLE stereo_parameter (

@@ -6,7 +6,7 @@ only; everything else is a "persistent id" of the pickle module, a tuple that st
     ("value", class, {field: value})     ("number", value)     ("map", {name: value})     ("identity",)
     ("array", dtype, shape, sha256)      ("shared", sha256)    ("image", maximum pixels, sha256)
 
-``shared`` is for materials and meshes. Equal blobs are decoded to one object.
+``shared`` is for materials and meshes, and for the parts of a node. Equal blobs are decoded to one object.
 """
 
 from __future__ import annotations
@@ -57,33 +57,34 @@ class PartEncoder:
     objects by their ids."""
 
     def __init__(self) -> None:
-        self._shared: dict[int, tuple[bytes, Blobs]] = {}
-        """Digests and blobs of encoded materials and meshes by object id."""
+        self._encoded: dict[int, tuple[bytes, Blobs]] = {}
+        """Results by object id."""
 
-    def encode(self, value: Any) -> tuple[bytes, Blobs]:
-        """Return a tuple of parts as bytes, and the blobs that these refer to. Arrays are not copied."""
-        blobs: Blobs = {}
-        output = io.BytesIO()
-        pickler = pickle.Pickler(output, protocol=5)
-        pickler.fast = True  # equal values have equal bytes, whatever objects they share
-        pickler.persistent_id = lambda each: self._tagged(each, blobs)  # type: ignore[method-assign]
-        pickler.dump(value)
-        return output.getvalue(), blobs
+    def encode(self, value: tuple[Part, ...] | Material | Mesh) -> tuple[bytes, Blobs]:
+        """Return the digest of a value, and all its blobs. Arrays are not copied."""
+        if id(value) not in self._encoded:
+            blobs: Blobs = {}
+            output = io.BytesIO()
+            pickler = pickle.Pickler(output, protocol=5)
+            pickler.fast = True  # equal values have equal bytes, whatever objects they share
+            pickler.persistent_id = lambda each: self._tagged(  # type: ignore[method-assign]
+                each, blobs, is_whole=each is value
+            )
+            pickler.dump(value)
+            self._encoded[id(value)] = _add_blob(blobs, output.getvalue()), blobs
+        return self._encoded[id(value)]
 
-    def _tagged(self, value: Any, blobs: Blobs) -> tuple[Any, ...] | None:
+    def _tagged(self, value: Any, blobs: Blobs, *, is_whole: bool) -> tuple[Any, ...] | None:
         """Return the persistent id of a value; None for one of pickle's own types."""
         value_type = type(value)
         if value_type in _PLAIN:
             return None
-        if value_type in (Material, Mesh):
-            encoded = self._shared.get(id(value))
-            if encoded is None:
-                data, own_blobs = self.encode((value_type.__name__, _values(value)))
-                encoded = self._shared[id(value)] = _add_blob(own_blobs, data), own_blobs
-            blobs.update(encoded[1])
-            return "shared", encoded[0]
+        if value_type in (Material, Mesh) and not is_whole:
+            digest, own_blobs = self.encode(value)
+            blobs.update(own_blobs)
+            return "shared", digest
         if value_type in _FIELDS:
-            return "value", value_type.__name__, _values(value)
+            return "value", value_type.__name__, {name: getattr(value, name) for name in _FIELDS[value_type]}
         if value is IDENTITY:
             return ("identity",)
         if isinstance(value, np.generic):
@@ -102,10 +103,6 @@ class PartEncoder:
         raise TypeError(f"geometry with {getattr(value, 'dtype', value_type.__name__)} cannot be stored")
 
 
-def _values(value: Any) -> dict[str, Any]:
-    return {name: getattr(value, name) for name in _FIELDS[type(value)]}
-
-
 def _add_blob(blobs: Blobs, data: bytes | memoryview) -> bytes:
     digest = hashlib.sha256(data).digest()
     blobs[digest] = data
@@ -116,19 +113,14 @@ class PartDecoder:
     """Decodes parts. Equal materials, meshes and arrays become one object."""
 
     def __init__(self, blob: Callable[[bytes], bytes]) -> None:
-        """
-        Args:
-            blob: Returns the blob with a digest. Raises KeyError if there is none.
-        """
+        """``blob`` returns the blob with a digest, or raises any exception."""
         self._blob = blob
         self._decoded: dict[tuple[Any, ...], Any] = {}
         """What was made of blobs, by tag."""
 
-    def decode(self, data: bytes) -> Any:
-        """Decode bytes of ``PartEncoder``. Damaged ones raise any exception."""
-        unpickler = _Unpickler(io.BytesIO(data))
-        unpickler.persistent_load = self._value  # type: ignore[method-assign]
-        return unpickler.load()
+    def decode(self, digest: bytes) -> Any:
+        """Return a value of ``PartEncoder`` by its digest. Damaged bytes raise any exception."""
+        return self._value(("shared", digest))
 
     def _value(self, tagged: tuple[Any, ...]) -> Any:
         match tagged:
@@ -151,8 +143,9 @@ class PartDecoder:
     def _blob_value(self, tagged: tuple[Any, ...], data: bytes) -> Any:
         match tagged:
             case "shared", _:
-                name, values = self.decode(data)
-                return CLASSES[name](**values)
+                unpickler = _Unpickler(io.BytesIO(data))
+                unpickler.persistent_load = self._value  # type: ignore[method-assign]
+                return unpickler.load()
             case "image", max_pixels, _:
                 return image_from_bytes(data, max_pixels=max_pixels)
             case "array", dtype, shape, _:

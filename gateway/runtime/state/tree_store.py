@@ -85,7 +85,7 @@ class TreeStore:
                 edit.set_opacity(path, opacity)
                 _set_transform(edit, path, transform)
                 if parts is not None:
-                    edit.set_parts(path, decoder.decode(parts))
+                    edit.set_parts(path, decoder.decode(parts[:_DIGEST_BYTES]))
         self.restored_nodes = len(rows) - 1
         self._stored_root = self._live.snapshot.root
 
@@ -110,22 +110,19 @@ class _RowWriter:
             # The paths below ["a"] start with ["a", and a space, the last character before the exclamation mark.
             subtree = (key, f"{key[:-1]}, ", f"{key[:-1]},!")
             condition = "WHERE path = ? OR path >= ? AND path < ?"
-            for (digests,) in self._execute(f"SELECT blobs FROM tree_node {condition}", subtree):  # noqa: S608
+            for (digests,) in self._execute(f"SELECT parts FROM tree_node {condition}", subtree):  # noqa: S608
                 self._use(digests, -1)
             self._execute(f"DELETE FROM tree_node {condition}", subtree)  # noqa: S608
             return
         if kind in ("added", "reordered"):
             self.seq += 1
         if kind == "added":
-            row = (key, self.seq, *self._encode(node.parts), _encode_transform(node), node.visible, node.opacity)
-            self._execute("INSERT INTO tree_node VALUES (?, ?, ?, ?, ?, ?, ?)", row)
-            self._use(row[3], 1)
+            row = (key, self.seq, self._add(node.parts), _encode_transform(node), node.visible, node.opacity)
+            self._execute("INSERT INTO tree_node VALUES (?, ?, ?, ?, ?, ?)", row)
         elif kind == "geometry":
-            parts, digests = self._encode(node.parts)
-            for (old,) in self._execute("SELECT blobs FROM tree_node WHERE path = ?", (key,)):
-                self._use(old, -1)
-            self._use(digests, 1)
-            self._execute("UPDATE tree_node SET parts = ?, blobs = ? WHERE path = ?", (parts, digests, key))
+            for (digests,) in self._execute("SELECT parts FROM tree_node WHERE path = ?", (key,)):
+                self._use(digests, -1)
+            self._execute("UPDATE tree_node SET parts = ? WHERE path = ?", (self._add(node.parts), key))
         else:
             column = "seq" if kind == "reordered" else kind
             values = {"seq": self.seq, "visible": node.visible, "opacity": node.opacity}
@@ -141,13 +138,15 @@ class _RowWriter:
             if change < 0:
                 self._execute("DELETE FROM tree_blob WHERE digest = ? AND uses <= 0", (digest,))
 
-    def _encode(self, parts: tuple[Part, ...] | None) -> tuple[bytes | None, bytes | None]:
-        """Return parts as bytes, and the digests of their blobs."""
+    def _add(self, parts: tuple[Part, ...] | None) -> bytes | None:
+        """Count the uses of parts; return the digests of their blobs, the parts' own first."""
         if parts is None:
-            return None, None
-        data, blobs = self._encoder.encode(parts)
+            return None
+        digest, blobs = self._encoder.encode(parts)
         self._blobs.update(blobs)
-        return data, b"".join(blobs)
+        digests = b"".join((digest, *(each for each in blobs if each != digest)))
+        self._use(digests, 1)
+        return digests
 
     def _use(self, digests: bytes | None, change: int) -> None:
         for begin in range(0, len(digests or b""), _DIGEST_BYTES):

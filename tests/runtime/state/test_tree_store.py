@@ -56,7 +56,7 @@ def restored(database: Database, excluded: tuple[str, ...] = ()) -> Node:
 def check_uses(connection: sqlite3.Connection) -> None:
     """Assert that every blob is counted as often as nodes refer to it."""
     uses: Counter[bytes] = Counter()
-    for (digests,) in connection.execute("SELECT blobs FROM tree_node WHERE blobs NOT NULL"):
+    for (digests,) in connection.execute("SELECT parts FROM tree_node WHERE parts NOT NULL"):
         uses.update(digests[begin : begin + 32] for begin in range(0, len(digests), 32))
     assert dict(connection.execute("SELECT digest, uses FROM tree_blob")) == uses
 
