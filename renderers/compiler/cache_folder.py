@@ -34,6 +34,7 @@ PACKAGES: Final = ("renderers", "gateway")
 """Packages that define kernels."""
 _MANIFEST: Final = "complete.json"
 _PREFIX: Final = "scenegate-"
+_PRIVATE_PREFIX: Final = "scenegate-kernels-"
 _MAX_OTHER_FOLDERS: Final = 4
 """Number of folders of other versions that are kept, the newest ones; each has about 8 MB."""
 _NEEDED_BYTES: Final = 16 << 20
@@ -56,11 +57,22 @@ def root() -> Path:
     if not unusable(path) or not missing(path / folder_name()):
         return path
     try:  # not a name that others can guess: Numba executes the files that it finds there
-        private = Path(tempfile.mkdtemp(prefix="scenegate-kernels-"))
+        private = Path(tempfile.mkdtemp(prefix=_PRIVATE_PREFIX))
     except OSError:
         return path
-    atexit.register(shutil.rmtree, private, ignore_errors=True)
+    atexit.register(remove_private_root)
     return private
+
+
+def is_private_root() -> bool:
+    """Return True if ``root`` is a private temporary folder, which this process removes at its end."""
+    return root().name.startswith(_PRIVATE_PREFIX)
+
+
+def remove_private_root() -> None:
+    """Remove the private temporary folder, if ``root`` has made one."""
+    if is_private_root():
+        shutil.rmtree(root(), ignore_errors=True)
 
 
 def unusable(path: Path) -> str:
