@@ -18,7 +18,6 @@ from gateway.files.gltf.limits import GltfLimits
 from gateway.files.gltf.parser import extension
 from gateway.files.gltf.schema import BufferView as SourceView
 from gateway.files.gltf.schema import Document, MeshoptCompression
-from renderers.stop import check_stop
 from scenegate.regular_files import reason_of
 
 Resolver = Callable[[str], bytes]
@@ -117,7 +116,6 @@ class Buffers:
         count, stride = meshopt.checked_layout(source, name)
         self.count_bytes(count * stride, name)
         view = self._uncompressed(source, name)
-        check_stop()
         compressed = memoryview(view.buffer.data)[view.offset : view.offset + view.length]
         data = meshopt.decompress(source, compressed, name)
         return BufferView(_hashed(data), 0, len(data), stride)
@@ -147,7 +145,6 @@ class Buffers:
         Args:
             json_uri: String from the JSON: a URI, or the placeholder of one in ``Container.data_uris``.
         """
-        check_stop()
         uri = self._container.data_uris.get(json_uri, json_uri)
         if isinstance(uri, str) and uri[:5].lower() != "data:":
             return self._from_file(uri, path)
