@@ -128,8 +128,7 @@ def run(settings: Settings) -> int:
     from renderers.compiler import cache_folder
 
     log.info("The libraries are loaded", seconds=round(time.perf_counter() - first_line.BEGIN, 1))
-    app = create_app(settings, state)
-    app.state.context.page_url = f"{url}/view" if settings.is_enabled("view") else f"{url}/"
+    app = create_app(settings, state, page_url=f"{url}/view" if settings.is_enabled("view") else f"{url}/")
     code = serve_app(app, listener)
     cache_folder.remove_private_root()
     log.info("Scenegate has stopped")
