@@ -83,10 +83,8 @@ class Database:
                     self._report_loss(0, confirmed)
                 self.connection = _connect(path, checkpoint_bytes, with_locks=self.is_locked)
                 undo.callback(self.connection.close)
-                if is_new:
-                    _create_tables(self.connection)
-                else:
-                    _check(path, self.connection)
+                _create_or_check(path, self.connection)
+                self.connection.execute("PRAGMA journal_mode = WAL")
                 (self._commits,) = self.connection.execute("SELECT number FROM commits").fetchone()
                 if not is_new and self._commits < confirmed:
                     self._report_loss(self._commits, confirmed)
@@ -219,20 +217,18 @@ def _connect(path: Path, checkpoint_bytes: int, *, with_locks: bool) -> sqlite3.
     return connection
 
 
-def _create_tables(connection: sqlite3.Connection) -> None:
-    """Create the tables in the file itself: the log may get lost, and the file must be known as ours without it."""
-    with connection:
-        connection.execute("BEGIN IMMEDIATE")
-        for statement in _SCHEMA:
-            connection.execute(statement)
-    connection.execute("PRAGMA journal_mode = WAL")
-
-
-def _check(path: Path, connection: sqlite3.Connection) -> None:
+def _create_or_check(path: Path, connection: sqlite3.Connection) -> None:
+    """Create the tables, in the file itself: it must be known as ours without its log. Or check the file."""
     (result,) = connection.execute("PRAGMA quick_check(1)").fetchone()
     if result != "ok":
         raise StateError(f"The state file {path} is damaged ({' '.join(str(result).split())}); it is unchanged.")
     (version,) = connection.execute("PRAGMA user_version").fetchone()
+    if version == 0:  # new, or the process was killed while it created the tables
+        with connection:
+            connection.execute("BEGIN IMMEDIATE")
+            for statement in _SCHEMA:
+                connection.execute(statement)
+        return
     if version != SCHEMA_VERSION:
         raise StateError(
             f"The state file {path} has schema version {version}, this Scenegate reads {SCHEMA_VERSION}; it is "

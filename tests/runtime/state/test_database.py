@@ -35,6 +35,14 @@ def test_new_file_has_the_current_version_and_no_log(tmp_path: Path) -> None:
     assert [entry.name for entry in tmp_path.iterdir()] == ["state"]
 
 
+def test_an_interrupted_creation_is_repeated(tmp_path: Path) -> None:
+    path = tmp_path / "state"
+    connection = sqlite3.connect(path)
+    connection.execute(f"PRAGMA application_id = {int.from_bytes(b'SCGT', 'big')}")
+    connection.close()
+    assert version(made(path)) == SCHEMA_VERSION
+
+
 def test_accepts_an_empty_file(tmp_path: Path) -> None:
     path = tmp_path / "state"
     path.touch()
