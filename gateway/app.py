@@ -41,11 +41,13 @@ from gateway.wiring import metrics, telemetry
 from gateway.wiring.context import Context
 from gateway.wiring.interfaces import enabled_interfaces
 from gateway.wiring.startup import start
-from gateway.wiring.state import open_state
+from gateway.wiring.state import STATE, open_state
 from gateway.wiring.worker_processes import write_worker_reports
 from renderers.cache import SHARED
 
 if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
     from gateway.runtime.state.service import PersistentState
     from gateway.runtime.workers.worker_reports import WorkerReports
     from gateway.wiring.log import LogService
@@ -60,6 +62,8 @@ def create_app(
     state: PersistentState | None = None,
     reports: WorkerReports | None = None,
     log: LogService | None = None,
+    supervisor: Connection | None = None,
+    page_url: str = "",
 ) -> FastAPI:
     """Create a gateway as an ASGI application. Nothing runs before its lifespan starts.
 
@@ -67,6 +71,8 @@ def create_app(
         state: opened state; None: the lifespan opens it, if the settings name one.
         reports: reports of all processes, if there are several (``--workers``).
         log: log to show in place of the live tree.
+        supervisor: connection to the supervisor of several processes, for heartbeats.
+        page_url: address of the page to open first, for the log.
 
     Raises:
         SettingsError: a token or certificate file cannot be used.
@@ -88,7 +94,7 @@ def create_app(
     context = Context(
         settings,
         app,
-        registry=ServiceRegistry(essential=frozenset({KERNELS, "render"})),
+        registry=ServiceRegistry(essential=frozenset({KERNELS, "render", STATE})),
         metrics=Metrics(),
         workers=_workers(settings),
         camera_workers=_workers(settings, "camera"),
@@ -96,6 +102,8 @@ def create_app(
         state=state,
         reports=reports,
         log=log,
+        supervisor=supervisor,
+        page_url=page_url,
         tree=LiveTree() if log is None else log.tree,
     )
     if spans is not None:
@@ -120,8 +128,9 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     context.security.log_exposure()
     if context.state is None:
         context.state = await asyncio.to_thread(open_state, context.settings)
-    context.start_history()
     if context.history is not None:
+        context.history.start()
+        context.exit_stack.callback(context.history.close)
         metrics.watch_history(context.metrics, context.history)
     context.startup = asyncio.create_task(start(context), name="start")
     idle = asyncio.create_task(context.return_memory_when_idle(), name="memory")

@@ -209,7 +209,6 @@ def _decode(data: bytes | memoryview, max_pixels: int) -> NDArray[np.uint8]:
         samples: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
         raise ImageError(f"broken {header.format} data: {error.err}") from error
-    check_stop()
     if samples is None or samples.shape[:2] != (header.height, header.width):
         raise ImageError(f"broken {header.format} data")
     return _rgba(samples, transparent_level if samples.ndim == 2 else None)

@@ -25,6 +25,7 @@ from gateway.runtime.logs import log_setup
 from gateway.runtime.settings import Settings
 from gateway.wiring import interfaces, startup
 from gateway.wiring.context import Context
+from gateway.wiring.provided import Provided
 from renderers.compiler import pending
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 from tests.support.waiting import SECONDS, until
@@ -59,8 +60,9 @@ def _warm(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def use_interfaces(monkeypatch: pytest.MonkeyPatch, **setups: Callable[[Context], None]) -> None:
     def awaited(setup: Callable[[Context], None]) -> interfaces.Setup:
-        async def set_up(context: Context) -> None:
+        async def set_up(context: Context, provided: Provided) -> Provided:
             setup(context)
+            return provided
 
         return set_up
 
@@ -163,9 +165,9 @@ async def test_only_starts_the_named_interfaces(monkeypatch: pytest.MonkeyPatch)
 async def test_a_camera_at_a_missing_node_warns_before_the_first_stream(monkeypatch: pytest.MonkeyPatch) -> None:
     contexts: list[Context] = []
 
-    async def set_up(context: Context) -> None:
+    async def set_up(context: Context, provided: Provided) -> Provided:
         contexts.append(context)
-        await gateway.wiring.stereo.setup(context)
+        return await gateway.wiring.stereo.setup(context, provided)
 
     monkeypatch.setattr(interfaces, "INTERFACES", {"stereo": set_up})
     async with running(grpc_port=0, stereo_path='["hand"]') as client:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Sequence
 
@@ -17,6 +18,8 @@ def main(arguments: Sequence[str]) -> None:
     Raises:
         SystemExit: The command has an exit code.
     """
+    if list(arguments[:1]) == ["serve"]:
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # until the server handles it
     first_line.write(arguments)
     if list(arguments) == ["doctor"]:  # before other imports: it says which of them fail
         from gateway.cli.doctor import print_findings

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-import signal
+import os
+import sys
 import time
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -43,7 +44,7 @@ def add_serve(app: typer.Typer) -> None:
         except SettingsError as error:
             typer.echo(f"scenegate: {error}", err=True)
             raise typer.Exit(2) from None
-        raise typer.Exit(run(settings))
+        end(run(settings))
 
     info = typer.Option("--config", help="TOML file with settings (also SCENEGATE_CONFIG).", dir_okay=False)
     help_all = typer.Option("--help-all", help="Show all flags and exit.", is_eager=True, callback=_print_all_flags)
@@ -88,7 +89,6 @@ def _flag(name: str, field: FieldInfo) -> Any:
 
 def run(settings: Settings) -> int:
     """Serve until a signal; return the exit code. Imports are late, so that ``--help`` is fast."""
-    signal.signal(signal.SIGTERM, _exit)  # until the server handles it
     from gateway.runtime.logs import log_setup
     from gateway.runtime.workers import process_tuning
 
@@ -125,20 +125,24 @@ def run(settings: Settings) -> int:
         return serve_workers(settings, listener)
     from gateway.app import create_app
     from gateway.cli.serve_app import serve_app
+    from renderers.compiler import cache_folder
 
     log.info("The libraries are loaded", seconds=round(time.perf_counter() - first_line.BEGIN, 1))
-    app = create_app(settings, state)
-    app.state.context.page_url = f"{url}/view" if settings.is_enabled("view") else f"{url}/"
+    app = create_app(settings, state, page_url=f"{url}/view" if settings.is_enabled("view") else f"{url}/")
     code = serve_app(app, listener)
+    cache_folder.remove_private_root()
     log.info("Scenegate has stopped")
     return code
+
+
+def end(code: int) -> NoReturn:
+    """End the process at once. All is closed; to join threads and free memory would take up to seconds."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 def _url(host: str, port: int, tls: bool) -> str:
     """Return the address of the server for a browser on this machine."""
     shown = {"0.0.0.0": "localhost", "::": "localhost"}.get(host, f"[{host}]" if ":" in host else host)  # noqa: S104
     return f"{'https' if tls else 'http'}://{shown}:{port}"
-
-
-def _exit(*_: object) -> NoReturn:
-    raise SystemExit(0)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
+import threading
 from typing import TYPE_CHECKING, Final
 
 import structlog
@@ -23,21 +25,31 @@ NOT_STARTED: Final = 3
 RESPONSE_SECONDS: Final = 1.0
 """Time after ``--shutdown-seconds`` for the responses to requests that have ended with it, before uvicorn closes their
 connections."""
+CLOSE_SECONDS: Final = 0.5
+"""Time after that for the application to close, before the process ends although threads still run."""
 
 
 def serve_app(app: FastAPI, listener: socket.socket) -> int:
     """Serve an application until a signal. Return 0, 1 after a fatal error, or 3 if it could not start."""
+    log = structlog.get_logger("gateway")
     context: Context = app.state.context
     seconds = context.settings.shutdown_seconds
 
     def begin_shutdown() -> None:
-        log = structlog.get_logger("gateway")
         log.info("Scenegate stops; requests that it has accepted may finish", seconds=seconds)
+        watchdog.start()
         context.begin_shutdown()
+
+    def end_now() -> None:
+        """End the process although threads still load kernels or read a file."""
+        log.info("Scenegate has stopped")
+        os._exit(int(fatal))
 
     config = http_server.server_config(app, seconds + RESPONSE_SECONDS, lifespan=True, tls=context.security.tls)
     server = http_server.MainServer(config, begin_shutdown)
     fatal = False
+    watchdog = threading.Timer(seconds + RESPONSE_SECONDS + CLOSE_SECONDS, end_now)
+    watchdog.daemon = True
 
     def stop_with_error() -> None:
         nonlocal fatal
@@ -48,6 +60,7 @@ def serve_app(app: FastAPI, listener: socket.socket) -> int:
     context.on_fatal = stop_with_error
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
         runner.run(server.serve(sockets=[listener]))
+    watchdog.cancel()
     if fatal:
         return 1
     return 0 if server.started else NOT_STARTED

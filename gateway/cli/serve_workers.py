@@ -76,12 +76,11 @@ def run_worker(settings: Settings, folder: Path, listener: socket.socket, connec
     from gateway.cli.serve_app import serve_app
 
     try:
-        app = create_app(settings, reports=WorkerReports(folder, settings.processes))
+        app = create_app(settings, reports=WorkerReports(folder, settings.processes), supervisor=connection)
     except SettingsError as error:  # a file has changed since the supervisor started
         structlog.get_logger("gateway").error(f"This process cannot start: {error}")
         time.sleep(RETRY_SECONDS)
         sys.exit(1)
-    app.state.context.supervisor = connection
     sys.exit(START_FAILED if serve_app(app, listener) else 0)
 
 

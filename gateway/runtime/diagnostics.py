@@ -86,7 +86,7 @@ def _check_kernels() -> Finding:
     if unusable := cache_folder.unusable(folder):  # of NUMBA_CACHE_DIR, or no temporary folder can replace it
         remedy = "NUMBA_CACHE_DIR=FOLDER, one that can be written and has room"
         return Finding("kernels", Verdict.ERROR, f"{detail}, {unusable}", "Nothing is rendered.", remedy)
-    if cache_folder.root().name.startswith("scenegate-kernels-"):  # a private folder, which this process removes
+    if cache_folder.is_private_root():
         detail = f"{reason}, and the cache folder cannot be written or is full"
         remedy = "SCENEGATE_CACHE_DIR=FOLDER, one that can be written and has room"
         return Finding("kernels", Verdict.NOTE, detail, f"Each start compiles them: {duration}.", remedy)

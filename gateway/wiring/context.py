@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -15,7 +15,6 @@ from fastapi import FastAPI
 from gateway.runtime.http.interface_names import title_of
 from gateway.runtime.http.security import Security
 from gateway.runtime.kernels.loading import KernelLoader
-from gateway.runtime.lcm.listener import ChannelListener
 from gateway.runtime.logs.metrics_registry import Metrics
 from gateway.runtime.service_registry import Service, ServiceRegistry, one_line
 from gateway.runtime.settings import MIB, Settings
@@ -26,17 +25,14 @@ from gateway.scene.draw.live_scene import LiveScene
 from gateway.scene.page.live_page import LivePage
 from gateway.scene.tree.history import TreeHistory
 from gateway.scene.tree.labels import LabelTable
-from gateway.scene.tree.live import LiveTree, Snapshot
-from renderers.camera import Camera
+from gateway.scene.tree.live import LiveTree
+from gateway.wiring.provided import Provided
 from renderers.interface import Renderer
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
-    from gateway.adapters.stereo.service import StereoService
-    from gateway.adapters.viewer.sources import StereoSource
     from gateway.files.assets.mesh_files import MeshFiles
-    from gateway.runtime.logs.render_record import RenderRecord
     from gateway.runtime.state.service import PersistentState
     from gateway.runtime.workers.worker_reports import WorkerReports
     from gateway.scene.tree.timeline import Timeline
@@ -52,7 +48,7 @@ IDLE_SECONDS: Final = 10.0
 
 @dataclass(eq=False)
 class Context:
-    """Shared objects of one application. ``create_app`` creates it; the interfaces fill it at the start."""
+    """Shared objects of one application. What interfaces provide to each other is in ``provided.Provided``."""
 
     settings: Settings
     app: FastAPI
@@ -73,10 +69,8 @@ class Context:
     kernels: KernelLoader = field(init=False)
     flattener: Flattener = field(init=False)
     """Draw lists of the live tree, shared so that an unchanged tree is flattened once."""
-    lcm_listeners: list[ChannelListener] = field(default_factory=list)
-    """Receivers of channels besides those of the tree viewer; filled before it starts."""
-    history: TreeHistory | None = None
-    """Earlier states of the live tree (``--history-seconds``)."""
+    history: TreeHistory | None = field(init=False)
+    """Earlier states of the live tree (``--history-seconds``), if an interface shows them."""
     state: PersistentState | None = None
     """Storage of the live tree and of parameters (``--state``)."""
     reports: WorkerReports | None = None
@@ -85,15 +79,6 @@ class Context:
     """Log that is shown in place of the live tree."""
     supervisor: Connection | None = None
     """Connection to their supervisor, for heartbeats."""
-
-    stereo_camera: Callable[[Snapshot], Camera | None] = lambda snapshot: None
-    """Returns the left stereo camera in a snapshot of the live tree, if any."""
-    stereo_service: StereoService | None = None
-    """The first stereo camera, if any."""
-    stereo_sensor: StereoSource | None = None
-    """Source of the stereo camera's images for the browser view, if any."""
-    recent_renders: Sequence[RenderRecord] = ()
-    """Newest finished requests of the render endpoint, oldest first."""
 
     started: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when requests are accepted, or when the start has failed."""
@@ -117,6 +102,10 @@ class Context:
     def __post_init__(self) -> None:
         self.flattener = Flattener(self.labels)
         self.kernels = KernelLoader(self.registry, self.exit_stack, bar=self.reports is None)
+        settings, self.history = self.settings, None
+        if settings.history_seconds and (settings.is_enabled("scene") or settings.is_enabled("view")):
+            max_bytes = settings.history_mb * MIB
+            self.history = TreeHistory(self.tree, settings.history_seconds, max_bytes, asyncio.to_thread)
 
     @cached_property
     def renderer(self) -> Renderer:
@@ -143,20 +132,10 @@ class Context:
 
         return MeshFiles(self.settings.mesh_folders, any_folder=True)
 
-    @property
-    def live_scene(self) -> LiveScene:
-        """The live tree, for images and files of it."""
-        # The stereo camera is set later, when it starts.
-        return LiveScene(self.tree, self.flattener, self.timeline, lambda snapshot: self.stereo_camera(snapshot))
-
-    def start_history(self) -> None:
-        """Record the live tree until ``close``, if an interface shows it."""
-        settings = self.settings
-        if settings.history_seconds and (settings.is_enabled("scene") or settings.is_enabled("view")):
-            max_bytes = settings.history_mb * MIB
-            self.history = TreeHistory(self.tree, settings.history_seconds, max_bytes, asyncio.to_thread)
-            self.history.start()
-            self.exit_stack.callback(self.history.close)
+    def live_scene(self, provided: Provided) -> LiveScene:
+        """Return the live tree, for images and files of it, with the stereo camera in it."""
+        camera = provided.stereo.camera if provided.stereo is not None else lambda snapshot: None
+        return LiveScene(self.tree, self.flattener, self.timeline, camera)
 
     @property
     def timeline(self) -> Timeline | None:

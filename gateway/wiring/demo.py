@@ -9,11 +9,13 @@ from typing import Any
 from gateway.demo import RATE, Demo
 from gateway.scene.tree.live import LiveTree
 from gateway.wiring.context import Context
+from gateway.wiring.provided import Provided
 
 
-async def setup(context: Context) -> None:
+async def setup(context: Context, provided: Provided) -> Provided:
     """Run the demo scene's service."""
     context.run_service("demo", DemoService(context.tree))
+    return provided
 
 
 class DemoService:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from gateway.adapters.drakeviewer.channels import PREFIXES
 from gateway.adapters.drakeviewer.config import DrakeViewerConfig
 from gateway.adapters.drakeviewer.service import DrakeViewerService
 from gateway.runtime.lcm.listener import ChannelListener
 from gateway.wiring.context import Context
+from gateway.wiring.provided import Provided
 
 
-async def setup(context: Context) -> None:
+async def setup(context: Context, provided: Provided) -> Provided:
     """Run the service; the tree viewer's transports pass messages to it."""
     service = DrakeViewerService(
         context.tree,
@@ -17,5 +20,6 @@ async def setup(context: Context) -> None:
         DrakeViewerConfig(strict=context.settings.strict),
         local_files=context.local_mesh_files,
     )
-    context.lcm_listeners.append(ChannelListener(PREFIXES, service.receive))
     context.run_service("drakeviewer", service, where="LCM, the channels of Drake's simulations")
+    listener = ChannelListener(PREFIXES, service.receive)
+    return replace(provided, lcm_listeners=(*provided.lcm_listeners, listener))

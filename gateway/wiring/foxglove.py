@@ -12,12 +12,13 @@ from gateway.adapters.stereo.stream.set_kind import SetKind
 from gateway.adapters.stereo.stream.subscriptions import Subscription
 from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
 from gateway.wiring.context import Context
+from gateway.wiring.provided import Provided
 
 _NODES: Final = ("rc_camera", "rc_stereomatching", "rc_iocontrol")
 """Nodes of the device whose parameters Foxglove shows."""
 
 
-async def setup(context: Context) -> None:
+async def setup(context: Context, provided: Provided) -> Provided:
     """Serve Foxglove's protocol on ``--foxglove-port``."""
     try:
         from gateway.adapters.foxglove.service import FoxgloveService
@@ -26,13 +27,14 @@ async def setup(context: Context) -> None:
 
     port = context.settings.foxglove_port
     assert port is not None
-    sensor, stereo = context.stereo_sensor, context.stereo_service
-    scene_frames = SnapshotFrames if sensor is None else partial(SnapshotFrames, sensor.rig)
-    service = FoxgloveService(port, context.tree, scene_frames, StereoCamera(stereo) if stereo else None)
+    stereo = provided.stereo
+    scene_frames = SnapshotFrames if stereo is None else partial(SnapshotFrames, stereo.sensor.rig)
+    service = FoxgloveService(port, context.tree, scene_frames, FoxgloveCamera(stereo.service) if stereo else None)
     context.run_service("foxglove", service, where="Foxglove: ws://127.0.0.1, --foxglove-port")
+    return provided
 
 
-class StereoCamera:
+class FoxgloveCamera:
     """The stereo camera as Foxglove's service uses it: ``gateway.adapters.foxglove.foxglove_sources.CameraSource``."""
 
     def __init__(self, service: StereoService) -> None:

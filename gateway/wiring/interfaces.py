@@ -1,4 +1,4 @@
-"""The interfaces by name, in order of start."""
+"""The interfaces by name, in order of start: each after those whose part of ``Provided`` it uses."""
 
 from __future__ import annotations
 
@@ -9,27 +9,30 @@ from typing import Final
 
 from gateway.runtime.settings import Settings
 from gateway.wiring.context import Context
+from gateway.wiring.provided import Provided
 
-Setup = Callable[[Context], Awaitable[None]]
+Setup = Callable[[Context, Provided], Awaitable[Provided]]
+"""Starts an interface. Gets and returns what the interfaces that have started provide."""
 
 
-async def _setup(module: str, context: Context) -> None:
+async def _setup(module: str, context: Context, provided: Provided) -> Provided:
     """Import a wiring module, and call its ``setup``.
 
     Its imports load compiled kernels, which must be in the cache by then. An import that fails (a system library is
     missing) stops this interface only.
     """
-    await import_module(f"gateway.wiring.{module}").setup(context)
+    setup: Setup = import_module(f"gateway.wiring.{module}").setup
+    return await setup(context, provided)
 
 
 INTERFACES: Final[Mapping[str, Setup]] = {
     "render": partial(_setup, "render"),
-    "scene": partial(_setup, "sceneapi"),
-    "drakeviewer": partial(_setup, "drakeviewer"),  # before the tree viewer, whose LCM transports it uses
+    "drakeviewer": partial(_setup, "drakeviewer"),
     "treeviewer": partial(_setup, "treeviewer"),
     "stereo": partial(_setup, "stereo"),
-    "view": partial(_setup, "view"),  # after the interfaces that it shows
-    "foxglove": partial(_setup, "foxglove"),  # after the stereo camera, whose images it shows
+    "scene": partial(_setup, "sceneapi"),
+    "view": partial(_setup, "view"),
+    "foxglove": partial(_setup, "foxglove"),
     "demo": partial(_setup, "demo"),
 }
 

@@ -13,11 +13,12 @@ from gateway.runtime.settings import MIB, Settings
 from gateway.scene.tree.nodes import Node
 from gateway.wiring import metrics
 from gateway.wiring.context import Context
+from gateway.wiring.provided import Provided
 from gateway.wiring.scene_setting import read_scene_setting
 from gateway.wiring.style import style_of
 
 
-async def setup(context: Context) -> None:
+async def setup(context: Context, provided: Provided) -> Provided:
     """Add the render endpoint."""
 
     config = _config(context.settings)
@@ -30,10 +31,10 @@ async def setup(context: Context) -> None:
         backdrop=await _backdrop(context),
         metrics=context.metrics,
     )
-    context.recent_renders = service.recent
     context.app.include_router(render_router(service))
     metrics.watch_render(context.metrics, service)
     context.registry.ready("render", where=context.settings.render_path, figures=service.status)
+    return replace(provided, recent_renders=service.recent)
 
 
 def _config(settings: Settings) -> RenderConfig:

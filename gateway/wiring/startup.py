@@ -13,6 +13,7 @@ from gateway.runtime.kernels.loading import KERNELS
 from gateway.runtime.service_registry import State
 from gateway.wiring.context import Context
 from gateway.wiring.interfaces import enabled_interfaces
+from gateway.wiring.provided import Provided
 from gateway.wiring.state import STATE, restore_state
 
 _log = structlog.get_logger("gateway")
@@ -58,9 +59,10 @@ async def _start(context: Context) -> None:
 
 async def _start_interfaces(context: Context) -> None:
     """Start the enabled interfaces in order. One that fails is reported and skipped."""
+    provided = Provided()
     for name, setup in enabled_interfaces(context.settings).items():
         try:
-            await setup(context)
+            provided = await setup(context, provided)
         except Exception as error:  # noqa: BLE001 - one interface must not stop the others
             context.fail(name, error)
         else:

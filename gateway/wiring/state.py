@@ -22,8 +22,7 @@ def open_state(settings: Settings) -> PersistentState | None:
     """
     if settings.state is None:
         return None
-    from gateway.runtime.state.config import StateConfig
-    from gateway.runtime.state.service import PersistentState
+    from gateway.runtime.state.service import PersistentState, StateConfig
 
     return PersistentState(StateConfig(settings.state))
 
@@ -45,7 +44,6 @@ async def restore_state(context: Context) -> None:
         excluded.append(DRAKE_ROOT)
     await asyncio.to_thread(state.restore_tree, context.tree, excluded)
     state.start()
-    state.store_idle_edits(context.tree)
 
     def on_problem(problem: str) -> None:
         if problem:
@@ -53,5 +51,7 @@ async def restore_state(context: Context) -> None:
         else:
             context.registry.ready(STATE, where=str(context.settings.state), figures=state.status)
 
-    state.commits.on_problem = on_problem
+    state.on_problem = on_problem
     on_problem("")
+    if state.database.loss:
+        context.registry.warn(STATE, "file", state.database.loss)

@@ -36,6 +36,7 @@ from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.timeline import state_at
 from gateway.wiring import metrics
 from gateway.wiring.context import Context
+from gateway.wiring.provided import Provided, StereoCamera
 from gateway.wiring.scene_setting import read_scene_setting
 from gateway.wiring.telemetry import NO_TELEMETRY
 from renderers.stereo.depth.depth_images import DepthImages
@@ -48,16 +49,17 @@ _CAPTION_PERCENTILES: Final = (1.0, 99.0)
 """Percentiles of the valid disparities between which a caption's range of depths lies."""
 
 
-async def setup(context: Context) -> None:
+async def setup(context: Context, provided: Provided) -> Provided:
     """Serve every camera's image stream over gRPC, the device's REST interface, ground truth and fault injection."""
     settings = context.settings
     configs, mounts = await asyncio.to_thread(_cameras, settings)
     scene = await _scene(context)
     projectors: dict[SceneView, ProjectorSource] = {}
-    services = [
+    cameras = [
         _start_camera(context, number, replace(config, tokens=context.security.grpc), mount, scene, projectors)
         for number, (config, mount) in enumerate(zip(configs, mounts, strict=True))
     ]
+    services = [camera.service for camera in cameras]
     if not settings.stereo_noise and any(config.depth_mode == "matched" for config in configs):
         warning = "images have no noise, but depth is matched; exact depth is --depth-mode ground_truth"
         context.registry.warn("stereo", "--no-stereo-noise", warning)
@@ -79,6 +81,7 @@ async def setup(context: Context) -> None:
     context.app.include_router(camera_router(*services))
     context.app.include_router(truth_router(*services))
     context.app.include_router(fault_router(*services))
+    return replace(provided, stereo=cameras[0])
 
 
 def _cameras(settings: Settings) -> tuple[list[StereoConfig], list[Mount]]:
@@ -104,8 +107,8 @@ def _start_camera(
     mount: Mount,
     scene: LiveTree | None,
     projectors: dict[SceneView, ProjectorSource],
-) -> StereoService:
-    """Start the camera of pipeline ``number``. Camera 0 is the one shown by the browser view and the scene API.
+) -> StereoCamera:
+    """Start the camera of pipeline ``number``.
 
     Args:
         scene: the scene that all cameras see; None: the live tree.
@@ -144,14 +147,11 @@ def _start_camera(
         )
     if context.state is not None:
         context.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
-        service.wait_until_stored = context.state.commits.wait_until_stored
-    if number == 0:
-        context.stereo_camera = lambda snapshot: view.camera(config, snapshot) if live else None
-        context.stereo_service = service
-        context.stereo_sensor = StereoSensor(service, view, live=live, moves=mount.path is not None)
+        service.wait_until_stored = context.state.wait_until_stored
     name = f"stereo {number}" if number else "stereo"
     context.run_service(name, service, figures=lambda: _figures(service, view))
-    return service
+    sensor = StereoSensor(service, view, live=live, moves=mount.path is not None)
+    return StereoCamera(service, sensor, lambda snapshot: view.camera(config, snapshot) if live else None)
 
 
 def _figures(service: StereoService, view: SceneView) -> dict[str, Any]:

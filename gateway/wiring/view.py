@@ -14,29 +14,31 @@ from gateway.adapters.viewer.sensor_images import SensorImages
 from gateway.adapters.viewer.share_routes import share_router
 from gateway.wiring import metrics
 from gateway.wiring.context import Context
+from gateway.wiring.provided import Provided
 from gateway.wiring.style import style_of
 
 
-async def setup(context: Context) -> None:
+async def setup(context: Context, provided: Provided) -> Provided:
     """Add ``/view`` to the application."""
     config = ViewerConfig(style=replace(style_of(context.settings), look="auto", samples=0))
-    stereo = context.stereo_sensor
+    stereo = provided.stereo.sensor if provided.stereo is not None else None
     hub = ViewHub(
         config,
         context.tree,
         status=lambda: gateway_status(context.registry, context.workers.stats),
         stereo=stereo,
-        renders=context.recent_renders,
+        renders=provided.recent_renders,
         live_page=context.page,
         timeline=context.timeline,
         has_live=context.log is None,
     )
-    images = SceneImages(config, context.live_scene, context.renderer, context.workers)
+    images = SceneImages(config, context.live_scene(provided), context.renderer, context.workers)
     sensor = SensorImages(stereo.capture, config.capture_seconds) if stereo is not None else None
     metrics.watch_view(context.metrics, hub)
     context.app.include_router(router(hub))
-    context.app.include_router(image_router(images, sensor, context.recent_renders))
+    context.app.include_router(image_router(images, sensor, provided.recent_renders))
     context.app.include_router(share_router(context.tree, context.page, context.timeline))
     context.run_service("view", hub, where="/view")
     if context.log is not None:
         context.run_service("log", context.log, where=str(context.log.timeline.path))
+    return provided

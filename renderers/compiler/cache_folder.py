@@ -14,8 +14,10 @@ from __future__ import annotations
 
 import atexit
 import hashlib
+import io
 import json
 import os
+import pickletools
 import re
 import shutil
 import sys
@@ -32,6 +34,7 @@ PACKAGES: Final = ("renderers", "gateway")
 """Packages that define kernels."""
 _MANIFEST: Final = "complete.json"
 _PREFIX: Final = "scenegate-"
+_PRIVATE_PREFIX: Final = "scenegate-kernels-"
 _MAX_OTHER_FOLDERS: Final = 4
 """Number of folders of other versions that are kept, the newest ones; each has about 8 MB."""
 _NEEDED_BYTES: Final = 16 << 20
@@ -54,11 +57,22 @@ def root() -> Path:
     if not unusable(path) or not missing(path / folder_name()):
         return path
     try:  # not a name that others can guess: Numba executes the files that it finds there
-        private = Path(tempfile.mkdtemp(prefix="scenegate-kernels-"))
+        private = Path(tempfile.mkdtemp(prefix=_PRIVATE_PREFIX))
     except OSError:
         return path
-    atexit.register(shutil.rmtree, private, ignore_errors=True)
+    atexit.register(remove_private_root)
     return private
+
+
+def is_private_root() -> bool:
+    """Return True if ``root`` is a private temporary folder, which this process removes at its end."""
+    return root().name.startswith(_PRIVATE_PREFIX)
+
+
+def remove_private_root() -> None:
+    """Remove the private temporary folder, if ``root`` has made one."""
+    if is_private_root():
+        shutil.rmtree(root(), ignore_errors=True)
 
 
 def unusable(path: Path) -> str:
@@ -164,9 +178,8 @@ def missing(path: Path | None = None, parts: Iterable[str] | None = None) -> str
 def _is_intact(path: Path, name: str, files: Mapping[str, str]) -> bool:
     """Return whether a file has the digest that the manifest lists.
 
-    The index of a kernel (``.nbi``, a pickle) may differ, as another program may have added a specialisation to it. It
-    must then be complete (a pickle ends with a full stop) and contain the digest of the sources and the names of the
-    kernel's other files.
+    The index of a kernel (``.nbi``, two pickles) may differ, as another program may have added a specialisation to it.
+    It must then be readable and contain the digest of the sources and the names of the kernel's other files.
     """
     try:
         data = (path / name).read_bytes()
@@ -178,7 +191,38 @@ def _is_intact(path: Path, name: str, files: Mapping[str, str]) -> bool:
     parts = [each.rpartition("/") for each in files]
     other_files = [other for other_folder, _, other in parts if other_folder == kernel_folder and other != file]
     expected = [sources_digest(), *other_files]
-    return file.endswith(".nbi") and data.endswith(b".") and all(each.encode() in data for each in expected)
+    return file.endswith(".nbi") and _has_two_pickles(data) and all(each.encode() in data for each in expected)
+
+
+def _has_two_pickles(data: bytes) -> bool:
+    """Return whether a file has two pickles and nothing else, without running them."""
+    file = io.BytesIO(data)
+    try:
+        for _ in range(2):
+            for _ in pickletools.genops(file):
+                pass
+    except (ValueError, UnicodeDecodeError):
+        return False
+    return not file.read()
+
+
+def remove_damaged() -> list[str]:
+    """Delete the files of each kernel of which one is missing or changed; return the kernels' names.
+
+    Numba raises an error for an index that it cannot read; one that is missing is compiled again.
+    """
+    own = folder()
+    try:
+        listed: dict[str, dict[str, str]] = json.loads((own / _MANIFEST).read_bytes())
+        changed = {
+            name.rpartition("/")[0] for files in listed.values() for name in files if not _is_intact(own, name, files)
+        }
+    except (OSError, ValueError, AttributeError):  # there is no manifest, so that all is compiled
+        return []
+    for kernel in changed:
+        for file in (own / kernel).glob("*.nb[ic]"):
+            file.unlink(missing_ok=True)
+    return sorted(changed)
 
 
 def count() -> int:
@@ -190,6 +234,8 @@ def count() -> int:
 def write_manifest(parts: Mapping[str, Iterable[str]]) -> None:
     """Add compiled parts to the manifest, and remove the oldest folders of other versions.
 
+    The kernels' files are on the disk before the manifest names them.
+
     Args:
         parts: by part, the folders of its kernels relative to ``folder()``.
     """
@@ -200,7 +246,7 @@ def write_manifest(parts: Mapping[str, Iterable[str]]) -> None:
         listed = {}
     listed |= {
         part: {
-            file.relative_to(own).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
+            file.relative_to(own).as_posix(): hashlib.sha256(_flushed(file)).hexdigest()
             for kernel in sorted(kernels)
             for file in sorted((own / kernel).glob("*.nb[ic]"))
         }
@@ -208,11 +254,20 @@ def write_manifest(parts: Mapping[str, Iterable[str]]) -> None:
     }
     with tempfile.NamedTemporaryFile("w", dir=own, prefix=_MANIFEST, delete=False) as file:
         json.dump(listed, file, indent=1)
+        file.flush()
+        os.fsync(file.fileno())
     Path(file.name).chmod(0o644)
     Path(file.name).replace(own / _MANIFEST)
     others = [path for path in own.parent.glob(f"{_PREFIX}*") if path != own and path.is_dir()]
     for other in sorted(others, key=lambda path: path.stat().st_mtime)[:-_MAX_OTHER_FOLDERS]:
         shutil.rmtree(other, ignore_errors=True)
+
+
+def _flushed(path: Path) -> bytes:
+    """Flush a file to the disk, and return its contents."""
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
+        return file.read()
 
 
 def remove_manifest() -> None:

@@ -8,6 +8,7 @@ tests/renderers/compiler/test_cache_locator.py fails when Numba changes it.
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,6 +22,7 @@ from renderers.compiler import cache_folder
 
 CACHED_KERNELS: Final[list[Any]] = []
 """All functions that ``cached_njit`` has decorated."""
+_log = logging.getLogger(__name__)
 _jit: Final[Any] = njit  # its stubs lack some of the options
 _caching: Final[Any] = caching  # without stubs
 _config: Final[Any] = config  # without stubs
@@ -71,10 +73,31 @@ def cached_njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     def decorate(function: Callable[..., Any]) -> Any:
         with _own_locator():
             dispatcher = _jit(cache=True, **options)(function)
+        _treat_damage_as_miss(dispatcher)
         CACHED_KERNELS.append(dispatcher)
         return dispatcher
 
     return decorate
+
+
+def _treat_damage_as_miss(dispatcher: Any) -> None:
+    """Delete a function's files that Numba cannot read, so that it is compiled again; Numba's own cache raises."""
+    cache = dispatcher._cache  # noqa: SLF001 - Numba has no public name
+    load = cache.load_overload
+
+    def load_or_delete(*args: Any) -> Any:
+        try:
+            return load(*args)
+        except (OSError, MemoryError):  # not of the files' contents
+            raise
+        except Exception as error:  # noqa: BLE001 - a damaged pickle raises anything
+            path = folder_of(dispatcher)
+            _log.warning("Damaged in the kernel cache, and compiled again: %s (%s)", path, error)
+            for file in path.glob("*.nb[ic]"):
+                file.unlink(missing_ok=True)
+            return None
+
+    cache.load_overload = load_or_delete
 
 
 def folder_of(dispatcher: Any) -> Path:

@@ -25,7 +25,6 @@ from renderers.shading import HeadlightJob, Parallel, ShadingScene, paint, solid
 from renderers.shading import prepare as prepare_shading
 from renderers.shading.depth_peeling import draw_cut_outs
 from renderers.shading.studio.passes import paint as paint_studio
-from renderers.stop import check_stop
 from renderers.visibility_buffer import SampledShader, SampledView, Visibility, band_count
 
 _OUTPUTS: Final[tuple[tuple[int, tuple[int, ...], type[np.generic]], ...]] = (
@@ -60,7 +59,6 @@ def _shading(scene: DrawList, prepared: PreparedScene, look: LookName, parallel:
     tables = looks.get(look)
     if tables is None:
         tables = prepare_shading(scene.instances, look, parallel)
-        check_stop()
         looks = {**looks, look: tables}
         _shadings.put(structure, looks, sum(each.nbytes for each in looks.values()))
     return tables

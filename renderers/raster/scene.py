@@ -113,7 +113,6 @@ def _prepare_mesh(mesh: Mesh) -> PreparedMesh:
         ValueError, TypeError: shapes, dtypes or indices are not as ``Mesh`` requires.
         Exception: the current ``StopFlag`` was set.
     """
-    check_stop()
     positions, elements, normals = mesh.positions, mesh.elements, mesh.normals
     if positions.ndim != 2 or positions.shape[1] != 3:
         raise ValueError(f"mesh positions must be (N, 3), got {positions.shape}")
@@ -189,9 +188,7 @@ def _prepared_set(instances: PosedInstances) -> PreparedInstances:
 def _prepare_instances(instances: Sequence[Instance]) -> PreparedInstances:
     """Raises as ``prepare`` does."""
     structure = _structure_of(instances)
-    check_stop()
     labels = np.array([instance.label for instance in instances], dtype=np.uint32)
-    check_stop()
     instance_ids = np.array([instance.instance_id for instance in instances], dtype=np.int32)
     total = structure.instances[-1]
     return PreparedInstances(
@@ -241,7 +238,6 @@ def _build_structure(instances: Sequence[Instance]) -> Structure:
     for column, field in enumerate(columns):
         table[field][:-1] = numbers[:, 2 + column]
     first_ids = np.ascontiguousarray(table["first_primitive"])
-    check_stop()
     if first_ids[-1] > MAX_PRIMITIVES:
         raise ValueError(f"the scene has {first_ids[-1]} primitives, more than {MAX_PRIMITIVES} can be drawn")
     materials = tuple([instance.material for instance in instances])

@@ -27,7 +27,6 @@ from renderers.shading.layout import (
     V_UV0,
 )
 from renderers.shading.mikktspace import with_tangents
-from renderers.stop import check_stop
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +98,6 @@ def _check_attributes(mesh: Mesh) -> None:
 
 
 def _interleave(mesh: Mesh, tangent_set: int, *, srgb_colors: bool) -> MeshBuffers:
-    check_stop()
     _check_attributes(mesh)
     if tangent_set >= 0:
         mesh = with_tangents(mesh, tangent_set)
@@ -114,7 +112,6 @@ def _interleave(mesh: Mesh, tangent_set: int, *, srgb_colors: bool) -> MeshBuffe
     def interleave(rows: NDArray[np.float32], array: NDArray[np.float32] | None, column: int, bit: int) -> None:
         nonlocal attributes
         if array is not None:
-            check_stop()
             attributes |= bit
             rows[:, column : column + array.shape[1]] = array[used]
 

@@ -19,7 +19,7 @@ from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
 from renderers.drawlist import Mesh, Topology
-from renderers.stop import check_stop, current_stop
+from renderers.stop import current_stop
 
 _BLOCK: Final = 1 << 14
 """Number of corners, triangles or vertices between two checks of the ``StopFlag``."""
@@ -39,7 +39,6 @@ def with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
     if uv is None or mesh.normals is None:
         return mesh
     tangents = corner_tangents(mesh.positions, mesh.normals, uv, mesh.elements)
-    check_stop()
     corner_vertex = mesh.elements.reshape(-1).astype(np.intp)
     # Each vertex gets the tangent of its first corner: corners are reversed, since the last assignment counts.
     first_corner = np.full(len(mesh.positions), -1, np.intp)
@@ -51,7 +50,6 @@ def with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
     indices[split_corners] = np.count_nonzero(is_used) + np.arange(len(split_corners))
     source_corner = np.concatenate((first_corner[is_used], split_corners))
     vertex = corner_vertex[source_corner]
-    check_stop()
     return Mesh(
         mesh.positions[vertex],
         indices.reshape(-1, 3).astype(np.uint32),
@@ -69,7 +67,6 @@ def _with_flat_normals(mesh: Mesh) -> Mesh:
     a, b, c = mesh.positions[mesh.elements].astype(np.float64).transpose(1, 0, 2)
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-    check_stop()
     return Mesh(
         mesh.positions[corner_vertex],
         np.arange(len(corner_vertex), dtype=np.uint32).reshape(-1, 3),

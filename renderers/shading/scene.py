@@ -123,12 +123,10 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
             keep.append(buffers)
             fields = buffer_fields[id(mesh), tangent_set] = buffers.fields
         rows.append((topology, material, *fields))
-    check_stop()
     table = np.array(rows, INSTANCE.dtype) if rows else np.zeros(1, INSTANCE.dtype)
     material_structs, texture_structs = materials.structs(), textures.structs(parallel)
     drawn = [drawn_material(instance.material, look) for instance in instances]
     cull_back = np.array([not material.double_sided for material in drawn], np.bool_)
-    check_stop()
     is_transparent = [
         _is_transparent(material, each.mesh, look) for material, each in zip(drawn, instances, strict=True)
     ]

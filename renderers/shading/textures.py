@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from renderers.cache import WeakCache
 from renderers.drawlist import Image, ImageError
-from renderers.stop import check_stop
 
 _MAX_CONFLICT_PADDING: Final = 16
 """Texels of padding, a cache line, that keep rows of 1024 texels and more from evicting each other from the cache.
@@ -60,16 +59,12 @@ def texels_of(image: Image) -> Texels:
     texels = _decoded.get(image)
     if texels is not None:
         return texels
-    check_stop()
     pixels = image.decode()
-    check_stop()
     if pixels.ndim != 3 or pixels.shape[2] != 4 or pixels.dtype != np.uint8 or 0 in pixels.shape:
         raise ImageError(f"decoded to {pixels.shape} {pixels.dtype}, expected (H, W, 4) uint8")
     alpha = pixels[..., 3]
     opaque = bool((alpha == 255).all())
-    check_stop()
     translucent = not opaque and bool(alpha.any())
-    check_stop()
     width = pixels.shape[1]
     texels = Texels(texel_rows([pixels]), width, opaque, translucent)
     _decoded.put(image, texels, texels.rows.nbytes)

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
+import os
 import re
 import signal
 import socket
+import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 import structlog
+import typer
 from structlog.testing import capture_logs
 from typer.testing import CliRunner
 
-from gateway.cli import serve
+from gateway.cli import serve, serve_app
 from gateway.cli.commands import app
 from gateway.runtime.http import http_server
 from gateway.runtime.logs import log_setup
 from gateway.runtime.settings import Settings
 from gateway.runtime.workers import process_tuning
+from tests.support.waiting import SECONDS
 
 
 @pytest.fixture(autouse=True)
@@ -41,7 +46,11 @@ def flags(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, list[S
         used.append(settings)
         return 0
 
+    def end(code: int) -> NoReturn:
+        raise typer.Exit(code)
+
     monkeypatch.setattr(serve, "run", run)
+    monkeypatch.setattr(serve, "end", end)
     result = CliRunner().invoke(app, ["serve", *arguments])
     return result.exit_code, used, result.stderr
 
@@ -171,7 +180,25 @@ def test_unknown_variables_are_warnings(server: type[FakeServer], monkeypatch: p
     assert "SCENEGATE_HTPP_PORT is not a setting; did you mean SCENEGATE_HTTP_PORT?" in [e["event"] for e in entries]
 
 
-def test_a_signal_before_the_server_runs_exits() -> None:
-    with pytest.raises(SystemExit) as exit_:
-        serve._exit(signal.SIGTERM, None)  # noqa: SLF001 - a signal would end the tests
-    assert exit_.value.code == 0
+def test_a_process_whose_threads_do_not_end_is_ended(server: type[FakeServer], monkeypatch: pytest.MonkeyPatch) -> None:
+    async def serve_long(self: FakeServer, sockets: list[socket.socket]) -> None:
+        self.on_shutdown()
+        await asyncio.to_thread(ended.wait, SECONDS)
+        await self.app.state.context.close()
+        sockets[0].close()
+
+    ended = threading.Event()
+    codes: list[int] = []
+
+    def exit_(code: int) -> None:
+        codes.append(code)
+        ended.set()
+
+    monkeypatch.setattr(server, "serve", serve_long)
+    monkeypatch.setattr(serve_app, "RESPONSE_SECONDS", 0.0)
+    monkeypatch.setattr(serve_app, "CLOSE_SECONDS", 0.0)
+    monkeypatch.setattr(os, "_exit", exit_)
+    with capture_logs() as entries:
+        serve.run(Settings(http_port=0, shutdown_seconds=0.0))
+    assert codes == [0]
+    assert entries[-1]["event"] == "Scenegate has stopped"

@@ -114,11 +114,33 @@ def test_damaged_tree_ends_the_start_and_is_unchanged(tmp_path: Path) -> None:
         send(url, {"setgeometry": [{"path": ["box"], "geometry": BOX}]})
         assert process.stop() == 0
     connection = sqlite3.connect(state)
-    connection.execute("UPDATE tree_parts SET data = x'90'")
+    connection.execute("UPDATE tree_blob SET data = x'90'")
     connection.commit()
     connection.close()
     before = state.read_bytes()
     code, log = refused("--http-port", "0", *FLAGS, "--state", str(state))
     assert code == 1
-    assert any("is damaged: the data of a geometry does not match its digest" in entry["event"] for entry in log)
+    assert any("is damaged (" in entry["event"] for entry in log)
     assert state.read_bytes() == before
+
+
+@pytest.mark.slow
+def test_a_replaced_file_and_lost_commits_are_said(tmp_path: Path) -> None:
+    state = tmp_path / "gateway.state"
+    with gateway_process(*FLAGS, "--state", str(state)) as (process, url):
+        for number in range(3):
+            assert send(url, {"setgeometry": [{"path": [str(number)], "geometry": BOX}]})["status"] == 0
+        state.rename(tmp_path / "moved")
+        assert send(url, {"setgeometry": [{"path": ["later"], "geometry": BOX}]})["status"] == -3
+        ready = clients.get(f"{url}/readyz")
+        assert (ready.status_code, ready.json()["interfaces"]["state"]["state"]) == (503, "failed")
+        (tmp_path / "moved").rename(state)
+        assert send(url, {"setgeometry": [{"path": ["at last"], "geometry": BOX}]})["status"] == 0
+        assert clients.get(f"{url}/readyz").status_code == 200
+        process.process.send_signal(signal.SIGKILL)
+        process.process.wait()
+    (tmp_path / "gateway.state-wal").write_bytes(b"")
+    with gateway_process(*FLAGS, "--state", str(state)) as (process, url):
+        described = clients.get(f"{url}/healthz").json()["interfaces"]["state"]
+        assert described["warnings"][0].startswith("4 of 4 commits ")
+        assert process.stop() == 0

@@ -34,6 +34,7 @@ from gateway.scene.tree.live import LiveTree
 from gateway.wiring import demo, render, sceneapi, stereo, treeviewer
 from gateway.wiring.context import Context
 from gateway.wiring.interfaces import enabled_interfaces
+from gateway.wiring.provided import Provided, StereoCamera
 from renderers.drawlist import Material
 from renderers.raster import CpuRenderer
 from renderers.stereo.model import StereoModel
@@ -62,7 +63,9 @@ class Recorded(Exception):
     """Raised in place of making an object."""
 
 
-async def arguments(monkeypatch: pytest.MonkeyPatch, module: ModuleType, name: str, context: Context) -> Any:
+async def arguments(
+    monkeypatch: pytest.MonkeyPatch, module: ModuleType, name: str, context: Context, provided: Provided | None = None
+) -> Any:
     """Return the arguments with which a module's set-up makes an object of its class ``name``."""
     calls: list[SimpleNamespace] = []
 
@@ -72,7 +75,7 @@ async def arguments(monkeypatch: pytest.MonkeyPatch, module: ModuleType, name: s
 
     monkeypatch.setattr(module, name, record)
     with pytest.raises(Recorded):
-        await module.setup(context)
+        await module.setup(context, provided or Provided())
     return calls[0]
 
 
@@ -120,12 +123,13 @@ async def test_the_live_tree_as_backdrop(contexts: Any, monkeypatch: pytest.Monk
 
 async def test_settings_of_the_scene_api(contexts: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     context = contexts(background=(1, 2, 3), max_pixels=7777)
-    made = await arguments(monkeypatch, sceneapi, "SceneApi", context)
+    anything: Any = None
+    camera: Any = object()
+    provided = Provided(stereo=StereoCamera(anything, anything, lambda snapshot: camera))
+    made = await arguments(monkeypatch, sceneapi, "SceneApi", context, provided)
     config = made.positional[3]
     assert (config.style.background, config.max_pixels) == ((1, 2, 3), 7777)
-    camera: Any = object()
-    context.stereo_camera = lambda snapshot: camera
-    assert made.positional[0].stereo_camera(context.tree.snapshot) is camera, "the camera starts later"
+    assert made.positional[0].stereo_camera(context.tree.snapshot) is camera
 
 
 @pytest.mark.parametrize(
@@ -140,7 +144,6 @@ async def test_settings_of_the_scene_api(contexts: Any, monkeypatch: pytest.Monk
 )
 async def test_a_history_is_kept_where_it_can_be_seen(contexts: Any, settings: dict[str, Any], is_kept: bool) -> None:
     context = contexts(**settings)
-    context.start_history()
     assert (context.history is not None) == is_kept
 
 
@@ -160,16 +163,16 @@ async def test_where_the_tree_viewer_is(
     context = contexts(lcm_url=lcm_url, tcpq_port=tcpq_port)
     shown: list[str] = []
     monkeypatch.setattr(Context, "run_service", lambda self, name, service, *, where: shown.append(f"{name} {where}"))
-    await treeviewer.setup(context)
+    await treeviewer.setup(context, Provided())
     assert shown == [f"treeviewer {where}"]
 
 
 @pytest.mark.parametrize(
     ("settings", "names"),
     [
-        ({}, ["render", "scene", "drakeviewer", "treeviewer", "stereo", "view"]),
-        ({"demo": True}, ["render", "scene", "drakeviewer", "treeviewer", "stereo", "view", "demo"]),
-        ({"drake_viewer": False}, ["render", "scene", "treeviewer", "stereo", "view"]),
+        ({}, ["render", "drakeviewer", "treeviewer", "stereo", "scene", "view"]),
+        ({"demo": True}, ["render", "drakeviewer", "treeviewer", "stereo", "scene", "view", "demo"]),
+        ({"drake_viewer": False}, ["render", "treeviewer", "stereo", "scene", "view"]),
         ({"only": ("view", "render")}, ["render", "view"]),
         ({"only": ("render",), "demo": True}, ["render", "demo"]),
     ],
@@ -232,12 +235,13 @@ async def test_further_cameras_have_ports_seeds_and_mounts_of_their_own(
         return StereoService(config, scene, *rest)
 
     monkeypatch.setattr(stereo, "StereoService", recorded)
-    await stereo.setup(context)
+    provided = await stereo.setup(context, Provided())
+    assert provided.stereo is not None
     assert list(services) == ["stereo", "stereo 1", "stereo 2"]
     assert [service.config.port for service in services.values()] == ports
     assert [service.config.seed for service in services.values()] == [7, 8, 9]
     assert poses == [[4, 5, 6], [1, 2, 3], [7, 8, 9]]
-    camera = context.stereo_camera(context.tree.snapshot)
+    camera = provided.stereo.camera(context.tree.snapshot)
     assert camera is not None
     assert camera.X_world_camera[:3, 3].tolist() == [4, 5, 6]
 
@@ -256,7 +260,7 @@ async def test_cameras_see_the_projectors_of_others_on_request(
         return StereoService(config, scene, *rest)
 
     monkeypatch.setattr(stereo, "StereoService", recorded)
-    await stereo.setup(context)
+    await stereo.setup(context, Provided())
     others = sources[0](None).projectors
     assert [other.X_world_left[:3, 3].tolist() for other in others] == seen
     assert all(other.dot_light == 2.0 for other in others)

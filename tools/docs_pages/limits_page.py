@@ -39,7 +39,7 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Stereo camera", "gateway.adapters.stereo.device.camera_config", "StereoConfig"),
     ("Scene over HTTP", "gateway.adapters.sceneapi.config", "SceneApiConfig"),
     ("Browser view", "gateway.adapters.viewer.config", "ViewerConfig"),
-    ("State", "gateway.runtime.state.config", "StateConfig"),
+    ("State", "gateway.runtime.state.service", "StateConfig"),
 )
 """Heading, module and class of each group of limits that are fields."""
 CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (

@@ -17,7 +17,6 @@ from gateway.files.gltf.gltf_errors import GltfError, GltfLimitError, checked_it
 from gateway.files.gltf.limits import GltfLimits
 from gateway.files.gltf.parser import extension
 from gateway.files.gltf.schema import Document, GltfBufferView, MeshoptCompression
-from renderers.stop import check_stop
 from scenegate.regular_files import reason_of
 
 Resolver = Callable[[str], bytes]
@@ -116,7 +115,6 @@ class Buffers:
         count, stride = meshopt.checked_layout(source, name)
         self.count_bytes(count * stride, name)
         view = self._uncompressed(source, name)
-        check_stop()
         compressed = memoryview(view.buffer.data)[view.offset : view.offset + view.length]
         data = meshopt.decompress(source, compressed, name)
         return BufferView(_hashed(data), 0, len(data), stride)
@@ -146,7 +144,6 @@ class Buffers:
         Args:
             json_uri: String from the JSON: a URI, or the placeholder of one in ``Container.data_uris``.
         """
-        check_stop()
         uri = self._container.data_uris.get(json_uri, json_uri)
         if isinstance(uri, str) and uri[:5].lower() != "data:":
             return self._from_file(uri, path)

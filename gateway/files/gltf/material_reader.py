@@ -10,7 +10,6 @@ from gateway.files.gltf.gltf_errors import as_warning, checked_item
 from gateway.files.gltf.parser import extension, vector_or_default
 from gateway.files.gltf.textures import Textures
 from renderers.drawlist import LABEL_NONE, AlphaMode, Material
-from renderers.stop import check_stop
 
 DEFAULT_MATERIAL: Final = Material(metallic=0.0, fallback=Material(metallic=0.0, roughness=0.5, double_sided=True))
 """Material of primitives without one: white and not metallic, as RenderEngineVtk shows it. Compare by ``is``."""
@@ -75,7 +74,6 @@ class Materials:
             from_vtk = self.is_from_vtk(primitive)
             material = self._materials.get((index, from_vtk))
             if material is None:
-                check_stop()
                 source = checked_item(self._sources, index, "materials", f"{name}.material")
                 material = self._materials[index, from_vtk] = self._read(source, f"materials[{index}]", from_vtk)
             return material

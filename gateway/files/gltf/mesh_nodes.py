@@ -156,7 +156,6 @@ class _Skins:
             column_major = accessor.values(0, len(joints)).astype(np.float64).reshape(-1, 4, 4)
             with np.errstate(all="ignore"):
                 matrices = affine_product(matrices, column_major.transpose(0, 2, 1))
-        check_stop()
         X_world_mesh = IDENTITY.copy()
         X_world_mesh[:3, 3] = np.nan_to_num(matrices[0, :3, 3], nan=0.0, posinf=0.0, neginf=0.0)
         joint_matrices = matrices[:, :3].copy()

@@ -278,7 +278,6 @@ class Meshes:
         elements.setflags(write=False)
         for attribute, (name, convert) in _CONVERSIONS.items():
             if attribute in attributes:
-                check_stop()
                 values = attributes[attribute]
                 if not np.isfinite(values).all():
                     self._warnings.append(f"{checked.name}.{attribute}: numbers that are not finite are read as 0")
@@ -299,7 +298,6 @@ def _index_range(checked: _CheckedPrimitive, accessor: Accessor, indices: NDArra
     """
     min_index, max_index = int(np.minimum.reduce(indices)), int(np.maximum.reduce(indices))
     position = checked.attributes["POSITION"]
-    check_stop()
     if min_index < 0 or max_index >= position.count:
         raise GltfError(
             f"{checked.name}.indices: {accessor.name} has the index {min_index if min_index < 0 else max_index}, "

@@ -34,7 +34,6 @@ from gateway.files.gltf.part_reader import PartReader, count_elements
 from gateway.files.gltf.schema import DRAKE_MERGER, GltfMesh
 from gateway.files.gltf.textures import Textures
 from renderers.cache import CacheBudget
-from renderers.stop import check_stop
 
 _DEFAULT_LIMITS: Final = GltfLimits()
 _MAX_LISTED_WARNINGS: Final = 100
@@ -75,12 +74,10 @@ def read_gltf(
         cache = GltfCache(CacheBudget(limits.max_buffer_bytes + limits.max_mesh_bytes))
     if hashed is not None and (scene := _cached_scene(hashed, cache, limits)) is not None:
         return scene
-    check_stop()
     container = open_container(data.data if isinstance(data, HashedDocument) else data)
     warnings: list[str] = []
     document = parse_document(container.json, limits, warnings)
     has_wrong_types = bool(warnings)
-    check_stop()
     buffers = Buffers(document, container, limits, resolve, warnings)
     accessors = Accessors(document, buffers, limits, warnings)
     if animation is not None:
@@ -112,7 +109,6 @@ def read_gltf(
         warnings=tuple(warnings),
         mesh_bytes=meshes.nbytes,
     )
-    check_stop()
     scene = _combine(content, nodes, limits)
     # Poses of nodes, and warnings that may be about nodes, do not hold for a document with other nodes.
     depends_on_nodes = has_posed_nodes or has_wrong_types or nodes.warnings

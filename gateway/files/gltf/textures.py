@@ -15,7 +15,6 @@ from gateway.files.gltf.parser import extension, vector_or_default
 from renderers.cache import Cache
 from renderers.drawlist import Image, Mesh, Sampler, Texture, Wrap, name_image_errors
 from renderers.images import image_from_bytes, image_header
-from renderers.stop import check_stop
 
 _IMAGE_BYTES: Final = 256
 """Approximate size of an ``Image`` besides its encoded data."""
@@ -62,7 +61,6 @@ class Textures:
             if info.index is None:
                 raise GltfError(f"{path}.index: missing")
             if info.index not in self._textures:
-                check_stop()
                 self._textures[info.index] = self._load(info.index, f"{path}.index")
             texture = self._textures[info.index]
             if texture is None or (not info.tex_coord and not info.extensions):

@@ -43,7 +43,6 @@ def unit_normals(values: Floats, positions: Floats, elements: NDArray[np.uint32]
             triangles = elements[invalid[elements].any(axis=1)]
             a, b, c = positions[triangles].astype(np.float64).transpose(1, 0, 2)
             face_normals, has_no_area = unit_rows(np.cross(b - a, c - a))
-            check_stop()
             for corners in triangles[~has_no_area].T:  # (M,) vertex indices: the first corners, the second, the third
                 is_replaced = invalid[corners]
                 normals[corners[is_replaced]] = face_normals[~has_no_area][is_replaced]
@@ -53,7 +52,6 @@ def unit_normals(values: Floats, positions: Floats, elements: NDArray[np.uint32]
 def unit_tangents(values: Floats) -> Floats:
     """Return tangents (N, 4) with xyz of unit length and w of 1 or -1; xyz without a direction becomes (1, 0, 0)."""
     xyz, invalid = unit_rows(np.ascontiguousarray(values[:, :3]))
-    check_stop()
     result = np.empty(values.shape, np.float32)
     result[:, :3] = xyz
     result[invalid, :3] = (1.0, 0.0, 0.0)

@@ -16,6 +16,8 @@ from collections.abc import Awaitable, Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import structlog
+
 from gateway.runtime.file_lock import Lock, try_lock
 from gateway.runtime.kernels.progress import KernelProgress
 from gateway.runtime.workers.scheduling import usable_cpus
@@ -25,6 +27,8 @@ _MAX_CHILDREN = 5
 """Maximum number of children: the largest part takes a quarter of the time, and each child up to 0.6 GB."""
 _LOCK_SECONDS = 0.1
 """Interval between attempts to lock the cache folder, while another process compiles."""
+
+_log = structlog.get_logger("gateway")
 
 OnCached = Callable[[str], Awaitable[None]]
 """Called with the name of a part."""
@@ -74,8 +78,8 @@ async def compile_missing(parts: Collection[str], progress: KernelProgress, on_c
     folder = configure()
     if reason := cache_folder.unusable(folder):
         raise KernelError(
-            f"the rendering kernels are not complete ({cache_folder.missing()}) in {folder}, {reason}: "
-            "NUMBA_CACHE_DIR chooses another folder"
+            f"the rendering kernels are not complete ({cache_folder.missing(parts=parts)}) in {folder}, {reason}: "
+            "make it writable and run `scenegate warmup`, or choose another folder with NUMBA_CACHE_DIR"
         )
     with (folder / "lock").open("wb") as lock:
         # On a file system without locks, two processes compile the same kernels at the same time.
@@ -83,6 +87,15 @@ async def compile_missing(parts: Collection[str], progress: KernelProgress, on_c
             progress.set_waiting(True)
             await asyncio.sleep(_LOCK_SECONDS)
         progress.set_waiting(False)
+        try:
+            damaged = await asyncio.to_thread(cache_folder.remove_damaged)
+        except OSError as error:
+            raise KernelError(
+                f"a damaged file of the kernel cache {folder} cannot be deleted ({error.strerror}): delete the folder, "
+                "or choose another one with NUMBA_CACHE_DIR"
+            ) from None
+        if damaged:
+            _log.warning("Damaged kernels in the cache are compiled again", kernels=damaged, folder=str(folder))
         missing = []
         for part in parts:
             if await asyncio.to_thread(are_cached, [part]):

@@ -1,18 +1,23 @@
-"""The database file: its tables; locked by one process, checked, and migrated to the current schema.
+"""The database file: locked by one process, checked, and with a count of its commits.
 
 It uses a write-ahead log with ``synchronous = NORMAL``. A committed transaction survives the end of the process,
 ``kill -9`` included. It is not flushed to the disk at once, so a power failure or a kernel crash can lose the last
 transactions; the file stays consistent.
+
+SQLite reads a log up to its first damaged page and drops the rest in silence. The file ``PATH-commits`` therefore has
+the number of the last commit, and an opened database with a smaller number has lost some.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import shutil
 import sqlite3
 import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -22,44 +27,31 @@ LOCK_SECONDS: Final = 2.0
 """Maximum seconds to wait until another gateway releases the file, so that a supervisor can restart a killed gateway
 without a delay."""
 _MAGIC: Final = b"SQLite format 3\0"
-_HEADER_BYTES: Final = 100
-_APPLICATION_ID_OFFSET: Final = 68
-"""Offset of the application id in the header (sqlite.org/fileformat2.html, 1.3)."""
-APPLICATION_ID: Final = 0x53434754
-"""The bytes "SCGT" in the file's header."""
+_APPLICATION_ID: Final = b"SCGT"
+"""Bytes 68 to 71 of the file's header (sqlite.org/fileformat2.html, 1.3)."""
+SCHEMA_VERSION: Final = 3
 
-MIGRATIONS: Final[tuple[tuple[str, ...], ...]] = (
-    (
-        # The live tree. ``path``: see keys.py. ``seq`` orders siblings. ``parts``: NULL if no geometry was ever set.
-        # ``transform``: NULL for the identity, 56 bytes for a pose, 128 for a matrix (little-endian doubles).
-        """CREATE TABLE tree_node (
-            path BLOB PRIMARY KEY, seq INTEGER NOT NULL, parts BLOB, transform BLOB, visible INTEGER NOT NULL
-        ) WITHOUT ROWID""",
-        "INSERT INTO tree_node VALUES (x'', 0, NULL, NULL, 1)",
-        "CREATE INDEX tree_node_by_parts ON tree_node (parts) WHERE parts IS NOT NULL",
-        # Geometry: see part_codec.py. ``digest`` is the SHA-256 of ``data``.
-        "CREATE TABLE tree_parts (digest BLOB PRIMARY KEY, data BLOB NOT NULL)",
-        "CREATE TABLE tree_blob (digest BLOB PRIMARY KEY, data BLOB NOT NULL)",
-        "CREATE TABLE tree_use (parts BLOB NOT NULL, blob BLOB NOT NULL, PRIMARY KEY (parts, blob)) WITHOUT ROWID",
-        "CREATE INDEX tree_use_by_blob ON tree_use (blob)",
-        # Parameters of the stereo cameras; ``value`` is JSON.
-        """CREATE TABLE stereo_parameter (
-            camera TEXT NOT NULL, node TEXT NOT NULL, name TEXT NOT NULL, value TEXT NOT NULL,
-            PRIMARY KEY (camera, node, name)
-        ) WITHOUT ROWID""",
-    ),
-    ("ALTER TABLE tree_node ADD COLUMN opacity REAL NOT NULL DEFAULT 1",),
+_SCHEMA: Final = (
+    # The live tree. ``path`` is JSON. ``seq`` orders siblings. ``parts``: digests of the blobs of its geometry, the
+    # first is that of the parts (part_codec.py); NULL if none was ever set. ``transform``: NULL for the identity, 56
+    # bytes for a pose, 128 for a matrix (little-endian doubles).
+    """CREATE TABLE tree_node (
+        path TEXT PRIMARY KEY, seq INTEGER NOT NULL, parts BLOB, transform BLOB, visible INTEGER NOT NULL,
+        opacity REAL NOT NULL
+    ) WITHOUT ROWID""",
+    "INSERT INTO tree_node VALUES ('[]', 0, NULL, NULL, 1, 1)",
+    # ``digest`` is the SHA-256 of ``data``; ``uses`` counts its occurrences in ``tree_node.parts``.
+    "CREATE TABLE tree_blob (digest BLOB PRIMARY KEY, data BLOB NOT NULL, uses INTEGER NOT NULL)",
+    # Parameters of the stereo cameras; ``value`` is JSON.
+    """CREATE TABLE stereo_parameter (
+        camera TEXT NOT NULL, node TEXT NOT NULL, name TEXT NOT NULL, value TEXT NOT NULL,
+        PRIMARY KEY (camera, node, name)
+    ) WITHOUT ROWID""",
+    "CREATE TABLE commits (number INTEGER NOT NULL)",
+    "INSERT INTO commits VALUES (0)",
+    f"PRAGMA application_id = {int.from_bytes(_APPLICATION_ID, 'big')}",
+    f"PRAGMA user_version = {SCHEMA_VERSION}",
 )
-"""Statements of each migration. Migration number N, counted from 1, leads to schema version N."""
-_REASONS: Final = {
-    "SQLITE_FULL": "the disk is full",
-    "SQLITE_READONLY": "it may not be written to",
-    "SQLITE_CANTOPEN": "it cannot be opened",
-    "SQLITE_CORRUPT": "it is damaged",
-    "SQLITE_NOTADB": "it is damaged",
-    "SQLITE_BUSY": "another program has locked it",
-}
-"""Causes by the beginning of SQLite's name of the error."""
 
 
 class StateError(RuntimeError):
@@ -70,65 +62,113 @@ class Database:
     """An open database file. Its connection may be used from one thread at a time."""
 
     def __init__(self, path: Path, checkpoint_bytes: int = 16 << 20) -> None:
-        """Open the file, or create it.
+        """Open the file, or create it; raise ``StateError`` if it cannot be used.
 
         Args:
             checkpoint_bytes: Size of the write-ahead log at which a commit copies it into the database file.
-
-        Raises:
-            StateError: The file belongs to another program, is damaged, has a newer schema, is in use or cannot be
-                written.
         """
         self.path = path
+        self._log_path, self._count_path = (path.with_name(path.name + suffix) for suffix in ("-wal", "-commits"))
+        self.loss = ""
+        """Sentence about committed changes that could not be read; empty if there are none."""
         with contextlib.ExitStack() as undo:
             self._lock, lock = _lock_file(path)
             self.is_locked = lock is Lock.HELD
             """False if the file system has no locks, so that nothing keeps a second gateway away."""
             undo.callback(os.close, self._lock)
-            is_new = _check_header(path, self._lock)
+            is_new = _is_new(path, self._lock)
             with _state_errors(path):
+                confirmed = self._confirmed_commits()
+                if is_new and confirmed:  # SQLite would delete the log
+                    self._report_loss(0, confirmed)
                 self.connection = _connect(path, checkpoint_bytes, with_locks=self.is_locked)
                 undo.callback(self.connection.close)
-                if not is_new:
-                    (result,) = self.connection.execute("PRAGMA quick_check(1)").fetchone()
-                    if result != "ok":
-                        damage = " ".join(str(result).split())
-                        raise StateError(f"The state file {path} is damaged ({damage}); it is unchanged.")
-                _migrate(path, self.connection)
+                _create_or_check(path, self.connection)
+                self.connection.execute("PRAGMA journal_mode = WAL")
+                (self._commits,) = self.connection.execute("SELECT number FROM commits").fetchone()
+                if not is_new and self._commits < confirmed:
+                    self._report_loss(self._commits, confirmed)
+                self._count = os.open(self._count_path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+                undo.callback(os.close, self._count)
+                self._write_count()
+                self._files = self._current_files()
             undo.pop_all()
 
+    def transact(self, write: Callable[[sqlite3.Connection], bool]) -> bool:
+        """Call ``write`` in a transaction; return its result, which is False if it has written nothing.
+
+        Raises:
+            OSError: The file is not the opened one any more.
+        """
+        if self._current_files() != self._files:
+            raise FileNotFoundError(errno.ENOENT, "the state file was deleted or replaced while Scenegate ran")
+        with self.connection:
+            self.connection.execute("BEGIN IMMEDIATE")
+            if has_written := write(self.connection):
+                self.connection.execute("UPDATE commits SET number = ?", (self._commits + 1,))
+        if has_written:
+            self._commits += 1
+            with contextlib.suppress(OSError):  # its space is taken since it was opened
+                self._write_count()
+        return has_written
+
     def close(self) -> None:
-        """Copy the write-ahead log into the file and close it; the log is removed."""
+        """Copy the write-ahead log into the file and close it; the log and the count are removed."""
+        is_ours = self._current_files() == self._files
         with contextlib.suppress(sqlite3.Error):
             self.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         # Closing any descriptor of the file releases SQLite's locks, so the descriptor of our lock is closed last.
         self.connection.close()
+        os.close(self._count)
+        if is_ours and not self._log_path.exists():
+            self._count_path.unlink(missing_ok=True)
         os.close(self._lock)
 
-    def log_bytes(self) -> int:
-        """Return the size of the write-ahead log."""
-        return _size(self.path.with_name(self.path.name + "-wal"))
+    def nbytes(self) -> tuple[int, int]:
+        """Return the sizes of the file and of its log."""
+        sizes = [path.stat().st_size if path.exists() else 0 for path in (self.path, self._log_path)]
+        return sizes[0], sizes[1]
 
-    def file_bytes(self) -> int:
-        """Return the size of the file without its log."""
-        return _size(self.path)
+    def _write_count(self) -> None:
+        os.pwrite(self._count, b"%020d\n" % self._commits, 0)
+
+    def _confirmed_commits(self) -> int:
+        """Return the number of the last commit before an unclean end; 0 after a clean one."""
+        try:
+            return int(self._count_path.read_bytes()[:21])
+        except (OSError, ValueError):
+            return 0
+
+    def _current_files(self) -> list[tuple[int, int] | None]:
+        """Return device and inode of the file and its log as they are now; None for a missing one."""
+        found = [path.stat() if path.exists() else None for path in (self.path, self._log_path)]
+        return [status and (status.st_dev, status.st_ino) for status in found]
+
+    def _report_loss(self, readable: int, confirmed: int) -> None:
+        """Copy the file and its log to ``PATH.damaged-TIME`` before they are written to, and set ``loss``."""
+        aside = self.path.with_name(f"{self.path.name}.damaged-{time.strftime('%Y%m%d-%H%M%S')}")
+        # Closing another descriptor of the file would release SQLite's locks.
+        with open(self._lock, "rb", closefd=False) as source, aside.open("wb") as target:
+            shutil.copyfileobj(source, target)
+        if self._log_path.exists():
+            shutil.copyfile(self._log_path, aside.with_name(aside.name + "-wal"))
+        self.loss = (
+            f"{confirmed - readable} of {confirmed} commits of the state file {self.path} cannot be read: the file or "
+            f"its log is damaged, cut or missing; a copy is kept as {aside.name}"
+        )
 
 
-def reason_of(error: sqlite3.Error) -> str:
-    """Return the cause of a database error, worded as the end of a sentence."""
-    name = getattr(error, "sqlite_errorname", "")
-    for prefix, reason in _REASONS.items():
-        if name.startswith(prefix):
-            return reason
-    return f"{error} ({name})" if name else str(error)
+def reason_of(error: sqlite3.Error | OSError) -> str:
+    """Return the cause of an error of the database or its file, without a path."""
+    return error.strerror or type(error).__name__ if isinstance(error, OSError) else str(error)
 
 
 @contextlib.contextmanager
 def _state_errors(path: Path) -> Iterator[None]:
-    """Turn SQLite's errors into ``StateError``."""
+    """Turn errors of SQLite and of files into ``StateError``."""
     try:
         yield
-    except sqlite3.Error as error:
+    except (sqlite3.Error, OSError) as error:
         raise StateError(f"The state file {path} cannot be used: {reason_of(error)}.") from None
 
 
@@ -150,20 +190,15 @@ def _lock_file(path: Path) -> tuple[int, Lock]:
     return descriptor, lock
 
 
-def _check_header(path: Path, descriptor: int) -> bool:
-    """Return True if the file is new.
+def _is_new(path: Path, descriptor: int) -> bool:
+    """Return True if the file is empty.
 
     Runs before SQLite opens the file, because SQLite would create a log even beside the file of another program.
     """
-    header = os.pread(descriptor, _HEADER_BYTES, 0)
-    if not header:
-        return True
-    if not header.startswith(_MAGIC) or len(header) < _HEADER_BYTES:
-        raise StateError(f"The state file {path} is not a state of Scenegate (not an SQLite file); it is unchanged.")
-    application_id = header[_APPLICATION_ID_OFFSET : _APPLICATION_ID_OFFSET + 4]
-    if int.from_bytes(application_id, "big") != APPLICATION_ID:
-        raise StateError(f"The state file {path} is a database of another program; it is unchanged.")
-    return False
+    header = os.pread(descriptor, 72, 0)
+    if header and (not header.startswith(_MAGIC) or header[68:] != _APPLICATION_ID):
+        raise StateError(f"The state file {path} is not a state of Scenegate; it is unchanged.")
+    return not header
 
 
 def _connect(path: Path, checkpoint_bytes: int, *, with_locks: bool) -> sqlite3.Connection:
@@ -182,31 +217,20 @@ def _connect(path: Path, checkpoint_bytes: int, *, with_locks: bool) -> sqlite3.
     return connection
 
 
-def _migrate(path: Path, connection: sqlite3.Connection) -> None:
-    """Run the migrations that the file lacks, each in one transaction with the update of its version number."""
+def _create_or_check(path: Path, connection: sqlite3.Connection) -> None:
+    """Create the tables, in the file itself: it must be known as ours without its log. Or check the file."""
+    (result,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+    if result != "ok":
+        raise StateError(f"The state file {path} is damaged ({' '.join(str(result).split())}); it is unchanged.")
     (version,) = connection.execute("PRAGMA user_version").fetchone()
-    if version > len(MIGRATIONS):
-        raise StateError(
-            f"The state file {path} was written by a newer Scenegate (schema version {version}, this one reads up to "
-            f"{len(MIGRATIONS)}); it is unchanged."
-        )
-    if version == 0:
-        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-    connection.execute("PRAGMA journal_mode = WAL")
-    for number, statements in enumerate(MIGRATIONS[version:], version + 1):
-        connection.execute("BEGIN IMMEDIATE")
-        try:
-            for statement in statements:
+    if version == 0:  # new, or the process was killed while it created the tables
+        with connection:
+            connection.execute("BEGIN IMMEDIATE")
+            for statement in _SCHEMA:
                 connection.execute(statement)
-            connection.execute(f"PRAGMA user_version = {number}")
-        except BaseException:
-            connection.execute("ROLLBACK")
-            raise
-        connection.execute("COMMIT")
-
-
-def _size(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError:
-        return 0
+        return
+    if version != SCHEMA_VERSION:
+        raise StateError(
+            f"The state file {path} has schema version {version}, this Scenegate reads {SCHEMA_VERSION}; it is "
+            "unchanged."
+        )

@@ -26,22 +26,14 @@ class Parameters(Protocol):
         """Return the values of a node by name."""
 
     def set(self, node: str, values: list[tuple[str, object]]) -> object:
-        """Validate and set a node's values, as pairs of name and value. Raises LookupError or ValueError."""
+        """Validate and set a node's values. Raises LookupError or ValueError."""
 
 
 class ParameterStore:
-    """Stores the parameters of one camera; see ``group_commit.Store``."""
+    """Stores the parameters of one camera, by its name; see ``service.Store``."""
 
     def __init__(self, camera: str, nodes: Callable[[], list[str]], parameters: Parameters) -> None:
-        """
-        Args:
-            camera: Name of the camera in the database.
-            nodes: Returns the names of the nodes whose parameters are stored.
-            parameters: The parameters.
-        """
-        self._camera = camera
-        self._nodes = nodes
-        self._parameters = parameters
+        self._camera, self._nodes, self._parameters = camera, nodes, parameters
         self._version = -1
         self._captured: Values = {}
         self._stored: Values = {}

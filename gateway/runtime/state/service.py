@@ -1,112 +1,214 @@
-"""The persistent state of a gateway: opens the file, restores the tree and the parameters, stores their changes."""
+"""The persistent state of a gateway: restores the tree and the parameters, and stores their changes.
+
+One transaction, on a thread for commits only, stores all changes since the last one. It writes the differences between
+the newest and the stored state, so its cost does not depend on the number of edits.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import sqlite3
+import time
 from collections.abc import Callable, Iterable
-from functools import partial
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
 
 import structlog
 
-from gateway.runtime.state.config import StateConfig
-from gateway.runtime.state.database import Database, StateError
-from gateway.runtime.state.group_commit import GroupCommit
+from gateway.runtime.state.database import Database, StateError, reason_of
 from gateway.runtime.state.parameter_store import Parameters, ParameterStore
 from gateway.scene.tree.live import LiveTree
+from scenegate.lcm.transport import MIB
 
 _log = structlog.get_logger("gateway.state")
 
+OnStored = Callable[[str], None]
+"""Callback on the event loop. Its argument is the reason why the changes could not be stored, empty if they are."""
+
+
+@dataclass(frozen=True, slots=True)
+class StateConfig:
+    """The state file and its limits."""
+
+    path: Path
+    """The SQLite file."""
+    max_waiting_bytes: int = 64 * MIB
+    """Maximum bytes of responses that wait until their requests are stored. Further requests are rejected before they
+    change the tree."""
+    idle_commit_seconds: float = 1.0
+    """Maximum seconds until an edit is stored that no client waits for."""
+    checkpoint_bytes: int = 16 * MIB
+    """Size of the write-ahead log at which a commit copies it into the database file."""
+
+
+class Store(Protocol):
+    """A state that is stored in the database. ``capture`` is called on the event loop, the others in its thread."""
+
+    def capture(self) -> Any:
+        """Return the current state; must be fast."""
+
+    def write(self, connection: sqlite3.Connection, captured: Any) -> bool:
+        """Write a captured state within a transaction; return False if it is already stored."""
+
+    def committed(self, captured: Any) -> None:
+        """Note that the transaction with this state succeeded."""
+
 
 class PersistentState:
-    """The open state file. It is opened before all interfaces start and closed after they have stopped."""
+    """The open state file. It is opened before all interfaces start and closed after they have stopped.
+
+    Runs on the event loop, except ``_commit``, which runs on the commit thread, and ``restore_tree``.
+    """
 
     def __init__(self, config: StateConfig) -> None:
-        """Open the file.
-
-        Raises:
-            StateError: The file cannot be used; it is unchanged.
-        """
+        """Open the file; raise ``StateError`` if it cannot be used."""
         self._config = config
         self.database = Database(config.path, config.checkpoint_bytes)
         if not self.database.is_locked:
             _log.warning(
                 "The file system of the state file has no locks: use it in one gateway only", path=str(config.path)
             )
-        self.commits = GroupCommit(self.database, config)
-        self._restored_nodes = 0
-        self._stop_listening: Callable[[], None] = lambda: None
-        self._idle_commits: asyncio.Task[None] | None = None
-
-    def start(self) -> None:
-        """Start to commit on the running event loop."""
-        self.commits.start()
+        if self.database.loss:
+            _log.error(self.database.loss)
+        self.waiting_bytes = 0
+        """Bytes of responses that wait for a commit."""
+        self.problem = ""
+        """Reason why the last transaction failed; empty if it succeeded."""
+        self.on_problem: Callable[[str], None] = lambda problem: None
+        """Called on the event loop when ``problem`` changes."""
+        self._stores: list[Store] = []
+        self._waiting: list[tuple[OnStored, int]] = []
+        self._requested = asyncio.Event()
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="state")
+        self._task: asyncio.Task[None] | None = None
+        self._restored_nodes = self._commits = self._failed_commits = 0
+        self._last_seconds = self._longest_seconds = 0.0
 
     def restore_tree(self, live: LiveTree, excluded: Iterable[str] = ()) -> None:
-        """Put the stored tree into ``live`` and store the changes of ``live`` from now on.
+        """Put the stored tree into ``live``, which is empty, and store its changes from now on.
 
-        Takes up to seconds; may be called in any thread.
-
-        Args:
-            live: Empty tree.
-            excluded: Children of the root that are neither stored nor restored.
-
-        Raises:
-            StateError: The stored tree cannot be read.
+        Takes up to seconds; may be called in any thread. Children of the root in ``excluded`` are neither stored nor
+        restored. Raises ``StateError`` if the stored tree cannot be read.
         """
-        # Imported late: these modules load compiled kernels.
-        from gateway.runtime.state.part_codec import DamagedError
+        # Imported late: it loads compiled kernels.
         from gateway.runtime.state.tree_store import TreeStore
 
         store = TreeStore(live, excluded)
         try:
             store.restore(self.database.connection)
-        except DamagedError as error:
-            raise StateError(f"The state file {self._config.path} is damaged: {error}; it is unchanged.") from None
+        except MemoryError:
+            raise
+        except Exception as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise StateError(f"The state file {self._config.path} is damaged ({reason}); it is unchanged.") from error
         self._restored_nodes = store.restored_nodes
-        self.commits.add(store)
+        self.add(store)
         if self._restored_nodes:
             _log.info("tree restored", nodes=self._restored_nodes, path=str(self._config.path))
-
-    def store_idle_edits(self, live: LiveTree) -> None:
-        """Store edits that no client waits for, too, ``idle_commit_seconds`` after the first of them."""
-        loop, edited = asyncio.get_running_loop(), asyncio.Event()
-        self._stop_listening = live.listen(partial(loop.call_soon_threadsafe, edited.set))
-        self._idle_commits = loop.create_task(self._commit_idle_edits(edited), name="idle commits")
 
     def restore_parameters(self, camera: str, nodes: Callable[[], list[str]], parameters: Parameters) -> None:
         """Set a camera's stored parameters, and store the parameters of ``nodes()`` from now on."""
         store = ParameterStore(camera, nodes, parameters)
         store.restore(self.database.connection)
-        self.commits.add(store)
+        self.add(store)
+
+    def add(self, store: Store) -> None:
+        """Include this store in all further transactions."""
+        self._stores.append(store)
+
+    def start(self) -> None:
+        """Start to commit on the running event loop."""
+        self._task = asyncio.get_running_loop().create_task(self._run(), name="state commits")
+
+    @property
+    def full(self) -> bool:
+        """True while more than ``max_waiting_bytes`` wait, so that new requests should be rejected."""
+        return self.waiting_bytes > self._config.max_waiting_bytes
+
+    def call_when_stored(self, on_stored: OnStored, nbytes: int = 0) -> None:
+        """Commit all changes so far, then call ``on_stored``. Callbacks run in the order of these calls.
+
+        Args:
+            nbytes: Bytes that the caller holds until the callback.
+        """
+        self._waiting.append((on_stored, nbytes))
+        self.waiting_bytes += nbytes
+        self._requested.set()
+
+    async def wait_until_stored(self) -> str:
+        """Commit all changes so far; return an empty string, or the reason why they could not be stored."""
+        future: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        self.call_when_stored(lambda problem: None if future.done() else future.set_result(problem))
+        return await future
 
     def status(self) -> dict[str, Any]:
         """Return figures for health and metrics as plain JSON values."""
-        stats = self.commits.stats
+        file_bytes, log_bytes = self.database.nbytes()
         return {
             "restored_nodes": self._restored_nodes,
-            "commits": stats.commits,
-            "failed_commits": stats.failed,
-            "last_commit_ms": round(1e3 * stats.last_commit_seconds, 3),
-            "longest_commit_ms": round(1e3 * stats.longest_commit_seconds, 3),
-            "waiting_bytes": self.commits.waiting_bytes,
-            "file_bytes": self.database.file_bytes(),
-            "log_bytes": self.database.log_bytes(),
+            "commits": self._commits,
+            "failed_commits": self._failed_commits,
+            "last_commit_ms": round(1e3 * self._last_seconds, 3),
+            "longest_commit_ms": round(1e3 * self._longest_seconds, 3),
+            "waiting_bytes": self.waiting_bytes,
+            "file_bytes": file_bytes,
+            "log_bytes": log_bytes,
         }
 
     async def close(self) -> None:
         """Store the last changes and close the file."""
-        self._stop_listening()
-        if self._idle_commits is not None:
-            self._idle_commits.cancel()
-        problem = await self.commits.close()
-        if problem:
-            _log.error("last edits could not be stored", reason=problem, path=str(self._config.path))
+        if self._task is not None:
+            if problem := await self.wait_until_stored():
+                _log.error("last edits could not be stored", reason=problem, path=str(self._config.path))
+            self._task.cancel()
+        self._thread.shutdown()
         await asyncio.to_thread(self.database.close)
 
-    async def _commit_idle_edits(self, edited: asyncio.Event) -> None:
+    async def _run(self) -> None:
+        """Commit when a caller waits, and every ``idle_commit_seconds``."""
         while True:
-            await edited.wait()
-            await asyncio.sleep(self._config.idle_commit_seconds)
-            edited.clear()
-            self.commits.call_when_stored(lambda problem: None)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._requested.wait(), self._config.idle_commit_seconds)
+            self._requested.clear()
+            waiting, self._waiting = self._waiting, []
+            captured = [(store, store.capture()) for store in self._stores]
+            problem = await asyncio.get_running_loop().run_in_executor(self._thread, self._commit, captured)
+            self._report(waiting, problem)
+
+    def _commit(self, captured: list[tuple[Store, Any]]) -> str:
+        """Write the captured states in one transaction; return an empty string, or the reason of a failure."""
+        begin = time.perf_counter()
+        try:
+            self._commits += self.database.transact(
+                lambda connection: sum(store.write(connection, state) for store, state in captured) > 0
+            )
+        except Exception as error:  # noqa: BLE001 - later transactions must still run
+            self._failed_commits += 1
+            if isinstance(error, (sqlite3.Error, OSError)):
+                return reason_of(error)  # without a path, for clients
+            _log.exception("state commit failed")
+            return f"internal error: {type(error).__name__}: {error}"
+        for store, state in captured:
+            store.committed(state)
+        self._last_seconds = time.perf_counter() - begin
+        self._longest_seconds = max(self._longest_seconds, self._last_seconds)
+        return ""
+
+    def _report(self, waiting: list[tuple[OnStored, int]], problem: str) -> None:
+        """Report the result of a transaction to the log, to ``on_problem`` and to the waiting callbacks."""
+        if problem != self.problem:
+            if problem:
+                _log.error("state cannot be written", reason=problem, path=str(self._config.path))
+            else:
+                _log.info("state is written again, nothing is missing", path=str(self._config.path))
+            self.problem = problem
+            self.on_problem(problem)
+        for on_stored, nbytes in waiting:
+            self.waiting_bytes -= nbytes
+            try:
+                on_stored(problem)
+            except Exception:  # noqa: BLE001 - the remaining callbacks must run
+                _log.exception("callback after a state commit failed")

@@ -5,16 +5,16 @@ Each transaction writes the differences between the live tree and the stored tre
 
 from __future__ import annotations
 
-import hashlib
+import json
 import sqlite3
 import struct
-from collections.abc import Hashable, Iterable
+from collections import Counter
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
 
-from gateway.runtime.state.keys import SUBTREE_END, key_of, path_of
-from gateway.runtime.state.part_codec import DamagedError, PartDecoder, PartEncoder, memo_key
+from gateway.runtime.state.part_codec import Blobs, PartDecoder, PartEncoder
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.live import LiveTree, Snapshot
 from gateway.scene.tree.nodes import Change, Node, Path, TreeEdit, changes
@@ -22,25 +22,20 @@ from gateway.scene.tree.transforms import IDENTITY
 
 _POSE: Final = struct.Struct("<7d")
 """Position and quaternion."""
-_MATRIX_BYTES: Final = 16 * 8
+_DIGEST_BYTES: Final = 32
 
 
 class TreeStore:
-    """Stores a live tree; see ``group_commit.Store``. Call ``restore`` before all other methods."""
+    """Stores a live tree; see ``service.Store``. Call ``restore`` before all other methods."""
 
     def __init__(self, live: LiveTree, excluded: Iterable[str] = ()) -> None:
-        """
-        Args:
-            excluded: Children of the root that are neither stored nor restored, with their subtrees.
-        """
+        """Store no children of the root with names in ``excluded``, nor their subtrees."""
         self._live = live
         self._excluded = frozenset(excluded)
         self._stored_root = Node()
         """The tree in the database."""
         self._seq = 0
-        """Highest ``seq``, the number that orders siblings, in the database."""
-        self._written_seq = 0
-        """Highest ``seq`` in the database after the current transaction."""
+        """Highest ``seq`` given so far; numbers of failed transactions are not used again."""
         self.restored_nodes = 0
         """Number of nodes read at start."""
 
@@ -56,49 +51,41 @@ class TreeStore:
             if not change.path or change.path[0] not in self._excluded:
                 rows.write(change)
                 written = True
-        rows.delete_unused_parts()
-        self._written_seq = rows.seq
+        rows.write_blobs()
+        self._seq = rows.seq
         return written
 
     def committed(self, captured: Snapshot) -> None:
         """Note that the transaction with this snapshot succeeded."""
         self._stored_root = captured.root
-        self._seq = self._written_seq
 
     def restore(self, connection: sqlite3.Connection) -> None:
-        """Put the stored tree into the live tree, which is empty, as one revision.
-
-        Raises:
-            DamagedError: The tables contain data that this class does not write.
-        """
+        """Put the stored tree into the live tree, which is empty, as one revision. Damaged tables raise any error."""
         rows = []
-        for key, seq, digest, transform, visible, opacity in connection.execute(
+        for key, seq, parts, transform, visible, opacity in connection.execute(
             "SELECT path, seq, parts, transform, visible, opacity FROM tree_node"
         ):
-            try:
-                path = path_of(key)
-            except ValueError as error:
-                raise DamagedError(str(error)) from None
+            path = tuple(json.loads(key))
             self._seq = max(self._seq, seq)
             if not path or path[0] not in self._excluded:
-                rows.append((len(path), seq, path, digest, transform, visible, opacity))
+                rows.append((len(path), seq, path, parts, transform, visible, opacity))
         rows.sort(key=lambda row: row[:2])  # parents first, siblings in order
         if len(rows) <= 1 and rows[0][3:] == (None, None, 1, 1.0):  # a root without content
             return
-        decoder = PartDecoder(lambda digest: _read_data(connection, "tree_blob", digest))
-        decoded: dict[bytes, tuple[Part, ...]] = {}
+
+        def blob(digest: bytes) -> bytes:
+            for (data,) in connection.execute("SELECT data FROM tree_blob WHERE digest = ?", (digest,)):
+                return bytes(data)
+            raise ValueError(f"the blob {digest.hex()[:16]} is missing")
+
+        decoder = PartDecoder(blob)
         with self._live.edit() as edit:
-            for _, _, path, digest, transform, visible, opacity in rows:
+            for _, _, path, parts, transform, visible, opacity in rows:
                 edit.set_visible(path, bool(visible))
                 edit.set_opacity(path, opacity)
                 _set_transform(edit, path, transform)
-                if digest is not None:
-                    if digest not in decoded:
-                        data = _read_data(connection, "tree_parts", digest)
-                        if hashlib.sha256(data).digest() != digest:
-                            raise DamagedError("the data of a geometry does not match its digest")
-                        decoded[digest] = decoder.decode(data)
-                    edit.set_parts(path, decoded[digest])
+                if parts is not None:
+                    edit.set_parts(path, decoder.decode(parts[:_DIGEST_BYTES]))
         self.restored_nodes = len(rows) - 1
         self._stored_root = self._live.snapshot.root
 
@@ -111,102 +98,70 @@ class _RowWriter:
         """Highest ``seq`` of any node; added and reordered nodes get the numbers after it."""
         self._execute = connection.execute
         self._encoder = PartEncoder()
-        self._digests: dict[Hashable, bytes] = {}
-        """Digests of parts by ``memo_key``, so that equal geometry is encoded once per transaction."""
-        self._released: set[bytes] = set()
-        """Digests of parts that nodes no longer have."""
+        self._blobs: Blobs = {}
+        """Blobs that nodes got."""
+        self._uses: Counter[bytes] = Counter()
+        """Changes of the blobs' counts of uses."""
 
     def write(self, change: Change) -> None:
         """Write the row of a node, or delete the rows of a subtree."""
-        kind, node, key = change.kind, change.node, key_of(change.path)
+        kind, node, key = change.kind, change.node, json.dumps(change.path)
         if node is None:
-            subtree = (key, key + SUBTREE_END)
-            digests = self._execute("SELECT parts FROM tree_node WHERE path >= ? AND path < ?", subtree)
-            self._released.update(digest for (digest,) in digests if digest is not None)
-            self._execute("DELETE FROM tree_node WHERE path >= ? AND path < ?", subtree)
-        elif kind == "added":
+            # The paths below ["a"] start with ["a", and a space, the last character before the exclamation mark.
+            subtree = (key, f"{key[:-1]}, ", f"{key[:-1]},!")
+            condition = "WHERE path = ? OR path >= ? AND path < ?"
+            for (digests,) in self._execute(f"SELECT parts FROM tree_node {condition}", subtree):  # noqa: S608
+                self._use(digests, -1)
+            self._execute(f"DELETE FROM tree_node {condition}", subtree)  # noqa: S608
+            return
+        if kind in ("added", "reordered"):
             self.seq += 1
-            self._execute(
-                "INSERT INTO tree_node (path, seq, parts, transform, visible, opacity) VALUES (?, ?, ?, ?, ?, ?)",
-                (key, self.seq, self._store(node.parts), _encode_transform(node), node.visible, node.opacity),
-            )
-        elif kind == "reordered":
-            self.seq += 1
-            self._execute("UPDATE tree_node SET seq = ? WHERE path = ?", (self.seq, key))
-        elif kind == "transform":
-            self._execute("UPDATE tree_node SET transform = ? WHERE path = ?", (_encode_transform(node), key))
-        elif kind == "visible":
-            self._execute("UPDATE tree_node SET visible = ? WHERE path = ?", (node.visible, key))
-        elif kind == "opacity":
-            self._execute("UPDATE tree_node SET opacity = ? WHERE path = ?", (node.opacity, key))
-        else:  # geometry, which a client may have sent again unchanged
-            digest = self._store(node.parts)
-            row = self._execute("SELECT parts FROM tree_node WHERE path = ?", (key,)).fetchone()
-            old = row[0] if row is not None else None  # a damaged file may lack the row
-            if digest != old:
-                self._execute("UPDATE tree_node SET parts = ? WHERE path = ?", (digest, key))
-            if old is not None:
-                self._released.add(old)
+        if kind == "added":
+            row = (key, self.seq, self._add(node.parts), _encode_transform(node), node.visible, node.opacity)
+            self._execute("INSERT INTO tree_node VALUES (?, ?, ?, ?, ?, ?)", row)
+        elif kind == "geometry":
+            for (digests,) in self._execute("SELECT parts FROM tree_node WHERE path = ?", (key,)):
+                self._use(digests, -1)
+            self._execute("UPDATE tree_node SET parts = ? WHERE path = ?", (self._add(node.parts), key))
+        else:
+            column = "seq" if kind == "reordered" else kind
+            values = {"seq": self.seq, "visible": node.visible, "opacity": node.opacity}
+            value = _encode_transform(node) if kind == "transform" else values[column]
+            self._execute(f"UPDATE tree_node SET {column} = ? WHERE path = ?", (value, key))  # noqa: S608
 
-    def _store(self, parts: tuple[Part, ...] | None) -> bytes | None:
-        """Write parts and their blobs, if they are not stored yet; return their digest."""
+    def write_blobs(self) -> None:
+        """Write the blobs that nodes got, and delete those that no node has any more."""
+        for digest, change in self._uses.items():
+            updated = "UPDATE tree_blob SET uses = uses + ? WHERE digest = ?"
+            if change and not self._execute(updated, (change, digest)).rowcount and change > 0:
+                self._execute("INSERT INTO tree_blob VALUES (?, ?, ?)", (digest, self._blobs[digest], change))
+            if change < 0:
+                self._execute("DELETE FROM tree_blob WHERE digest = ? AND uses <= 0", (digest,))
+
+    def _add(self, parts: tuple[Part, ...] | None) -> bytes | None:
+        """Count the uses of parts; return the digests of their blobs, the parts' own first."""
         if parts is None:
             return None
-        parts_key = memo_key(parts)
-        digest = self._digests.get(parts_key)
-        if digest is not None:
-            return digest
-        data, blobs = self._encoder.encode(parts)
-        digest = self._digests[parts_key] = hashlib.sha256(data).digest()
-        execute = self._execute
-        if execute("INSERT OR IGNORE INTO tree_parts VALUES (?, ?)", (digest, data)).rowcount:
-            for blob_digest, blob in blobs.items():
-                if execute("SELECT 1 FROM tree_blob WHERE digest = ?", (blob_digest,)).fetchone() is None:
-                    execute("INSERT INTO tree_blob VALUES (?, ?)", (blob_digest, blob))
-                execute("INSERT INTO tree_use VALUES (?, ?)", (digest, blob_digest))
-        return digest
+        digest, blobs = self._encoder.encode(parts)
+        self._blobs.update(blobs)
+        digests = b"".join((digest, *(each for each in blobs if each != digest)))
+        self._use(digests, 1)
+        return digests
 
-    def delete_unused_parts(self) -> None:
-        """Delete the released parts that no node has any more, and their blobs that no other parts use."""
-        execute = self._execute
-        for digest in self._released:
-            if not execute(
-                "DELETE FROM tree_parts WHERE digest = ?"
-                " AND NOT EXISTS (SELECT 1 FROM tree_node WHERE parts = tree_parts.digest)",
-                (digest,),
-            ).rowcount:
-                continue
-            blobs = execute("SELECT blob FROM tree_use WHERE parts = ?", (digest,)).fetchall()
-            execute("DELETE FROM tree_use WHERE parts = ?", (digest,))
-            for blob in blobs:
-                execute(
-                    "DELETE FROM tree_blob WHERE digest = ?"
-                    " AND NOT EXISTS (SELECT 1 FROM tree_use WHERE blob = tree_blob.digest)",
-                    blob,
-                )
+    def _use(self, digests: bytes | None, change: int) -> None:
+        for begin in range(0, len(digests or b""), _DIGEST_BYTES):
+            self._uses[digests[begin : begin + _DIGEST_BYTES]] += change  # type: ignore[index]
 
 
 def _encode_transform(node: Node) -> bytes | None:
     """Return a pose or matrix as little-endian doubles; None for the identity."""
-    pose = node.pose
-    if pose is not None:
-        return _POSE.pack(*pose)
+    if node.pose is not None:
+        return _POSE.pack(*node.pose)
     return None if node.matrix is IDENTITY else np.ascontiguousarray(node.matrix, "<f8").tobytes()
 
 
 def _set_transform(edit: TreeEdit, path: Path, transform: bytes | None) -> None:
-    if transform is None:
-        return
-    if len(transform) == _POSE.size:
+    if transform is not None and len(transform) == _POSE.size:
         edit.set_pose(path, _POSE.unpack(transform))
-    elif len(transform) == _MATRIX_BYTES:
+    elif transform is not None:
         edit.set_matrix(path, np.frombuffer(transform, "<f8").reshape(4, 4))
-    else:
-        raise DamagedError(f"a transform has {len(transform)} bytes")
-
-
-def _read_data(connection: sqlite3.Connection, table: str, digest: bytes) -> bytes:
-    row = connection.execute(f"SELECT data FROM {table} WHERE digest = ?", (digest,)).fetchone()  # noqa: S608
-    if row is None:
-        raise DamagedError(f"the geometry {digest.hex()[:16]} is missing")
-    return bytes(row[0])

@@ -20,7 +20,7 @@ from renderers.compiler.device_function import inlined
 from renderers.compiler.jit import kernel, read_only
 from renderers.compiler.kernel_calls import is_set
 from renderers.drawlist import Mesh
-from renderers.stop import check_stop, current_stop
+from renderers.stop import current_stop
 
 CREASE_ANGLE: Final = 45.0
 """Degrees between the normals of faces above which their edge is a crease. It is Director's feature angle."""
@@ -259,7 +259,6 @@ def with_creases(
     # Compare positions by their bytes; adding 0 turns -0 into 0.
     position_bytes = np.ascontiguousarray(positions + np.float32(0.0)).view(np.dtype((np.void, 12))).ravel()
     _, first_vertex, merged_vertex = np.unique(position_bytes, return_index=True, return_inverse=True)
-    check_stop()
     merged_triangles = merged_vertex.reshape(-1).astype(np.uint32)[triangles]
     smooth_positions, smooth_triangles, normals = smooth_mesh(positions[first_vertex], merged_triangles)
     if uv is None and colors is None:

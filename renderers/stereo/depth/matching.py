@@ -21,7 +21,6 @@ from renderers.stereo.depth.match_confidence import (
 )
 from renderers.stereo.depth.residual_shift import residual_shift, without_local_mean
 from renderers.stereo.model import DISPARITY_SCALE
-from renderers.stop import check_stop
 
 MIN_NOISE_SIGMA: Final = 0.3
 """Minimum standard deviation of the image noise, grey levels: images without noise still have rounding errors."""
@@ -96,7 +95,6 @@ def _smoothed(disparity: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def _semi_global_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disparity_count: int) -> NDArray[np.uint16]:
     """Return the disparities of OpenCV's matcher for images in grey levels; see ``find_matches``."""
-    check_stop()
     searched_count = -(-disparity_count // 16) * 16
     # OpenCV leaves the first `searched_count` columns invalid. Padding of that width keeps all columns of the image.
     padded = [cv2.copyMakeBorder(image, 0, 0, searched_count, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
@@ -114,7 +112,6 @@ def _semi_global_matches(left: NDArray[np.uint8], right: NDArray[np.uint8], disp
         mode=cv2.StereoSGBM_MODE_SGBM_3WAY,  # 155 instead of 257 ms at High, as many matches, fewer wrong
     )
     matches = np.asarray(matcher.compute(padded[0], padded[1]), np.int16)[:, searched_count:]
-    check_stop()  # OpenCV cannot be stopped while it matches: half a second for 1280 x 960 pixels
     # No match (0 or less), or a match with the padding beyond the left edge of the right image.
     is_match = (matches > 0) & (matches <= disparity_count * 16)
     is_match &= matches <= np.arange(left.shape[1], dtype=np.int32) * 16

@@ -27,7 +27,7 @@ from gateway.adapters.stereo.stream.subscriptions import ImageSetHub
 from gateway.adapters.viewer.snapshot_frames import SnapshotFrames
 from gateway.scene.tree.geometry import Part, PointCloud
 from gateway.scene.tree.live import LiveTree
-from gateway.wiring.foxglove import StereoCamera
+from gateway.wiring.foxglove import FoxgloveCamera
 from renderers.drawlist import Material
 from scenegate.messages.geometry import Box
 from tests.adapters.foxglove.client import SUBPROTOCOL, FoxgloveClient
@@ -162,7 +162,7 @@ async def test_nothing_is_made_without_subscribers(monkeypatch: pytest.MonkeyPat
             await asyncio.sleep(0)
 
     async with (
-        running(FoxgloveService(0, tree, SnapshotFrames, StereoCamera(camera))) as service,
+        running(FoxgloveService(0, tree, SnapshotFrames, FoxgloveCamera(camera))) as service,
         client_of(service) as client,
     ):
         await client.get_parameters()  # connected
@@ -186,7 +186,7 @@ async def test_images_intrinsics_depth_and_points(start: Start) -> None:
     topics = [f"/stereo/{name}" for name in ("left/image_rect", "left/camera_info", "right/camera_info", "points2")]
     topics += ["/stereo/depth/image_rect", "/stereo/disparity"]
     async with (
-        running(FoxgloveService(0, LiveTree(), SnapshotFrames, StereoCamera(camera))) as service,
+        running(FoxgloveService(0, LiveTree(), SnapshotFrames, FoxgloveCamera(camera))) as service,
         client_of(service) as client,
     ):
         await client.subscribe(*topics)
@@ -211,7 +211,7 @@ async def test_the_camera_is_left_at_once_without_images() -> None:
     camera: Any = SimpleNamespace(hub=hub, config=SimpleNamespace(color=False, model=SimpleNamespace(baseline=0.1)))
     left, right = "/stereo/left/image_rect", "/stereo/right/image_rect"
     async with (
-        running(FoxgloveService(0, LiveTree(), SnapshotFrames, StereoCamera(camera))) as service,
+        running(FoxgloveService(0, LiveTree(), SnapshotFrames, FoxgloveCamera(camera))) as service,
         client_of(service) as client,
     ):
         await client.subscribe(left)
@@ -225,7 +225,7 @@ async def test_the_camera_is_left_at_once_without_images() -> None:
 async def test_a_client_that_does_not_read_delays_no_other(start: Start) -> None:
     camera = (await start(rate="max")).service
     topic = "/stereo/left/image_rect"
-    service = FoxgloveService(0, LiveTree(), SnapshotFrames, StereoCamera(camera))
+    service = FoxgloveService(0, LiveTree(), SnapshotFrames, FoxgloveCamera(camera))
     async with running(service), client_of(service) as silent, client_of(service) as reading:
         await silent.subscribe(topic)
         await reading.subscribe(topic)
@@ -237,7 +237,7 @@ async def test_a_client_that_does_not_read_delays_no_other(start: Start) -> None
 async def test_parameters_are_read_only(start: Start) -> None:
     camera: StereoService = (await start()).service
     async with (
-        running(FoxgloveService(0, LiveTree(), SnapshotFrames, StereoCamera(camera))) as service,
+        running(FoxgloveService(0, LiveTree(), SnapshotFrames, FoxgloveCamera(camera))) as service,
         client_of(service) as client,
     ):
         values = await client.get_parameters()

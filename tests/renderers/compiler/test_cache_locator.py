@@ -55,6 +55,23 @@ def _other(x: int) -> int:
     return x + 1
 
 
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+def test_a_damaged_file_is_a_miss(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    for damage in (lambda data: bytes(len(data)), lambda data: data[: len(data) // 2]):
+        function: Any = cached_njit()(_other)
+        assert function(1) == 2
+        (file,) = folder_of(function).glob(f"*.{suffix}")
+        file.write_bytes(damage(file.read_bytes()))
+        again: Any = cached_njit()(_other)
+        assert again(1) == 2
+        assert sum(again.stats.cache_misses.values()) == 1
+        loaded: Any = cached_njit()(_other)
+        assert loaded(1) == 2
+        assert sum(loaded.stats.cache_hits.values()) == 1
+        del CACHED_KERNELS[-3:]
+
+
 PROGRAM = """
 import sys
 sys.path.insert(0, {tree!r})

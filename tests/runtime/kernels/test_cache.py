@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import structlog.testing
 import uvloop
 
 from gateway.runtime.kernels import cache as kernels
@@ -90,12 +91,41 @@ def test_complete_when_an_index_lists_more(cache: Path) -> None:
     """Another program has compiled a further specialisation of the same kernel."""
     index = write_kernel() / "fxaa.smooth_rows-1.py311.nbi"
     stamp = cache_folder.sources_digest()
-    pickled = pickle.dumps((stamp, {"first": "fxaa.smooth_rows-1.py311.1.nbc", "second": "another.2.nbc"}))
+    overloads = {"first": "fxaa.smooth_rows-1.py311.1.nbc", "second": "another.2.nbc"}
+    pickled = pickle.dumps("0.1") + pickle.dumps((stamp, overloads))
     index.write_bytes(pickled)
     assert kernels.are_cached()
-    for wrong in (pickled[:-1], pickled.replace(b".1.nbc", b".3.nbc"), pickled.replace(stamp.encode(), b"0" * 16)):
+    other_file, other_stamp = pickled.replace(b".1.nbc", b".3.nbc"), pickled.replace(stamp.encode(), b"0" * 16)
+    for wrong in (pickled[:-1], other_file, other_stamp, bytes(8) + pickled[8:], pickled + bytes(8)):
         index.write_bytes(wrong)
         assert not kernels.are_cached()
+
+
+async def test_a_damaged_kernel_is_deleted_before_it_is_compiled(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def compile_in_children(parts: Collection[str], *_: object) -> None:
+        assert list(parts) == ["rest"]
+        left.extend(path.name for path in folder.iterdir())
+
+    left: list[str] = []
+    folder = write_kernel()
+    (folder / "fxaa.smooth_rows-1.py311.nbi").write_bytes(bytes(5))
+    monkeypatch.setattr(kernels, "compile_in_children", compile_in_children)
+    with structlog.testing.capture_logs() as logs:
+        await kernels.compile_missing(["rest"], KernelProgress({"rest": 1}))
+    assert left == []
+    assert [entry["kernels"] for entry in logs] == [[KERNEL]]
+
+
+async def test_a_damaged_kernel_that_cannot_be_deleted_is_an_error(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Path, *, missing_ok: bool) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    (write_kernel() / "fxaa.smooth_rows-1.py311.nbi").write_bytes(bytes(5))
+    monkeypatch.setattr(Path, "unlink", refuse)
+    with pytest.raises(kernels.KernelError, match=r"cannot be deleted \(Permission denied\): .* NUMBA_CACHE_DIR$"):
+        await kernels.compile_missing(["rest"], KernelProgress({"rest": 1}))
 
 
 def test_a_touched_file_is_not_enough(cache: Path) -> None:
@@ -227,7 +257,7 @@ async def test_without_a_place_for_a_private_folder_the_error_names_the_first(
 ) -> None:
     monkeypatch.setenv("SCENEGATE_CACHE_DIR", "/proc/none")
     monkeypatch.setattr(tempfile, "tempdir", "/proc/none")
-    with pytest.raises(kernels.KernelError, match=r" in /proc/none/kernels/.*, which cannot be written: NUMBA_CACHE_"):
+    with pytest.raises(kernels.KernelError, match=r" in /proc/none/kernels/.*, which cannot be written: make it "):
         await kernels.compile_missing(["shading"], KernelProgress({"shading": 1}))
 
 
@@ -235,7 +265,7 @@ async def test_a_full_disk_is_an_error_before_anything_is_compiled(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda path: (1 << 30, 1 << 30, 1 << 20))
-    with pytest.raises(kernels.KernelError, match=r", which has 1 MB free of the 16 MB that are needed: NUMBA_CACHE_"):
+    with pytest.raises(kernels.KernelError, match=r", which has 1 MB free of the 16 MB that are needed: make it "):
         await kernels.compile_missing(["shading"], KernelProgress({"shading": 1}))
 
 

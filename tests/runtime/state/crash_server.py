@@ -15,8 +15,7 @@ from gateway.adapters.treeviewer.config import TreeViewerConfig
 from gateway.adapters.treeviewer.protocol import TreeViewerProtocol
 from gateway.adapters.treeviewer.service import TreeViewerService
 from gateway.runtime.lcm.config import LcmConfig
-from gateway.runtime.state.config import StateConfig
-from gateway.runtime.state.service import PersistentState
+from gateway.runtime.state.service import PersistentState, StateConfig
 from gateway.scene.tree.live import LiveTree
 from tests.adapters.treeviewer.conversation import message
 
@@ -27,7 +26,7 @@ async def serve(path: Path) -> None:
     state = PersistentState(StateConfig(path, checkpoint_bytes=1 << 18))
     state.restore_tree(live)
     state.start()
-    service = TreeViewerService(TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0)), live, store=state.commits)
+    service = TreeViewerService(TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0)), live, store=state)
     running = asyncio.create_task(service.run())
     await service.wait_ready()
     print("server", os.getpid(), service.tcpq_port, flush=True)

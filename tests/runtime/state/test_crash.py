@@ -15,8 +15,7 @@ from typing import Any
 import pytest
 
 from gateway.adapters.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
-from gateway.runtime.state.config import StateConfig
-from gateway.runtime.state.service import PersistentState
+from gateway.runtime.state.service import PersistentState, StateConfig
 from gateway.scene.tree.live import LiveTree
 from gateway.scene.tree.nodes import Node
 from tests.adapters.treeviewer.conversation import decoded, message

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 import structlog.testing
 
-from gateway.runtime.state.config import StateConfig
-from gateway.runtime.state.service import PersistentState
+from gateway.runtime.state.service import PersistentState, StateConfig
 from gateway.scene.tree.geometry import Part, PointCloud
 from gateway.scene.tree.live import LiveTree
 from renderers.drawlist import Material
@@ -85,7 +84,7 @@ async def wait_for(event: threading.Event) -> None:
 async def test_awaited_changes_are_in_the_file(kept: Kept, config: StateConfig) -> None:
     for name in "abc":
         kept.put(name)
-        assert await kept.state.commits.wait_until_stored() == ""
+        assert await kept.state.wait_until_stored() == ""
         assert kept.sql("SELECT count(*) FROM tree_node") == len(kept.live.snapshot.root.children) + 1
 
 
@@ -95,13 +94,13 @@ async def test_changes_of_one_turn_are_one_transaction(kept: Kept) -> None:
     def note(number: int, problem: str) -> None:
         called.append(number)
 
-    commits = kept.state.commits.stats.commits
+    commits = kept.state.status()["commits"]
     for number in range(100):
         kept.put(f"node {number}")
-        kept.state.commits.call_when_stored(partial(note, number))
-    assert await kept.state.commits.wait_until_stored() == ""
+        kept.state.call_when_stored(partial(note, number))
+    assert await kept.state.wait_until_stored() == ""
     assert called == list(range(100))
-    assert kept.state.commits.stats.commits == commits + 1
+    assert kept.state.status()["commits"] == commits + 1
 
 
 async def test_the_reason_of_a_failure_names_no_path(kept: Kept) -> None:
@@ -109,67 +108,67 @@ async def test_the_reason_of_a_failure_names_no_path(kept: Kept) -> None:
         def write(self, connection: object, captured: int) -> bool:
             raise OSError(28, "No space left on device", "/home/robot/scene.state")
 
-    kept.state.commits.add(Full())
+    kept.state.add(Full())
     kept.put("a")
-    assert await kept.state.commits.wait_until_stored() == "No space left on device"
+    assert await kept.state.wait_until_stored() == "No space left on device"
 
 
 async def test_changes_during_a_commit_are_the_next_transaction(kept: Kept) -> None:
     slow = Slow()
-    kept.state.commits.add(slow)
+    kept.state.add(slow)
     called: list[str] = []
 
     def note(name: str, problem: str) -> None:
         called.append(name)
 
-    kept.state.commits.call_when_stored(lambda problem: called.append("first"), 10)
+    kept.state.call_when_stored(lambda problem: called.append("first"), 10)
     await wait_for(slow.writing)
     for number in range(5):
         kept.put(f"node {number}")
-        kept.state.commits.call_when_stored(partial(note, f"then {number}"), 10)
+        kept.state.call_when_stored(partial(note, f"then {number}"), 10)
         await asyncio.sleep(0)
     assert called == []
-    assert kept.state.commits.waiting_bytes == 60
+    assert kept.state.waiting_bytes == 60
     slow.allowed.set()
-    assert await kept.state.commits.wait_until_stored() == ""
+    assert await kept.state.wait_until_stored() == ""
     assert called == ["first", *(f"then {number}" for number in range(5))]
     assert slow.writes <= 3
-    assert kept.state.commits.waiting_bytes == 0
+    assert kept.state.waiting_bytes == 0
 
 
 async def test_full_above_the_limit_of_waiting_bytes(config: StateConfig) -> None:
     kept = Kept(replace(config, max_waiting_bytes=50))
     kept.state.start()
     slow = Slow()
-    kept.state.commits.add(slow)
-    kept.state.commits.call_when_stored(lambda problem: None, 50)
-    full = [kept.state.commits.full]
-    kept.state.commits.call_when_stored(lambda problem: None, 1)
-    full.append(kept.state.commits.full)
+    kept.state.add(slow)
+    kept.state.call_when_stored(lambda problem: None, 50)
+    full = [kept.state.full]
+    kept.state.call_when_stored(lambda problem: None, 1)
+    full.append(kept.state.full)
     assert full == [False, True], "the limit itself is allowed"
     slow.allowed.set()
-    await kept.state.commits.wait_until_stored()
-    assert not kept.state.commits.full
+    await kept.state.wait_until_stored()
+    assert not kept.state.full
     await kept.state.close()
 
 
 async def test_full_disk_is_reported_and_later_commits_store_everything(kept: Kept, config: StateConfig) -> None:
     problems: list[str] = []
-    kept.state.commits.on_problem = problems.append
+    kept.state.on_problem = problems.append
     kept.put("before")
-    assert await kept.state.commits.wait_until_stored() == ""
+    assert await kept.state.wait_until_stored() == ""
     pages = kept.sql("PRAGMA page_count")
     kept.sql(f"PRAGMA max_page_count = {pages + 1}")
     kept.put("cloud", (Part(PointCloud(np.ones((10_000, 3), np.float32)), Material()),))
-    assert await kept.state.commits.wait_until_stored() == "the disk is full"
+    assert await kept.state.wait_until_stored() == "database or disk is full"
     kept.put("after")
-    assert await kept.state.commits.wait_until_stored() == "the disk is full"
-    assert problems == ["the disk is full"]
-    assert kept.state.commits.stats.failed == 2
+    assert await kept.state.wait_until_stored() == "database or disk is full"
+    assert problems == ["database or disk is full"]
+    assert kept.state.status()["failed_commits"] == 2
     assert kept.sql("SELECT count(*) FROM tree_node") == 2
     kept.sql("PRAGMA max_page_count = 1000000")
-    assert await kept.state.commits.wait_until_stored() == ""
-    assert problems == ["the disk is full", ""]
+    assert await kept.state.wait_until_stored() == ""
+    assert problems == ["database or disk is full", ""]
     before = trees.tree(kept.live.snapshot.root)
     await kept.state.close()
     again = Kept(config)
@@ -190,16 +189,15 @@ async def test_internal_errors_are_reported_and_later_commits_succeed(
             return False
 
     broken = Broken()
-    kept.state.commits.add(broken)
-    assert await kept.state.commits.wait_until_stored() == "internal error: ZeroDivisionError: of ours"
+    kept.state.add(broken)
+    assert await kept.state.wait_until_stored() == "internal error: ZeroDivisionError: of ours"
     broken.broken = False
-    assert await kept.state.commits.wait_until_stored() == ""
+    assert await kept.state.wait_until_stored() == ""
 
 
 async def test_idle_edits_are_stored_after_a_delay(config: StateConfig) -> None:
     kept = Kept(replace(config, idle_commit_seconds=0.0))
     kept.state.start()
-    kept.state.store_idle_edits(kept.live)
     kept.put("quiet")
     await until(lambda: kept.state.status()["commits"])
     assert kept.sql("SELECT count(*) FROM tree_node") == 2
@@ -226,7 +224,9 @@ async def test_edits_that_close_cannot_store_are_logged(config: StateConfig, is_
     with structlog.testing.capture_logs() as logs:
         await kept.state.close()
     lost = [entry for entry in logs if entry["event"] == "last edits could not be stored"]
-    assert [(entry["reason"], entry["path"]) for entry in lost] == [("the disk is full", str(config.path))] * is_full
+    assert [(entry["reason"], entry["path"]) for entry in lost] == [
+        ("database or disk is full", str(config.path))
+    ] * is_full
 
 
 async def test_log_is_checkpointed_beyond_its_limit(config: StateConfig) -> None:
@@ -235,7 +235,7 @@ async def test_log_is_checkpointed_beyond_its_limit(config: StateConfig) -> None
     chance = np.random.default_rng(1)
     for _ in range(20):
         kept.put("cloud", (Part(PointCloud(chance.random((10_000, 3), np.float32)), Material()),))
-        assert await kept.state.commits.wait_until_stored() == ""
+        assert await kept.state.wait_until_stored() == ""
         assert kept.state.status()["log_bytes"] < 1 << 20
     assert kept.state.status()["file_bytes"] < 1 << 20, "unused blobs are deleted"
     await kept.state.close()

@@ -1,24 +1,28 @@
 from __future__ import annotations
 
-import msgspec
+import hashlib
+import io
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gateway.runtime.state import part_codec as codec
-from gateway.runtime.state.part_codec import DamagedError, PartDecoder, PartEncoder
-from gateway.scene.tree.geometry import Part, PointCloud, Shape, Surface
+from gateway.runtime.state.part_codec import PartDecoder, PartEncoder
+from gateway.scene.tree.geometry import Part, PointCloud, Surface
 from gateway.scene.tree.transforms import IDENTITY
 from renderers.drawlist import Image, Material, Mesh, Texture
-from scenegate.messages.geometry import Box, Solid, Triad
+from scenegate.messages.geometry import Box, Solid
 from tests.runtime.state import trees
 from tests.support.solids import TYPES, example
 
 
 def round_trip(parts: tuple[Part, ...]) -> tuple[Part, ...]:
-    data, blobs = PartEncoder().encode(parts)
-    return PartDecoder(lambda digest: bytes(blobs[digest])).decode(data)
+    digest, blobs = PartEncoder().encode(parts)
+    decoded: tuple[Part, ...] = PartDecoder(lambda digest: bytes(blobs[digest])).decode(digest)
+    return decoded
 
 
 @given(st.lists(trees.parts, max_size=3).map(tuple))
@@ -48,18 +52,6 @@ def test_every_solid_type_survives_the_round_trip(solid: Solid) -> None:
     assert part.shape == solid
 
 
-@pytest.mark.parametrize(
-    ("shape", "stored"),
-    [
-        (Box((1, 2, 3)), ["value", "Box", {"lengths": ["tuple", [1.0, 2.0, 3.0]]}]),
-        (Triad(2, tube=True), ["value", "Triad", {"scale": 2.0, "tube": True}]),
-    ],
-)
-def test_solids_are_stored_by_name_and_fields(shape: Shape, stored: list[object]) -> None:
-    data, _ = PartEncoder().encode((Part(shape, Material()),))
-    assert msgspec.msgpack.decode(data)[0][2]["shape"] == stored
-
-
 def test_shared_objects_are_shared_after_decoding() -> None:
     material, mesh = Material(), Mesh(np.zeros((99, 3), np.float32), np.zeros((33, 3), np.uint32))
     one, two = round_trip((Part(Surface(mesh), material), Part(Surface(mesh), material)))
@@ -73,41 +65,41 @@ def test_shared_objects_are_shared_after_decoding() -> None:
 def test_equal_arrays_share_a_blob() -> None:
     clouds = [PointCloud(np.full((100, 3), 7, np.float32)) for _ in range(2)]
     _, blobs = PartEncoder().encode(tuple(Part(cloud, Material()) for cloud in clouds))
-    assert len(blobs) == 1
+    assert len(blobs) == 3, "the parts, the points and the material"
 
 
 def test_rejects_arrays_of_objects() -> None:
     cloud = PointCloud(np.array([[object()]]))
-    with pytest.raises(TypeError, match="array of object cannot be stored"):
+    with pytest.raises(TypeError, match="with object cannot be stored"):
         PartEncoder().encode((Part(cloud, Material()),))
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        b"",
-        b"\xc1",
-        b"\x91\x01",
-        b"\x91\x92\xa5value\xa3Box",
-        b"\x91\x92\xa6nobody\x01",
-        b"\x91\x93\xa5value\xa2os\x80",
-        b"\x91\x94\xa5array\xa3|O8\x91\x01\xc4\x0800000000",
-        b"\x91\x94\xa5array\xa3<f8\x91\x02\xc4\x0800000000",
-        b"\x91\x94\xa4blob\xa3<f8\x91\x01\xc4\x0800000000",
-    ],
-)
-def test_rejects_damaged_bytes(data: bytes) -> None:
-    def missing(digest: bytes) -> bytes:
-        raise KeyError(digest)
+@pytest.mark.parametrize("value", [("os", {}), ("unknown",)])
+def test_rejects_unknown_tags(value: tuple[object, ...]) -> None:
+    class Pickler(pickle.Pickler):
+        def persistent_id(self, each: object) -> object:
+            return value if each is value else None
 
-    with pytest.raises(DamagedError):
-        PartDecoder(missing).decode(data)
+    output = io.BytesIO()
+    Pickler(output).dump(value)
+    with pytest.raises(Exception):  # noqa: B017, PT011 - whichever way it is found
+        decode(output.getvalue())
+
+
+def test_rejects_pickles_with_functions() -> None:
+    with pytest.raises(ValueError, match=r"builtins\.print"):
+        decode(pickle.dumps(print))
 
 
 def test_rejects_changed_blobs() -> None:
-    data, blobs = PartEncoder().encode((Part(PointCloud(np.zeros((100, 3), np.float32)), Material()),))
-    with pytest.raises(DamagedError, match="does not match its digest"):
-        PartDecoder(lambda digest: bytes(len(blobs[digest]) - 1) + b"!").decode(data)
+    digest, blobs = PartEncoder().encode((Part(PointCloud(np.zeros((100, 3), np.float32)), Material()),))
+    with pytest.raises(ValueError, match="does not match its digest"):
+        PartDecoder(lambda each: bytes(len(blobs[each]) - 1) + b"!").decode(digest)
+
+
+def decode(data: bytes) -> object:
+    """Decode a blob."""
+    return PartDecoder(lambda _: data).decode(hashlib.sha256(data).digest())
 
 
 def test_material_bytes_do_not_depend_on_the_memo() -> None:

@@ -7,8 +7,7 @@ from pathlib import Path
 from structlog.testing import capture_logs
 
 from gateway.adapters.stereo.device.parameters import Parameters
-from gateway.runtime.state.config import StateConfig
-from gateway.runtime.state.service import PersistentState
+from gateway.runtime.state.service import PersistentState, StateConfig
 from gateway.scene.tree.geometry import Part
 from gateway.scene.tree.live import LiveTree
 from renderers.drawlist import Material
@@ -41,7 +40,6 @@ async def test_edits_without_a_client_are_stored_after_a_while(tmp_path: Path) -
     state = PersistentState(StateConfig(path, idle_commit_seconds=0.0))
     state.restore_tree(live)
     state.start()
-    state.store_idle_edits(live)
     for name in ("a", "b"):
         commits = state.status()["commits"]
         edit(live, name)
@@ -66,7 +64,6 @@ async def test_edits_are_stored_on_close(tmp_path: Path) -> None:
     state.restore_tree(live, excluded=("demo",))
     state.restore_parameters("0", lambda: ["rc_camera"], parameters)
     state.start()
-    state.store_idle_edits(live)
     edit(live, "a", "demo")
     parameters.set("rc_camera", [("fps", 5.0)])
     await state.close()
